@@ -235,12 +235,8 @@ class DecoratorNode(TreeNode):
         """Halt the child if it is RUNNING, and reset it."""
         child = self.child
         if child._status is RUNNING:
-            try:
-                halt_node(child)
-            finally:
-                reset_status(child)
-        else:
-            reset_status(child)
+            halt_node(child)
+        reset_status(child)
 
     def reset_child(self) -> None:
         """Call :meth:`halt_child`: BehaviorTree.CPP has both names."""

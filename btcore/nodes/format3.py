@@ -10,9 +10,9 @@ from btcore.engine.node import execute_tick, input_or
 from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.nodes.blackboard_actions import SetBlackboard
 from btcore.nodes.branch import BranchNode
-from btcore.nodes.ordered_control import OrderedNode
 from btcore.nodes.parallel import ParallelNode, failure_port, required_results, success_port
 from btcore.nodes.repeat import Repeat, RetryUntilSuccessful
+from btcore.nodes.sequences_and_fallbacks import OrderedNode
 from btcore.nodes.subtree import SubTree
 from btcore.nodes.switch import FLOAT_EPSILON
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status

@@ -191,11 +191,9 @@ class Registry:
             NodeError: A rule names a node that is not registered, or cannot have this number of children.
         """
         rule = first_matching_rule(self.substitutions, config)
-        return (
-            manifest
-            if rule is None
-            else rule.replacement_manifest(config, children, self.manifests_of(config.format))
-        )
+        if rule is None:
+            return manifest
+        return rule.replacement_manifest(config, children, self.manifests_of(config.format))
 
     def _add(
         self,

@@ -5,7 +5,6 @@ the blackboard, or None for an entry that was never written. The results of arit
 are floats. Integers come only from literals and entries.
 """
 
-import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -17,6 +16,7 @@ from btcore.script.operators import (
     assigned_value,
     compare,
     compound_assigned_value,
+    description,
     negated,
     operate,
     readable_number,
@@ -206,7 +206,7 @@ class ConditionalExpression(Expression):
             else:
                 number = number_of(value)
                 if number is None:
-                    raise ConversionError(f"the condition before '?' is not a number: {_shown(value)}")
+                    raise ConversionError(f"the condition before '?' is {description(value)}, not a number")
                 chosen = as_double(number) != 0.0
         except ConversionError as error:
             raise self.fault(str(error)) from None
@@ -271,13 +271,7 @@ class Assignment(Expression):
                 return value
             if number_of(old) is not None:
                 return readable_number(value, self.enums)
-            raise ConversionError(f"a text cannot replace its value, {_shown(old)}")
+            raise ConversionError(f"a text cannot replace {description(old)}")
         if old is None:
             return value
         return assigned_value(value, old, kind)
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return "it has no value" if value is None else repr(value)

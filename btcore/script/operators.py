@@ -9,7 +9,7 @@ from enum import Enum
 from typing import Final
 
 from btcore.errors import ConversionError
-from btcore.values import UINT64, ValueType, as_bool, as_double, as_int, number_of, number_text
+from btcore.values import STRING, UINT64, ValueType, as_bool, as_double, as_int, number_of
 from btcore.values.numbers import MAX_INT64, MAX_UINT64, MIN_INT64, leading_float
 
 _SIGNS: Final[list[str]] = ["+", "-", "*", "/", "..", "&", "|", "^", "&&", "||"]
@@ -30,10 +30,6 @@ _TWO_TO_63: Final = 9223372036854775808.0
 
 def operate(operator: int, left: object, right: object) -> object:
     """Return the result of an operator of OPERATORS; None for ``..`` with two numbers."""
-    if left is None:
-        raise _no_value("before", _SIGNS[operator])
-    if right is None:
-        raise _no_value("after", _SIGNS[operator])
     first = number_of(left)
     second = number_of(right)
     if first is not None and second is not None:
@@ -53,15 +49,15 @@ def operate(operator: int, left: object, right: object) -> object:
     if operator == _ADD and isinstance(left, str) and isinstance(right, str):
         return left + right
     if operator == _JOIN and (isinstance(left, str) or isinstance(right, str)):
-        return _joined(left, first) + _joined(right, second)
-    raise ConversionError(f"'{_SIGNS[operator]}' does not support {_kind(left)} and {_kind(right)}")
+        return STRING.cast(left) + STRING.cast(right)
+    raise _unsupported(_SIGNS[operator], left, right)
 
 
 def negated(sign: str, value: object) -> float:
     """Apply the prefix *sign* to *value*: ``-``, ``!``, or ``~`` for the integer part in 64 bits."""
     number = number_of(value)
     if number is None:
-        raise ConversionError(f"'{sign}' needs a number, not {_kind(value)}")
+        raise ConversionError(f"'{sign}' needs a number, not {description(value)}")
     real = as_double(number)
     if sign == "-":
         return -real
@@ -76,10 +72,6 @@ def negated(sign: str, value: object) -> float:
 
 def compare(operator: str, left: object, right: object, enums: Mapping[str, int]) -> bool:
     """Return whether ``left operator right`` is true. A text compared with a number is read as a number."""
-    if left is None:
-        raise _no_value("before", operator)
-    if right is None:
-        raise _no_value("after", operator)
     first = None if isinstance(left, str) else number_of(left)
     second = None if isinstance(right, str) else number_of(right)
     if isinstance(left, str) and isinstance(right, str):
@@ -96,7 +88,7 @@ def compare(operator: str, left: object, right: object, enums: Mapping[str, int]
         a = as_double(first)
         b = readable_number(right, enums)
     else:
-        raise ConversionError(f"{_kind(left)} can't be compared with {_kind(right)}")
+        raise _unsupported(operator, left, right)
     if operator == "==":
         return abs(a - b) <= EPSILON
     if operator == "!=":
@@ -140,23 +132,19 @@ def assigned_value(value: object, old: object, kind: ValueType) -> object:
         return _member(old, whole) if isinstance(old, Enum) else whole
     if number is None and stored is None and type(value) is type(old):
         return value
-    raise ConversionError(f"{_kind(value)} cannot replace {_kind(old)}")
+    raise ConversionError(f"{description(value)} cannot replace {description(old)}")
 
 
 def compound_assigned_value(operator: str, old: object, value: object, kind: ValueType) -> object:
     """Return the result of ``+=``, ``-=``, ``*=`` or ``/=`` for an entry with the value *old*."""
-    if old is None:
-        raise _no_value("before", operator)
     number = number_of(value)
-    if number is not None:
-        stored = number_of(old)
-        if stored is None:
-            raise ConversionError(f"'{operator}' needs an entry with a number, not {_kind(old)}")
+    stored = number_of(old)
+    if number is not None and stored is not None:
         result = _arithmetic(OPERATORS[operator[0]], as_double(stored), as_double(number))
         return assigned_value(result, old, kind)
     if isinstance(old, str) and isinstance(value, str) and operator == "+=":
         return old + value
-    raise ConversionError(f"'{operator}' does not support {_kind(old)} and {_kind(value)}")
+    raise _unsupported(operator, old, value)
 
 
 def _arithmetic(operator: int, left: float, right: float) -> float:
@@ -192,24 +180,19 @@ def _truth(sign: str, number: int | float) -> bool:
         raise ConversionError(f"'{sign}' needs bools: {error}") from None
 
 
-def _joined(value: object, number: int | float | None) -> str:
-    if number is not None:
-        return number_text(number)
-    if isinstance(value, str):
-        return value
-    raise ConversionError(f"'..' can't join {_kind(value)}")
-
-
 def _member(old: Enum, number: int) -> object:
     """Return the member of the enum of *old* with *number*, or *number* if there is no such member."""
     return next((member for member in old.__class__ if member.value == number), number)
 
 
-def _no_value(side: str, operator: str) -> ConversionError:
-    return ConversionError(f"the operand {side} '{operator}' has no value: the entry was never written")
+def _unsupported(operator: str, left: object, right: object) -> ConversionError:
+    if left is None or right is None:
+        side = "before" if left is None else "after"
+        return ConversionError(f"the operand {side} '{operator}' has no value: the entry was never written")
+    return ConversionError(f"'{operator}' does not support {description(left)} and {description(right)}")
 
 
-def _kind(value: object) -> str:
+def description(value: object) -> str:
     """Return a description of *value* for messages."""
     if value is None:
         return "an entry without a value"

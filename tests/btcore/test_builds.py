@@ -105,7 +105,7 @@ def test_btcore_pure_set_to_nothing_or_0_changes_nothing() -> None:
 @only_compiled
 def test_every_hot_module_is_compiled() -> None:
     hot = {".".join(Path(file).with_suffix("").parts) for file in setup_script().hot_modules()}
-    assert {"btcore.engine.node", "btcore.tree.tree", "btcore.nodes.sequence", "btcore.script.program"} <= hot
+    assert {"btcore.engine.node", "btcore.tree.tree", "btcore.nodes.parallel", "btcore.script.program"} <= hot
     assert set(builds.compiled_modules()) == hot
     files = [str(importlib.import_module(name).__file__) for name in hot]
     assert [file for file in files if not file.endswith(SUFFIX)] == []

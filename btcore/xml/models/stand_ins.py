@@ -8,7 +8,7 @@ from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, StatefulAction
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
-from btcore.nodes.sequence import Sequence as SequenceNode
+from btcore.nodes.sequences_and_fallbacks import Sequence as SequenceNode
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
 
 _LETTERS: Final = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}

@@ -20,7 +20,7 @@ from btcore import (
     TreeNode,
 )
 from btcore.nodes.result_decorators import Inverter
-from btcore.nodes.sequence import Sequence
+from btcore.nodes.sequences_and_fallbacks import Sequence
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]

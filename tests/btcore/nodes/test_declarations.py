@@ -4,8 +4,8 @@ import pytest
 
 from btcore import DecoratorNode, Status, TreeNode
 from btcore.nodes.builtin_nodes import BUILTIN_NODES, node_classes
-from btcore.nodes.fallback import Fallback
 from btcore.nodes.result_decorators import ForceSuccess, Inverter
+from btcore.nodes.sequences_and_fallbacks import Fallback
 from btcore.status import UNKNOWN_RESULTS
 from btcore.xml.lint.possible_results import behaviour_of
 

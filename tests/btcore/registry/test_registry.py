@@ -260,9 +260,9 @@ def test_the_same_thing_twice_is_told_as_such() -> None:
 
 
 def test_a_built_in_node_that_a_library_brings_again_is_the_same_thing_on_both_builds() -> None:
-    said = refused(Registry.standard().add_plugin, "btcore.nodes.fallback")
+    said = refused(Registry.standard().add_plugin, "btcore.nodes.manual_selector")
     assert said.startswith(
-        "plugin 'btcore.nodes.fallback': 'Fallback' is registered already, from the same place"
+        "plugin 'btcore.nodes.manual_selector': 'ManualSelector' is registered already, from the same place"
     )
 
 

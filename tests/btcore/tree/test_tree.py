@@ -8,7 +8,7 @@ import pytest
 
 import btcore
 from btcore import Blackboard, BtcoreError, ControlNode, SimClock, StatefulAction, Status, SystemClock, Tree
-from btcore.nodes.sequence import Sequence
+from btcore.nodes.sequences_and_fallbacks import Sequence
 from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog, PlanAction
 

@@ -1,4 +1,4 @@
-"""The base classes of sequences and fallbacks, which tick their children in order."""
+"""Sequences and fallbacks: control nodes that tick their children in order."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -7,7 +7,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.engine.control import ControlNode, results_in_order
 from btcore.engine.node import execute_tick, halt_node, reset_status
-from btcore.status import IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -140,3 +140,109 @@ class ReactiveNode(ControlNode):
                 return status
         self.reset_children()
         return SKIPPED if all_skipped else going
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Sequence(OrderedNode):
+    """Ticks its children in order while they succeed.
+
+    If a child is RUNNING, the node is RUNNING, and the next tick continues with this child. If a child
+    fails, the children are reset and the node fails. After a child that succeeds or is SKIPPED, the next
+    child is ticked. After the last child the node succeeds, or is SKIPPED if all children were skipped.
+    """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "→"
+    batch_class: ClassVar[str] = "btcore.batch.sequences:Sequence"
+    continue_on: ClassVar[Status] = SUCCESS
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class AsyncSequence(Sequence):
+    """A Sequence that returns RUNNING between its children, so that it can be halted there.
+
+    After a child, except the last, that succeeded in its first tick, the node returns RUNNING and wakes
+    the tree; the next tick continues with the next child. Everything else is as in Sequence.
+    """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.sequences:AsyncSequence"
+    yields: ClassVar[bool] = True
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SequenceWithMemory(Sequence):
+    """A Sequence that starts again at the child that failed.
+
+    When a child fails, only this child and the following children are reset, and the next start begins
+    with this child, even after a halt. Like AsyncSequence, the node returns RUNNING after a child, except
+    the last, that succeeded in its first tick.
+    """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.sequences:SequenceWithMemory"
+    remembers: ClassVar[bool] = True
+    yields: ClassVar[bool] = True
+
+    def halt(self) -> None:
+        """Halt the children. The next start begins with the current child."""
+        self.reset_children()
+        self.reset_status()
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class ReactiveSequence(ReactiveNode):
+    """Ticks its children in order, in every tick from the first child, while they succeed.
+
+    If a child is RUNNING, all other children are halted and the node is RUNNING. If a child fails, all
+    children are reset and the node fails. After a child that succeeds or is SKIPPED, the next child is
+    ticked. After the last child the node succeeds, or is SKIPPED if all children were skipped.
+    """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "↻→"
+    batch_class: ClassVar[str] = "btcore.batch.sequences:ReactiveSequence"
+    continue_on: ClassVar[Status] = SUCCESS
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Fallback(OrderedNode):
+    """Ticks its children in order until a child succeeds.
+
+    If a child is RUNNING, the node is RUNNING, and the next tick continues with this child. If a child
+    succeeds, the children are reset and the node succeeds. After a child that fails or is SKIPPED, the
+    next child is ticked. After the last child the node fails, or is SKIPPED if all children were skipped.
+    """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "?"
+    batch_class: ClassVar[str] = "btcore.batch.sequences:Fallback"
+    continue_on: ClassVar[Status] = FAILURE
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class AsyncFallback(Fallback):
+    """A Fallback that returns RUNNING between its children, so that it can be halted there.
+
+    After a child, except the last, that failed in its first tick, the node returns RUNNING and wakes the
+    tree; the next tick continues with the next child. Everything else is as in Fallback.
+    """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    batch_class: ClassVar[str] = "btcore.batch.sequences:AsyncFallback"
+    yields: ClassVar[bool] = True
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class ReactiveFallback(ReactiveNode):
+    """Ticks its children in order, in every tick from the first child, until a child succeeds or is RUNNING.
+
+    If a child is RUNNING, all other children are halted and the node is RUNNING. If a child succeeds, all
+    children are reset and the node succeeds. After a child that fails or is SKIPPED, the next child is
+    ticked. After the last child the node fails, or is SKIPPED if all children were skipped.
+    """
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
+    node_symbol: ClassVar[str] = "↻?"
+    batch_class: ClassVar[str] = "btcore.batch.sequences:ReactiveFallback"
+    continue_on: ClassVar[Status] = FAILURE
