@@ -30,6 +30,7 @@ class OrderedNode(ControlNode):
     # Copies of the class variables: compiled code reads an instance attribute faster.
     _going: Status = SUCCESS
     _yields: bool = False
+    _remembers: bool = False
 
     @classmethod
     def possible_results(
@@ -47,6 +48,7 @@ class OrderedNode(ControlNode):
         """Copy the class variables."""
         self._going = self.continue_on
         self._yields = self.yields
+        self._remembers = self.remembers
 
     def tick(self) -> Status:
         """Tick the children, starting with the current child."""
@@ -78,7 +80,7 @@ class OrderedNode(ControlNode):
             elif status is IDLE:
                 raise self.idle_child(index)
             else:
-                if self.remembers:
+                if self._remembers:
                     # _next and _skipped are kept. The children before, which succeeded, keep their statuses.
                     for later in range(index, count):
                         self.halt_child(later)
