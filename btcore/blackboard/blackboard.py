@@ -39,14 +39,8 @@ class Entry:
 
     __slots__ = ("declared", "inferred", "sequence_id", "stamp", "value")
 
-    value: object
-    declared: ValueType
-    sequence_id: int
-    stamp: int
-    inferred: bool
-
     def __init__(self, declared: ValueType, inferred: bool = False) -> None:
-        self.value = None
+        self.value: object = None
         self.declared = declared
         self.sequence_id = 0
         self.stamp = 0
@@ -79,22 +73,16 @@ class Blackboard:
         clock: The clock of the time stamps; by default the parent's clock, else the system's.
     """
 
-    parent: "Blackboard | None"
-    autoremap: bool
-    clock: Clock
-    now: Callable[[], int]
-    _entries: dict[str, Entry]
-    _outside: dict[str, str]
-
     def __init__(self, parent: "Blackboard | None" = None, clock: Clock | None = None) -> None:
         self.parent = parent
         self.autoremap = False
         if clock is None:
             clock = parent.clock if parent is not None else SystemClock()
-        self.clock = clock
-        self.now = now_function(clock)
-        self._entries = {}
-        self._outside = {}
+        self.clock: Clock = clock
+        self.now: Callable[[], int] = now_function(clock)
+        self._entries: dict[str, Entry] = {}
+        # The keys of the parent to which keys of this scope are remapped.
+        self._outside: dict[str, str] = {}
 
     @property
     def root(self) -> "Blackboard":

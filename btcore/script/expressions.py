@@ -40,10 +40,6 @@ class Expression:
         width: The number of characters to mark in error messages.
     """
 
-    text: str
-    column: int
-    width: int
-
     def __init__(self, text: str, token: Token) -> None:
         self.text = text
         self.column = token.start + 1

@@ -30,11 +30,6 @@ class Token:
         width: The number of characters in the script.
     """
 
-    kind: str
-    text: str
-    start: int
-    width: int
-
     def __init__(self, kind: str, text: str, start: int, width: int) -> None:
         self.kind = kind
         self.text = text

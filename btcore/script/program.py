@@ -15,8 +15,6 @@ _NO_ENUMS: Final[dict[str, int]] = {}
 class Program:
     """A compiled script; *text* is its source."""
 
-    text: str
-
     def __init__(self, text: str, statements: list[Expression]) -> None:
         self.text = text
         self._statements: list[Expression] = statements

@@ -23,7 +23,7 @@ _REAL = re.compile(
     r"-?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?|[nN][aA][nN])"
 )
 # For format 3 only. Compiled on first use; the re module keeps the result.
-_C_INTEGER: Final = r"[ \t\n\v\f\r]*([+-]?)([0-9]+)"
+_C_INTEGER: Final = r"[ \t\n\v\f\r]*([+-]?[0-9]+)"
 _C_REAL: Final = (
     r"[ \t\n\v\f\r]*([+-]?(?:0[xX](?:[0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0-9a-fA-F]+)(?:[pP][+-]?[0-9]+)?"
     r"|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?|[nN][aA][nN]))"
@@ -80,7 +80,7 @@ def whole_int(text: str) -> int | None:
 def c_int(text: str, low: int, high: int) -> int:
     """Return the result of C's ``strtol`` for *text*, from *low* to *high* (format 3)."""
     match = re.match(_C_INTEGER, text)
-    return _integer(text, None if match is None else match.group(1) + match.group(2), low, high)
+    return _integer(text, None if match is None else match.group(1), low, high)
 
 
 def c_unsigned(text: str, bits: int) -> int:
@@ -110,7 +110,7 @@ def lenient_int(text: str) -> int:
     if match is None:
         return 0
     # strtol() saturates at 64 bits; BehaviorTree.CPP 3 then casts the result to int.
-    value = max(MIN_INT64, min(MAX_INT64, _bounded(match.group(1) + match.group(2))))
+    value = max(MIN_INT64, min(MAX_INT64, _bounded(match.group(1))))
     return wrap_signed(value, 32)
 
 
@@ -199,13 +199,14 @@ def _finite(number: str, text: str, as_single: bool) -> float:
     value = float(number)
     if value != value or number.lstrip("+-")[0] in "iI":
         return value
-    if math.isinf(value) or (value == 0.0 and _nonzero(number)):
+    # A zero with another digit than 0 before the exponent is too close to zero.
+    if math.isinf(value) or (value == 0.0 and re.match("[^eE]*[1-9]", number)):
         raise ConversionError(f"'{text}' is out of range for a double")
     if not as_single:
         return value
     rounded = _rounded(value, text)
-    neighbour = _halfway_partner(value, rounded)
-    if neighbour is not None:
+    neighbour = value + (value - rounded)
+    if neighbour != rounded and to_single_precision(neighbour) == neighbour:
         # The double lies exactly between two floats. The exact value of the digits determines the nearest.
         from fractions import Fraction
 
@@ -221,17 +222,3 @@ def _rounded(value: float, text: str) -> float:
     if math.isinf(rounded) or (rounded == 0.0 and value != 0.0):
         raise ConversionError(f"'{text}' is out of range for a float")
     return rounded
-
-
-def _halfway_partner(value: float, rounded: float) -> float | None:
-    """Return the other float that is as near to *value* as *rounded*, or None."""
-    gap = value - rounded
-    if gap == 0.0:
-        return None
-    other = value + gap
-    return other if to_single_precision(other) == other else None
-
-
-def _nonzero(number: str) -> bool:
-    mantissa = re.split("[eE]", number, maxsplit=1)[0]
-    return any(digit in "123456789" for digit in mantissa)

@@ -52,11 +52,6 @@ class ValueType:
         python_type: The class of the values.
     """
 
-    name: str
-    strong: bool
-    converts: bool
-    python_type: type
-
     def __init__(self, name: str, python_type: type, strong: bool = True, converts: bool = True) -> None:
         self.name = name
         self.python_type = python_type
@@ -175,9 +170,6 @@ def as_int(number: int | float, low: int, high: int, name: str = "int64_t") -> i
 class IntegerType(ValueType):
     """Integers from *low* to *high*."""
 
-    low: int
-    high: int
-
     def __init__(self, name: str, low: int, high: int) -> None:
         super().__init__(name, int)
         self.low = low
@@ -218,8 +210,6 @@ class IntegerType(ValueType):
 
 class RealType(ValueType):
     """Floating-point numbers; *is_single* means C++'s float, to which values are rounded."""
-
-    is_single: bool
 
     def __init__(self, name: str, is_single: bool) -> None:
         super().__init__(name, float)
@@ -337,8 +327,6 @@ def real_text(value: float) -> str:
 
 class VectorType(ValueType):
     """A list of values of one type, separated by ``;`` in text."""
-
-    item: ValueType
 
     def __init__(self, item: ValueType) -> None:
         super().__init__(f"std::vector<{item.name}>", list)
