@@ -34,12 +34,9 @@ class Inverter(DecoratorNode):
         """Tick the child, and return the opposite result."""
         self.set_status(RUNNING)
         status = execute_tick(self.child)
-        if status is SUCCESS:
+        if status is SUCCESS or status is FAILURE:
             reset_status(self.child)
-            return FAILURE
-        if status is FAILURE:
-            reset_status(self.child)
-            return SUCCESS
+            return FAILURE if status is SUCCESS else SUCCESS
         return status
 
 
@@ -118,13 +115,10 @@ class KeepRunningUntilFailure(DecoratorNode):
         """Tick the child."""
         self.set_status(RUNNING)
         status = execute_tick(self.child)
-        if status is FAILURE:
+        if status is SUCCESS or status is FAILURE:
             reset_status(self.child)
-            return FAILURE
-        if status is SUCCESS:
-            reset_status(self.child)
-        # Also after a skipped child, as in BehaviorTree.CPP.
-        return RUNNING
+        # RUNNING also after a skipped child, as in BehaviorTree.CPP.
+        return FAILURE if status is FAILURE else RUNNING
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -403,6 +403,9 @@ class PortDirection(IntEnum):
     INOUT = 2
 
 
+_DIRECTION_NAMES: Final = ("Input", "Output", "InOut")
+
+
 class ConvertibleType(ValueType):
     """A class of the user's, with the converters that it was registered with, if any."""
 
@@ -525,7 +528,7 @@ class DirectionType(EnumType):
 
     def from_text(self, text: str, format: int = 4) -> Enum:
         """Return the direction with the name *text*. Raise ConversionError."""
-        for member, name in zip(PortDirection, ("Input", "Output", "InOut"), strict=True):
+        for member, name in zip(PortDirection, _DIRECTION_NAMES, strict=True):
             if text == name or text == name.upper():
                 return member
         if format == 3:
@@ -534,7 +537,7 @@ class DirectionType(EnumType):
 
     def to_text(self, value: object) -> str:
         """Return ``Input``, ``Output`` or ``InOut``."""
-        return ("Input", "Output", "InOut")[int(as_int(number_of(self.cast(value)) or 0, 0, 2))]
+        return _DIRECTION_NAMES[int(self.cast(value).value)]
 
 
 class UserType(ConvertibleType):
