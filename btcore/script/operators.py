@@ -75,6 +75,8 @@ def compare(operator: str, left: object, right: object, enums: Mapping[str, int]
     first = None if isinstance(left, str) else number_of(left)
     second = None if isinstance(right, str) else number_of(right)
     if isinstance(left, str) and isinstance(right, str):
+        if operator == "==":
+            return left == right
         # Two numbers in the same order as the texts.
         a = 0.0 if left == right else -1.0 if left < right else 1.0
         b = 0.0
