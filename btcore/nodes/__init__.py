@@ -1,1 +1,1 @@
-"""The built-in nodes, one family a file."""
+"""The built-in nodes, one file per family."""

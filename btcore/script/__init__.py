@@ -1,1 +1,1 @@
-"""The scripting language of BehaviorTree.CPP: lexer, parser, and programs that run."""
+"""The scripting language of BehaviorTree.CPP: lexer, parser and compiled scripts."""
