@@ -546,7 +546,7 @@ def test_a_copied_text_is_converted_for_an_entry_behind_a_remapping() -> None:
         2,
         blackboard={"total": 1, "word": np.array(["5", "x"], dtype=object)},
     )
-    with pytest.raises(BatchNodeError, match="'x' is no integer") as raised:
+    with pytest.raises(BatchNodeError, match="'x' is not an integer") as raised:
         tree.tick()
     assert raised.value.statuses.tolist() == [2, 0]
     assert tree.blackboard["total"].tolist() == [6, 1]
