@@ -52,11 +52,11 @@ class PossibleResults(NamedTuple):
 
     @property
     def results(self) -> frozenset[Status]:
-        """All possible results."""
+        """The possible results of all ticks, without RUNNING."""
         return self.in_first_tick | self.after_running
 
     def passes(self, continue_on: Status) -> bool:
-        """Return whether the next child may be ticked by a node that continues after *continue_on*."""
+        """Return whether a parent that continues after *continue_on* may tick its next child."""
         return continue_on in self.results or SKIPPED in self.results
 
     def mapped(self, changes: dict[Status, Status]) -> "PossibleResults":

@@ -81,7 +81,7 @@ class RunOnce(BatchDecorator):
         self._failed = 0
 
     def tick(self, agents: int) -> Results:
-        """Tick the child, or return the stored result or SKIPPED."""
+        """Tick the child for an agent until it completes; then return the stored result or SKIPPED."""
         success = failure = running = skipped = 0
         completed = agents & (self._succeeded | self._failed)
         if completed:
@@ -188,13 +188,13 @@ class RepeatedNode(BatchDecorator):
 
 
 class Repeat(RepeatedNode):
-    """Ticks its child until it has succeeded `num_cycles` times."""
+    """Ticks its child until the child has succeeded `num_cycles` times."""
 
     limit_port = "num_cycles"
 
 
 class RetryUntilSuccessful(RepeatedNode):
-    """Ticks its child until it has failed `num_attempts` times."""
+    """Ticks its child until the child has failed `num_attempts` times."""
 
     continues_on_success = False
     limit_port = "num_attempts"

@@ -114,9 +114,8 @@ class StatefulAction:
     """An action of several ticks, for all agents at once.
 
     Ports are annotated attributes: reading a port returns the column; assigning a port writes the values of
-        the
-    agents for which the method was called. Each method gets the mask of these agents, and is not called if
-    there are none. The parameters of ``__init__`` are resources, found by type.
+    the agents for which the method was called. Each method gets the mask of these agents, and is not called
+    if there are none. The parameters of ``__init__`` are resources, found by type.
     """
 
     _port: Callable[[str], Any]

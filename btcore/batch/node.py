@@ -1,8 +1,7 @@
 """The base classes of all nodes of a batch: ticking, halting and stored statuses, as sets of agents.
 
 For each agent, the order within a tick is the same as in :mod:`btcore.engine.node`. The order among agents
-    does
-not matter, because agents share no state.
+does not matter, because agents share no state.
 """
 
 from typing import Final, TypeAlias

@@ -1,11 +1,9 @@
 """Scripts of a batch: the parsed scripts of :mod:`btcore.script`, evaluated on columns.
 
 There is a class for each class of :mod:`btcore.script.expressions`. For numbers, a set of agents records
-    whose
-value is an integer: arithmetic returns reals; literals, copies and entries may be integers. The difference
-    matters
-for ``&&``, for conditions and for new entries. Expressions with texts and other objects, which arrays cannot
-compute, are evaluated agent by agent, by the ordinary engine's operators.
+whose value is an integer: arithmetic returns reals; literals, copies and entries may be integers. The
+difference matters for ``&&``, for conditions and for new entries. Expressions with texts and other
+objects, which arrays cannot compute, are evaluated agent by agent, by the ordinary engine's operators.
 """
 
 from collections.abc import Callable, Mapping
@@ -54,7 +52,7 @@ NO_VALUE: Final = BatchValue(0.0, NUMBER, 0)
 
 
 class ScriptRun:
-    """One evaluation of a script. Agents for which it fails leave the evaluation, and the tick."""
+    """One evaluation of a script. If it fails for an agent, it ends for this agent, and so does the tick."""
 
     def __init__(self, node: NodeLike, doing: str) -> None:
         self.context = node.context
@@ -88,7 +86,7 @@ class ScriptRun:
             script_error: Makes an error at the place in the script from the message of a ConversionError.
 
         Returns:
-            The results as Python objects, and the agents for which it did not fail.
+            The results as Python objects, and the agents for which *function* did not fail.
         """
         arguments = [to_objects(value, self.agent_sets, agents) for value in values]
         results = np.full(self.agent_sets.count, None, dtype=object)
@@ -179,7 +177,7 @@ class BatchLiteral(BatchExpression):
 
 
 class BatchName(BatchExpression):
-    """The name of an entry."""
+    """A name in an expression, which stands for the value of the blackboard entry with this name."""
 
     def __init__(self, name: Name, scope: Scope) -> None:
         self.name = name
@@ -206,7 +204,7 @@ class BatchUnaryOperation(BatchExpression):
         self.operand = compile_expression(operation.operand, scope)
 
     def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
-        """Return a real."""
+        """Return the value after the operators, a real number."""
         value = self.operand.evaluate(run, agents)
         agents = run.drop_failed(agents)
         for sign in reversed(self.operation.signs):

@@ -1,4 +1,4 @@
-"""The base class of actions whose work blocks: it runs in a separate thread."""
+"""The base class of actions that block: their work runs in a separate thread."""
 
 import threading
 from typing import Any, ClassVar
@@ -14,9 +14,9 @@ from btcore.status import RUNNING
 class ThreadedAction(StatefulAction):
     """An action that may block: override :meth:`work`, which runs in a separate thread.
 
-    The node is RUNNING until :meth:`work` returns. Its end wakes the tree; the next tick returns its result
-    or raises its exception. A halt sets :attr:`halt_requested` and waits until :meth:`work` returns: check it
-    often, and sleep with :meth:`pause`.
+    The node is RUNNING until :meth:`work` ends. Then the tree wakes up, and the next tick returns the result
+    of :meth:`work` or raises its exception. A halt sets :attr:`halt_requested` and waits until :meth:`work`
+    returns. Therefore :meth:`work` should check :attr:`halt_requested` often, and sleep with :meth:`pause`.
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = None
@@ -65,7 +65,7 @@ class ThreadedAction(StatefulAction):
         return self._result
 
     def on_halted(self) -> None:
-        """Request a halt, and wait until the thread has ended. Its result or exception is ignored."""
+        """Request a halt, and wait until the thread has ended. Ignore the result or exception of the work."""
         if self._worker is not None:
             self._halt_event.set()
             self._worker.join()

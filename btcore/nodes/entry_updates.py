@@ -97,7 +97,7 @@ class WaitValueUpdate(EntryUpdatedDecorator):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Return all results and RUNNING."""
+        """Declare every result and RUNNING as possible, in every tick."""
         return UNKNOWN_RESULTS
 
 

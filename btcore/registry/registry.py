@@ -145,12 +145,15 @@ class Registry:
             raise RegistrationError(f"no node is registered as '{ID}'{hint}")
 
     def add_type(self, python_type: type, from_text: Callable[[str], Any] | None = None, **more: Any) -> None:
-        """Register a type of ports.
+        """Register a class as a type that ports can have.
 
         Args:
             python_type: The class of the values.
             from_text: Converts the text in the XML to a value.
-            more: Further arguments of TypeRegistry.add().
+            more: The arguments *to_text* and *name* of TypeRegistry.add().
+
+        Raises:
+            RegistrationError: The class has a text form already, or another type has this name.
         """
         self.types.add(python_type, from_text, **more)
 

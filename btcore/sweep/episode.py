@@ -117,7 +117,7 @@ class FailureCause(Observer, RunExtension):
         self.node_path: str | None = None
 
     def transition(self, change: Transition) -> None:
-        """Record a transition to FAILURE."""
+        """Record the node if *change* is a transition to FAILURE."""
         if change.status is Status.FAILURE:
             if change.tick != self._tick:
                 self._tick = change.tick

@@ -91,7 +91,7 @@ def run_sweep(
 
 
 def _raise_user_error(record: Record, episode: Episode, sweep: SweepDefinition) -> None:
-    """Raise a user error of an episode with the first seed: the other seeds would have the same error."""
+    """Raise UsageError if an episode with the first seed had a user error, which all seeds would repeat."""
     if record["code"] == ExitCode.USER_ERROR and episode.number < len(sweep.settings):
         values = f"\n({format_setting(episode.values)})" if episode.values else ""
         raise click.UsageError(f"{record['fault']}{values}")

@@ -71,8 +71,8 @@ def row(episode: Episode, record: Record, script: Program | None) -> Row:
 def is_success(row: Row, script: Program | None) -> bool:
     """Return whether an episode is a success.
 
-    An episode that raised an exception, could not start or killed its worker is never a success. An episode
-    is no success either if the script needs a column that is empty in this row.
+    An episode that raised an exception, could not start or killed its worker is never a success. If the
+    script needs a column that is empty in this row, the episode is not a success.
 
     Args:
         row: The row of the episode.

@@ -139,12 +139,12 @@ class Trace(Observer):
         return self._paths[self.tree.node(node).uid]
 
     def results(self, node: str) -> list[Status]:
-        """Return the results of the ticks of *node* in order; those within a tick of the root by status."""
+        """Return the results of all ticks of *node* in order; within a tick of the root, sorted by status."""
         path = self.path(node)
         return [status for step in self.steps for status in step.results.get(path, ())]
 
     def transition(self, change: Transition) -> None:
-        """Record the change for the end of the step."""
+        """Store the change until the step ends."""
         self._changes.append(StatusChange(self._paths[change.uid], change.previous, change.status))
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
@@ -152,7 +152,7 @@ class Trace(Observer):
         self._end(tick, stamp, status, None)
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
-        """End the step. The tree is halted after that, which belongs to the next step."""
+        """End the step. The halt of the tree, which follows, belongs to the next step."""
         self._end(self.tree.ticks, stamp, IDLE, error)
 
     def catch_up(self) -> None:

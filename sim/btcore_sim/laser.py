@@ -31,9 +31,11 @@ _UPRIGHT = 0.9999  # cosine of the greatest tilt (0.8°) at which an object is t
 
 
 class RayCaster:
-    """Objects as arrays with a column for each object.
+    """Intersects horizontal rays with upright boxes and cylinders.
 
-    The rows are: x and y of the middle, half extents, cosine and sine of the yaw, lowest and highest z.
+    Each of the two arrays *boxes* and *rounds* (the cylinders) has a column for each object and eight rows: x
+    and y of the middle, half the length and half the width, cosine and sine of the yaw, lowest and highest z
+    (lengths in m).
     """
 
     def __init__(self, boxes: Floats, rounds: Floats) -> None:
@@ -65,9 +67,9 @@ class RayCaster:
         """Return the lengths of horizontal rays.
 
         Args:
-            x: The rays' origin (m).
-            y: As *x*.
-            z: The height of the plane (m).
+            x: The x coordinate (m) of the rays' origin.
+            y: The y coordinate (m) of the rays' origin.
+            z: The height (m) of the rays.
             angles: The rays' directions (rad), ascending, over at most one turn, shape ``(n,)``.
 
         Returns:
@@ -163,9 +165,9 @@ class MovableObstacles:
         """Shorten rays that hit a movable object.
 
         Args:
-            x: The rays' origin in the world frame (m).
-            y: As *x*.
-            z: As *x*; the rays are horizontal.
+            x: The x coordinate (m) of the rays' origin in the world frame.
+            y: The y coordinate (m) of the rays' origin.
+            z: The height (m) of the rays, which are horizontal.
             angles: The rays' directions in the world frame (rad), ascending, shape ``(rays,)``.
             distances: The rays' lengths (m), shape ``(rays,)``; changed in place.
         """

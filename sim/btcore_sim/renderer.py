@@ -41,7 +41,8 @@ class Renderer:
         """Render a picture.
 
         Args:
-            faces: The corners of the faces in the world frame (m), shape ``(n, 4, 3)``.
+            faces: The corners of the faces in the world frame (m), counter-clockwise seen from outside, shape
+                ``(n, 4, 3)``.
             colors: The faces' colours (RGB, 0–255), shape ``(n, 3)``.
             eye: The camera's position in the world frame (m).
             axes: The directions right, down and ahead as columns, shape ``(3, 3)``.
@@ -115,9 +116,13 @@ def _spans(u: Floats, v: Floats, rows: Floats) -> tuple[Floats, Floats]:
 
 
 def _normals(corners: Floats) -> Floats:
-    """Return the outward normals of faces.
+    """Return the outward normals of faces, shape ``(n, 3)``; their lengths are not 1.
 
-    The diagonals are used because two corners of a face may coincide, so that an edge has no length.
+    A normal is computed from the diagonals of its face, because two corners of a face may coincide, so that
+    an edge has no length.
+
+    Args:
+        corners: The corners, counter-clockwise seen from outside, shape ``(n, 4, 3)``.
     """
     normals: Floats = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     return normals

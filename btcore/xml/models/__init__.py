@@ -1,1 +1,1 @@
-"""TreeNodesModel: node models written for Groot, read from it, and nodes that stand in for missing code."""
+"""Node models: read and write a TreeNodesModel (the palette of Groot), and replace nodes without code."""

@@ -163,7 +163,7 @@ def _watch(
 
 
 def _label(feed: "Feed") -> str:
-    """Return the name of a robot among several: the shortest form of its address."""
+    """Return a robot's label: its port on this machine; else its host, and its port if not the default."""
     from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
     host, port = feed.address.host, feed.address.port

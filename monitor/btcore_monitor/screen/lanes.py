@@ -31,7 +31,7 @@ def chosen(tree: ObservedTree, found: Collection[int]) -> list[ObservedNode]:
 
 
 def lane_entities(names: Sequence[str]) -> list[str]:
-    """Return the entities of lanes. They begin with a number, because rerun sorts lanes by name."""
+    """Return the names of the lanes' entities. Each begins with a number, because rerun sorts by name."""
     digits = len(str(len(names)))
     return [
         f"{at:0{digits}d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name).strip('_')}"

@@ -46,7 +46,13 @@ class BlackboardPoller:
         return encode_names(self._requested)
 
     def answer(self, body: bytes) -> Boards | None:
-        """Return all blackboards by path if *body* was the last missing reply and a value changed, else None.
+        """Store a reply to a request.
+
+        Args:
+            body: The body of the reply.
+
+        Returns:
+            All blackboards by path, if no further reply is needed for them and a value changed; else None.
 
         Raises:
             ProtocolError: *body* is not a BLACKBOARD reply.

@@ -93,7 +93,7 @@ class RobotClock:
         self._origin = self.wall()
 
     def wall(self) -> int:
-        """Return the robot's current time."""
+        """Return the estimate of the current time of the robot's wall clock (ns since the epoch)."""
         return time.monotonic_ns() + self._offset
 
     def set(self, wall: int, then: int) -> None:
@@ -101,14 +101,14 @@ class RobotClock:
 
         Args:
             wall: A time of the robot's wall clock, in ns since the epoch.
-            then: The estimate's time at that moment.
+            then: The value of the method `wall` at the same moment.
         """
         self._offset += wall - then
 
     def begin(self, wall: int) -> None:
-        """Let the tree's time start at *wall*."""
+        """Let the tree's time start at *wall* (ns since the epoch)."""
         self._origin = wall
 
     def t(self, wall: int) -> int:
-        """Return the tree's time (ns) at *wall*."""
+        """Return the tree's time (ns) at *wall* (ns since the epoch)."""
         return wall - self._origin

@@ -202,7 +202,10 @@ def _vector(builder: "Builder", width: int, items: Iterable[int], prepend: Calla
 
 
 class Groot1ObservedTree(NamedTuple):
-    """An observed tree, its uids by the robot's uids, and the statuses in the robot's reply by uid."""
+    """An observed *tree* with the data of the robot's reply.
+
+    *uids* maps the robot's uids to the uids in *tree*; *statuses* maps the uids in *tree* to the statuses.
+    """
 
     tree: ObservedTree
     uids: dict[int, int]
@@ -210,11 +213,11 @@ class Groot1ObservedTree(NamedTuple):
 
 
 def read_groot1(tree: WireTree, tree_id: str) -> Groot1ObservedTree:
-    """Return the observed tree of *tree*.
+    """Convert the tree in a robot's reply to an ObservedTree, with uids in depth-first order.
 
     Args:
         tree: The nodes and models of the robot's reply.
-        tree_id: The ID of the observed tree, 32 hexadecimal digits. The protocol itself has no tree IDs.
+        tree_id: The ID for the observed tree, 32 hexadecimal digits, since the protocol has no tree IDs.
 
     Raises:
         ProtocolError: The nodes do not form one tree.

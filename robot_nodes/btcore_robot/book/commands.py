@@ -21,7 +21,7 @@ _DRIVEN = {
 
 @click.group()
 def book() -> None:
-    """The book's systems: first steps, bump and go, transforms, VFF, colours, head tracking."""
+    """Run an example from the book "A Concise Introduction to Robot Programming with ROS2"."""
 
 
 @book.command("hello", short_help="The first programs: publisher, subscriber, executor …")

@@ -17,8 +17,9 @@ def is_obstacle(
 ) -> bool:
     """SUCCESS when there is an obstacle ahead, nearer than *distance*.
 
-    With a *corridor*, every echo ahead within half its width to either side counts. Without it only the
-    middle beam counts, as in the book. Before the first scan there is no obstacle, unless a *timeout* is set.
+    With a *corridor*, every echo ahead within half its width to either side counts. Without a corridor only
+    the middle beam counts, as in the book. Before the first scan there is no obstacle, unless a *timeout* is
+    set.
     """
     scan = robot.scan()
     if timeout > 0.0 and is_stale(scan, robot.clock.now(), timeout):
@@ -31,10 +32,10 @@ def is_obstacle(
 
 
 class WaitForScan(StatefulAction):
-    """Stand while the newest scan is older than *timeout*: RUNNING; SUCCESS as soon as the scan is recent.
+    """Stop the robot until the newest scan is recent: RUNNING while it is older than *timeout*, then SUCCESS.
 
-    As the first child of a ReactiveSequence it stops a robot without laser data, whatever the later children
-    do.
+    A missing scan counts as too old. As the first child of a ReactiveSequence the node stops a robot without
+    laser data, and the later children are not ticked.
     """
 
     timeout: Annotated[In[float], "The maximum age (s) of a scan."] = 0.5
@@ -49,7 +50,7 @@ class WaitForScan(StatefulAction):
         return self.on_running()
 
     def on_running(self) -> Status:
-        """Check the age of the scan; stand if it is too old."""
+        """Check the age of the scan; stop the robot if the scan is too old."""
         if not is_stale(self.robot.scan(), self.robot.clock.now(), self.timeout):
             return Status.SUCCESS
         self.robot.drive(0.0, 0.0)

@@ -233,7 +233,9 @@ def _ceiling(cells: float) -> int:
 
 
 def load_map(path: Path) -> OccupancyMap:
-    """Return the map in the YAML file at *path*, by map_server's rules, with the keep-outs beside the file.
+    """Return the map in the YAML file at *path*, read by map_server's rules.
+
+    The keep-out rectangles are read from `keepout_path`, if that file exists.
 
     Raises:
         MapError: A file cannot be read or is invalid; the message has the file and the line.
@@ -312,7 +314,7 @@ def save_map(map: OccupancyMap, path: Path) -> None:
 
 
 def keepout_path(path: Path) -> Path:
-    """Return the path of the keep-outs of the map at *path*."""
+    """Return the path of the file with the keep-out rectangles of the map at *path* (a YAML file)."""
     return path.with_name(f"{path.stem}.keepout.yaml")
 
 

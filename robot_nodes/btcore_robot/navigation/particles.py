@@ -83,7 +83,7 @@ class Cluster:
 
 
 def kld_sample_size(bins: int, err: float, z: float, least: int, most: int) -> int:
-    """Return the number of particles by KLD sampling (Fox 2003).
+    """Return the number of particles that KLD sampling requires (Fox 2003).
 
     With this number, the divergence of the sample from the true distribution stays below *err*. A single bin
     gives no information; the result is *most*.
@@ -114,8 +114,9 @@ def resample(
 ) -> Floats:
     """Draw particles by their weights (systematic resampling), in a number given by KLD sampling.
 
-    First *most* particles are drawn and read in random order, until as many are read as their occupied bins
-    require. Then a sample of this size is drawn.
+    A first sample, of *most* particles, gives the number. Its particles are counted one by one in random
+    order, until their count reaches the number that KLD sampling requires for the bins that they occupy. Then
+    a second sample with this number of particles is drawn and returned.
 
     Args:
         particles: The poses (x, y, yaw), shape ``(n, 3)``.

@@ -1,4 +1,4 @@
-"""Ray casting: a comparison of a scan's beams with the distances that the map allows from a pose."""
+"""Ray casting: a comparison of a scan's beams with the distances to the map's occupied cells from a pose."""
 
 import math
 from collections.abc import Sequence
@@ -16,10 +16,11 @@ Floats = NDArray[np.float64]
 WITHIN = 0.25
 """A beam that ends this close (m) to an occupied cell has hit it."""
 SHORT, SHORT_A_METRE = 0.25, 0.05
-"""A beam that ends earlier than on the map, by this distance (m) plus this share of its length, has hit
-something that is not on the map. The share tolerates an error of the heading of about 0.05 rad."""
+"""A beam that ends before the first occupied cell in its direction, by this distance (m) plus this share of
+its length or more, has hit something that is not on the map. The share tolerates an error of the
+heading of about 0.05 rad."""
 BEYOND = 0.4
-"""A beam that ends this far (m) behind the end that the map allows went through an occupied cell."""
+"""A beam that ends this far (m) behind the first occupied cell in its direction went through that cell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class ScanAgreement:
 
 
 class RayCaster:
-    """The visible ranges on a map."""
+    """Casts rays on a map. *reach* (m) is the longest step along a ray."""
 
     def __init__(self, field_map: OccupancyMap, reach: float = 25.0) -> None:
         self._distance = np.pad(obstacle_distances(field_map, reach), 1, constant_values=reach)
@@ -110,7 +111,9 @@ class RayCaster:
     def unobstructed_beams(
         self, pose: Pose2D, laser: tuple[float, float], points: Floats
     ) -> NDArray[np.bool_]:
-        """Return the mask, shape ``(k,)``, of beams that end where the map allows or farther away.
+        """Return the mask, shape ``(k,)``, of beams that end at or behind the first occupied cell.
+
+        The tolerance is given by SHORT and SHORT_A_METRE. All other beams end before that cell.
 
         Args:
             pose: The robot's pose in the map.
