@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from btcore.registry.registry import Registry
 from btcore.xml.lint.dry_run import DryRun, EntryUse
-from btcore.xml.lint.scripts import AccessKind
+from btcore.xml.lint.scripts import WRITING, AccessKind
 from btcore.xml.plan.document_checks import DocumentAnalysis
 
 
@@ -44,8 +44,7 @@ class DataflowRow:
     readers: list[DataflowAccess] = field(default_factory=list)
 
 
-_WRITING = (AccessKind.WRITES, AccessKind.ASSIGNS)
-_READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
+_READING = (AccessKind.READS, AccessKind.READS_AS_KEY, AccessKind.UPDATES)
 
 
 def trace_dataflow(analysis: DocumentAnalysis, registry: Registry) -> list[DataflowRow]:
@@ -68,7 +67,7 @@ def trace_dataflow(analysis: DocumentAnalysis, registry: Registry) -> list[Dataf
         row = DataflowRow(subtree.path, key, entry.declared.name if entry.declared.strong else "")
         for use in uses:
             access = _access(use, paths[use.scope])
-            if use.access in _WRITING and access not in row.writers:
+            if use.access in WRITING and access not in row.writers:
                 row.writers.append(access)
             if use.access in _READING and access not in row.readers:
                 row.readers.append(access)

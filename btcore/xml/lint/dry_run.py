@@ -17,7 +17,7 @@ from btcore.registry.registry import Registry
 from btcore.tree.tree import Subtree
 from btcore.xml.build import TreeInstantiator
 from btcore.xml.lint.possible_results import is_built_in
-from btcore.xml.lint.scripts import AccessKind, find_name_uses
+from btcore.xml.lint.scripts import WRITING, AccessKind, find_name_uses
 from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.plan.document_checks import DocumentAnalysis
 from btcore.xml.plan.plan import NodePlan, SubtreeCall, TreePlanner
@@ -183,7 +183,7 @@ _ACCESS_BY_NAME = {
 
 def has_writer(uses: Sequence[EntryUse]) -> bool:
     """Return whether one of the *uses* writes the entry."""
-    return any(use.access in (AccessKind.WRITES, AccessKind.ASSIGNS) for use in uses)
+    return any(use.access in WRITING for use in uses)
 
 
 def uses_whole_blackboard(manifest: Manifest) -> bool:

@@ -8,7 +8,7 @@ from btcore.script.expressions import Assignment, Name
 from btcore.values import STRING
 from btcore.xml.lint.dry_run import DryRun, EntryUse
 from btcore.xml.lint.reporter import LintReporter, node_label
-from btcore.xml.lint.scripts import AccessKind, is_constant, parse_statements
+from btcore.xml.lint.scripts import WRITING, AccessKind, is_constant, parse_statements
 
 
 def check_value_types(dry_run: DryRun, enums: dict[str, int], reporter: LintReporter) -> None:
@@ -23,7 +23,7 @@ def check_value_types(dry_run: DryRun, enums: dict[str, int], reporter: LintRepo
         for use in uses:
             if use.access is AccessKind.WRITES and use.port is not None:
                 _check_port(dry_run, entry, use, use.port, reporter)
-            elif use.access in (AccessKind.WRITES, AccessKind.ASSIGNS) and use.within:
+            elif use.access in WRITING and use.within:
                 _check_script(dry_run, entry, use, enums, reporter)
         _check_constant(uses, entry, reporter)
 
@@ -97,7 +97,7 @@ def _check_script(
 
 def _check_constant(uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> None:
     """Warn if a port of an inner tree can't convert the constant that the SubTree element passes."""
-    writers = [use for use in uses if use.access in (AccessKind.WRITES, AccessKind.ASSIGNS)]
+    writers = [use for use in uses if use.access in WRITING]
     constants = [use for use in writers if use.node.call is not None and not use.within]
     if len(constants) != 1 or len(writers) != 1 or not isinstance(entry.value, str):
         return

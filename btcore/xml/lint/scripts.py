@@ -27,15 +27,21 @@ from btcore.xml.read.document import Document
 class AccessKind(enum.Enum):
     """How a script or a port uses an entry.
 
-    READS_AS_KEY reads the name of another entry from it, ASSIGNS requires that the entry exists, and
-    MENTIONS neither reads nor writes it.
+    READS_AS_KEY reads the name of another entry from it. ASSIGNS and UPDATES require that the entry
+    exists; UPDATES, such as ``+=``, reads it as well. MENTIONS neither reads nor writes it.
     """
 
     READS = enum.auto()
     WRITES = enum.auto()
     READS_AS_KEY = enum.auto()
     ASSIGNS = enum.auto()
+    UPDATES = enum.auto()
     MENTIONS = enum.auto()
+
+
+WRITING = (AccessKind.WRITES, AccessKind.ASSIGNS, AccessKind.UPDATES)
+"""The kinds of access that write the entry."""
+_ASSIGNMENTS = {":=": AccessKind.WRITES, "=": AccessKind.ASSIGNS}
 
 
 class NameUse(NamedTuple):
@@ -64,7 +70,7 @@ def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
 
     Args:
         text: The script.
-        enums: Values of the registered enum names, which are no entries.
+        enums: Values of the registered enum names, which are not entries.
     """
     try:
         statements = parse_statements(text, enums)
@@ -75,8 +81,7 @@ def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
         for part in iter_subexpressions(statement):
             if isinstance(part, Assignment) and isinstance(part.target, Name):
                 target = part.target
-                # ":=" creates the entry; "=" and operators such as "+=" require that it exists.
-                access = AccessKind.WRITES if part.operator == ":=" else AccessKind.ASSIGNS
+                access = _ASSIGNMENTS.get(part.operator, AccessKind.UPDATES)
                 uses.append(NameUse(access, target.name, target.column))
             elif isinstance(part, Name) and part.name not in enums:
                 uses.append(NameUse(AccessKind.READS, part.name, part.column))

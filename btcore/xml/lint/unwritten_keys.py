@@ -99,7 +99,7 @@ def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_k
 
     *root_key* is the key of the entry on the main tree's blackboard, or "" if it is not there.
     """
-    assignments = [use for use in uses if use.access is AccessKind.ASSIGNS]
+    assignments = [use for use in uses if use.access in (AccessKind.ASSIGNS, AccessKind.UPDATES)]
     if not assignments or any(_creates(use) for use in uses):
         return
     use = assignments[0]

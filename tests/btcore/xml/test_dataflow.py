@@ -71,7 +71,7 @@ def test_a_constant_is_written_inside_by_the_subtree_node() -> None:
 
 def test_scripts_read_and_write() -> None:
     rows = table()
-    assert places(rows["/rounds"])[0] == ["count code"]
+    assert places(rows["/rounds"]) == (["count code"], ["count code"])  # "+=" does both
     assert places(rows["/step"]) == ([], ["count code"])
     assert places(rows["/battery"]) == ([], ["Sequence _skipIf"])
 
