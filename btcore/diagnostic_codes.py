@@ -108,7 +108,7 @@ UNCONNECTED_OUTPUT: Final = DiagnosticCode("W211", "warning", "output port witho
 IGNORED_ATTRIBUTE: Final = DiagnosticCode("W212", "warning", "ignored attribute")
 
 # Conversion: written differently, with the same meaning
-FORMAT_WRITTEN: Final = DiagnosticCode("C101", "same meaning", "format written")
+FORMAT_SET: Final = DiagnosticCode("C101", "same meaning", "format attribute set")
 NODE_RENAMED: Final = DiagnosticCode("C102", "same meaning", "node renamed")
 ATTRIBUTE_RENAMED: Final = DiagnosticCode("C103", "same meaning", "attribute renamed")
 BRACES_ADDED: Final = DiagnosticCode("C104", "same meaning", "braces added")
@@ -117,7 +117,7 @@ TAG_MADE_COMPACT: Final = DiagnosticCode("C106", "same meaning", "tag made compa
 IGNORED_ATTRIBUTE_REMOVED: Final = DiagnosticCode("C107", "same meaning", "ignored attribute removed")
 
 # Conversion: another meaning in format 4
-LOOP_YIELDS: Final = DiagnosticCode("C201", "new meaning", "loop yields")
+ONE_CYCLE_PER_TICK: Final = DiagnosticCode("C201", "new meaning", "one cycle per tick")
 SEQUENCE_MEMORY: Final = DiagnosticCode("C202", "new meaning", "sequence memory")
 PARALLEL_THRESHOLDS: Final = DiagnosticCode("C203", "new meaning", "parallel thresholds")
 SWITCH_COMPARISON: Final = DiagnosticCode("C204", "new meaning", "switch comparison")
@@ -129,7 +129,7 @@ AUTOREMAP_ALL: Final = DiagnosticCode("C209", "new meaning", "autoremap of all n
 NUMERIC_CONSTANT: Final = DiagnosticCode("C210", "new meaning", "numeric constant")
 CHECKED_ONCE: Final = DiagnosticCode("C211", "new meaning", "condition checked once")
 TEXT_REINTERPRETED: Final = DiagnosticCode("C212", "new meaning", "text reinterpreted")
-LAST_TREE_COUNTS: Final = DiagnosticCode("C213", "new meaning", "last tree counts")
+LAST_TREE_USED: Final = DiagnosticCode("C213", "new meaning", "last tree used")
 EMPTY_ATTRIBUTE_REMOVED: Final = DiagnosticCode("C214", "new meaning", "empty attribute removed")
 
 # Conversion: left to the user

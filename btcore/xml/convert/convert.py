@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from btcore.diagnostic_codes import (
     AMBIGUOUS_MAIN_TREE,
-    FORMAT_WRITTEN,
-    LAST_TREE_COUNTS,
+    FORMAT_SET,
+    LAST_TREE_USED,
     MANUAL_STEP,
     NODE_RENAMED,
     NOT_A_ROOT,
@@ -74,7 +74,7 @@ def _convert_root(changes: ConversionChanges, root: Element) -> None:
         changes.insert_attribute(root, "BTCPP_format", "4")
     else:
         changes.set_attribute(root, "BTCPP_format", "4")
-    changes.note(FORMAT_WRITTEN, 'BTCPP_format="4" is written', root)
+    changes.note(FORMAT_SET, 'BTCPP_format is set to "4"', root)
     for models in root.iterchildren("TreeNodesModel"):
         for model in models.iterchildren("SubTreePlus"):
             changes.rename_element(model, "SubTree")
@@ -90,7 +90,7 @@ def _convert_trees(changes: ConversionChanges) -> None:
         id = tree.get("ID") or ""
         if id in seen:
             message = f"duplicate tree '{id}': format 4 uses the last tree, format 3 the first"
-            changes.note(LAST_TREE_COUNTS, message, tree, "ID", hint="remove the tree that is not needed")
+            changes.note(LAST_TREE_USED, message, tree, "ID", hint="remove the tree that is not needed")
         seen.add(id)
         # Names of SubTree elements are unique within a tree in format 4.
         names: set[str] = set()

@@ -10,9 +10,9 @@ from btcore.diagnostic_codes import (
     CHECKED_ONCE,
     EMPTY_ATTRIBUTE_REMOVED,
     ENTRY_TYPE_KEPT,
-    LOOP_YIELDS,
     MANUAL_STEP,
     NODE_RENAMED,
+    ONE_CYCLE_PER_TICK,
     PARALLEL_THRESHOLDS,
     SEQUENCE_MEMORY,
     SWITCH_COMPARISON,
@@ -91,8 +91,8 @@ def _convert_sequence_star(changes: ConversionChanges, element: Element, id: str
     if len(element_children(element)) < 2:
         return
     message = (
-        "<SequenceWithMemory> yields after a child that succeeds at once, and goes on at the same child "
-        "after a halt; <SequenceStar> does neither"
+        "<SequenceWithMemory> returns RUNNING after a child that succeeds immediately, and resumes at the "
+        "same child after a halt; <SequenceStar> does neither"
     )
     changes.note(SEQUENCE_MEMORY, message, element)
 
@@ -103,9 +103,9 @@ def _convert_loop(changes: ConversionChanges, element: Element, id: str) -> None
     if limit in ("0", "1"):
         return  # without a second cycle there is no difference
     name = NODE_REPLACEMENTS.get(id, id)
-    message = f"<{name}> yields: a child that {again} at once is ticked again in the next tick"
+    message = f"a child of <{name}> that {again} immediately is ticked again only in the next tick"
     hint = "format 3 ticks it again in the same tick; tick_once() ticks the whole tree again without a pause"
-    changes.note(LOOP_YIELDS, message, element, hint=hint)
+    changes.note(ONE_CYCLE_PER_TICK, message, element, hint=hint)
 
 
 def _convert_parallel(changes: ConversionChanges, element: Element, id: str) -> None:
@@ -263,8 +263,8 @@ def _convert_pointer(changes: ConversionChanges, element: Element, name: str, te
 def _convert_literal(changes: ConversionChanges, element: Element, name: str, text: str, port: Port) -> None:
     if not text:
         changes.remove_attribute(element, name)
-        effect = "the default is used" if port.default is not None else "the port is missing in ticks"
-        message = f"the empty '{name}' is removed, as it is no {port.type.name} in format 4: {effect}"
+        effect = "the default is used" if port.default is not None else "reading the port raises an error"
+        message = f"the empty '{name}' is removed: in format 4 it is not a valid {port.type.name}; {effect}"
         changes.note(EMPTY_ATTRIBUTE_REMOVED, message, element, name)
         return
     if not port.type.converts:

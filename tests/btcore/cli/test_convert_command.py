@@ -40,7 +40,7 @@ def test_the_result_goes_to_stdout_and_the_list_to_stderr(cli: Cli, old: Path) -
     assert result.exit_code == 0
     assert result.stdout == NEW
     assert old.read_text() == OLD
-    assert "old.xml:3:5: C202 <SequenceWithMemory> yields" in result.stderr
+    assert "old.xml:3:5: C202 <SequenceWithMemory> returns RUNNING" in result.stderr
     assert "✔ 3 rewritten with the same meaning, 1 with a new meaning" in result.stderr
 
 
