@@ -188,7 +188,7 @@ def _reject_other_types(column: Column, objects: Values, agents: int, fail: Fail
     kind = column.kind
     for index in column.agent_sets.indices(agents):
         if not kind.accepts(objects[index]):
-            message = f"the entry '{column.name}' is of type {kind.name}, and once declared its type stays"
+            message = f"the entry '{column.name}' has the type {kind.name}, which cannot change"
             fail(1 << int(index), BlackboardError(message))
             agents ^= 1 << int(index)
     return agents

@@ -410,7 +410,7 @@ class BatchAssignment(BatchExpression):
     def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
         """Return the value that was stored."""
         if self.slot is None or self.target is None:
-            message = f"only the name of an entry can stand before '{self.sign}'"
+            message = f"only the name of an entry is allowed before '{self.sign}'"
             run.fail(agents, self.assignment.fault(message))
             return NO_VALUE
         column = self._column(self.slot, self.target, run, agents)
@@ -516,7 +516,7 @@ class BatchAssignment(BatchExpression):
             agents,
             assigned,
             (value, BatchValue(column.objects(agents), OBJECT, 0)),
-            lambda message: assignment.fault(f"'{target.name}' can't take the value: {message}"),
+            lambda message: assignment.fault(f"cannot assign to '{target.name}': {message}"),
         )
         column.put_objects(agents, results)
 

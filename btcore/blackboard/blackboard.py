@@ -309,13 +309,12 @@ class Blackboard:
             return kind.adapt(value)
         except ConversionError as error:
             raise BlackboardError(
-                f"the entry '{key}' is of type {kind.name}, and once declared its type stays: {error}"
+                f"the entry '{key}' has the type {kind.name}, which cannot change: {error}"
             ) from error
 
     def _clash(self, key: str, previous: ValueType, declared: ValueType) -> BlackboardError:
         return BlackboardError(
-            f"the entry '{key}' is of type {previous.name}, and is used as {declared.name} elsewhere; "
-            "once declared, its type stays"
+            f"the type of the entry '{key}' cannot change from {previous.name} to {declared.name}"
         )
 
 

@@ -14,7 +14,7 @@ from btcore.tree.tree import Tree
 END_REASON_TEXT: Final[dict[EndReason, str]] = {
     "done": "",
     "saved": "",
-    "duration": ", by --duration",
+    "duration": ", stopped by --duration",
     "interrupted": ", interrupted",
 }
 """The end of a heading, by the reason why the run ended."""

@@ -114,7 +114,7 @@ class Registry:
         if ID is not None and len(things) != 1:
             raise RegistrationError(f"ID='{ID}' names one thing, but {len(things)} are given")
         if format not in (None, 3, 4):
-            raise RegistrationError(f"there are the formats 3 and 4, but format={format!r} is given")
+            raise RegistrationError(f"format={format!r} is not supported: use 3 or 4")
         for thing in things:
             self._add(thing, ID, names, _distribution_of(thing), format)
 

@@ -239,7 +239,7 @@ class Assignment(Expression):
             else:
                 stored = compound_assigned_value(self.operator, entry.value, value, entry.declared)
         except ConversionError as error:
-            raise self.fault(f"'{target.name}' can't take the value: {error}") from None
+            raise self.fault(f"cannot assign to '{target.name}': {error}") from None
         entry.put(stored, board.now())
         return stored
 

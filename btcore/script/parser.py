@@ -100,7 +100,7 @@ class Parser:
         then = self._expression(_LOOSEST)
         colon = self._take()
         if colon.kind != ":":
-            raise self._unexpected(colon, f"expected ':' for the '?' in column {question.start + 1}")
+            raise self._unexpected(colon, f"expected ':' to follow the '?' in column {question.start + 1}")
         return ConditionalExpression(self.text, question, condition, then, self._expression(_CHOOSING))
 
     def _prefixed(self) -> Expression:
@@ -131,13 +131,13 @@ class Parser:
             inner = self._expression(_LOOSEST)
             close = self._take()
             if close.kind != ")":
-                raise self._unexpected(close, f"expected ')' for the '(' in column {token.start + 1}")
+                raise self._unexpected(close, f"expected ')' to close the '(' in column {token.start + 1}")
             return inner
         raise self._unexpected(token, "expected a value")
 
     def _unexpected(self, token: Token, expected: str) -> ScriptError:
         if token.kind == END:
-            return self._error(token, f"{expected}, but the script ends here")
+            return self._error(token, f"{expected}, but the script ends")
         if token.kind != MALFORMED:
             return self._error(token, f"{expected}, but found '{token.text}'")
         if token.text.startswith("'"):

@@ -51,7 +51,7 @@ def test_a_typed_entry_takes_its_type_alone():
     board = LegacyBlackboard()
     board["i"] = 1
     for value in (2.0, True, "2"):
-        with pytest.raises(BlackboardError, match="'i' is of type int"):
+        with pytest.raises(BlackboardError, match="'i' cannot change from int to"):
             board["i"] = value
     assert board["i"] == 1
 

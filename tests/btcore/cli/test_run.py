@@ -81,7 +81,7 @@ def test_duration_ends_a_run_with_0_and_the_tree_is_halted(
     assert (data["status"], data["ticks"], data["time_s"]) == ("RUNNING", 40, 2.0)
     assert data["nodes"]["far"]["halted"] == 1
     assert "halted while walking" in result.stdout
-    assert "by --duration" in result.stderr
+    assert "stopped by --duration" in result.stderr
 
 
 @pytest.mark.parametrize(

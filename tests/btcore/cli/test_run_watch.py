@@ -168,7 +168,7 @@ def test_duration_ends_the_wait(cli: Cli, tree_file: TreeFile, last_json: LastJs
     result = cli("run", tree_file("<AlwaysFailure/>"), "--watch", "--duration", "0.3", "--json")
     assert result.exit_code == 0
     assert 0.3 <= last_json(result)["time_s"] < 5
-    assert "by --duration" in result.stderr
+    assert "stopped by --duration" in result.stderr
 
 
 def test_in_simulated_time_the_wait_is_over_at_once(

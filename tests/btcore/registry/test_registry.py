@@ -236,7 +236,7 @@ def test_a_port_whose_name_only_format_3_takes_is_one_of_its_trees_alone() -> No
     assert btcore.loads(xml, nodes=nodes).tick_once() is Status.SUCCESS
     with pytest.raises(btcore.UnknownNodeError, match="belongs to format 3"):
         status_of("<Measure/>", nodes)
-    assert "there are the formats 3 and 4" in refused(nodes.add, Wave, format=5)
+    assert "format=5 is not supported: use 3 or 4" in refused(nodes.add, Wave, format=5)
 
 
 def test_the_same_thing_twice_is_told_as_such() -> None:

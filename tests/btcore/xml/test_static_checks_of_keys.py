@@ -168,7 +168,7 @@ CASES = {
         children('<Count start="1" result="{n}"/>', "<Script code=\"n := 'many'\"/>"),
         "",
         """
-        t.xml:5:21: W206 the script in 'code' of <Script> always raises: 'n' can't take the value: 'many' is not an integer
+        t.xml:5:21: W206 the script in 'code' of <Script> always raises: cannot assign to 'n': 'many' is not an integer
            5 |        <Script code="n := 'many'"/>
              |                      ^
               'n' has the type int, declared by 'result' of <Count> (t.xml:4)
