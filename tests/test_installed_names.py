@@ -19,7 +19,7 @@ def project(tmp_path: Path) -> Path:
     for name in ("sim", "robot_nodes", "trees"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text(f"NAME = 'their {name}'\n", encoding="utf-8")
-    # A clone of this repository beside a script looks like this: a folder that is no package.
+    # A clone of this repository beside a script looks like this: a folder that is not a package.
     (tmp_path / "btcore").mkdir()
     (tmp_path / "btcore" / "setup.py").write_text("raise RuntimeError('imported')\n", encoding="utf-8")
     return tmp_path

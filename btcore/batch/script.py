@@ -557,8 +557,8 @@ class BatchProgram:
             value = expression.value if isinstance(expression, Assignment) else expression
             scope = Scope(node, enums, copies=_has_assignment(value))
             self._statements.append(compile_expression(expression, scope))
-        # numpy warns of a division by zero and of overflow, which are no errors in scripts. Scripts that only
-        # compare do not need the context manager that turns the warnings off, which takes time.
+        # numpy warns of a division by zero and of overflow, which are not errors in scripts. Scripts that
+        # only compare do not need the context manager that turns the warnings off, which takes time.
         self._is_quiet = not any(map(_computes, expressions))
 
     def run(self, agents: int, doing: str = "ticking") -> int:

@@ -85,8 +85,8 @@ class NodeLibraries:
 def load_libraries(plugins: Sequence[str], models: Sequence[Path] = ()) -> NodeLibraries:
     """Load all installed node libraries, *plugins* and *models*.
 
-    An installed library that cannot be imported is no error, since the tree may not use it. It is noted in
-    `NodeLibraries.absent`; unless a missing module is the cause, a warning is printed as well.
+    An installed library that cannot be imported is not an error, since the tree may not use it. It is noted
+    in `NodeLibraries.absent`; unless a missing module is the cause, a warning is printed as well.
 
     Raises:
         RegistrationError: One of *plugins* cannot be loaded.

@@ -417,5 +417,5 @@ def _overriding(status: str | int) -> str:
     names = dict(enumerate(STATUS_NAMES))
     name = names.get(status, str(status)) if isinstance(status, int) else status.upper()
     if name not in OVERRIDING:
-        raise BreakpointError(f"'{status}' can't be injected: SUCCESS and FAILURE can")
+        raise BreakpointError(f"cannot inject '{status}': use SUCCESS or FAILURE")
     return name

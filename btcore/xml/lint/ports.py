@@ -37,7 +37,7 @@ from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.plan.plan import NodePlan
 from btcore.xml.read.document import Document
 
-# Longer texts are no numbers; the search for the longest number takes quadratic time.
+# Longer texts are not numbers; the search for the longest number takes quadratic time.
 _LONGEST: Final = 64
 _INTEGER: Final = re.compile(r"-?[0-9]+")
 _HALF_A_POINTER: Final = re.compile(r"\{(?P<open>[A-Za-z_@][\w.]*)|\$?\{?(?P<closed>[A-Za-z_@][\w.]*)\}")

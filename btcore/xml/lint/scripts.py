@@ -143,7 +143,7 @@ def find_certain_error(text: str, enums: Mapping[str, int]) -> ScriptError | Non
 def check_script_results(
     node: NodePlan, document: Document, enums: Mapping[str, int], reporter: LintReporter
 ) -> None:
-    """Warn about scripts of *node* that always raise, or whose result is no valid condition.
+    """Warn about scripts of *node* that always raise, or whose result is not a valid condition.
 
     Args:
         node: The node to check.

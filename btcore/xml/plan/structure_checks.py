@@ -114,7 +114,7 @@ class StructureChecker:
         return nodes
 
     def _compact(self, tag: str) -> NodeType | None:
-        """Return the node type that limits the children of *tag*; None if *tag* is no compact node."""
+        """Return the node type that limits the children of *tag*; None if *tag* is not a compact node."""
         manifest = self._palette.get(tag)
         kind = None
         if manifest is not None and tag not in self._dialect.subtree_tags and tag not in EXPLICIT_TAGS:
@@ -137,7 +137,7 @@ class StructureChecker:
             )
 
     def _special(self, tag: str, element: Element, children: list[Element]) -> None:
-        """Check an element that is no compact node."""
+        """Check an element that is not a compact node."""
         if tag == "BehaviorTree":
             self._tree(element, children)
         elif tag in self._dialect.subtree_tags:

@@ -31,7 +31,7 @@ class Dialect(NamedTuple):
 
     - *subtree_tags*: the tags that call a subtree.
     - *reserved*: attributes of a node that are never ports.
-    - *free_underscore*: any other attribute whose name is no valid port name is allowed and ignored.
+    - *free_underscore*: any other attribute whose name is not a valid port name is allowed and ignored.
     - *last_tree_wins*: the last of several trees with the same ID is used, otherwise the first.
     - *explicit_by_id*: the kind of an explicit node comes from its ID, not from its tag.
     - *literals_checked*: a text that doesn't convert to the port's type is an error when the tree is loaded.

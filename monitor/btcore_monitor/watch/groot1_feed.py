@@ -271,7 +271,7 @@ class Groot1Feed:
         different = {uid: status for uid, status in received.items() if self._statuses[uid] != status}
         if self._is_certain and not any(different.values()):
             # A robot can be configured not to publish transitions to IDLE: StatusChangeLogger's
-            # enableTransitionToIdle(false). Then this is no gap.
+            # enableTransitionToIdle(false). Then this is not a gap.
             for uid in different:
                 self._report(uid, IDLE, t, wall, events)
         elif different:

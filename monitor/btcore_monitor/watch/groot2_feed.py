@@ -250,17 +250,17 @@ class Groot2Feed:
 
     def _source(self) -> DataSource:
         rate = self._boards.rate
-        polled = f"requested {rate:g} times a second" if rate else "not requested"
+        polled = f"requested {rate:g} times a second: short changes are not seen"
         lacks: dict[Topic, str] = {
             "ticks": NOT_SENT,
             "exceptions": NOT_SENT,
-            "blackboard": f"{polled}: changes between are unseen",
+            "blackboard": polled if rate else "not requested",
         }
         if self._validator is not None:
             return DataSource("Groot 2, recorded", lacks)
         reason = f" ({self._no_record})" if self._no_record else ""
         lacks["transitions"] = (
-            f"statuses are requested {1 / STATUS_EVERY:g} times a second{reason}: changes between are unseen"
+            f"statuses are requested {1 / STATUS_EVERY:g} times a second{reason}: short changes are not seen"
         )
         return DataSource("Groot 2, sampled", lacks)
 

@@ -135,7 +135,7 @@ class ClearanceGrid:
         # The least of three neighbouring rays, so that a single ray past an edge doesn't clear a cell.
         through = cv2.erode(ranges[None, :], _THREE_RAYS, borderType=cv2.BORDER_REPLICATE)[0]
         gone = in_view & (through[np.where(in_view, rays, 0)] > np.hypot(east, north) + _GONE)
-        # A keep-out is no obstacle, so that a ray that passes it proves nothing.
+        # A keep-out is not an obstacle, so that a ray that passes it proves nothing.
         kept = ~gone | (costmap.obstacles.values[rows, cols] != LETHAL)
         x, y = x[kept], y[kept]
         # The costmap's cells are twice as wide as those of this grid: four points mark the whole cell.

@@ -130,7 +130,7 @@ def test_success_may_be_a_script_over_the_columns() -> None:
     row = table.row(SWEEP.episode(3), record(3), None)
     assert table.is_success(row, compile_script("status == 'SUCCESS' && robot_distance_m > 1"))
     assert not table.is_success(row, compile_script("param_bb_x < 2"))
-    assert not table.is_success(row, compile_script("failed_at == 'a'")), "what has no value is no answer"
+    assert not table.is_success(row, compile_script("failed_at == 'a'")), "a missing value does not match"
     killed = table.row(SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3}, None)
     assert not table.is_success(killed, compile_script("seed < 100"))
 

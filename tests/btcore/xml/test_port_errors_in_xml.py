@@ -174,7 +174,7 @@ CASES = {
              |                                                    ^^^
         """,
     ),
-    "_autoremap that is no truth": (
+    "_autoremap that is not a bool": (
         ('<SubTree ID="A" _autoremap="yes"/>', {"A": "<AlwaysSuccess/>"}),
         PortError,
         """

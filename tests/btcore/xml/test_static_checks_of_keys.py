@@ -120,7 +120,7 @@ CASES = {
               its keys are 'door'
         """,
     ),
-    "handed over in vain: a SetBlackboard has a text like it, which is no key": (
+    "passed in vain: a SetBlackboard has the same text, which is not a key": (
         '<SubTree ID="Inner" door="open"/>',
         tree("Inner", '<Sequence><SetBlackboard value="door" output_key="x"/><Say text="{x}"/></Sequence>'),
         """

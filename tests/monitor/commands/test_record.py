@@ -154,10 +154,10 @@ def test_with_no_record_a_robots_buffer_is_left_to_its_owner(sample, record, tmp
         until(lambda: read_btlog(tmp_path / "run.btlog").statuses() == running, "how the nodes stand")
         assert len(decode_transitions(owner.request(Request.GET_TRANSITIONS).body)) == 5
         assert recorder.end(signal.SIGINT) == 0, recorder.stderr_text
-    assert "requested 20 times a second (--no-record): changes between are unseen" in recorder.stderr_text
+    assert "requested 20 times a second (--no-record): short changes are not seen" in recorder.stderr_text
     assert "blackboard: not requested" in recorder.stderr_text
     (gap,) = read_btlog(tmp_path / "run.btlog").gaps
-    assert "changes between are unseen" in gap.reason
+    assert "short changes are not seen" in gap.reason
 
 
 def test_a_recording_for_the_viewer_looks_as_asked_for(endless, record, tmp_path: Path) -> None:
@@ -252,14 +252,14 @@ def test_a_gap_of_numbers_is_marked_and_how_nodes_are_found_after_it(logs: list[
 def test_a_robot_that_was_away_and_one_that_ran_before_are_marked(logs: list[Path]) -> None:
     book = LogWriter(logs)
     sampled = DataSource(
-        "Groot 2, sampled", {"ticks": "not sent", "transitions": "changes between are unseen"}
+        "Groot 2, sampled", {"ticks": "not sent", "transitions": "short changes are not seen"}
     )
     book.show(TreeSeen(PICTURE, 0, WALL, {1: 1}, numbered=False, source=sampled))
     book.show(ConnectionChanged("lost", "no answer for 3 s"))
     book.show(TreeSeen(PICTURE, 5 * MS, WALL, {1: 2}, numbered=False))
     book.close()
     assert [gap.reason for gap in read_log(logs[0]).gaps] == [
-        "changes between are unseen",
+        "short changes are not seen",
         "the tree was running before the recording began",
         "the robot was away: no answer for 3 s",
     ]

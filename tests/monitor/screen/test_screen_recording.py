@@ -141,7 +141,7 @@ def test_the_robot_moves_with_its_laser_and_leaves_a_trail(thousand):
     assert len(frames) == ticks
     assert frames[9][1][0] == pytest.approx([0.3, 0.0, 0.1])
     points = recording.at("/scene/laser/points", "Points3D:positions", events[-2].t)
-    assert len(points) == 90  # ten readings without an echo are no points
+    assert len(points) == 90  # ten readings without an echo are not points
     assert np.linalg.norm(points[0]) == pytest.approx(2.0 + 0.5 * np.sin(ticks / 9), abs=1e-3)
     assert len(recording.of("/scene/trail", "LineStrips3D:strips")) == ticks - 1
     speeds = recording.of("/speed/v", "Scalars:scalars")

@@ -310,7 +310,7 @@ class AreErrorCodesPresent(Condition):
     default_codes: ClassVar[frozenset[int]] = frozenset()
 
     def tick(self) -> bool:
-        """Compare the code; an entry without a value is no error."""
+        """Compare the code; an entry without a value is not an error."""
         code = optional_input(self, "error_code")
         given = optional_input(self, "error_codes_to_check")
         codes = set(given) if isinstance(given, list | tuple) and given else self.default_codes
