@@ -1,4 +1,4 @@
-"""What tests of several packages share: the tree that recordings of BehaviorTree.CPP were made with."""
+"""Fixtures for the tests of several packages: the tree of the BehaviorTree.CPP recordings."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture
 def recorded_tree() -> Callable[[str], str]:
-    """Writes the document of that tree, with *inside* as the sequence in its subtree."""
+    """Return a function that writes the document of that tree, with *inside* as its subtree's sequence."""
 
     def write(inside: str) -> str:
         return f"""

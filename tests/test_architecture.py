@@ -1,4 +1,4 @@
-"""Which package and folder may import which, read from the source."""
+"""Checks of the imports between packages and folders, read from the source code."""
 
 import ast
 import sys
@@ -18,7 +18,7 @@ PARENTS = {
     "btcore_scene": "monitor",
     "btcore_sim": "sim",
 }
-# The engine's rooms from the ground floor up: a file imports from its own line and from those above it.
+# The layers of the engine from the bottom up: a file imports from its own line and from the lines above it.
 LAYERS = (
     {"status", "errors", "diagnostic_codes", "clock", "names", "suggestions", "builds", "flatbuffer"},
     {"values"},
@@ -46,7 +46,7 @@ LAYERS = (
     {"program_runner"},
     {"sweep"},
 )
-NAMELESS = {"utils", "util", "helpers", "helper", "common", "misc", "base", "manager"}
+GENERIC_NAMES = {"utils", "util", "helpers", "helper", "common", "misc", "base", "manager"}
 
 
 def module_name(path: Path, parent: Path) -> str:
@@ -63,7 +63,7 @@ SOURCES = {
 
 @cache
 def imports(module: str, *, for_types: bool = False) -> set[str]:
-    """The modules that *module* imports anywhere in its text; those for type checking only if asked for."""
+    """Return the modules that *module* imports; imports for type checking only if *for_types*."""
     found: set[str] = set()
     pending: list[ast.AST] = [ast.parse(SOURCES[module].read_text(encoding="utf-8"))]
     while pending:
@@ -82,7 +82,7 @@ def imports(module: str, *, for_types: bool = False) -> set[str]:
 
 
 def origin(module: str, statement: ast.ImportFrom) -> str:
-    """The absolute name of what *statement* imports from."""
+    """Return the absolute name of the module that *statement* imports from."""
     if not statement.level:
         return str(statement.module)
     package = module.split(".") if SOURCES[module].name == "__init__.py" else module.split(".")[:-1]
@@ -90,8 +90,8 @@ def origin(module: str, statement: ast.ImportFrom) -> str:
     return ".".join([*here, statement.module] if statement.module else here)
 
 
-def offenders(importer: str, imported: str, *, but: tuple[str, ...] = ()) -> list[str]:
-    """``importer → imported`` for every edge between two packages, *but* for importers below these."""
+def violations(importer: str, imported: str, *, but: tuple[str, ...] = ()) -> list[str]:
+    """Return ``importer → imported`` for each import between two packages, except for importers in *but*."""
     return [
         f"{module} → {name}"
         for module in SOURCES
@@ -109,18 +109,18 @@ def layer(module: str) -> int:
     rooms = module.split(".")[1:]
     names = {".".join(rooms[:1]), ".".join(rooms[:2])}
     if names == {"xml"}:
-        return 0  # the package's docstring
+        return 0  # the package itself contains only a docstring
     places = [rank for rank, rooms in enumerate(LAYERS) if names & rooms]
     assert places, f"{module}: give its folder a place in LAYERS"
     return places[0]
 
 
 @pytest.mark.parametrize("stranger", ["btcore_monitor", "btcore_robot", "btcore_scene", "btcore_sim"])
-def test_the_engine_does_not_know_the_packages_around_it(stranger: str) -> None:
-    assert offenders("btcore", stranger) == []
+def test_engine_does_not_import_the_other_packages(stranger: str) -> None:
+    assert violations("btcore", stranger) == []
 
 
-def test_the_monitors_client_side_knows_nothing_of_the_engine() -> None:
+def test_monitor_client_imports_only_flatbuffer_of_the_engine() -> None:
     commands = (
         "btcore_monitor.run_extension",
         "btcore_monitor.commands.monitor",
@@ -128,13 +128,13 @@ def test_the_monitors_client_side_knows_nothing_of_the_engine() -> None:
         "btcore_monitor.commands.record",
         "btcore_monitor.commands.replay",
     )
-    reached = offenders("btcore_monitor", "btcore", but=("btcore_monitor.serve", *commands))
+    reached = violations("btcore_monitor", "btcore", but=("btcore_monitor.serve", *commands))
     assert {edge.split(" → ")[1] for edge in reached} <= {"btcore.flatbuffer"}
     assert {name.split(".")[0] for name in imports("btcore.flatbuffer")} <= sys.stdlib_module_names
-    assert offenders("btcore_monitor", "btcore_robot") + offenders("btcore_monitor", "btcore_sim") == []
+    assert violations("btcore_monitor", "btcore_robot") + violations("btcore_monitor", "btcore_sim") == []
 
 
-def test_the_messages_of_a_scene_need_only_the_standard_library() -> None:
+def test_scene_messages_need_only_the_standard_library() -> None:
     assert {name.split(".")[0] for name in imports("btcore_scene")} <= set(sys.stdlib_module_names)
 
 
@@ -149,35 +149,35 @@ SHARED = (
 )
 
 
-def test_the_body_knows_of_the_mind_only_the_robot_protocol_and_maps() -> None:
+def test_simulation_imports_only_the_robot_protocol_and_maps() -> None:
     assert (
-        offenders("btcore_sim", "btcore")
-        + offenders("btcore_sim", "btcore_monitor")
-        + offenders("btcore_robot", "btcore_sim")
+        violations("btcore_sim", "btcore")
+        + violations("btcore_sim", "btcore_monitor")
+        + violations("btcore_robot", "btcore_sim")
         == []
     )
-    assert {edge.split(" → ")[1] for edge in offenders("btcore_sim", "btcore_robot")} <= {
+    assert {edge.split(" → ")[1] for edge in violations("btcore_sim", "btcore_robot")} <= {
         *SHARED,
         MAP,
     }
     for module in SHARED:
-        assert strangers(module) <= {"numpy", "numpy.typing"}
-    assert strangers(MAP) <= {"numpy", "numpy.typing", "cv2", "yaml"}
+        assert third_party_imports(module) <= {"numpy", "numpy.typing"}
+    assert third_party_imports(MAP) <= {"numpy", "numpy.typing", "cv2", "yaml"}
     assert imports("btcore_robot") == imports("btcore_robot.navigation") == set()
 
 
-def strangers(module: str) -> set[str]:
-    """What *module* imports, itself or by what it imports, that is neither ours nor Python's."""
+def third_party_imports(module: str) -> set[str]:
+    """Return the third-party modules that *module* imports directly or indirectly."""
     found: set[str] = set()
     for name in imports(module):
         if name in SOURCES:
-            found |= strangers(name)
+            found |= third_party_imports(name)
         elif name.split(".")[0] not in sys.stdlib_module_names:
             found.add(name)
     return found
 
 
-def test_navigation_reaches_the_robot_by_its_protocol_alone() -> None:
+def test_navigation_uses_the_robot_only_through_its_protocol() -> None:
     reached = {name for module in SOURCES if inside(module, "btcore_robot") for name in imports(module)}
     assert not any(
         inside(name, guest) for name in reached for guest in ("btcore_sim", "pybullet", "btcore_monitor")
@@ -189,22 +189,22 @@ def test_navigation_reaches_the_robot_by_its_protocol_alone() -> None:
 SERVERS_WITH_TREES = ("btcore_robot.navigation.navigator", "btcore_robot.navigation.nodes")
 
 
-def test_the_servers_of_the_robot_know_nothing_of_trees() -> None:
+def test_robot_servers_do_not_import_the_engine() -> None:
     for room in ("navigation", "control", "perception", "process"):
-        assert offenders(f"btcore_robot.{room}", "btcore", but=SERVERS_WITH_TREES) == []
+        assert violations(f"btcore_robot.{room}", "btcore", but=SERVERS_WITH_TREES) == []
 
 
 @pytest.mark.parametrize("package", ["btcore_monitor", "btcore_robot", "btcore_sim"])
-def test_other_packages_import_nothing_of_the_command_line(package: str) -> None:
-    assert offenders(package, "btcore.cli") == []
+def test_other_packages_do_not_import_the_command_line(package: str) -> None:
+    assert violations(package, "btcore.cli") == []
 
 
 @pytest.mark.parametrize(("guest", "room"), [("rerun", "btcore_monitor.screen"), ("pybullet", "btcore_sim")])
 def test_a_heavy_dependency_is_imported_in_one_package_only(guest: str, room: str) -> None:
-    assert offenders("", guest, but=(room,)) == []
+    assert violations("", guest, but=(room,)) == []
 
 
-def test_inside_the_engine_imports_go_down_the_layers_only() -> None:
+def test_engine_imports_follow_the_layers() -> None:
     upward = [
         f"{module} → {name}"
         for module in SOURCES
@@ -215,7 +215,7 @@ def test_inside_the_engine_imports_go_down_the_layers_only() -> None:
     assert upward == []
 
 
-def test_no_module_imports_itself_by_a_detour() -> None:
+def test_there_are_no_import_cycles() -> None:
     done: set[str] = set()
 
     def visit(module: str, trail: tuple[str, ...]) -> None:
@@ -229,7 +229,7 @@ def test_no_module_imports_itself_by_a_detour() -> None:
         visit(module, ())
 
 
-def test_a_built_in_node_imports_only_what_a_users_node_may() -> None:
+def test_built_in_nodes_import_only_the_public_api() -> None:
     public = {*btcore._HOMES, "btcore.builds", "btcore.values"}
     for module in SOURCES:
         if inside(module, "btcore.nodes"):
@@ -239,4 +239,4 @@ def test_a_built_in_node_imports_only_what_a_users_node_may() -> None:
 
 
 def test_no_module_has_a_generic_name() -> None:
-    assert [module for module in SOURCES if NAMELESS & set(module.split("."))] == []
+    assert [module for module in SOURCES if GENERIC_NAMES & set(module.split("."))] == []

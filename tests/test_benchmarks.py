@@ -22,8 +22,8 @@ FILES = sorted(BENCHMARKS.glob("*.py"))
 
 
 @cache
-def told_by(file: Path) -> dict[str, Any]:
-    """What a benchmark measures in its tiny size."""
+def run_benchmark(file: Path) -> dict[str, Any]:
+    """Return the results of a benchmark in its tiny size."""
     command = [sys.executable, str(file), "--quick", "--pairs", "1", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
@@ -36,15 +36,15 @@ def test_a_benchmark_runs(file: Path) -> None:
     for module in NEEDS.get(file.stem, ()):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} isn't installed")
-    told = told_by(file)
+    told = run_benchmark(file)
     assert told["benchmark"] == file.stem
     assert told["rows"]
     assert all(0 < row["low"] <= row["median"] <= row["high"] for row in told["rows"])
 
 
 @pytest.mark.skipif(importlib.util.find_spec("py_trees") is None, reason="py_trees isn't installed")
-def test_ticking_is_measured_beside_py_trees_and_a_loop_with_a_target_for_each_tree() -> None:
-    rows = {row["what"]: row for row in told_by(BENCHMARKS / "ticking.py")["rows"]}
+def test_ticking_benchmark_compares_py_trees_and_a_loop_and_has_targets() -> None:
+    rows = {row["what"]: row for row in run_benchmark(BENCHMARKS / "ticking.py")["rows"]}
     for tree in ("bump-and-go", "deep", "wide"):
         assert "target" in rows[f"{tree}, class leaves: py_trees / btcore"]
     assert "wide, class leaves: btcore / the loop" in rows

@@ -1,4 +1,4 @@
-"""Every example runs, and says what it says here."""
+"""Every example runs and prints the expected lines."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-SAYS = {
+EXPECTED_OUTPUT = {
     "01_first_tree.py": ["battery 90%: SUCCESS, alarm off", "battery 10%: SUCCESS, alarm on"],
     "02_stateful_action.py": [
         "  gripper at rest",
@@ -22,17 +22,17 @@ SAYS = {
 
 
 def test_every_example_is_run() -> None:
-    assert sorted(SAYS) == sorted(path.name for path in EXAMPLES.glob("*.py"))
+    assert sorted(EXPECTED_OUTPUT) == sorted(path.name for path in EXAMPLES.glob("*.py"))
 
 
-@pytest.mark.parametrize("name", sorted(SAYS))
-def test_an_example_says_what_it_should(name: str) -> None:
+@pytest.mark.parametrize("name", sorted(EXPECTED_OUTPUT))
+def test_example_prints_the_expected_lines(name: str) -> None:
     path = EXAMPLES / name
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 60
     done = subprocess.run(
         [sys.executable, path], capture_output=True, text=True, timeout=100, check=True, cwd=EXAMPLES.parent
     )
     lines = done.stdout.splitlines()
-    assert len(lines) == len(SAYS[name])
-    for line, said in zip(lines, SAYS[name], strict=True):
+    assert len(lines) == len(EXPECTED_OUTPUT[name])
+    for line, said in zip(lines, EXPECTED_OUTPUT[name], strict=True):
         assert line.endswith(said)

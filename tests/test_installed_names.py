@@ -1,4 +1,4 @@
-"""An install shares a project with the user's own modules, and type checkers follow it."""
+"""btcore works beside a user's modules of the same names, and type checkers find its types."""
 
 import importlib.util
 import shutil
@@ -14,7 +14,7 @@ APP = ROOT / "tests" / "typing" / "app.py"
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
-    """A user's project whose own modules have the names of our top-level folders."""
+    """Create a user's project whose modules have the names of our top-level folders."""
     (tmp_path / "monitor.py").write_text("NAME = 'their monitor'\n", encoding="utf-8")
     for name in ("sim", "robot_nodes", "trees"):
         (tmp_path / name).mkdir()
@@ -26,7 +26,7 @@ def project(tmp_path: Path) -> Path:
 
 
 def python(project: Path, *arguments: str) -> str:
-    """Run Python in *project* and return what it printed. Fails the test if it fails."""
+    """Run Python in *project* and return its output. A non-zero exit status fails the test."""
     done = subprocess.run(
         [sys.executable, *arguments], cwd=project, capture_output=True, text=True, timeout=100, check=False
     )
@@ -34,7 +34,7 @@ def python(project: Path, *arguments: str) -> str:
     return done.stdout
 
 
-def test_their_modules_and_ours_are_imported_side_by_side(project: Path) -> None:
+def test_user_modules_and_btcore_packages_are_imported_side_by_side(project: Path) -> None:
     (project / "main.py").write_text(
         "import monitor, robot_nodes, sim, trees\n"
         "import btcore, btcore_monitor.serve, btcore_robot.robot, btcore_sim.world\n"
@@ -59,17 +59,17 @@ def test_their_modules_and_ours_are_imported_side_by_side(project: Path) -> None
     ],
     ids=lambda arguments: arguments[0],
 )
-def test_commands_run_in_their_project(project: Path, arguments: tuple[str, ...]) -> None:
+def test_commands_run_in_a_user_project(project: Path, arguments: tuple[str, ...]) -> None:
     assert python(project, "-m", "btcore", *arguments)
 
 
 @pytest.mark.parametrize("example", ["01_first_tree.py", "04_bump_and_go.py", "05_watch_a_tree.py"])
-def test_examples_run_in_their_project(project: Path, example: str) -> None:
+def test_examples_run_in_a_user_project(project: Path, example: str) -> None:
     shutil.copy(ROOT / "examples" / example, project)
     assert python(project, example)
 
 
-def test_an_installed_command_runs_in_their_project(project: Path) -> None:
+def test_installed_command_runs_in_a_user_project(project: Path) -> None:
     command = Path(sys.executable).with_name("btcore")
     if not command.exists():
         pytest.skip("btcore isn't installed in this environment")

@@ -1,4 +1,4 @@
-"""What is installed is what is here."""
+"""The packaging metadata match the files of the repository."""
 
 import tomllib
 from pathlib import Path
@@ -9,7 +9,7 @@ PARENTS = PROJECT["tool"]["setuptools"]["packages"]["find"]["where"]
 PACKAGES = {"btcore", "btcore_monitor", "btcore_robot", "btcore_scene", "btcore_sim"}
 
 
-def test_every_package_of_the_checkout_is_installed_and_named_btcore() -> None:
+def test_every_package_is_installed_and_named_btcore() -> None:
     found = {path.parent.name for parent in PARENTS for path in (ROOT / parent).glob("*/__init__.py")}
     assert found == PACKAGES
     for parent in PARENTS:
@@ -17,12 +17,12 @@ def test_every_package_of_the_checkout_is_installed_and_named_btcore() -> None:
             assert (path.parent / "__init__.py").exists(), f"{path.parent} has no __init__.py"
 
 
-def test_the_engine_alone_asks_for_no_screen_and_no_robot() -> None:
+def test_engine_dependencies_exclude_the_monitor_and_the_robot() -> None:
     needed = {requirement.split(">")[0] for requirement in PROJECT["project"]["dependencies"]}
     assert needed == {"click", "lxml", "mypy-extensions", "rich"}
 
 
-def test_every_file_that_a_package_reads_is_installed_with_it() -> None:
+def test_every_data_file_is_installed_with_its_package() -> None:
     listed = PROJECT["tool"]["setuptools"]["package-data"]
     packages = [path for parent in PARENTS for name in PACKAGES if (path := ROOT / parent / name).is_dir()]
     installed = {path for package in packages for one in listed[package.name] for path in package.glob(one)}
@@ -35,7 +35,7 @@ def test_every_file_that_a_package_reads_is_installed_with_it() -> None:
     assert there <= installed
 
 
-def test_wheels_are_built_for_every_python_and_system_and_tested_as_compiled_ones() -> None:
+def test_wheels_are_built_for_every_python_and_tested_as_compiled_builds() -> None:
     wheels = PROJECT["tool"]["cibuildwheel"]
     assert wheels["environment"]["BTCORE_COMPILED"] == "1"
     assert wheels["test-environment"]["BTCORE_EXPECT"] == "compiled"

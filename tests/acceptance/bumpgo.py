@@ -15,7 +15,7 @@ LEAST_FACTOR = 15.0
 
 
 def bumpgo(tree: str, world: str, *, grazes: bool) -> Case:
-    """A tree in a world, and whether grazes are misses too."""
+    """Return the case of *tree* in *world*; with *grazes*, a graze is a miss, too."""
 
     def misses(result: Result) -> list[str]:
         robot, found = result["robot"], []
@@ -35,7 +35,7 @@ CASES = (bumpgo("bumpgo", "arena", grazes=False), bumpgo("bumpgo_wide", "arena_b
 
 
 def row(case: Case, found: list[Result]) -> tuple[str, list[str]]:
-    """A line of the table, and a sentence for each miss."""
+    """Return a line of the table, and a message for each miss."""
     missed = failure_messages(case, found)
     whole = [one for one in found if "error" not in one]
     if not whole:
@@ -51,7 +51,7 @@ def row(case: Case, found: list[Result]) -> tuple[str, list[str]]:
 
 
 def main() -> int:
-    """Run, print the table, and tell by the exit code whether all is well."""
+    """Run the cases, print the table, and return 1 if there is a miss, otherwise 0."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=200, help="how many (default: %(default)s)")
     parser.add_argument(

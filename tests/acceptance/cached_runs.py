@@ -1,7 +1,7 @@
-"""Runs of the command line over many seeds, on all cores, which go on where they were interrupted.
+"""Runs of the command line over many seeds, on all cores; an interrupted series can be resumed.
 
-Results are lines of JSON in .accept/, in files named after a digest of the sources, so that no result
-outlives what it was got with.
+Results are lines of JSON in .accept/. The files are named after a digest of the sources: a change of the
+sources invalidates the results.
 """
 
 import json
@@ -24,7 +24,7 @@ Result = dict[str, Any]
 
 @dataclass(frozen=True)
 class Case:
-    """``btcore run`` with *arguments*; *misses* tells what one result falls short of."""
+    """``btcore run`` with *arguments*; *misses* returns the requirements that a result does not meet."""
 
     name: str
     arguments: tuple[str, ...]
@@ -32,13 +32,13 @@ class Case:
 
     @property
     def file(self) -> Path:
-        """Where its results are kept."""
+        """The file of its results."""
         return RESULTS / f"{self.name.replace(' ', '-')}-{sources()}.jsonl"
 
 
 @cache
 def sources() -> str:
-    """A digest of everything that a run depends on."""
+    """Return a digest of all files that a run depends on."""
     digest = sha256()
     for room in ("btcore", "robot_nodes", "sim", "trees"):
         for path in sorted((ROOT / room).rglob("*")):
@@ -48,11 +48,11 @@ def sources() -> str:
 
 
 def run(case: Case, seed: int) -> Result:
-    """One run by the command line, in a process of its own, with its seed."""
+    """Run *case* with *seed* by the command line, in a separate process."""
     command = [sys.executable, "-m", "btcore", "run", *case.arguments]
     command += ["--fast", "--json", "--seed", str(seed)]
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    # Several runs share the cores already: more threads in one only wait for each other.
+    # Several runs share the cores already: more threads in a run would only wait for each other.
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     environment = {**os.environ, "PYTHONPATH": path, **threads}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
@@ -61,8 +61,8 @@ def run(case: Case, seed: int) -> Result:
     return {"seed": seed, **json.loads(done.stdout.splitlines()[-1])}
 
 
-def known(case: Case) -> dict[int, Result]:
-    """The results there are, by seed; a line that an interruption cut is dropped."""
+def saved_results(case: Case) -> dict[int, Result]:
+    """Return the saved results, by seed; a line that an interruption cut off is ignored."""
     found: dict[int, Result] = {}
     if case.file.exists():
         for line in case.file.read_text(encoding="utf-8").splitlines():
@@ -76,12 +76,12 @@ def known(case: Case) -> dict[int, Result]:
 
 
 def results(case: Case, seeds: Sequence[int], workers: int) -> list[Result]:
-    """The results of *seeds*, in their order: those that are known, and the others, *workers* at a time."""
+    """Return the results of *seeds*, in their order; missing results are computed, *workers* at a time."""
     return sorted(_results(case, seeds, workers), key=lambda one: int(one["seed"]))
 
 
 def _results(case: Case, seeds: Sequence[int], workers: int) -> Iterator[Result]:
-    before = known(case)
+    before = saved_results(case)
     yield from (before[seed] for seed in seeds if seed in before)
     case.file.parent.mkdir(exist_ok=True)
     with case.file.open("a", encoding="utf-8") as file, ThreadPoolExecutor(workers) as pool:
@@ -94,7 +94,7 @@ def _results(case: Case, seeds: Sequence[int], workers: int) -> Iterator[Result]
 
 
 def failure_messages(case: Case, found: Sequence[Result]) -> list[str]:
-    """A sentence for each miss."""
+    """Return a message for each miss."""
     return [
         f"{case.name}, seed {one['seed']}: {miss}"
         for one in found

@@ -1,7 +1,7 @@
 """Fuzzing: mutated trees, scripts and port texts give results or clean errors, soon and in bounded memory.
 
 ``python tests/acceptance/fuzz.py --inputs 100000`` uses all cores. Every input follows from its number and
-the seed, so that one that is reported can be run again alone: ``--only trees:1234``. It prints a table,
+the seed, so that a reported input can be run again alone: ``--only trees:1234``. It prints a table,
 and exits with 1 when anything but a BtcoreError was raised, or when an input took over 1 s.
 """
 
@@ -28,7 +28,7 @@ from btcore.xml.read.document import parse_text
 
 DATA = Path(__file__).parents[1] / "conformance" / "data"
 LIMIT = 1.0
-"""What one input may take (s)."""
+"""The time limit of an input (s)."""
 CHUNK = 500
 PIECES = [
     "<", ">", "&", "&#0;", "&amp;", "'", '"', "/", "{", "}", "{=}", "{@a}", "{ a }", "=", "]]>", "<!--",
@@ -81,7 +81,7 @@ def tree(chance: random.Random) -> None:
     try:
         validate_document(parse_text(text), nodes=nodes, format=format)
         made = loads(text, nodes=nodes, resources=[CallLog()], format=format, clock=SimClock())
-        # A Repeat of format 3 does all its cycles in one tick, however many the mutation asks for.
+        # A Repeat of format 3 does all its cycles in one tick, and a mutation may demand any number.
         for _ in range(3 if made.format == 4 else 0):
             made.tick_once()
     except BtcoreError as fault:
@@ -121,7 +121,7 @@ KINDS: dict[str, tuple[Callable[[random.Random], None], float]] = {
 
 
 def run(kind: str, seed: int, numbers: range) -> tuple[str, list[str], float, float]:
-    """Run inputs *numbers*: the kind, what went wrong, the slowest (s), and the memory at its peak (MB)."""
+    """Run the inputs *numbers*; return the kind, failures, longest time (s) and peak memory (MB)."""
     wrong, slowest = [], 0.0
     for number in numbers:
         began = time.perf_counter()
@@ -137,7 +137,7 @@ def run(kind: str, seed: int, numbers: range) -> tuple[str, list[str], float, fl
 
 
 def main(arguments: list[str]) -> int:
-    """Run what *arguments* ask for; the exit code."""
+    """Run the command line *arguments*, and return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--inputs", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)

@@ -1,4 +1,4 @@
-"""Maps by exploration: both houses are explored, the maps held against the truth, and patrolled on.
+"""Maps by exploration: explore both houses, compare the maps with the true maps, and patrol on them.
 
 ``python tests/acceptance/mapping.py`` prints a table, and exits with 1 on any miss.
 """
@@ -18,13 +18,15 @@ from btcore_sim.scene import load_scene
 
 HOUSES = ("house", "aws_house")
 NEAR = 2
-"""How many cells off a wall may be."""
+"""The largest allowed distance of a wall from its true place (cells)."""
 LEAST_RIGHT, LEAST_FOUND = 0.95, 0.90
-"""The least share of what the map has that is true, and of what is true and can be seen that the map has."""
+"""The least share of the map's walls that are true, and of the true visible walls that the map has."""
 
 
-def away(one: OccupancyMap, cells: NDArray[np.bool_], other: OccupancyMap) -> NDArray[np.float64]:
-    """How far (m) each of *cells* of *one* is from the nearest occupied cell of *other*."""
+def distances_to_occupied(
+    one: OccupancyMap, cells: NDArray[np.bool_], other: OccupancyMap
+) -> NDArray[np.float64]:
+    """Return the distance (m) of each of *cells* of *one* from the nearest occupied cell of *other*."""
     places = one.centers(*np.nonzero(cells))
     found = other.indices(places)
     on = (found >= 0).all(axis=1) & (found < other.cells.shape).all(axis=1)
@@ -33,8 +35,8 @@ def away(one: OccupancyMap, cells: NDArray[np.bool_], other: OccupancyMap) -> ND
     return distance
 
 
-def faces(map: OccupancyMap) -> NDArray[np.bool_]:
-    """The occupied cells that free floor lies beside: what a laser could see."""
+def visible_walls(map: OccupancyMap) -> NDArray[np.bool_]:
+    """Return the occupied cells next to free floor, which a laser could see."""
     free = np.pad(map.free, 1)
     height, width = map.cells.shape
     beside = np.zeros(map.cells.shape, dtype=np.bool_)
@@ -45,7 +47,7 @@ def faces(map: OccupancyMap) -> NDArray[np.bool_]:
 
 
 def explored(house: str, file: Path) -> Case:
-    """Explore *house*, and save the map as *file*."""
+    """Return the case of exploring *house* and saving the map as *file*."""
     true = rasterise(load_scene(house))
 
     def misses(result: Result) -> list[str]:
@@ -55,8 +57,8 @@ def explored(house: str, file: Path) -> Case:
             found.append(f"it ended with {result['status']}")
         made = load_map(file)
         limit = NEAR * true.resolution + 1e-3
-        result["right"] = float(np.mean(away(made, made.occupied, true) <= limit))
-        result["found"] = float(np.mean(away(true, faces(true), made) <= limit))
+        result["right"] = float(np.mean(distances_to_occupied(made, made.occupied, true) <= limit))
+        result["found"] = float(np.mean(distances_to_occupied(true, visible_walls(true), made) <= limit))
         if result["right"] < LEAST_RIGHT:
             found.append(f"only {result['right']:.3f} of what is occupied is a wall")
         if result["found"] < LEAST_FOUND:
@@ -78,7 +80,7 @@ def explored(house: str, file: Path) -> Case:
 
 
 def patrolled(house: str, file: Path) -> Case:
-    """Patrol *house* on the map that was made."""
+    """Return the case of patrolling *house* on the map in *file*."""
 
     def misses(result: Result) -> list[str]:
         robot = result["robot"]
@@ -95,7 +97,7 @@ def patrolled(house: str, file: Path) -> Case:
 
 
 def main() -> int:
-    """Run, print the table, and tell by the exit code whether all is well."""
+    """Run the cases, print the table, and return 1 if there is a miss, otherwise 0."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=5, help="explorations a house (default: %(default)s)")
     parser.add_argument("--only", default="", metavar="TEXT", help="the houses with TEXT in their name")

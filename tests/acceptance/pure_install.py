@@ -1,7 +1,7 @@
-"""Installing where compiling fails: the pure build, whole, and nothing left of the compiled one.
+"""Installing where compiling fails gives the complete pure build, without compiled files.
 
 ``python tests/acceptance/pure_install.py`` makes a wheel for each way to fail, prints what is in it, and
-exits with 1 when a wheel isn't the one that is promised. It takes some 15 s of a processor for each.
+exits with 1 when a wheel is not the complete pure build. Each wheel takes some 15 s of processor time.
 """
 
 import argparse
@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("btcore", "monitor", "robot_nodes", "sim", "trees", "benchmarks")
 FILES = ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE")
 
-# A compiler that gets as far as the library, quickly, since it puts nothing in it, and fails at what follows.
+# A compiler that quickly compiles an empty file in place of the first file, and fails after that.
 HALFWAY = """
 import pathlib, subprocess, sys
 folder = pathlib.Path(__file__).parent
@@ -34,7 +34,7 @@ sys.exit(subprocess.call(["cc", *arguments]))
 
 
 def wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
-    """The wheel that pip makes of a copy of the checkout, in *environment*."""
+    """Return the wheel that pip builds from a copy of the checkout, in *environment*."""
     checkout, dist = folder / name, folder / f"{name}-dist"
     for package in PACKAGES:
         unwanted = shutil.ignore_patterns("__pycache__", "*.so")
@@ -47,7 +47,7 @@ def wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
 
 
 def misses(made: Path) -> list[str]:
-    """What is wrong with the wheel *made*, where a pure one is promised."""
+    """Return how the wheel *made* differs from a complete pure build."""
     with zipfile.ZipFile(made) as archive:
         names = archive.namelist()
     found = [f"{name} is compiled" for name in names if name.endswith((".so", ".pyd"))]
@@ -59,7 +59,7 @@ def misses(made: Path) -> list[str]:
 
 
 def main() -> int:
-    """Make the wheels, and tell by the exit code whether all is well."""
+    """Build the wheels, and return 1 if there is a miss, otherwise 0."""
     argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0]).parse_args()
     missed = 0
     with tempfile.TemporaryDirectory() as name:
@@ -67,7 +67,7 @@ def main() -> int:
         compiler = folder / "compiler.py"
         compiler.write_text(HALFWAY, encoding="utf-8")
         cases = {
-            "pure asked for": {"BTCORE_PURE": "1"},
+            "pure build requested": {"BTCORE_PURE": "1"},
             "no compiler": {"CC": str(folder / "absent")},
             "a compiler that fails halfway": {"CC": f"{sys.executable} {compiler}"},
         }
@@ -76,7 +76,7 @@ def main() -> int:
             print(f"installing: {case:32} {'; '.join(found[:3]) or 'the pure build, whole'}", flush=True)
             missed += len(found)
         if not (folder / "made").exists():
-            print("miss: the compiler that fails halfway was never asked")
+            print("miss: the compiler that fails halfway was never called")
             missed += 1
     return 1 if missed else 0
 

@@ -1,6 +1,6 @@
 """A patrol of ten minutes is recorded without a missing transition, counted against the in-process logger.
 
-``python tests/acceptance/recording.py`` records one by the wire (``--save``) and by its own log (``--log``),
+``python tests/acceptance/recording.py`` records a run by the wire (``--save``) and by its log (``--log``),
 compares the two transition by transition, and exits with 1 on any difference.
 """
 
@@ -22,12 +22,12 @@ Change = tuple[int, ...]
 
 
 def recorded(path: Path) -> list[Change]:
-    """(number, uid, previous, status) of every transition in a recording, by number."""
+    """Return (number, uid, previous, status) of every transition in a recording, by number."""
     return sorted(rows(path))
 
 
 def rows(path: Path) -> Iterator[Change]:
-    """The same in the order of the file."""
+    """Yield the transitions of a recording in the order of the file."""
     for chunk in RrdReader(path).stream():
         if str(chunk.entity_path) == "/log/numbers":
             batch = chunk.to_record_batch()
@@ -36,7 +36,7 @@ def rows(path: Path) -> Iterator[Change]:
 
 
 def logged(path: Path) -> list[Change]:
-    """The same by the in-process logger."""
+    """Return the transitions in a log of the in-process logger, in the same form as recorded()."""
     return [
         (number, one.uid, int(one.previous), int(one.status))
         for number, one in enumerate(read_btlog(path).transitions, start=1)
@@ -44,7 +44,7 @@ def logged(path: Path) -> list[Change]:
 
 
 def main() -> int:
-    """Run, compare, and tell by the exit code whether all is well."""
+    """Run, compare the files, and return 1 if they differ, otherwise 0."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seed", type=int, default=5)
     parser.add_argument("--duration", type=float, default=600.0, help="s of the robot's time")

@@ -1,8 +1,8 @@
 """A sweep of bump-and-go: no episode lost though a worker is killed, the cores busy, the same table twice.
 
 ``python tests/acceptance/sweep.py --episodes 1000`` prints what it found, and exits with 1 on any miss. The
-share of the cores is judged from 500 episodes on: it counts the start of the workers too, but not what others
-took of the cores meanwhile.
+share of the cores is judged from 500 episodes on. It includes the start of the workers, but not the time that
+other processes took.
 """
 
 import argparse
@@ -28,12 +28,12 @@ TWICE = 100
 
 
 class Swept(NamedTuple):
-    """What ``--json`` told, the seconds it took, the *share* of the cores that it used, and of what was left.
+    """The output of ``--json``, the time it took (s), and the *share* of the cores that the sweep used.
 
-    What other processes took wasn't *left*.
+    *left* is its share of the processor time that other processes left.
     """
 
-    told: dict[str, Any]
+    summary: dict[str, Any]
     wall: float
     share: float
     left: float
@@ -66,7 +66,7 @@ def kill_a_worker(process: "subprocess.Popen[str]", folder: Path, when: int) -> 
         if process.poll() is not None:
             return
         time.sleep(0.2)
-    # Beside workers there is what watches over their shared memory.
+    # The children include the process that tracks shared memory, which is not a worker.
     workers = [
         one
         for one in psutil.Process(process.pid).children(recursive=True)
@@ -76,7 +76,7 @@ def kill_a_worker(process: "subprocess.Popen[str]", folder: Path, when: int) -> 
 
 
 def main() -> int:
-    """Run, print what was found, and tell by the exit code whether all is well."""
+    """Run the sweeps, print the results, and return 1 if there is a miss, otherwise 0."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--episodes", type=int, default=1000, help="how many (default: %(default)s)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="workers (default: one a core)")
@@ -91,26 +91,28 @@ def main() -> int:
             episodes = [int(row["episode"]) for row in csv.DictReader(file)]
         head = (whole / "results.csv").read_bytes().splitlines()[: twice + 1]
         same = head == (part / "results.csv").read_bytes().splitlines()
-    told = done.told
-    print(f"{told['done']} episodes of {DURATION} s: {told['succeeded']} succeeded, in {done.wall:.0f} s")
+    summary = done.summary
+    print(
+        f"{summary['done']} episodes of {DURATION} s: {summary['succeeded']} succeeded, in {done.wall:.0f} s"
+    )
     print(
         f"{done.share:.0%} of {options.jobs} cores, {done.left:.0%} of what others left of them; workers "
-        f"played {told['workers']['busy']:.0%} of the time; {told['workers']['deaths']} worker died"
+        f"played {summary['workers']['busy']:.0%} of the time; {summary['workers']['deaths']} worker died"
     )
     print(f"the table of the first {twice}, made again: {'the same' if same else 'another'}")
     if episodes != list(range(options.episodes)):
         missed.append(f"{len(episodes)} rows, and not each of {options.episodes} episodes once")
-    missed += [f"seed {one['seed']}: {one['status']} {one['error'] or ''}" for one in told["failed"]]
-    if told["workers"]["deaths"] == 0:
+    missed += [f"seed {one['seed']}: {one['status']} {one['error'] or ''}" for one in summary["failed"]]
+    if summary["workers"]["deaths"] == 0:
         missed.append("the worker that was killed wasn't noticed")
     if not same:
         missed.append("the same sweep gave another table")
-    collisions = told["figures"]["robot.collisions"]["max"]
+    collisions = summary["figures"]["robot.collisions"]["max"]
     if collisions:
         missed.append(f"{collisions:g} collisions in one episode")
     if options.episodes >= JUDGED_FROM and done.left < LEAST_SHARE:
         missed.append(f"{done.left:.0%} of the free cores were used, and not {LEAST_SHARE:.0%}")
-    for one in [*missed, *([] if again.told["done"] == twice else ["the second sweep isn't whole"])]:
+    for one in [*missed, *([] if again.summary["done"] == twice else ["the second sweep isn't whole"])]:
         print(f"miss: {one}")
     return 1 if missed else 0
 

@@ -1,4 +1,4 @@
-"""What the engine's tests share: simulated time, a journal of planned leaves, a way to grow a tree."""
+"""Fixtures of the engine's tests: simulated time, a call log of planned leaves, a factory of trees."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from btcore.testing.plan_leaves import CallLog
 
 
 class TreeFactory:
-    """Makes trees of the planned leaves and others, on one clock and with one journal."""
+    """Builds trees of planned leaves and other nodes, on one clock and with one call log."""
 
     def __init__(self, clock: SimClock, journal: CallLog) -> None:
         self.clock = clock
@@ -28,7 +28,7 @@ class TreeFactory:
         format: int = 4,
         others: str = "",
     ) -> Tree:
-        """The tree with *body* as its main tree's element, and *others* beside it."""
+        """Return a tree with *body* as the content of its main tree and *others* as further definitions."""
         registry = nodes if nodes is not None else conformance_registry()
         registry.add(*leaves)
         return btcore.loads(

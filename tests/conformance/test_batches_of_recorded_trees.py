@@ -1,7 +1,7 @@
-"""The batch engine does what the C++ engine did, for one agent and for several, where it runs the nodes.
+"""The batch engine behaves as the C++ engine, with one agent and with several, for the nodes it supports.
 
-Compared are results, calls of leaves, stored statuses and the blackboard, tick by tick, and whether a tick
-raises; single transitions the batch engine doesn't tell.
+Results, calls of leaves, stored statuses, the blackboard and exceptions are compared tick by tick; the
+batch engine does not report single transitions.
 """
 
 import re
@@ -30,7 +30,7 @@ Case = dict[str, Any]
 
 
 class Journals:
-    """The calls of each agent's leaves since the last time."""
+    """The calls of each agent's leaves since the last `take`."""
 
     def __init__(self, agents: int) -> None:
         self.calls: list[list[str]] = [[] for _ in range(agents)]
@@ -41,7 +41,7 @@ class Journals:
 
 
 class Planned(batch.StatefulAction):
-    """What the planned leaves have in common."""
+    """Common base of the planned leaves."""
 
     def __init__(self, journals: Journals) -> None:
         self.journals = journals
@@ -84,7 +84,7 @@ class PlanAction(Planned):
 
 
 class TickedPlan:
-    """The letters of a plan, one a tick, for each agent and node."""
+    """The letters of a plan, one letter per tick, for each agent and node."""
 
     def __init__(self) -> None:
         self.counts: dict[tuple[str, int], int] = {}
@@ -124,8 +124,8 @@ def recorded(name: str) -> list[Case]:
     return list(read_cases(DATA / f"{name}.jsonl.gz"))
 
 
-def picture(tree: BatchTree, journals: Journals, statuses: Any) -> list[dict[str, Any]]:
-    """What the recorded cases say of a tick, for each agent."""
+def tick_results(tree: BatchTree, journals: Journals, statuses: Any) -> list[dict[str, Any]]:
+    """Return what a recorded case contains of a tick, for each agent."""
     stored = {node.name: node.status for node in tree}
     calls = journals.take()
     found = []
@@ -148,7 +148,7 @@ def picture(tree: BatchTree, journals: Journals, statuses: Any) -> list[dict[str
 
 
 def difference(case: Case, agents: int) -> str | None:
-    """The first difference to what was recorded, or None. Raises TreeError for what a batch doesn't run."""
+    """Return the first difference from the recording, or None. Raises TreeError for unsupported nodes."""
     journals = Journals(agents)
     tree = BatchTree.loads(
         case["xml"],
@@ -168,7 +168,7 @@ def difference(case: Case, agents: int) -> str | None:
             return None if "exception" in expected else f"tick {number} raises"
         if "exception" in expected:
             return f"tick {number} does not raise"
-        for at, got in enumerate(picture(tree, journals, statuses)):
+        for at, got in enumerate(tick_results(tree, journals, statuses)):
             for key, value in got.items():
                 if expected[key] != value:
                     return f"tick {number}, agent {at}: {key}: expected {expected[key]}, got {value}"
@@ -179,7 +179,7 @@ def difference(case: Case, agents: int) -> str | None:
     ("name", "run"),
     [("v4_control", 800), ("v4_full", 764), ("v4_once", 249), ("v4_scopes", 243), ("v4_mutated", 249)],
 )
-def test_no_recorded_tree_differs(name: str, run: int) -> None:
+def test_batch_matches_the_recorded_trees(name: str, run: int) -> None:
     differences = {}
     compared = 0
     for number, case in enumerate(recorded(name)):
@@ -191,7 +191,7 @@ def test_no_recorded_tree_differs(name: str, run: int) -> None:
         try:
             found = difference(case, agents=3 if number % 4 == 0 else 1)
         except TreeError:
-            continue  # a node that a batch doesn't run
+            continue  # a node that a batch does not support
         compared += 1
         if found:
             differences[case["id"]] = found

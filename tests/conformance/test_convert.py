@@ -1,4 +1,4 @@
-"""Every recorded text converts to the value, or the refusal, that the C++ engine gave."""
+"""Every recorded text converts to the value or the error that the C++ engine gave."""
 
 import gzip
 import json
@@ -11,7 +11,7 @@ from btcore.testing.conformance import compare_conversion_case
 RECORDED = Path(__file__).parent / "data" / "convert.jsonl.gz"
 
 
-def test_no_conversion_differs():
+def test_conversions_match_the_recordings():
     with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
         cases = [json.loads(line) for line in lines]
     differences = {case["id"]: said for case in cases if (said := compare_conversion_case(case))}
@@ -32,7 +32,7 @@ def test_no_conversion_differs():
         ("no such type", "1", {"value": 1}),
     ],
 )
-def test_a_difference_is_seen(kind, text, expected):
+def test_difference_is_detected(kind, text, expected):
     assert compare_conversion_case({"convert": kind, "text": text, "expect": expected}) is not None
 
 

@@ -1,4 +1,4 @@
-"""What the C++ engines did on thousands of random trees, this engine does too, event by event."""
+"""This engine does the same as the C++ engines on thousands of recorded random trees, event by event."""
 
 import copy
 import gzip
@@ -39,13 +39,13 @@ def recorded(name: str) -> list[Case]:
         ("v3_mutated", 700),
     ],
 )
-def test_no_tree_differs_from_the_original(name: str, count: int) -> None:
+def test_trees_match_the_recordings(name: str, count: int) -> None:
     differences = {case["id"]: said for case in recorded(name) if (said := compare_tree_case(case, NODES))}
     assert differences == {}
     assert len(recorded(name)) == count
 
 
-# --- the runner sees what is altered
+# --- the runner detects altered cases
 
 
 def altered(case: Case, alter: Callable[[list[Any]], None]) -> Case:
@@ -54,8 +54,8 @@ def altered(case: Case, alter: Callable[[list[Any]], None]) -> Case:
     return other
 
 
-def a_rich_case() -> Case:
-    """One whose ticks have events, calls and a blackboard, and that raises nothing."""
+def case_with_all_data() -> Case:
+    """Return a case whose ticks have events, calls and a blackboard, and that raises nothing."""
     for case in recorded("v4_full"):
         ticks = case["expect"].get("ticks", [])
         if len(ticks) > 2 and all(
@@ -65,14 +65,14 @@ def a_rich_case() -> Case:
     raise AssertionError("no case is rich enough")
 
 
-def a_raising_case() -> Case:
+def case_with_exception() -> Case:
     for case in recorded("v4_full"):
         if "exception" in case["expect"].get("ticks", [{}])[-1]:
             return copy.deepcopy(case)
     raise AssertionError("no case raises")
 
 
-def a_refused_case() -> Case:
+def case_with_load_error() -> Case:
     return next(case for case in recorded("v4_mutated") if "load_error" in case["expect"])
 
 
@@ -97,7 +97,7 @@ def other_call(ticks: list[Any]) -> None:
     ticks[0]["calls"][0] += "!"
 
 
-def one_call_more(ticks: list[Any]) -> None:
+def extra_call(ticks: list[Any]) -> None:
     ticks[-1]["calls"].append("p1:tick")
 
 
@@ -106,7 +106,7 @@ def other_value(ticks: list[Any]) -> None:
     ticks[-1]["bb"][key] = "another"
 
 
-def one_entry_more(ticks: list[Any]) -> None:
+def extra_entry(ticks: list[Any]) -> None:
     ticks[-1]["bb"]["an_entry_of_no_tree"] = None
 
 
@@ -115,15 +115,15 @@ def other_node_status(ticks: list[Any]) -> None:
     ticks[0]["nodes"][name] = "SKIPPED"
 
 
-def one_tick_less(ticks: list[Any]) -> None:
+def missing_tick(ticks: list[Any]) -> None:
     del ticks[-1]
 
 
-def one_tick_more(ticks: list[Any]) -> None:
+def extra_tick(ticks: list[Any]) -> None:
     ticks.append(copy.deepcopy(ticks[-1]))
 
 
-def raises_instead(ticks: list[Any]) -> None:
+def unexpected_exception(ticks: list[Any]) -> None:
     del ticks[-1]["status"]
     ticks[-1]["exception"] = "it never did"
 
@@ -136,29 +136,29 @@ def raises_instead(ticks: list[Any]) -> None:
         missing_event,
         swapped_events,
         other_call,
-        one_call_more,
+        extra_call,
         other_value,
-        one_entry_more,
+        extra_entry,
         other_node_status,
-        one_tick_more,
-        raises_instead,
+        extra_tick,
+        unexpected_exception,
     ],
 )
-def test_an_altered_expectation_is_a_difference(alter: Callable[[list[Any]], None]) -> None:
-    case = a_rich_case()
+def test_altered_expectation_is_reported_as_a_difference(alter: Callable[[list[Any]], None]) -> None:
+    case = case_with_all_data()
     assert compare_tree_case(case, NODES) is None
     said = compare_tree_case(altered(case, alter), NODES)
     assert said is not None
     assert "expected" in said
 
 
-def test_a_tick_that_is_not_expected_is_a_difference() -> None:
-    case = altered(a_rich_case(), one_tick_less)
+def test_unexpected_tick_is_a_difference() -> None:
+    case = altered(case_with_all_data(), missing_tick)
     assert "ticks" in str(compare_tree_case(case, NODES))
 
 
-def test_an_exception_that_is_not_expected_is_a_difference() -> None:
-    case = a_raising_case()
+def test_unexpected_exception_is_a_difference() -> None:
+    case = case_with_exception()
     assert compare_tree_case(case, NODES) is None
     last = case["expect"]["ticks"][-1]
     del last["exception"]
@@ -166,25 +166,25 @@ def test_an_exception_that_is_not_expected_is_a_difference() -> None:
     assert "got an exception" in str(compare_tree_case(case, NODES))
 
 
-def test_what_stood_when_a_leaf_raised_is_compared_too() -> None:
-    case = a_raising_case()
+def test_state_at_an_exception_is_compared() -> None:
+    case = case_with_exception()
     case["expect"]["ticks"][-1]["calls"].append("nobody:tick")
     assert "calls" in str(compare_tree_case(case, NODES))
 
 
 def test_a_tree_that_loads_but_should_not_is_a_difference() -> None:
-    case = {**a_rich_case(), "expect": {"load_error": "it is broken"}}
+    case = {**case_with_all_data(), "expect": {"load_error": "it is broken"}}
     assert compare_tree_case(case, NODES) == "the tree should be rejected, but it loads"
 
 
 def test_a_tree_that_is_refused_but_should_load_is_a_difference() -> None:
-    refused = a_refused_case()
+    refused = case_with_load_error()
     assert compare_tree_case(refused, NODES) is None
     case = {**refused, "expect": {"ticks": []}}
     assert "the tree should load, but it is rejected" in str(compare_tree_case(case, NODES))
 
 
-def test_the_format_of_the_case_counts_and_not_that_of_its_text() -> None:
+def test_case_format_overrides_the_format_in_the_xml() -> None:
     xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><SequenceStar><PlanSync plan="S"/></SequenceStar>'
     case = {"xml": xml + "</BehaviorTree></root>", "ticks": 1}
     assert [tick["status"] for tick in run_case({**case, "format": 3}, NODES)["ticks"]] == ["SUCCESS"]
@@ -194,39 +194,37 @@ def test_the_format_of_the_case_counts_and_not_that_of_its_text() -> None:
 # --- the command
 
 
-def flipped(packed: bytes) -> bytes:
+def flip_bytes(packed: bytes) -> bytes:
     return packed[:2000] + bytes(255 - byte for byte in packed[2000:2100]) + packed[2100:]
 
 
-def written(path: Path, given: list[Case]) -> str:
+def write_cases(path: Path, given: list[Case]) -> str:
     with gzip.open(path, "wt", encoding="utf-8") as lines:
         lines.writelines(json.dumps(case) + "\n" for case in given)
     return str(path)
 
 
-def test_the_command_counts_and_is_content_when_nothing_differs(
+def test_command_counts_and_exits_with_0_when_nothing_differs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    trees = written(tmp_path / "trees.jsonl.gz", recorded("v4_control")[:20])
+    trees = write_cases(tmp_path / "trees.jsonl.gz", recorded("v4_control")[:20])
     assert main([trees, str(DATA / "scripts.jsonl.gz"), str(DATA / "convert.jsonl.gz")]) == 0
     assert capsys.readouterr().out == "2420 passed, 0 failed\n"
 
 
-def test_the_command_fails_and_shows_the_difference_of_an_altered_case(
+def test_command_exits_with_1_and_shows_the_difference_of_an_altered_case(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     several = recorded("v4_control")[:5]
     several[2] = altered(several[2], other_status)
-    file = written(tmp_path / "altered.jsonl.gz", several)
+    file = write_cases(tmp_path / "altered.jsonl.gz", several)
     assert main([file]) == 1
     first, second = capsys.readouterr().out.splitlines()
     assert first == "4 passed, 1 failed"
     assert second.startswith(f"{file}: {several[2]['id']}: tick 1: status: expected")
 
 
-def test_the_command_reads_a_file_that_is_not_packed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_reads_an_uncompressed_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "plain.jsonl"
     file.write_text(json.dumps(recorded("v4_control")[0]) + "\n\n", encoding="utf-8")
     assert main([str(file)]) == 0
@@ -236,7 +234,7 @@ def test_the_command_reads_a_file_that_is_not_packed(
 def test_the_command_shows_the_first_ten_differences(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = written(
+    file = write_cases(
         tmp_path / "many.jsonl.gz", [altered(one, other_status) for one in recorded("v4_control")[:12]]
     )
     assert main([file]) == 1
@@ -253,12 +251,12 @@ def test_the_command_shows_the_first_ten_differences(
         ("cut_off.jsonl.gz", (DATA / "v4_control.jsonl.gz").read_bytes()[:5000]),
         ("no_json.jsonl", b"it is not what it says\n"),
         ("no_text.jsonl", b"\xff\xfe\x00"),
-        ("flipped_bits.jsonl.gz", flipped((DATA / "v4_control.jsonl.gz").read_bytes())),
+        ("flipped_bits.jsonl.gz", flip_bytes((DATA / "v4_control.jsonl.gz").read_bytes())),
         ("no_case.jsonl", b"[1, 2]\n"),
         ("no_tree.jsonl", b'{"id": "x", "ticks": 3}\n'),
     ],
 )
-def test_a_file_that_cannot_be_read_ends_the_command_with_2_and_a_sentence(
+def test_unreadable_file_ends_the_command_with_status_2_and_a_message(
     name: str, content: bytes | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / name
@@ -271,9 +269,9 @@ def test_a_file_that_cannot_be_read_ends_the_command_with_2_and_a_sentence(
     assert said.err.count("\n") == 1
 
 
-def test_as_a_program_it_exits_as_it_says(tmp_path: Path) -> None:
+def test_program_exits_with_1_and_prints_the_difference(tmp_path: Path) -> None:
     good = recorded("v4_control")[:3]
-    bad = written(tmp_path / "bad.jsonl.gz", [good[0], altered(good[1], other_event), good[2]])
+    bad = write_cases(tmp_path / "bad.jsonl.gz", [good[0], altered(good[1], other_event), good[2]])
     home = Path(btcore.__file__).parent.parent
     done = subprocess.run(
         [sys.executable, "-m", "btcore.testing.conformance", bad],

@@ -1,4 +1,4 @@
-"""Every recorded script gives the value, the blackboard and the refusal that the C++ engine gave."""
+"""Every recorded script gives the value, the blackboard or the error that the C++ engine gave."""
 
 import gzip
 import json
@@ -9,7 +9,7 @@ from btcore.testing.conformance import compare_script_case
 RECORDED = Path(__file__).parent / "data" / "scripts.jsonl.gz"
 
 
-def test_no_script_differs():
+def test_scripts_match_the_recordings():
     with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
         cases = [json.loads(line) for line in lines]
     differences = {case["id"]: said for case in cases if (said := compare_script_case(case))}
@@ -17,7 +17,7 @@ def test_no_script_differs():
     assert differences == {}
 
 
-def test_a_difference_in_value_or_entries_is_seen():
+def test_difference_in_value_or_entries_is_detected():
     case = {"script": "x := 2; x", "bb": {}, "expect": {"value": 2.0, "bb": {"x": 2.0}}}
     assert compare_script_case(case) is None
     assert compare_script_case(case | {"expect": {"value": 3.0, "bb": {"x": 2.0}}}) is not None

@@ -1,4 +1,4 @@
-"""docs/conformance.md: its list of nodes without recorded cases is the true one, and its numbers too."""
+"""docs/conformance.md lists the nodes without recorded cases, and the number of cases in each file."""
 
 import gzip
 import json
@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "conformance.md").read_text(encoding="utf-8")
 DATA = sorted((ROOT / "tests" / "conformance" / "data").glob("*.jsonl.gz"))
-BENT = {"v3_mutated", "v4_mutated"}
+MUTATED = {"v3_mutated", "v4_mutated"}
 
 
 def cases(path: Path) -> list[dict[str, object]]:
@@ -27,10 +27,10 @@ def all_cases() -> Cases:
 
 
 def recorded(format: int, all_cases: Cases) -> set[str]:
-    """The tags of the recorded trees of *format* that were made and ticked, as they were grown."""
+    """Return the tags of the recorded trees of *format* that were ticked, without the mutated trees."""
     found: set[str] = set()
     for name, some in all_cases.items():
-        if name.startswith(f"v{format}_") and name not in BENT:
+        if name.startswith(f"v{format}_") and name not in MUTATED:
             for case in some:
                 if "ticks" in case["expect"]:  # type: ignore[operator]
                     found.update(re.findall(r"<(\w+)", str(case["xml"])))
@@ -38,13 +38,13 @@ def recorded(format: int, all_cases: Cases) -> set[str]:
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_a_node_is_recorded_or_on_the_list(format: int, all_cases: Cases) -> None:
+def test_every_built_in_node_is_recorded_or_listed(format: int, all_cases: Cases) -> None:
     (table,) = re.findall(rf"\| nodes of format {format} \|.*?\n\n", PAGE, re.DOTALL)
     nodes = json.loads((DATA[0].parent / "builtin_nodes.json").read_text(encoding="utf-8"))
     assert set(re.findall(r"`(\w+)`", table)) == set(nodes[str(format)]) - recorded(format, all_cases)
 
 
-def test_every_file_is_listed_with_its_cases(all_cases: Cases) -> None:
+def test_every_file_is_listed_with_its_number_of_cases(all_cases: Cases) -> None:
     left = {name: len(some) for name, some in all_cases.items()}
     for line in re.findall(r"^\| (`.*`) \| (\d+) \|", PAGE, re.MULTILINE):
         names = re.findall(r"`(\w+)`", line[0])

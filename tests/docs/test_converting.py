@@ -1,4 +1,4 @@
-"""docs/converting.md describes the codes of a conversion."""
+"""docs/converting.md describes the codes of conversion messages."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ from btcore.diagnostic_codes import ALL_CODES
 PAGE = Path(__file__).parents[2] / "docs" / "converting.md"
 
 
-def test_the_page_has_the_codes_and_summaries_of_the_table_and_no_others() -> None:
+def test_the_page_lists_exactly_the_conversion_codes_and_their_summaries() -> None:
     rows = re.findall(r"^\| (C\d{3}) \| ([^|]+) \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     codes = [code for code in ALL_CODES if code.startswith("C")]
     assert rows == [(code, code.summary) for code in codes]

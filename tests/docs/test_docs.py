@@ -1,17 +1,17 @@
-"""Every example in the documentation runs, in an empty folder a page.
+"""Every example in the documentation runs, in a new empty folder for each page.
 
-What a block is, the words after its fence say:
+The words after a block's fence determine its kind:
 
 - ``python``: a part of the page's program, which runs from top to bottom; where it defines tests, pytest
   runs it, with the plugin of btcore.
 - ``python NAME.py``, ``xml NAME.xml``, ``json NAME.json``, ``yaml NAME.yaml``: a file, written before
   anything runs. The program, a command or another file uses it.
-- ``console``: commands for a shell, after ``$``, run after the program. What is shown below a command is
-  what it says, but for ``…``, which stands for anything; a command with nothing below it succeeds.
+- ``console``: commands for a shell, after ``$``, run after the program. The text below a command is its
+  output, in which ``…`` matches any text; a command with nothing below it must succeed.
 - ``xml E101``: an example of docs/errors.md, which tests/btcore/xml/test_error_codes.py runs.
 - ``text``, ``toml``, ``cpp``: to be read.
 
-Any of them may be ``unrun: REASON``. There are no others: a block that doesn't run says so.
+Any of them may be ``unrun: REASON``, and is not run then. Other kinds are errors.
 """
 
 import importlib.util
@@ -49,7 +49,7 @@ KINDS = re.compile(r"python|console|text|toml|cpp|xml [EW]\d{3}|[a-z]+ unrun: .{
 
 
 class Block(NamedTuple):
-    """A fenced block: what its fence says, the number of its first line, and its lines."""
+    """A fenced block: the words after its fence, the number of its first line, and its lines."""
 
     info: str
     line: int
@@ -77,7 +77,7 @@ def blocks(page: str) -> list[Block]:
 
 
 def program(page: str) -> str:
-    """The Python of *page*, each line at its number, and empty lines for all else."""
+    """Return the Python of *page*, each line at its number, with empty lines in place of other text."""
     lines = [""] * len(page.splitlines())
     for block in blocks(page):
         if block.info == "python":
@@ -93,7 +93,7 @@ def files(page: str) -> dict[str, str]:
 
 
 def commands(page: str) -> list[tuple[int, str, str]]:
-    """The commands of *page*: line, command, and what it is shown to say."""
+    """Return the commands of *page*: line number, command, and the output that the page shows."""
     found: list[tuple[int, str, str]] = []
     for block in blocks(page):
         if block.info == "console":
@@ -106,13 +106,13 @@ def commands(page: str) -> list[tuple[int, str, str]]:
     return found
 
 
-def says(shown: str, said: str) -> bool:
-    """Whether *said* is what a page shows, in which … stands for anything, and alone for any lines."""
+def output_matches(shown: str, output: str) -> bool:
+    """Whether *output* is *shown*, in which … matches any text, and alone on a line any lines."""
     lines = [
         "(?s:.*)" if line == "…" else re.escape(line.rstrip()).replace("…", ".*")
         for line in shown.strip().splitlines()
     ]
-    return re.fullmatch("\n".join(lines), re.sub(r"[ \t]+$", "", said, flags=re.M).strip()) is not None
+    return re.fullmatch("\n".join(lines), re.sub(r"[ \t]+$", "", output, flags=re.M).strip()) is not None
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -124,7 +124,7 @@ def environment(folder: Path) -> dict[str, str]:
         (tools / name).chmod(0o755)
     return {
         **os.environ,
-        # What a program prints stands between what it tells on stderr, as in a terminal.
+        # Unbuffered, the output on stdout and stderr is interleaved as in a terminal.
         "PYTHONUNBUFFERED": "1",
         "PATH": os.pathsep.join([str(tools), os.environ["PATH"]]),
         "PYTHONPATH": os.pathsep.join([str(HOME), str(ROOT)]),
@@ -167,7 +167,7 @@ def run(page: str, name: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def run_commands(page: str, folder: Path) -> list[str]:
-    """Run the commands of *page* where its program ran; what went otherwise than shown."""
+    """Run the commands of *page* in the folder of its program; return the unexpected results."""
     wrong = []
     for line, command, shown in commands(page):
         done = subprocess.run(
@@ -180,8 +180,8 @@ def run_commands(page: str, folder: Path) -> list[str]:
             check=False,
             timeout=100,
         )
-        if not says(shown, done.stdout) if shown else done.returncode != 0:
-            wrong.append(f"line {line}: {command}\nends with {done.returncode} and says\n{done.stdout}")
+        if not output_matches(shown, done.stdout) if shown else done.returncode != 0:
+            wrong.append(f"line {line}: {command}\nends with {done.returncode} and prints\n{done.stdout}")
     return wrong
 
 
@@ -198,12 +198,12 @@ def test_the_examples_of_a_page_run(page: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_every_block_of_a_page_is_of_a_kind_that_runs_or_says_that_it_does_not(page: Path) -> None:
+def test_every_block_of_a_page_is_of_a_known_kind(page: Path) -> None:
     assert unknown(page.read_text(encoding="utf-8"), page.name) == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_what_a_page_points_to_is_there(page: Path) -> None:
+def test_files_that_a_page_links_to_exist(page: Path) -> None:
     lines = page.read_text(encoding="utf-8").splitlines()
     for block in blocks("\n".join(lines)):
         lines[block.line - 1 : block.line - 1 + len(block.lines)] = [""] * len(block.lines)
@@ -211,7 +211,7 @@ def test_what_a_page_points_to_is_there(page: Path) -> None:
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
-def test_every_page_is_in_the_index_and_the_readme_points_to_it() -> None:
+def test_every_page_is_in_an_index_and_the_readme_links_to_the_index() -> None:
     folders = {page.parent for page in PAGES}
     indices = {folder: (folder / "README.md").read_text(encoding="utf-8") for folder in folders}
     lost = [
@@ -223,7 +223,7 @@ def test_every_page_is_in_the_index_and_the_readme_points_to_it() -> None:
 
 
 def unknown(page: str, name: str = "") -> list[str]:
-    """The blocks of *page* that neither run nor say that they don't, by line."""
+    """Return line and fence of each block of *page* that is of an unknown kind or is an unused file."""
     found = []
     for block in blocks(page):
         met = FILE.fullmatch(block.info)
@@ -241,7 +241,7 @@ def unknown(page: str, name: str = "") -> list[str]:
 # --- the runner
 
 
-def test_blocks_run_in_order_and_know_each_other(tmp_path: Path) -> None:
+def test_blocks_run_in_order_and_share_their_variables(tmp_path: Path) -> None:
     page = "# A page\n```python\na = 1\n```\nThen:\n\n- so\n  ```python\n  print(a + 1)\n  ```\n"
     assert run(page, "page", tmp_path).stdout == "2\n"
 
@@ -256,11 +256,11 @@ def test_blocks_of_other_kinds_do_not_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "fence", ["", "pycon", "py", "bash", "xml", "xml E101", "xml lonely.xml", "python unrun:", "console no"]
 )
-def test_a_block_that_would_silently_not_run_is_found(fence: str) -> None:
+def test_a_block_that_would_silently_not_run_is_reported(fence: str) -> None:
     assert unknown(f"One\n```{fence}\n1\n```\n") == [f"line 2: {fence}"]
 
 
-def test_files_are_there_before_anything_runs(tmp_path: Path) -> None:
+def test_files_are_written_before_anything_runs(tmp_path: Path) -> None:
     page = "```python\nprint(open('a.xml').read(), end='')\n```\n```xml a.xml\n<a/>\n```\n"
     page += "```console\n$ cat a.xml\n<a/>\n```\n"
     assert run(page, "page", tmp_path).stdout == "<a/>\n"
@@ -286,14 +286,14 @@ def test_files_are_there_before_anything_runs(tmp_path: Path) -> None:
         ("$ python -c 'import btcore, sys; sys.exit(3)' || echo $?\n3", True),
     ],
 )
-def test_a_command_says_what_is_shown_and_succeeds_where_nothing_is(
+def test_a_command_must_print_what_is_shown_or_succeed_if_nothing_is_shown(
     shown: str, fine: bool, tmp_path: Path
 ) -> None:
     (tmp_path / "empty").mkdir()
     assert (run_commands(f"```console\n{shown}\n```\n", tmp_path) == []) is fine
 
 
-def test_a_block_that_fails_is_told_by_its_line_in_the_page(tmp_path: Path) -> None:
+def test_a_failing_block_is_reported_with_its_line_in_the_page(tmp_path: Path) -> None:
     done = run("one\n\n```python\na = 1\nassert a == 2\n```\n", "page", tmp_path)
     assert done.returncode == 1
     assert "line 5" in done.stderr

@@ -1,4 +1,4 @@
-"""The captures' tree, rebuilt; commands in processes; waiting for what a real socket will bring."""
+"""Fixtures: the trees of the captures, commands in separate processes, and waiting for conditions."""
 
 import os
 import re
@@ -33,7 +33,7 @@ ENDLESS = """
 """
 
 
-OLD = """
+FORMAT_3 = """
 <root main_tree_to_execute="Main">
   <BehaviorTree ID="Main">
     <Sequence name="root_seq">
@@ -83,7 +83,7 @@ def sample3() -> btcore.Tree:
     """The tree that the captures of BehaviorTree.CPP 3 were made with, on simulated time."""
     nodes = Registry.standard()
     nodes.add(Count)
-    return btcore.loads(OLD, nodes=nodes, resources=[SimClock()])
+    return btcore.loads(FORMAT_3, nodes=nodes, resources=[SimClock()])
 
 
 @pytest.fixture
@@ -105,13 +105,13 @@ class Changes(Observer):
 
 @pytest.fixture
 def changes() -> type[Changes]:
-    """``changes(tree).count``: how many transitions a tree has had since."""
+    """``changes(tree).count``: the number of a tree's transitions since the call."""
     return Changes
 
 
 @pytest.fixture
 def until() -> Callable[..., None]:
-    """Calls something again and again until it is true, for at most ten seconds."""
+    """Return a function that calls a function until the result is true, for at most ten seconds."""
 
     def until(true: Callable[[], object], what: str = "") -> None:
         deadline = time.monotonic() + 10
@@ -123,7 +123,7 @@ def until() -> Callable[..., None]:
 
 
 class Command:
-    """``btcore …`` in a process of its own; *stderr_text* gathers what it writes to stderr."""
+    """``btcore …`` in a separate process; *stderr_text* is its output on stderr so far."""
 
     def __init__(self, *arguments: object, folder: Path) -> None:
         self.process = subprocess.Popen(
@@ -153,7 +153,7 @@ class Command:
         return found
 
     def end(self, number: signal.Signals | None = None) -> int:
-        """Wait until it has ended, after sending it signal *number*; its exit code."""
+        """Send signal *number*, if given, wait for the end, and return the exit code."""
         if number is not None:
             self.process.send_signal(number)
         code = self.process.wait(60)
@@ -163,7 +163,7 @@ class Command:
 
 @pytest.fixture
 def command(tmp_path: Path) -> Iterator[Callable[..., Command]]:
-    """Starts ``btcore …`` in the test's folder."""
+    """Return a function that starts ``btcore …`` in the test's folder."""
     started: list[Command] = []
 
     def start(*arguments: object) -> Command:
@@ -185,6 +185,6 @@ def command(tmp_path: Path) -> Iterator[Callable[..., Command]]:
 
 @pytest.fixture
 def no_threads_left() -> Iterator[None]:
-    """After the test no publisher runs on."""
+    """Check after the test that no publisher's thread is running."""
     yield
     assert not [one.name for one in threading.enumerate() if one.name == "btcore-publisher"]

@@ -1,4 +1,4 @@
-"""Breakpoints from code and from the terminal, in a robot that really runs."""
+"""Breakpoints from code and from the command line, in a running robot."""
 
 import os
 import re
@@ -107,7 +107,7 @@ def test_a_pattern_is_a_path_a_name_or_a_glob(pattern, found):
     assert [one.path for one in nodes] == found
 
 
-def test_a_pattern_that_fits_nothing_is_an_error_with_a_guess():
+def test_a_pattern_without_a_match_raises_with_a_suggestion():
     with pytest.raises(BreakpointError, match=r"no node 'Move/Rihgt'; did you mean 'Move/right'\?"):
         find_nodes(observed_tree("Move/left", "Move/right"), "Move/Rihgt")
 
@@ -126,7 +126,7 @@ def test_a_breakpoint_before_the_first_tick_holds_the_robot_until_it_is_released
         assert breaks.hooks() == []
 
 
-def test_a_release_may_say_what_became_of_the_node(robot):
+def test_a_release_can_set_the_nodes_status(robot):
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left", after=True)
         robot.start()
@@ -137,7 +137,7 @@ def test_a_release_may_say_what_became_of_the_node(robot):
         assert breaks.status("choose") == "RUNNING"
 
 
-def test_disabled_hooks_let_the_robot_go_on_and_stay_listed(robot, until):
+def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(robot, until):
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left")
         robot.start()
@@ -178,7 +178,7 @@ def test_a_step_ends_at_another_breakpoint_on_the_way(robot):
         assert breaks.step().path == "go/right"
 
 
-def test_a_robot_stands_as_long_as_somebody_is_there_to_talk_to_it(until):
+def test_a_robot_waits_at_a_breakpoint_as_long_as_a_client_is_connected(until):
     tree = btcore.loads(PATROL, resources=[SimClock()])
     with serve(tree, groot2=0, scene=False, allow_control=True, max_heartbeat_delay=1.5) as publisher:
         tick = threading.Thread(target=tree.tick_exactly_once)
@@ -192,7 +192,7 @@ def test_a_robot_stands_as_long_as_somebody_is_there_to_talk_to_it(until):
         assert not tick.is_alive()
 
 
-def test_a_robot_that_comes_back_gets_its_breakpoints_again(robot, until):
+def test_a_restarted_robot_gets_its_breakpoints_again(robot, until):
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left")
         before = breaks.tree.tree_id
@@ -207,7 +207,7 @@ def test_a_robot_that_comes_back_gets_its_breakpoints_again(robot, until):
             again.end()
 
 
-def test_a_robot_may_come_later():
+def test_a_client_waits_for_a_robot_that_starts_later():
     made: list[Robot] = []
     with serve(btcore.loads(PATROL), groot2=0, scene=False) as publisher:
         port = publisher.port
@@ -221,14 +221,14 @@ def test_a_robot_may_come_later():
         made[0].end()
 
 
-def test_a_robot_that_is_not_there_is_an_error():
+def test_an_unreachable_robot_and_an_invalid_address_raise():
     with pytest.raises(BreakpointError, match=r"no robot answers at tcp://127\.0\.0\.1:1: is it running"):
         BreakpointClient("127.0.0.1:1", timeout=0.1)
     with pytest.raises(BreakpointError, match="'no robot' is not an address"):
         BreakpointClient("no robot")
 
 
-def test_a_robot_that_may_not_be_controlled_is_an_error_that_says_what_would_help():
+def test_the_error_of_a_robot_without_control_names_the_missing_option():
     tree = btcore.loads(PATROL)
     with (
         serve(tree, groot2=0, scene=False) as publisher,
@@ -238,7 +238,7 @@ def test_a_robot_that_may_not_be_controlled_is_an_error_that_says_what_would_hel
         breaks.break_at("left")
 
 
-def test_what_cannot_be_done_is_told_with_what_is_there(robot):
+def test_requests_that_cannot_be_fulfilled_raise_with_details(robot):
     with BreakpointClient(robot.address) as breaks:
         with pytest.raises(BreakpointError, match="no breakpoint at 'left': the robot has no hooks"):
             breaks.release("left")
@@ -253,7 +253,7 @@ def test_what_cannot_be_done_is_told_with_what_is_there(robot):
             breaks.step(timeout=0.01)
 
 
-def test_from_the_terminal_a_status_is_injected_and_hooks_are_listed_and_cleared(robot):
+def test_the_command_injects_a_status_and_lists_and_clears_hooks(robot):
     robot.start()
     assert hook(robot.address, "inject", "left", "failure").stdout == "go/left: FAILURE\n"
     assert hook(robot.address, "list").stdout == "no hooks\n"
@@ -264,7 +264,7 @@ def test_from_the_terminal_a_status_is_injected_and_hooks_are_listed_and_cleared
     assert "stopped before the next tick; running: " in hook(robot.address, "step", "2").stdout
 
 
-def test_from_the_terminal_breakpoints_are_watched_until_the_last_is_released(robot):
+def test_the_command_watches_breakpoints_until_the_last_is_released(robot):
     robot.start()
     watching = subprocess.Popen(
         command(robot.address, "break", "left", "right", "--once", "--duration", "60"),
@@ -293,21 +293,21 @@ def test_from_the_terminal_breakpoints_are_watched_until_the_last_is_released(ro
         (["1", "inject", "left", "RUNNING"], "'RUNNING' is not one of"),
     ],
 )
-def test_a_mistake_is_one_sentence_and_exit_code_2(arguments, said):
+def test_a_usage_error_is_reported_with_exit_code_2(arguments, said):
     result = hook(*arguments)
     assert result.returncode == 2
     assert said in result.stderr
     assert "Traceback" not in result.stderr
 
 
-def test_a_pattern_that_fits_nothing_is_a_mistake_too(robot):
+def test_a_pattern_without_a_match_is_reported_with_exit_code_2(robot):
     result = hook(robot.address, "break", "lefft")
     assert result.returncode == 2
     assert "did you mean 'left'?" in result.stderr
 
 
 def run_of_btcore(folder: Path, *options: str) -> subprocess.Popen[str]:
-    """``btcore run`` of the patrol, for ever."""
+    """Start an endless ``btcore run`` of the patrol."""
     (folder / "patrol.xml").write_text(PATROL)
     return subprocess.Popen(
         [sys.executable, "-m", "btcore", "run", str(folder / "patrol.xml"), "--until", "never", *options],
@@ -318,7 +318,7 @@ def run_of_btcore(folder: Path, *options: str) -> subprocess.Popen[str]:
     )
 
 
-def test_a_run_that_stands_at_a_breakpoint_is_ended_by_ctrl_c(tmp_path):
+def test_ctrl_c_ends_a_run_that_waits_at_a_breakpoint(tmp_path):
     run = run_of_btcore(tmp_path, "--publish", "groot2", "--allow-control", "--port", "0")
     try:
         assert run.stderr is not None
@@ -336,7 +336,7 @@ def test_a_run_that_stands_at_a_breakpoint_is_ended_by_ctrl_c(tmp_path):
         run.wait()
 
 
-def test_control_is_allowed_only_where_it_is_published(tmp_path):
+def test_allow_control_requires_publish_groot2(tmp_path):
     run = run_of_btcore(tmp_path, "--allow-control")
     said = run.communicate(timeout=60)[1]
     assert run.returncode == 2

@@ -1,4 +1,4 @@
-"""Every exception of the package derives from its base class, so that one handler catches them all."""
+"""Every exception of the package derives from its base class, so that a single handler catches all."""
 
 import importlib
 import pkgutil

@@ -1,4 +1,4 @@
-"""``btcore run`` with --publish, --save and --port: the run is the same, and everything arrives."""
+"""``btcore run`` with --publish, --save and --port: the run is unchanged, and all events arrive."""
 
 import json
 import re
@@ -75,7 +75,7 @@ def test_a_run_is_the_same_with_and_without_publisher_and_recording(tmp_path):
     assert recording.stat().st_size > 10_000
 
 
-def test_no_transition_of_a_thousand_ticks_is_missing_for_a_viewer_that_waited(free_port):
+def test_a_viewer_that_waited_gets_every_transition_of_a_thousand_ticks(free_port):
     options = [*BUMPGO, "--duration", "100", "--publish", "groot2", "--port", str(free_port)]
     with Feed(f":{free_port}") as feed:
         process = subprocess.Popen(
@@ -100,7 +100,7 @@ def test_no_transition_of_a_thousand_ticks_is_missing_for_a_viewer_that_waited(f
     assert events[-1].state == "ended"
 
 
-def test_the_recording_looks_as_the_run_was_told(tmp_path):
+def test_display_options_apply_to_the_recording(tmp_path):
     recording = tmp_path / "run.rrd"
     look = ["--find", "IsObstacle", "--palette", "colour-blind", "--log-level", "warn"]
     done = run(*BUMPGO, "--duration", "1", "--save", str(recording), *look)
@@ -140,9 +140,7 @@ def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
     assert recording.stat().st_size > 1000
 
 
-def test_a_saved_tree_is_published_at_the_same_port_and_recorded_in_a_file_of_its_own(
-    tmp_path, tree_file, free_port
-):
+def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(tmp_path, tree_file, free_port):
     recording = tmp_path / "run.rrd"
     options = ["--watch", "--publish", "groot2", "--port", str(free_port), "--save", str(recording)]
     process = subprocess.Popen(
@@ -181,8 +179,8 @@ def test_a_saved_tree_is_published_at_the_same_port_and_recorded_in_a_file_of_it
 
 
 @pytest.mark.parametrize("both", [False, True])
-def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_told(both: bool, tree_file, free_port):
-    """Alone it has the port that is named and the next one; Groot 2's neighbour is 999 further."""
+def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(both: bool, tree_file, free_port):
+    """Alone, Groot 1 has the given port and the next port; beside Groot 2, its ports are 999 higher."""
     options = ["--publish", "groot1", "--port", str(free_port), *(["--publish", "groot2"] if both else [])]
     process = subprocess.Popen(
         [sys.executable, "-m", "btcore", "run", tree_file, *options],
@@ -196,7 +194,7 @@ def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_told(both: bo
         first = free_port + (999 if both else 0)
         told = f"Groot 1 finds it at publisher port {first} and server port {first + 1}"
         assert told + (f", since Groot 2 has {free_port}" if both else "") in lines[1]
-        # alone it has the scene channel, beside Groot 2 that is behind Groot 2's ports
+        # alone, Groot 1's ports have the scene channel; beside Groot 2, it is next to Groot 2's ports
         spoken = "Groot 1's protocol" if both else "scene channel"
         with Feed(f":{first + 1}") as feed:
             for event in feed:
@@ -210,7 +208,7 @@ def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_told(both: bo
     assert process.returncode == 130, rest
 
 
-def mistakes(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]:
+def usage_errors(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]:
     return {
         "groot1": (
             ["--publish", "groot1", "--port", str(free_port - 1)],
@@ -235,10 +233,10 @@ def mistakes(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]
 
 
 @pytest.mark.parametrize("name", ["groot1", "both", "look", "suffix", "folder", "bind", "port"])
-def test_a_mistake_ends_the_run_before_it_begins_with_one_sentence(
+def test_a_usage_error_is_reported_once_before_the_run_starts(
     name: str, sample, tree_file, free_port, no_threads_left: Callable[..., None]
 ):
-    options, said = mistakes(free_port, tree_file)[name]
+    options, said = usage_errors(free_port, tree_file)[name]
     with serve(sample, groot2=free_port):
         arguments = ["run", tree_file, "--fast", "--duration", "1", *options]
         done = CliRunner().invoke(main, arguments, prog_name="btcore")
@@ -250,7 +248,7 @@ def test_a_mistake_ends_the_run_before_it_begins_with_one_sentence(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
-def test_without_a_display_the_viewer_is_refused_before_the_run_in_one_sentence(tree_file, monkeypatch):
+def test_monitor_without_a_display_is_refused_before_the_run(tree_file, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     done = run(tree_file, "--monitor", "--fast", "--duration", "1")

@@ -1,4 +1,4 @@
-"""How the property tests draw: at random on a developer's machine, always the same in CI."""
+"""Settings of the property tests: random examples on a developer's machine, fixed examples in CI."""
 
 import os
 

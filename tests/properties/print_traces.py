@@ -1,6 +1,6 @@
-"""Ticks the trees on standard input, and tells what happened: a JSON line in, a JSON line out.
+"""Tick the trees on standard input and print what happened: one JSON line in, one JSON line out.
 
-The first line out says which build of the engine it was. Run by test_builds_agree.py.
+The first line of the output names the build of the engine. Run by test_builds_agree.py.
 """
 
 import json
@@ -14,7 +14,7 @@ from btcore.testing.tree_generator import SCRIPT_KEYS
 NODES = with_mock_leaves(Registry.standard())
 
 
-def retold(text: str, entries: list[str], ticks: int) -> list[object]:
+def trace_of_case(text: str, entries: list[str], ticks: int) -> list[object]:
     clock = SimClock()
     board = Blackboard(clock=clock)
     for key in SCRIPT_KEYS:
@@ -36,4 +36,4 @@ def retold(text: str, entries: list[str], ticks: int) -> list[object]:
 if __name__ == "__main__":
     print(builds.active_build())
     for line in sys.stdin:
-        print(json.dumps(retold(*json.loads(line))))
+        print(json.dumps(trace_of_case(*json.loads(line))))

@@ -1,4 +1,4 @@
-"""The batch engine does for each of many agents what the ordinary engine does for one."""
+"""The batch engine does for many agents what the ordinary engine does for a single agent."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -24,20 +24,20 @@ PERIOD = 0.01
 
 
 def runs_in_batch(xml: str) -> bool:
-    """Whether every built-in node of *xml* has a counterpart in the batch engine."""
+    """Return whether the batch engine supports every built-in node of *xml*."""
     refused = [id for id, cls in BUILTIN_NODES[4].items() if batch_class(cls) is None]
     return not any(f"<{id} " in xml for id in refused)
 
 
 class Calls:
-    """Who was called, in order."""
+    """The calls of leaves, in order."""
 
     def __init__(self) -> None:
         self.made: list[tuple[str, str]] = []
 
 
 class Act(MockAction):
-    """An action by plan that notes its calls."""
+    """An action with a plan that records its calls."""
 
     def __init__(self, calls: Calls) -> None:
         super().__init__()
@@ -57,7 +57,7 @@ class Act(MockAction):
 
 
 class Ask(MockCondition):
-    """A condition by plan that notes its calls."""
+    """A condition with a plan that records its calls."""
 
     def __init__(self, calls: Calls) -> None:
         super().__init__()
@@ -72,7 +72,7 @@ NODES = Registry.standard()
 NODES.add(Act, Ask)
 
 
-class One:
+class SingleTree:
     """An ordinary tree for one agent."""
 
     def __init__(self, xml: str, plan: Outcomes, values: Sequence[Any], clock: SimClock) -> None:
@@ -98,8 +98,8 @@ class One:
         }
 
 
-class PlanFor:
-    """The plans of all agents, and what their leaves were called."""
+class AgentPlans:
+    """The plans and the leaf calls of all agents."""
 
     def __init__(self, plans: Sequence[Outcomes]) -> None:
         self.plans = plans
@@ -110,9 +110,9 @@ LETTERS = {"R": 1, "S": 2, "F": 3, "K": 4}
 
 
 class ActForAll(batch.StatefulAction):
-    """The same for all agents at once."""
+    """The same action for all agents at once."""
 
-    def __init__(self, plans: PlanFor) -> None:
+    def __init__(self, plans: AgentPlans) -> None:
         self.plans = plans
         self.left = [""] * self.agents
 
@@ -140,7 +140,7 @@ class ActForAll(batch.StatefulAction):
 
 
 @batch.condition(ID="Ask")
-def ask_for_all(mask: batch.Mask, plans: PlanFor) -> object:
+def ask_for_all(mask: batch.Mask, plans: AgentPlans) -> object:
     found = np.full(len(mask), 77, dtype=np.uint8)
     for at in np.flatnonzero(mask):
         plans.calls[at].made.append(("Ask", "tick"))
@@ -151,13 +151,13 @@ def ask_for_all(mask: batch.Mask, plans: PlanFor) -> object:
 ActForAll.__name__ = "Act"
 
 
-class Many:
+class AgentBatch:
     """A batch for all agents."""
 
     def __init__(
         self, xml: str, plans: Sequence[Outcomes], values: Sequence[Sequence[Any]], clock: SimClock
     ) -> None:
-        self.plans = PlanFor(plans)
+        self.plans = AgentPlans(plans)
         columns = {
             key: np.array([one[at] for one in values]) for at, key in enumerate(SCRIPT_KEYS) if values[0]
         }
@@ -172,7 +172,7 @@ class Many:
 
 
 def ticked(tree: BatchTree, mask: Any = None) -> list[tuple[int, bool]]:
-    """Each agent's status after a tick, and whether a node has raised for it."""
+    """Tick *tree* and return each agent's status and whether a node raised for it."""
     raised: set[int] = set()
     try:
         found = tree.tick(mask)
@@ -182,8 +182,8 @@ def ticked(tree: BatchTree, mask: Any = None) -> list[tuple[int, bool]]:
     return [(int(status), at in raised) for at, status in enumerate(found)]
 
 
-def held(tree: BatchTree, at: int) -> dict[str, dict[str, object]]:
-    """What the blackboards of agent *at* hold."""
+def entries_of_agent(tree: BatchTree, at: int) -> dict[str, dict[str, object]]:
+    """Return the entries of the blackboards of agent *at*."""
     found: dict[str, dict[str, object]] = {}
     for path, board in tree.blackboards.items():
         found[path] = {}
@@ -202,11 +202,11 @@ def compare(
     halt: int,
     waits: float = PERIOD,
 ) -> None:
-    """Tick both, by *masks* (bit i is agent i; the first agent is always ticked), and compare everything."""
+    """Tick the trees and the batch by *masks* (bit i is agent i; agent 0 is always ticked), and compare."""
     clock = SimClock()
     copies = [Outcomes(*plan.entries) for plan in plans]
-    singles = [One(xml, plan, given, clock) for plan, given in zip(plans, values, strict=True)]
-    many = Many(xml, copies, values, clock)
+    singles = [SingleTree(xml, plan, given, clock) for plan, given in zip(plans, values, strict=True)]
+    many = AgentBatch(xml, copies, values, clock)
     count = len(plans)
     for mask in [*masks, None]:
         if mask is None:
@@ -223,7 +223,7 @@ def compare(
         for at, one in enumerate(singles):
             assert [int(node.status) for node in one.tree] == stored[:, at].tolist(), f"agent {at}"
             assert calls(one.calls) == calls(many.plans.calls[at]), f"agent {at}"
-            assert shown(one.boards()) == shown(held(many.tree, at)), f"agent {at}"
+            assert with_types(one.boards()) == with_types(entries_of_agent(many.tree, at)), f"agent {at}"
         clock.advance(waits)
 
 
@@ -231,7 +231,7 @@ def calls(made: Calls) -> list[tuple[str, str]]:
     return [(name if what != "tick" else "Ask", what) for name, what in made.made]
 
 
-def shown(boards: dict[str, dict[str, object]]) -> dict[str, dict[str, tuple[type, object]]]:
+def with_types(boards: dict[str, dict[str, object]]) -> dict[str, dict[str, tuple[type, object]]]:
     return {
         path: {key: (type(one), one) for key, one in sorted(board.items())} for path, board in boards.items()
     }
@@ -239,7 +239,7 @@ def shown(boards: dict[str, dict[str, object]]) -> dict[str, dict[str, tuple[typ
 
 @st.composite
 def crowds(draw: st.DrawFn, skipped: bool = True, raising: bool = True) -> tuple[list[Outcomes], list[Any]]:
-    """Plans and blackboards for some agents."""
+    """Draw plans and blackboards for some agents."""
     plans = draw(st.lists(outcomes(skipped=skipped, raising=raising), min_size=1, max_size=4))
     number = st.sampled_from([0, 1, 2, -1, 3])
     values = [tuple(draw(number) for _ in SCRIPT_KEYS) for _ in plans]
@@ -254,7 +254,7 @@ def crowds(draw: st.DrawFn, skipped: bool = True, raising: bool = True) -> tuple
     st.lists(st.integers(0, 15), min_size=1, max_size=8),
     st.integers(0, 15),
 )
-def test_many_agents_do_what_as_many_trees_do(
+def test_batch_does_the_same_as_one_tree_per_agent(
     xml: str, crowd: tuple[list[Outcomes], list[Any]], masks: list[int], halt: int
 ) -> None:
     plans, values = crowd
@@ -343,7 +343,7 @@ def give_floats(port: btcore.In[batch.Floats], out: btcore.Put[batch.Floats]) ->
 
 @st.composite
 def typed_documents(draw: st.DrawFn) -> str:
-    """Trees whose nodes read and write entries of several types."""
+    """Draw trees whose nodes read and write entries of several types."""
 
     def leaf() -> str:
         kind = draw(cached_integers(0, 6))
@@ -405,7 +405,7 @@ NUMBERS = {int: st.integers(-2, 4), float: st.sampled_from([0.0, 1.0, 2.5, -1.0]
 
 @st.composite
 def typed_values(draw: st.DrawFn) -> list[dict[str, Any]]:
-    """What the agents begin with: the same entries with the same types."""
+    """Draw the initial entries of the agents: the same entries with the same types."""
     kinds = {
         "n": NUMBERS[draw(st.sampled_from([int, float, bool]))],
         "m": NUMBERS[draw(st.sampled_from([int, float]))],
@@ -420,7 +420,7 @@ TYPED.add(take_int, take_float, take_bool, take_text, give_int, give_float)
 
 
 @given(typed_documents(), typed_values())
-def test_every_type_of_entry_is_read_and_written_as_in_one_tree(
+def test_every_type_of_entry_is_read_and_written_as_in_a_single_tree(
     xml: str, values: list[dict[str, Any]]
 ) -> None:
     clock = SimClock()
@@ -451,7 +451,7 @@ def test_every_type_of_entry_is_read_and_written_as_in_one_tree(
                 one.path: {key: entry.value for key, entry in one.blackboard.local_entries().items()}
                 for one in tree.subtrees
             }
-            assert repr(shown(held(many, at))) == repr(shown(boards)), f"agent {at}"
+            assert repr(with_types(entries_of_agent(many, at))) == repr(with_types(boards)), f"agent {at}"
         clock.advance(PERIOD)
 
 

@@ -1,4 +1,4 @@
-"""The compiled engine and its pure source do the same with every tree."""
+"""The compiled engine and its pure Python source do the same with every tree."""
 
 import json
 import os
@@ -19,7 +19,7 @@ TREES = 500
 
 
 def drawn_cases() -> list[str]:
-    """A line of JSON for each of many random trees with plans for them."""
+    """Return a line of JSON for each random tree and its plans."""
     cases: list[str] = []
 
     @settings(max_examples=TREES, derandomize=True, database=None, deadline=None)
@@ -35,7 +35,7 @@ def drawn_cases() -> list[str]:
     return cases
 
 
-def retold(cases: list[str], pure: bool) -> list[str]:
+def run_print_traces(cases: list[str], pure: bool) -> list[str]:
     done = subprocess.run(
         [sys.executable, str(Path(__file__).with_name("print_traces.py"))],
         input="\n".join(cases),
@@ -50,7 +50,7 @@ def retold(cases: list[str], pure: bool) -> list[str]:
 @pytest.mark.skipif(builds.active_build() == "pure", reason="there is no compiled build here to compare with")
 def test_both_builds_produce_the_same_trace_for_every_tree() -> None:
     cases = drawn_cases()
-    compiled, pure = retold(cases, pure=False), retold(cases, pure=True)
+    compiled, pure = run_print_traces(cases, pure=False), run_print_traces(cases, pure=True)
     assert (compiled[0], pure[0]) == ("compiled", "pure")
     assert len(cases) >= TREES
     assert len(compiled) == len(pure) == len(cases) + 1
@@ -58,12 +58,12 @@ def test_both_builds_produce_the_same_trace_for_every_tree() -> None:
     assert differing == []
 
 
-def test_a_story_tells_every_tick_and_the_end() -> None:
+def test_trace_contains_every_tick_and_the_halt() -> None:
     text = (
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence name="all">'
         '<Act name="a"/><Script name="b" code="@a := 1"/><Act name="c"/></Sequence></BehaviorTree></root>'
     )
-    build, story = retold([json.dumps([text, ["S", "RRRS"], 2])], pure=True)
+    build, story = run_print_traces([json.dumps([text, ["S", "RRRS"], 2])], pure=True)
     assert build == "pure"
     first, second, end = json.loads(story)
     assert first[0] == "tick 1, at 0 s: RUNNING"

@@ -1,4 +1,4 @@
-"""What holds for every tree, tried on random trees of planned leaves."""
+"""Properties of every tree, tested on random trees of planned leaves."""
 
 import threading
 from collections import Counter
@@ -23,11 +23,11 @@ MANY_CALLS = 500
 
 
 class EndlessWakeUpsError(Exception):
-    """A tree that wakes itself for ever was ticked by a method that serves every wake-up."""
+    """A tree that always wakes itself was ticked by a method that serves every wake-up."""
 
 
 class Limited(CallLog):
-    """A journal that ends a tree which would never end: the leaf that writes into it then raises *fault*."""
+    """A call log that makes a leaf raise *fault* after MANY_CALLS calls, so that every tree ends."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -42,11 +42,11 @@ class Limited(CallLog):
 
 
 class WaitLimitError(Exception):
-    """The clock has been waited for often enough."""
+    """The clock has reached its limit of waits."""
 
 
 class ImpatientClock(SimClock):
-    """Jumps as SimClock does, but only *waits* times."""
+    """A SimClock that allows only *waits* waits."""
 
     def __init__(self, waits: int) -> None:
         super().__init__()
@@ -59,8 +59,8 @@ class ImpatientClock(SimClock):
         return super().wait_until(deadline, wake)
 
 
-class Everything(Observer):
-    """Keeps the transitions, but for their numbers of ticks."""
+class TransitionRecorder(Observer):
+    """Records all transitions, without their tick numbers."""
 
     def __init__(self) -> None:
         self.seen: list[tuple[int, int, int, Status, Status]] = []
@@ -69,13 +69,13 @@ class Everything(Observer):
         self.seen.append((change.number, change.stamp, change.uid, change.previous, change.status))
 
 
-def planted(xml: str, clock: SimClock | None = None) -> tuple[Tree, Limited]:
+def load_with_log(xml: str, clock: SimClock | None = None) -> tuple[Tree, Limited]:
     journal = Limited()
     return btcore.loads(xml, nodes=NODES, resources=[journal], clock=clock or SimClock()), journal
 
 
 @contextmanager
-def giving_up_on_busy_trees() -> Iterator[None]:
+def reject_busy_trees() -> Iterator[None]:
     try:
         yield
     except NodeExecutionError as error:
@@ -96,8 +96,8 @@ def statuses(tree: Tree) -> list[Status]:
     ),
     st.integers(0, 6),
 )
-def test_a_tree_that_was_halted_is_idle_in_every_node(xml: str, ticks: int) -> None:
-    tree, journal = planted(xml)
+def test_halted_tree_is_idle_in_every_node(xml: str, ticks: int) -> None:
+    tree, journal = load_with_log(xml)
     for key in SCRIPT_KEYS:
         tree.blackboard[key] = 0
     running: list[TreeNode] = []
@@ -114,10 +114,8 @@ def test_a_tree_that_was_halted_is_idle_in_every_node(xml: str, ticks: int) -> N
 
 
 @given(xml_documents(timed=True), st.integers(1, 12), st.integers(1, 3))
-def test_a_halted_tree_starts_anew_as_if_nothing_had_happened_to_its_statuses(
-    xml: str, ticks: int, more: int
-) -> None:
-    tree, _ = planted(xml)
+def test_halted_tree_is_idle_again_after_every_further_tick_and_halt(xml: str, ticks: int, more: int) -> None:
+    tree, _ = load_with_log(xml)
     for _ in range(ticks):
         tree.tick_exactly_once()
     tree.halt()
@@ -129,9 +127,9 @@ def test_a_halted_tree_starts_anew_as_if_nothing_had_happened_to_its_statuses(
 
 
 @given(xml_documents(timed=True), st.integers(1, 12))
-def test_transitions_have_no_holes_and_add_up_to_what_the_nodes_say(xml: str, ticks: int) -> None:
-    tree, _ = planted(xml)
-    everything = Everything()
+def test_transitions_have_no_gaps_and_add_up_to_the_statuses_of_the_nodes(xml: str, ticks: int) -> None:
+    tree, _ = load_with_log(xml)
+    everything = TransitionRecorder()
     tree.subscribe(everything)
     known = {node.uid: Status.IDLE for node in tree}
     for _ in range(ticks):
@@ -146,8 +144,8 @@ def test_transitions_have_no_holes_and_add_up_to_what_the_nodes_say(xml: str, ti
     assert [known[node.uid] for node in tree] == statuses(tree)
 
 
-class Afterwards(Everything):
-    """The same, told at the end of each tick."""
+class BatchedRecorder(TransitionRecorder):
+    """Records the same transitions in batches, at the end of each tick."""
 
     transition = Observer.transition
 
@@ -158,7 +156,7 @@ class Afterwards(Everything):
 
 
 def broad(control: str, leaf_plans: list[str]) -> str:
-    """A *control* with a leaf for each of *leaf_plans*, beside one that ends it now and then."""
+    """Return a tree of *control* with a leaf for each plan, beside a leaf that ends it now and then."""
     leaves = "".join(f'<PlanAction name="n{place}" plan="{plan}"/>' for place, plan in enumerate(leaf_plans))
     many = f"<{control}>{leaves}</{control.split()[0]}>"
     both = f'<Parallel success_count="1" failure_count="1">{many}<PlanAction plan="RS|RRF|RRRS"/></Parallel>'
@@ -187,8 +185,8 @@ BROAD = st.builds(
 @given(st.one_of(xml_documents(timed=True), BROAD, BROAD), st.integers(1, 12))
 def test_batched_and_immediate_observers_receive_the_same_transitions(xml: str, ticks: int) -> None:
     seen = []
-    for kind in (Everything, Afterwards):
-        tree, _ = planted(xml)
+    for kind in (TransitionRecorder, BatchedRecorder):
+        tree, _ = load_with_log(xml)
         observer = kind()
         tree.subscribe(observer)
         for _ in range(ticks):
@@ -200,11 +198,11 @@ def test_batched_and_immediate_observers_receive_the_same_transitions(xml: str, 
 
 
 @given(xml_documents(), st.integers(1, 12))
-def test_tick_once_does_what_as_many_exact_ticks_do(xml: str, steps: int) -> None:
-    together, calls = planted(xml)
-    one_by_one, same_calls = planted(xml)
+def test_tick_once_does_the_same_as_repeated_exact_ticks(xml: str, steps: int) -> None:
+    together, calls = load_with_log(xml)
+    one_by_one, same_calls = load_with_log(xml)
     status = Status.IDLE
-    with giving_up_on_busy_trees():
+    with reject_busy_trees():
         for _ in range(steps):
             status = together.tick_once()
     last = [one_by_one.tick_exactly_once() for _ in range(together.ticks)][-1]
@@ -215,7 +213,7 @@ def test_tick_once_does_what_as_many_exact_ticks_do(xml: str, steps: int) -> Non
 
 
 @given(xml_documents(timed=True), st.integers(0, 12), st.sampled_from([0.005, 0.01, 0.1]))
-def test_tick_while_running_does_what_a_loop_of_steps_does(xml: str, waits: int, period: float) -> None:
+def test_tick_while_running_does_the_same_as_a_loop_of_tick_once(xml: str, waits: int, period: float) -> None:
     def run(tree: Tree) -> Status:
         return tree.tick_while_running(period)
 
@@ -228,11 +226,11 @@ def test_tick_while_running_does_what_a_loop_of_steps_does(xml: str, waits: int,
         return status
 
     def outcome(drive: Callable[[Tree], Status]) -> tuple[object, ...]:
-        tree, journal = planted(xml, ImpatientClock(waits))
-        everything = Everything()
+        tree, journal = load_with_log(xml, ImpatientClock(waits))
+        everything = TransitionRecorder()
         tree.subscribe(everything)
         end = "still running"
-        with giving_up_on_busy_trees(), suppress(WaitLimitError):
+        with reject_busy_trees(), suppress(WaitLimitError):
             end = drive(tree).name
         event(end)
         return end, tree.ticks, tree.clock.now(), journal.calls, statuses(tree), everything.seen
@@ -241,8 +239,8 @@ def test_tick_while_running_does_what_a_loop_of_steps_does(xml: str, waits: int,
 
 
 @given(xml_documents(), st.integers(1, 12), st.integers(0, 1000))
-def test_a_leaf_that_raises_leaves_the_tree_idle_and_is_named(xml: str, ticks: int, which: int) -> None:
-    tree, journal = planted(xml)
+def test_raising_leaf_leaves_the_tree_idle_and_is_named(xml: str, ticks: int, which: int) -> None:
+    tree, journal = load_with_log(xml)
     for _ in range(ticks):
         tree.tick_exactly_once()
     assume(journal.calls)
@@ -250,7 +248,7 @@ def test_a_leaf_that_raises_leaves_the_tree_idle_and_is_named(xml: str, ticks: i
     name, _, what = journal.calls[which].partition(":")
     event(what)
 
-    tree, journal = planted(xml)
+    tree, journal = load_with_log(xml)
     journal.left = which
     journal.fault = LeafPlanError("now")
     with pytest.raises(NodeExecutionError) as raised:  # noqa: PT012
@@ -267,12 +265,12 @@ def test_a_leaf_that_raises_leaves_the_tree_idle_and_is_named(xml: str, ticks: i
 
 
 @given(xml_documents(timed=True), st.integers(1, 6))
-def test_two_trees_of_one_document_do_not_notice_each_other(xml: str, ticks: int) -> None:
-    alone, calls = planted(xml)
+def test_trees_of_the_same_document_are_independent(xml: str, ticks: int) -> None:
+    alone, calls = load_with_log(xml)
     for _ in range(ticks):
         alone.tick_exactly_once()
-    first, first_calls = planted(xml)
-    second, _ = planted(xml)
+    first, first_calls = load_with_log(xml)
+    second, _ = load_with_log(xml)
     for _ in range(ticks):
         first.tick_exactly_once()
         second.tick_exactly_once()
@@ -283,6 +281,6 @@ def test_two_trees_of_one_document_do_not_notice_each_other(xml: str, ticks: int
 
 @given(xml_documents())
 def test_a_random_tree_names_its_nodes_in_pre_order(xml: str) -> None:
-    tree, _ = planted(xml)
+    tree, _ = load_with_log(xml)
     assert [node.name for node in tree] == [f"n{number}" for number in range(1, len(tree.nodes) + 1)]
     assert [node.uid for node in tree] == list(range(1, len(tree.nodes) + 1))

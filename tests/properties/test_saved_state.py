@@ -1,4 +1,4 @@
-"""The state that nodes declare is all that they remember: a restored tree has the future of the saved one."""
+"""The declared state of the nodes is complete: a restored tree has the same future as the saved tree."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.saved_state import SavedState, restore_state, save_state, state_fields_of
 
 NODES = conformance_registry()
-# What the engine keeps in a node; saved_state saves the status.
+# Attributes of a node that belong to the engine; saved_state saves the status itself.
 ENGINE_OWNED = {"_status", "_configs"}
 
 COMMON_NODES = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
@@ -58,7 +58,7 @@ COMMON_NODES = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
       <TryCatch><PlanAction plan="RF"/><PlanAction plan="RRS"/></TryCatch>
       <Sequence><PlanAction plan="RS"/><Script code="a = 0"/></Sequence>
     </ParallelAll></Sequence></BehaviorTree></root>"""
-# The nodes that random trees do not have, since they need certain texts or entries.
+# The nodes that random trees lack, because they need certain texts or entries.
 OTHER_NODES = {
     4: """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
         <Script code="turn = turn + 1; a = turn > 2 ? 0 : turn"/>
@@ -126,8 +126,8 @@ class ByTime(Prompt):
         return self.clock.now() // (10 * NS_PER_MS) % len(options)
 
 
-def loaded(text: str, format: int, now: int = 0) -> Tree:
-    """A new tree on a simulated clock that shows *now* (ns)."""
+def new_tree(text: str, format: int, now: int = 0) -> Tree:
+    """Return a new tree on a simulated clock that shows *now* (ns)."""
     clock = SimClock(now)
     board = Blackboard(clock=clock) if format == 4 else LegacyBlackboard(clock=clock)
     queue = deque(["x", "y", "z"])
@@ -139,16 +139,16 @@ def loaded(text: str, format: int, now: int = 0) -> Tree:
     return loads(text, nodes=NODES, resources=resources, blackboard=board, clock=clock, format=format)
 
 
-def ticked(tree: Tree) -> object:
-    """The result of a tick, or what it raised."""
+def tick_result(tree: Tree) -> object:
+    """Return the result of a tick, or the text of its exception."""
     try:
         return tree.tick_exactly_once()
     except NodeExecutionError as error:
         return str(error)
 
 
-def visible(tree: Tree) -> list[object]:
-    """What the world sees of *tree*."""
+def visible_state(tree: Tree) -> list[object]:
+    """Return the state of *tree* that is visible_state from outside."""
     scopes = [
         {
             key: (entry.value, entry.declared.name, entry.sequence_id, entry.stamp)
@@ -168,7 +168,7 @@ def visible(tree: Tree) -> list[object]:
 
 
 def advance(tree: Tree, milliseconds: int) -> None:
-    """Let time pass, and somebody write an entry; negative = halt the tree instead."""
+    """Advance the time and write an entry; a negative time halts the tree instead."""
     tree.blackboard["word"] = str(tree.ticks % 3)
     if milliseconds < 0:
         tree.halt()
@@ -180,18 +180,18 @@ def assert_same_future(
     text: str, format: int, before: list[int], after: list[int], raising: bool = False
 ) -> None:
     """Save a tree after the steps *before*, restore it, and take the steps *after* with both trees."""
-    original = loaded(text, format)
+    original = new_tree(text, format)
     for step in before:
-        ticked(original)
+        tick_result(original)
         advance(original, step)
     saved = save_state(original)
     copies = []
     for _ in range(2):
-        restored = loaded(text, format, original.clock.now())
+        restored = new_tree(text, format, original.clock.now())
         restore_state(restored, saved)
-        assert visible(restored) == visible(original)
+        assert visible_state(restored) == visible_state(original)
         copies.append(restored)
-    # One after the other, so that what the trees still share would show.
+    # The trees run one after the other, so that shared state would show.
     futures = [list(future(tree, after)) for tree in (original, *copies)]
     assert raising or "raised while" not in str(futures[0])
     assert futures[1] == futures[0]
@@ -200,7 +200,7 @@ def assert_same_future(
 
 def future(tree: Tree, steps: list[int]) -> Iterator[str]:
     for step in steps:
-        yield repr((ticked(tree), visible(tree)))
+        yield repr((tick_result(tree), visible_state(tree)))
         advance(tree, step)
 
 
@@ -216,7 +216,7 @@ steps = st.lists(milliseconds, max_size=8)
     steps,
     st.lists(milliseconds, min_size=1, max_size=8),
 )
-def test_a_restored_random_tree_does_what_the_saved_one_does(
+def test_restored_random_tree_does_the_same_as_the_saved_tree(
     document: tuple[str, int], before: list[int], after: list[int]
 ) -> None:
     assert_same_future(*document, before, after, raising=True)
@@ -228,35 +228,35 @@ def test_a_restored_random_tree_does_what_the_saved_one_does(
     [(COMMON_NODES, 4), (OTHER_NODES[4], 4), (OTHER_NODES[3], 3)],
     ids=["common", "4", "3"],
 )
-def test_a_restored_tree_does_what_the_saved_one_does(text: str, format: int, count: int) -> None:
+def test_restored_tree_does_the_same_as_the_saved_tree(text: str, format: int, count: int) -> None:
     assert_same_future(text, format, [10] * count, [10] * 12)
     assert_same_future(text, format, [10] * count + [-1], [10] * 12)
 
 
-# --- what changes is declared
+# --- every attribute that changes is declared
 
 
 def attributes(node: TreeNode) -> dict[str, str]:
-    """The attributes of *node* and what they hold, as texts; also those of a compiled class."""
+    """Return the attributes of *node* and their values as texts, also for compiled classes."""
     names = set(getattr(node, "__dict__", ()))
     for cls in type(node).__mro__:
         names |= {*vars(cls).get("__annotations__", ()), *vars(cls).get("__mypyc_attrs__", ())}
-    return {name: shown(getattr(node, name)) for name in names if hasattr(node, name)}
+    return {name: text_of(getattr(node, name)) for name in names if hasattr(node, name)}
 
 
-def shown(value: object) -> str:
-    """*value* as a text, in which a node is itself, whatever its status."""
+def text_of(value: object) -> str:
+    """Return *value* as a text; a node is written as its path, without its status."""
     if isinstance(value, list):
-        return str([shown(one) for one in value])
+        return str([text_of(one) for one in value])
     return value.path if isinstance(value, TreeNode) else repr(value)
 
 
 def changed_attributes(tree: Tree, steps: list[int]) -> set[tuple[type, str]]:
-    """The attributes that change while *tree* takes *steps*."""
+    """Return the attributes that change while *tree* takes *steps*."""
     found = set()
     for step in steps:
         before = [attributes(node) for node in tree]
-        ticked(tree)
+        tick_result(tree)
         advance(tree, step)
         for node, held in zip(tree, before, strict=True):
             now = attributes(node)
@@ -273,18 +273,18 @@ def is_declared(cls: type[TreeNode], name: str) -> bool:
     st.lists(milliseconds, min_size=1, max_size=8),
 )
 def test_every_attribute_that_ticks_change_is_declared_as_state(text: str, steps: list[int]) -> None:
-    for cls, name in changed_attributes(loaded(text, 4), steps):
+    for cls, name in changed_attributes(new_tree(text, 4), steps):
         assert is_declared(cls, name), f"{cls.__name__}.{name}"
 
 
 @pytest.mark.parametrize("format", [3, 4])
 def test_every_attribute_of_the_other_nodes_that_ticks_change_is_declared_as_state(format: int) -> None:
-    changed = changed_attributes(loaded(OTHER_NODES[format], format), [10] * 12 + [-1] + [10] * 5)
+    changed = changed_attributes(new_tree(OTHER_NODES[format], format), [10] * 12 + [-1] + [10] * 5)
     assert {(cls.__name__, name) for cls, name in changed if not is_declared(cls, name)} == set()
-    # What is declared and never changes here would be declared in vain, or not tried.
+    # A declared attribute that never changes here is needless, or not tested.
     declared = {
         (type(node), name)
-        for node in loaded(OTHER_NODES[format], format)
+        for node in new_tree(OTHER_NODES[format], format)
         if BUILTIN_NODES[format].get(node.id) is type(node) and node.id not in BUILTIN_MANIFESTS[format]
         for name in state_fields_of(type(node))
     }
@@ -292,15 +292,15 @@ def test_every_attribute_of_the_other_nodes_that_ticks_change_is_declared_as_sta
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_these_tests_try_every_built_in_node_that_has_a_state(format: int) -> None:
-    tried = {node.id for node in loaded(OTHER_NODES[format], format)} | BUILTIN_MANIFESTS[format].keys()
-    # Of the five Switches one stands for all: they differ in the number of cases.
+def test_these_tests_cover_every_built_in_node_with_state(format: int) -> None:
+    tried = {node.id for node in new_tree(OTHER_NODES[format], format)} | BUILTIN_MANIFESTS[format].keys()
+    # One of the five Switch classes stands for all: they differ in the number of cases.
     alike = {"Switch2": {"Switch3", "Switch4", "Switch5", "Switch6"}}
     tried |= {other for id in tried for other in alike.get(id, ())}
     assert {id for id, cls in BUILTIN_NODES[format].items() if state_fields_of(cls)} - tried == set()
 
 
-# --- what cannot be saved or restored
+# --- trees that cannot be saved or restored
 
 
 def test_the_state_of_another_tree_is_refused() -> None:
@@ -310,7 +310,7 @@ def test_the_state_of_another_tree_is_refused() -> None:
         restore_state(loads(text.format("two")), saved)
 
 
-def test_a_coroutine_can_be_saved_only_while_it_does_not_run() -> None:
+def test_coroutine_can_be_saved_only_while_it_is_not_running() -> None:
     @action
     async def twice() -> bool:
         await running()

@@ -1,4 +1,4 @@
-"""What holds for trees with everything: subtrees, scripts, conditions, time; drawn by the public test kit."""
+"""Properties of trees with subtrees, scripts, conditions and time, drawn by the public test kit."""
 
 from hypothesis import assume, event, given
 from hypothesis import strategies as st
@@ -26,12 +26,12 @@ with_reactive = trees(
 format_3 = trees(max_nodes=30, timed=True, subtrees=2, format=3)
 
 
-def running(tree: Tree) -> list[str]:
+def running_leaves(tree: Tree) -> list[str]:
     return [node.path for node in tree if node.type in LEAVES and node.status is Status.RUNNING]
 
 
 def steps(tree: Tree, plan: Outcomes, ticks: int) -> list[TraceStep]:
-    """What happens in *ticks* ticks, told with numbers for paths."""
+    """Return the trace of *ticks* ticks."""
     harness = Harness(tree)
     plan.drive(tree, ticks)
     return harness.trace.steps
@@ -41,9 +41,7 @@ def steps(tree: Tree, plan: Outcomes, ticks: int) -> list[TraceStep]:
     st.one_of(st.tuples(everything, outcomes(skipped=True)), st.tuples(format_3, outcomes())),
     st.integers(1, 12),
 )
-def test_a_tree_that_has_completed_is_idle_and_none_of_its_leaves_runs(
-    planned: tuple[Tree, Outcomes], ticks: int
-) -> None:
+def test_completed_tree_is_idle_and_has_no_running_leaves(planned: tuple[Tree, Outcomes], ticks: int) -> None:
     tree, plan = planned
     plan.attach(tree)
     for _ in range(ticks):
@@ -52,7 +50,7 @@ def test_a_tree_that_has_completed_is_idle_and_none_of_its_leaves_runs(
         if status in DONE:
             event("completed")
             assert tree.root.status is Status.IDLE
-            assert running(tree) == []
+            assert running_leaves(tree) == []
         tree.sleep(0.01)
 
 
@@ -64,7 +62,7 @@ def test_a_tree_that_has_completed_is_idle_and_none_of_its_leaves_runs(
     outcomes(),
     st.integers(1, 10),
 )
-def test_where_nothing_keeps_a_place_or_skips_every_node_is_idle_after_completion(
+def test_every_node_is_idle_after_completion_without_memory_and_skips(
     tree: Tree, plan: Outcomes, ticks: int
 ) -> None:
     plan.attach(tree)
@@ -76,9 +74,7 @@ def test_where_nothing_keeps_a_place_or_skips_every_node_is_idle_after_completio
 
 
 @given(with_reactive, outcomes(skipped=True), st.integers(1, 12))
-def test_a_reactive_node_never_leaves_two_of_its_children_running(
-    tree: Tree, plan: Outcomes, ticks: int
-) -> None:
+def test_reactive_node_never_has_two_running_children(tree: Tree, plan: Outcomes, ticks: int) -> None:
     reactive = [node for node in tree if isinstance(node, ControlNode) and node.runs_one_child]
     assume(reactive)
     plan.attach(tree)
@@ -90,20 +86,20 @@ def test_a_reactive_node_never_leaves_two_of_its_children_running(
 
 
 @given(everything, outcomes(skipped=True), st.integers(1, 10))
-def test_a_tree_that_is_followed_does_what_it_does_alone(tree: Tree, plan: Outcomes, ticks: int) -> None:
-    alone = again(tree)
+def test_observed_tree_does_the_same_as_an_unobserved_tree(tree: Tree, plan: Outcomes, ticks: int) -> None:
+    alone = reload_tree(tree)
     plan.attach(alone)
     happened = []
     for _ in range(ticks):
         happened.append((alone.tick_exactly_once(), [node.status for node in alone]))
         alone.sleep(0.01)
     assert [(step.status, list(step.statuses.values())) for step in steps(tree, plan, ticks)] == happened
-    assert held(tree.blackboard) == held(alone.blackboard)
+    assert entries_of(tree.blackboard) == entries_of(alone.blackboard)
 
 
 @given(st.one_of(everything, format_3), outcomes(), st.integers(1, 10))
-def test_a_tree_written_as_xml_and_read_again_ticks_the_same(tree: Tree, plan: Outcomes, ticks: int) -> None:
-    other = again(tree)
+def test_tree_written_to_xml_and_read_again_ticks_the_same(tree: Tree, plan: Outcomes, ticks: int) -> None:
+    other = reload_tree(tree)
     assert [(node.uid, node.id) for node in other] == [(node.uid, node.id) for node in tree]
     for one, same in zip(steps(tree, plan, ticks), steps(other, plan, ticks), strict=True):
         assert (one.tick, one.stamp, one.status) == (same.tick, same.stamp, same.status)
@@ -115,11 +111,11 @@ def test_a_tree_written_as_xml_and_read_again_ticks_the_same(tree: Tree, plan: O
         assert list(one.written.values()) == list(same.written.values())
 
 
-def again(tree: Tree) -> Tree:
-    """A new tree from what is written of *tree*, which has not been ticked."""
+def reload_tree(tree: Tree) -> Tree:
+    """Return a new tree from the XML of *tree*, which has not been ticked."""
     clock = SimClock()
     board = Blackboard(clock=clock) if tree.format == 4 else LegacyBlackboard(clock=clock)
-    for key, value in held(tree.blackboard).items():
+    for key, value in entries_of(tree.blackboard).items():
         board[key] = value
     text = tree_to_xml(tree, metadata=False, builtin_models=False)
     return btcore.loads(
@@ -127,5 +123,5 @@ def again(tree: Tree) -> Tree:
     )
 
 
-def held(board: Blackboard) -> dict[str, object]:
+def entries_of(board: Blackboard) -> dict[str, object]:
     return {key: board[key] for key in board}

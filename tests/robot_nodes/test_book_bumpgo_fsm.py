@@ -35,15 +35,15 @@ class Bumping:
         self.process = kind(self.context)
         self.laser = Process("laser", self.context)
         self.scans = self.laser.create_publisher("input_scan", LaserScan)
-        self.said: list[tuple[float, Twist2D]] = []
-        self.laser.create_subscription("output_vel", Twist2D, self.hear)
+        self.commands: list[tuple[float, Twist2D]] = []
+        self.laser.create_subscription("output_vel", Twist2D, self.on_command)
         self.ranges = [5.0] * 9
         self.alive = True
         self.executor.add(self.process)
         self.executor.add(self.laser)
 
-    def hear(self, twist: Twist2D) -> None:
-        self.said.append((self.clock.now() / SECOND, twist))
+    def on_command(self, twist: Twist2D) -> None:
+        self.commands.append((self.clock.now() / SECOND, twist))
 
     def run(self, seconds: float) -> None:
         """Advance the time, with a scan each tenth of a second."""
@@ -60,28 +60,28 @@ class Bumping:
         self.ranges[4] = distance
 
 
-def test_before_the_first_scan_it_says_nothing(robot):
+def test_before_the_first_scan_no_command_is_sent(robot):
     bumping = Bumping(robot)
     bumping.alive = False
     bumping.run(3.0)
-    assert bumping.said == []
+    assert bumping.commands == []
 
 
-def test_it_decides_twenty_times_a_second(robot):
+def test_a_command_is_sent_twenty_times_a_second(robot):
     bumping = Bumping(robot)
     bumping.run(2.0)
-    assert [twist for _, twist in bumping.said] == [AHEAD] * 40
+    assert [twist for _, twist in bumping.commands] == [AHEAD] * 40
 
 
 @pytest.mark.parametrize(("distance", "state"), [(1.01, BumpGoState.FORWARD), (0.99, BumpGoState.BACK)])
-def test_an_obstacle_is_what_is_nearer_than_a_metre(robot, distance: float, state: BumpGoState):
+def test_a_reading_below_one_metre_is_an_obstacle(robot, distance: float, state: BumpGoState):
     bumping = Bumping(robot)
     bumping.ahead(distance)
     bumping.run(0.2)
     assert bumping.process.state is state
 
 
-def test_only_the_middle_reading_counts(robot):
+def test_only_the_middle_reading_is_used(robot):
     bumping = Bumping(robot)
     bumping.ranges = [0.2] * 9
     bumping.ahead(5.0)
@@ -89,45 +89,45 @@ def test_only_the_middle_reading_counts(robot):
     assert bumping.process.state is BumpGoState.FORWARD
 
 
-def test_back_for_two_seconds_then_left_for_two_then_on(robot):
+def test_the_robot_drives_back_for_2_s_turns_left_for_2_s_and_goes_on(robot):
     bumping = Bumping(robot)
     bumping.ahead(0.5)
     bumping.run(0.1)
     bumping.ahead(5.0)
     bumping.run(6.0)
-    said = [twist for _, twist in bumping.said]
-    backs, turns = said.count(BACK), said.count(LEFT)
+    commands = [twist for _, twist in bumping.commands]
+    backs, turns = commands.count(BACK), commands.count(LEFT)
     # "after more than 2 s", and in the cycle of the change the velocity is still the old state's
     assert (backs, turns) == (41, 41)
-    first, back, turn = said.index(AHEAD), said.index(BACK), said.index(LEFT)
+    first, back, turn = commands.index(AHEAD), commands.index(BACK), commands.index(LEFT)
     assert first < back < turn
-    assert set(said[back:turn]) == {BACK}
-    assert said[-1] == AHEAD
+    assert set(commands[back:turn]) == {BACK}
+    assert commands[-1] == AHEAD
 
 
-def test_the_cycle_of_a_change_still_says_the_old_velocity(robot):
+def test_the_cycle_of_a_state_change_still_sends_the_old_velocity(robot):
     bumping = Bumping(robot)
     bumping.ahead(0.5)
     bumping.run(0.1)
-    assert bumping.said[0] == (0.05, AHEAD)
-    assert bumping.said[1] == (0.1, BACK)
+    assert bumping.commands[0] == (0.05, AHEAD)
+    assert bumping.commands[1] == (0.1, BACK)
 
 
-def test_it_stops_when_the_scan_is_older_than_a_second_and_goes_on_after(robot):
+def test_the_robot_stops_while_the_scan_is_older_than_a_second(robot):
     bumping = Bumping(robot)
     bumping.run(1.0)
     bumping.alive = False
     bumping.run(2.0)
     assert bumping.process.state is BumpGoState.STOP
     # the last scan is of 0.9 s; at 1.95 s it is too old; that cycle still sends the old state's command
-    assert next(time for time, twist in bumping.said if twist == STAND) == pytest.approx(2.0)
+    assert next(time for time, twist in bumping.commands if twist == STAND) == pytest.approx(2.0)
     bumping.alive = True
     bumping.run(0.3)
     assert bumping.process.state is BumpGoState.FORWARD
-    assert bumping.said[-1][1] == AHEAD
+    assert bumping.commands[-1][1] == AHEAD
 
 
-def test_with_both_reasons_back_wins(robot):
+def test_back_has_priority_over_stop(robot):
     bumping = Bumping(robot)
     bumping.ahead(0.5)
     bumping.scans.publish(bumping.scan())
@@ -141,12 +141,12 @@ def test_with_both_reasons_back_wins(robot):
 
 
 @pytest.mark.parametrize(("index", "side"), [(6, -1.0), (2, 1.0)])
-def test_exercise_it_turns_to_the_diagonal_with_more_room(robot, index: int, side: float):
+def test_exercise_the_robot_turns_to_the_diagonal_with_more_room(robot, index: int, side: float):
     bumping = Bumping(robot, Diagonals)
     bumping.ranges[index] = 0.4
     bumping.run(3.0)
     assert bumping.process.state is BumpGoState.TURN
-    assert bumping.said[-1][1] == Twist2D(0.0, side * 0.3)
+    assert bumping.commands[-1][1] == Twist2D(0.0, side * 0.3)
 
 
 def test_exercise_the_freest_direction_has_room_to_both_sides(robot):
@@ -170,7 +170,7 @@ def turned(kind: type[BumpGo], seconds: float) -> tuple[SimulatedRobot, BumpGo, 
 
 
 @pytest.mark.parametrize("kind", [BumpGo, Diagonals, OpenLoop, ClosedLoop])
-def test_in_the_simulator_it_goes_on_and_turns_away(kind: type[BumpGo]):
+def test_in_the_simulator_the_robot_avoids_obstacles(kind: type[BumpGo]):
     body, process, distance = turned(kind, 40.0)
     assert distance > 6.0
     assert process.changes >= 3
@@ -178,19 +178,19 @@ def test_in_the_simulator_it_goes_on_and_turns_away(kind: type[BumpGo]):
     body.world.close()
 
 
-def test_exercise_open_loop_the_time_is_angle_over_speed(robot):
+def test_exercise_open_loop_the_turning_time_is_angle_over_speed(robot):
     bumping = Bumping(robot, OpenLoop)
     bumping.ranges = [0.5] * 9
     bumping.ranges[6:] = [8.0, 8.0, 8.0]
     bumping.run(2.3)
     bumping.ranges = [8.0] * 9
     bumping.run(6.0)
-    turns = [time for time, twist in bumping.said if twist == LEFT]
+    turns = [time for time, twist in bumping.commands if twist == LEFT]
     assert bumping.process.angle > 0.5
     assert turns[-1] - turns[0] == pytest.approx(bumping.process.angle / 0.3, abs=0.15)
 
 
-def test_exercise_closed_loop_it_turns_until_the_way_is_clear(robot):
+def test_exercise_closed_loop_the_robot_turns_until_the_way_is_clear(robot):
     bumping = Bumping(robot, ClosedLoop)
     bumping.ranges = [0.5] * 9
     bumping.ranges[8] = 8.0

@@ -77,19 +77,19 @@ def test_the_same_seed_gives_the_same_run(box: str):
     assert first == second
 
 
-def test_the_basic_detectors_obstacle_goes_along_and_the_improved_ones_stays(box: str):
+def test_the_obstacle_moves_with_the_basic_but_not_with_the_improved_detector(box: str):
     arc = ("--world", box, "--drive", "0.1", "--turn", "0.2", "--duration", "8")
     assert report("obstacle-detector", *arc)["spread_m"] > 1.5
     assert report("obstacle-detector-improved", *arc)["spread_m"] < 0.5
 
 
-def test_the_head_follows_what_the_turning_base_leaves_behind(box: str):
+def test_the_head_follows_an_object_while_the_base_turns(box: str):
     found = report("head-tracking", "--world", box, "--turn", "0.1", "--duration", "5")
     assert found["pictures_with_object"] > 30
     assert found["head"]["pan"] == pytest.approx(-0.45, abs=0.25)
 
 
-def test_all_that_is_near_pushing_bumps_into_nothing():
+def test_vff_with_all_obstacles_avoids_collisions():
     found = report("vff", "--all", "--world", "arena_boxes", "--seed", "2", "--duration", "60")
     assert found["robot"]["collisions"] + found["robot"]["grazes"] == 0
     assert found["robot"]["distance_m"] > 10.0
@@ -115,13 +115,13 @@ def test_all_that_is_near_pushing_bumps_into_nothing():
         (["hello", "--params", "none.yaml"], "none.yaml: no such file"),
     ],
 )
-def test_a_mistake_is_a_sentence(arguments: list[str], said: str):
+def test_a_usage_error_is_reported(arguments: list[str], said: str):
     code, _, error = run(*arguments, "--fast")
     assert code == 2
     assert said in error
 
 
-def test_a_parameter_that_nobody_knows_is_told(tmp_path: Path):
+def test_an_unknown_parameter_is_reported_with_a_suggestion(tmp_path: Path):
     (tmp_path / "p.yaml").write_text("localization_node: {ros__parameters: {particles: 300}}\n")
     done = CliRunner().invoke(
         main,
@@ -131,7 +131,7 @@ def test_a_parameter_that_nobody_knows_is_told(tmp_path: Path):
     assert "Number of particles: 200" in done.output
 
 
-def test_a_launch_file_draws_who_publishes_for_whom(tmp_path: Path):
+def test_the_picture_of_a_launch_file_shows_the_topic_graph(tmp_path: Path):
     (tmp_path / "l.yaml").write_text("launch:\n- node: {exec: publisher}\n- node: {exec: subscriber}\n")
     found = report(
         "launch", str(tmp_path / "l.yaml"), "--duration", "1", "--picture", str(tmp_path / "g.png")

@@ -36,7 +36,7 @@ class Desk:
             self.executor.add(process)
 
     @property
-    def said(self) -> list[tuple[float, str, str]]:
+    def output(self) -> list[tuple[float, str, str]]:
         return [(line.stamp / SECOND, line.name, line.text) for line in self.lines]
 
 
@@ -48,7 +48,7 @@ def desk(robot) -> Desk:
 def test_the_logger_counts_from_zero_twice_a_second(desk: Desk):
     desk.add(Logger(desk.context))
     desk.clock.sleep(1.6)
-    assert desk.said == [
+    assert desk.output == [
         (0.5, "logger_node", "Hello 0"),
         (1.0, "logger_node", "Hello 1"),
         (1.5, "logger_node", "Hello 2"),
@@ -57,21 +57,21 @@ def test_the_logger_counts_from_zero_twice_a_second(desk: Desk):
 
 
 def test_the_publisher_counts_before_it_publishes(desk: Desk):
-    heard: list[tuple[float, int]] = []
+    received: list[tuple[float, int]] = []
     listener = Process("listener", desk.context)
     listener.create_subscription(
-        "int_topic", Int32, lambda one: heard.append((desk.clock.now() / SECOND, one.data))
+        "int_topic", Int32, lambda one: received.append((desk.clock.now() / SECOND, one.data))
     )
     desk.add(NumberPublisher(desk.context), listener)
     desk.clock.sleep(1.6)
-    assert heard == [(0.5, 1), (1.0, 2), (1.5, 3)]
+    assert received == [(0.5, 1), (1.0, 2), (1.5, 3)]
 
 
 def test_publisher_and_subscriber_in_one_executor(desk: Desk):
     desk.add(*create_processes("executor", desk.context))
     desk.clock.sleep(1.6)
-    assert [text for _, _, text in desk.said] == ["Hello 1", "Hello 2", "Hello 3"]
-    assert {name for _, name, _ in desk.said} == {"subscriber_node"}
+    assert [text for _, _, text in desk.output] == ["Hello 1", "Hello 2", "Hello 3"]
+    assert {name for _, name, _ in desk.output} == {"subscriber_node"}
 
 
 def test_publisher_and_subscriber_in_two_executors(desk: Desk):
@@ -79,10 +79,10 @@ def test_publisher_and_subscriber_in_two_executors(desk: Desk):
     other.add(NumberSubscriber(desk.context))
     desk.add(NumberPublisher(desk.context))
     desk.clock.sleep(1.1)
-    assert [(time, text) for time, _, text in desk.said] == [(0.5, "Hello 1"), (1.0, "Hello 2")]
+    assert [(time, text) for time, _, text in desk.output] == [(0.5, "Hello 1"), (1.0, "Hello 2")]
 
 
-def test_the_localization_has_its_defaults(desk: Desk):
+def test_localization_has_default_parameters(desk: Desk):
     process = Localization(desk.context)
     assert (process.number_particles, process.topics, process.topic_types) == (200, [], [])
     assert desk.lines[0].level == "INFO"
@@ -97,7 +97,7 @@ localization_node:
 """
 
 
-def test_a_parameter_file_sets_them(desk: Desk, tmp_path: Path):
+def test_a_parameter_file_sets_the_parameters(desk: Desk, tmp_path: Path):
     (tmp_path / "params.yaml").write_text(PARAMS)
     given = load_process_parameters(tmp_path / "params.yaml", "localization_node")
     process = Localization(desk.context, ProcessOptions(parameters=given))
@@ -106,14 +106,14 @@ def test_a_parameter_file_sets_them(desk: Desk, tmp_path: Path):
     assert [line.level for line in desk.lines] == ["INFO"] * 3
 
 
-def test_lists_of_different_lengths_are_an_error_that_it_reports(desk: Desk):
+def test_lists_of_different_lengths_are_reported_as_an_error(desk: Desk):
     Localization(desk.context, ProcessOptions(parameters={"topics": ["scan"]}))
     assert [(line.level, line.text) for line in desk.lines] == [
         ("ERROR", "Number of topics (1) != number of types (0)")
     ]
 
 
-def test_a_misnamed_parameter_changes_nothing_and_is_told(desk: Desk):
+def test_a_misnamed_parameter_is_ignored_with_a_warning(desk: Desk):
     """The first launch file of the book passes "particles"."""
     process = Localization(desk.context, ProcessOptions(parameters={"particles": 300}))
     assert process.number_particles == 200
@@ -123,7 +123,7 @@ def test_a_misnamed_parameter_changes_nothing_and_is_told(desk: Desk):
     ]
 
 
-def test_every_process_may_be_told_to_use_simulated_time(desk: Desk):
+def test_every_process_accepts_use_sim_time(desk: Desk):
     assert (
         list(Logger(desk.context, ProcessOptions(parameters={"use_sim_time": True})).unused_warnings()) == []
     )
@@ -133,7 +133,7 @@ def test_every_process_may_be_told_to_use_simulated_time(desk: Desk):
     "given",
     [{"number_particles": "many"}, {"number_particles": 1.5}, {"topics": "scan"}, {"topics": [1, "a"]}],
 )
-def test_a_parameter_of_another_type_is_a_fault(desk: Desk, given: dict):
+def test_a_parameter_of_another_type_raises(desk: Desk, given: dict):
     with pytest.raises(ParameterError, match="localization_node: the parameter '"):
         Localization(desk.context, ProcessOptions(parameters=given))
 
@@ -148,46 +148,46 @@ class Talk:
         self.speaker = Process("speaker", desk.context)
         self.listener = Process("listener", desk.context)
         self.numbers = self.speaker.create_publisher("numbers", Int32, latched=latched)
-        self.heard: list[int] = []
+        self.received: list[int] = []
 
-    def say(self, *numbers: int) -> None:
+    def send(self, *numbers: int) -> None:
         for number in numbers:
             self.numbers.publish(Int32(number))
 
-    def hear(self, message: Int32) -> None:
-        self.heard.append(message.data)
+    def receive(self, message: Int32) -> None:
+        self.received.append(message.data)
 
 
-def test_a_full_queue_loses_the_oldest(desk: Desk):
+def test_a_full_queue_loses_its_oldest_messages(desk: Desk):
     talk = Talk(desk)
-    subscription = talk.listener.create_subscription("numbers", Int32, talk.hear, depth=2)
+    subscription = talk.listener.create_subscription("numbers", Int32, talk.receive, depth=2)
     desk.add(talk.listener)
-    talk.say(1, 2, 3, 4)
-    assert talk.heard == []
+    talk.send(1, 2, 3, 4)
+    assert talk.received == []
     desk.clock.sleep(0.0)
-    assert talk.heard == [3, 4]
+    assert talk.received == [3, 4]
     assert subscription.lost == 2
 
 
-def test_a_latched_topic_tells_its_last_to_whoever_comes_later(desk: Desk):
+def test_a_later_subscriber_receives_the_last_message_of_a_latched_topic(desk: Desk):
     talk = Talk(desk, latched=True)
-    talk.say(1, 2)
-    talk.listener.create_subscription("numbers", Int32, talk.hear)
+    talk.send(1, 2)
+    talk.listener.create_subscription("numbers", Int32, talk.receive)
     desk.add(talk.listener)
     desk.clock.sleep(0.0)
-    assert talk.heard == [2]
+    assert talk.received == [2]
 
 
-def test_without_latching_who_comes_later_hears_nothing(desk: Desk):
+def test_a_later_subscriber_receives_no_earlier_message_without_latching(desk: Desk):
     talk = Talk(desk)
-    talk.say(1, 2)
-    talk.listener.create_subscription("numbers", Int32, talk.hear)
+    talk.send(1, 2)
+    talk.listener.create_subscription("numbers", Int32, talk.receive)
     desk.add(talk.listener)
     desk.clock.sleep(0.0)
-    assert talk.heard == []
+    assert talk.received == []
 
 
-def test_a_message_or_a_listener_of_another_type_is_a_fault(desk: Desk):
+def test_a_message_or_a_subscription_of_another_type_raises(desk: Desk):
     talk = Talk(desk)
     with pytest.raises(TopicError, match="/numbers has messages of type Int32, not of type str"):
         talk.numbers.publish("seven")  # type: ignore[arg-type]
@@ -199,33 +199,33 @@ def test_a_process_is_remapped_at_its_start(desk: Desk):
     listener = NumberSubscriber(desk.context, ProcessOptions("other", {"int_topic": "/numbers"}))
     talk = Talk(desk)
     desk.add(listener)
-    talk.say(7)
+    talk.send(7)
     desk.clock.sleep(0.0)
-    assert desk.said == [(0.0, "other", "Hello 7")]
+    assert desk.output == [(0.0, "other", "Hello 7")]
 
 
-def test_a_message_is_heard_at_the_moment_it_is_published_after_the_sensors(desk: Desk):
+def test_a_message_is_received_at_the_time_of_its_publication(desk: Desk):
     talk = Talk(desk)
     moments: list[float] = []
     talk.listener.create_subscription(
         "numbers", Int32, lambda message: moments.append(desk.clock.now() / SECOND)
     )
     desk.add(talk.listener)
-    desk.clock.every(4.0, Phase.SENSORS, lambda now: talk.say(1))
+    desk.clock.every(4.0, Phase.SENSORS, lambda now: talk.send(1))
     desk.clock.sleep(1.0)
     assert moments == [0.25, 0.5, 0.75, 1.0]
 
 
-def test_a_process_that_ended_hears_nothing_and_its_timers_rest(desk: Desk):
+def test_a_destroyed_process_receives_nothing_and_its_timers_stop(desk: Desk):
     talk = Talk(desk)
-    talk.listener.create_subscription("numbers", Int32, talk.hear)
+    talk.listener.create_subscription("numbers", Int32, talk.receive)
     logger = Logger(desk.context)
     desk.add(talk.listener, logger)
     talk.listener.destroy()
     logger.destroy()
-    talk.say(1)
+    talk.send(1)
     desk.clock.sleep(2.0)
-    assert (talk.heard, desk.lines) == ([], [])
+    assert (talk.received, desk.lines) == ([], [])
 
 
 def test_a_timer_can_be_cancelled_by_its_own_callback(desk: Desk):
@@ -237,11 +237,11 @@ def test_a_timer_can_be_cancelled_by_its_own_callback(desk: Desk):
     assert calls == [1]
 
 
-def test_callbacks_that_answer_each_other_for_ever_are_told(desk: Desk):
+def test_callbacks_that_publish_to_each_other_without_end_raise(desk: Desk):
     talk = Talk(desk)
     talk.listener.create_subscription("numbers", Int32, talk.numbers.publish)
     desk.add(talk.listener)
-    talk.say(1)
+    talk.send(1)
     with pytest.raises(MessageLoopError, match="the callbacks of listener publish to each other without end"):
         desk.clock.sleep(0.0)
 
@@ -271,7 +271,7 @@ def test_a_launch_file_starts_publisher_and_subscriber(desk: Desk, tmp_path: Pat
     desk.add(*launch_processes(read_launch(tmp_path / "pub_sub.launch.yaml"), desk.context))
     assert [process.name for process in desk.executor.processes] == ["speaker", "subscriber_node"]
     desk.clock.sleep(1.1)
-    assert [text for _, _, text in desk.said] == ["Hello 1", "Hello 2"]
+    assert [text for _, _, text in desk.output] == ["Hello 1", "Hello 2"]
 
 
 def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path: Path):
@@ -285,7 +285,7 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "output"),
     [
         (
             "launch:\n- node: {exec: publsher}\n",
@@ -304,12 +304,14 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
         ("launch:\n- include: {file: none.yaml}\n", "none.yaml: no such file"),
     ],
 )
-def test_a_mistake_in_a_launch_file_is_told_with_its_place(desk: Desk, tmp_path: Path, text: str, said: str):
+def test_an_error_in_a_launch_file_is_reported_with_its_line(
+    desk: Desk, tmp_path: Path, text: str, output: str
+):
     (tmp_path / "f.yaml").write_text(text)
-    with pytest.raises(LaunchError, match=said):
+    with pytest.raises(LaunchError, match=output):
         launch_processes(read_launch(tmp_path / "f.yaml"), desk.context)
 
 
-def test_a_program_that_there_is_not_is_told(desk: Desk):
+def test_an_unknown_program_raises(desk: Desk):
     with pytest.raises(UnknownProgramError, match="there are logger, publisher"):
         create_processes("xyz", desk.context)

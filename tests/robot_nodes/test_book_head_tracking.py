@@ -61,7 +61,7 @@ def test_pid_stays_within_its_limits_and_keeps_the_sign():
             assert abs(output) == 1.0
 
 
-def test_pid_an_error_under_the_least_is_none_and_over_the_most_is_full():
+def test_pid_output_is_zero_below_the_minimum_and_full_above_the_maximum_error():
     pid = PID(0.1, 1.0, 0.2, 0.8)
     pid.set_gains(1.0, 0.0, 0.0)
     assert pid.output(0.09) == 0.0
@@ -70,7 +70,7 @@ def test_pid_an_error_under_the_least_is_none_and_over_the_most_is_full():
     assert pid.output(3.0) == 0.8
 
 
-def test_pid_the_integral_forgets_a_third_and_the_derivative_is_the_change():
+def test_pid_the_integral_decays_by_a_third_and_the_derivative_is_the_change():
     pid = PID(0.0, 1.0, 0.0, 1.0)
     pid.set_gains(0.0, 1.0, 0.0)
     assert [pid.output(0.3) for _ in range(2)] == pytest.approx([0.2, (0.2 + 0.3) * 2 / 3])
@@ -82,7 +82,7 @@ def test_pid_the_integral_forgets_a_third_and_the_derivative_is_the_change():
 # --- the detector
 
 
-def test_the_box_is_around_all_that_has_the_colour_and_the_centre_is_of_mass():
+def test_a_detection_has_a_box_around_all_pixels_and_the_centre_of_mass():
     found = detect_colour(picture((100, 50, 40, 20), (300, 200, 40, 60)), WOOD)
     assert found is not None
     assert (found.left, found.top, found.width, found.height) == (100, 50, 240, 210)
@@ -103,13 +103,13 @@ def test_exercise_a_box_for_each_separate_object_the_largest_first():
     ]
 
 
-def test_the_book_s_wood_is_hue_15_to_20_saturation_50_to_200_value_20_to_200():
+def test_the_books_colour_range_of_wood_and_the_default_colour_range():
     assert ColourRange((15, 20), (50, 200), (20, 200)) == WOOD
     assert ColourRange() == ColourRange((0, 180), (0, 255), (0, 255))
     assert colour_mask(picture(), ColourRange()).all()
 
 
-def test_the_debug_image_dims_the_rest_and_boxes_what_was_found():
+def test_the_debug_image_dims_the_background_and_draws_the_detections_box():
     seen = picture((100, 50, 40, 20))
     shown = debug_image(seen, WOOD)
     assert shown[400, 400].tolist() == [40, 40, 40]
@@ -127,7 +127,7 @@ def detector(robot, **parameters) -> tuple[ProcessContext, Process, ObjectDetect
     return context, other, process
 
 
-def test_as_a_process_it_tells_what_it_finds_to_listeners(robot):
+def test_the_detector_process_publishes_its_detections_to_subscribers(robot):
     _, other, process = detector(robot, hsv_ranges=[15, 20, 50, 200, 20, 200])
     images, heard = other.create_publisher("input_image", CameraImage), []
     images.publish(picture((100, 50, 40, 20)))
@@ -140,7 +140,7 @@ def test_as_a_process_it_tells_what_it_finds_to_listeners(robot):
     assert [len(one.objects) for one in heard] == [1]
 
 
-def test_as_a_process_it_says_what_its_ranges_are_to_be(robot):
+def test_the_detector_process_requires_six_numbers_in_hsv_ranges(robot):
     with pytest.raises(ParameterError, match="hsv_ranges has 6 numbers"):
         detector(robot, hsv_ranges=[1, 2])
 
@@ -151,7 +151,7 @@ def test_as_a_process_it_says_what_its_ranges_are_to_be(robot):
 @pytest.mark.parametrize(
     ("x", "y", "pan", "tilt"), [(320, 240, 0, 0), (640, 240, 1, 0), (0, 480, -1, 1), (480, 120, 0.5, -0.5)]
 )
-def test_a_command_is_the_place_in_the_picture_from_minus_one_to_one(x, y, pan, tilt):
+def test_a_command_is_the_position_in_the_picture_from_minus_one_to_one(x, y, pan, tilt):
     detection = Detection(0, 0, 1, 1, x, y, (640, 480), 7)
     assert command_from_detection(detection) == PanTiltCommand(pan, tilt, 7)
 
@@ -175,7 +175,7 @@ def active(robot, **settings) -> HeadTracker:
     ("left", "top", "pan", "tilt"), [(600, 220, -1, 0), (0, 220, 1, 0), (300, 440, 0, -1), (300, 0, 0, 1)]
 )
 def test_the_head_turns_towards_the_object(watching, left, top, pan, tilt):
-    """To the right in the picture is a smaller pan angle, below is a smaller tilt."""
+    """An object to the right needs a smaller pan angle, and an object below a smaller tilt angle."""
     active(watching)
     watching.shown = picture((left, top, 40, 40), stamp=100_000_000)
     watching.clock.sleep(0.1)
@@ -183,7 +183,7 @@ def test_the_head_turns_towards_the_object(watching, left, top, pan, tilt):
     assert np.sign(np.where(np.abs(looked) < 0.01, 0.0, looked)).tolist() == [pan, tilt]
 
 
-def test_ten_times_a_second_while_it_is_active(watching):
+def test_the_head_gets_ten_commands_a_second_while_the_tracker_is_active(watching):
     tracker = active(watching)
     watching.clock.sleep(2.0)
     assert len(watching.looks) == 20
@@ -192,7 +192,7 @@ def test_ten_times_a_second_while_it_is_active(watching):
     assert len(watching.looks) == 21
 
 
-def test_nothing_seen_for_100_ms_it_goes_back_to_the_middle(watching):
+def test_the_head_returns_to_the_middle_after_100_ms_without_a_detection(watching):
     active(watching)
     watching.shown = picture((600, 220, 40, 40), stamp=100_000_000)
     watching.clock.sleep(0.2)
@@ -201,7 +201,7 @@ def test_nothing_seen_for_100_ms_it_goes_back_to_the_middle(watching):
     assert watching.looks[-1] == (0.0, 0.0)
 
 
-def test_deactivated_it_goes_back_to_the_middle(watching):
+def test_the_head_returns_to_the_middle_when_the_tracker_is_deactivated(watching):
     tracker = active(watching)
     watching.shown = picture((600, 220, 40, 40), stamp=100_000_000)
     watching.clock.sleep(0.1)
@@ -209,8 +209,8 @@ def test_deactivated_it_goes_back_to_the_middle(watching):
     assert watching.looks[-1] == (0.0, 0.0)
 
 
-def test_exercise_a_more_reactive_head_is_there_sooner(watching):
-    """The object is to the right by 0.5 rad; the head obeys at once, and its picture spans 1.1 rad."""
+def test_exercise_a_more_reactive_head_reaches_the_object_sooner(watching):
+    """The object is to the right by 0.5 rad; the head moves at once, and its picture spans 1.1 rad."""
     needed = {}
     for name, settings in {"book": {}, "reactive": {"tuning": REACTIVE}}.items():
         watching.turned = HeadPosition(0.0, 0.0, watching.clock.now())
@@ -255,7 +255,7 @@ def test_the_states_and_transitions_have_the_numbers_of_ros():
     ] == [1, 2, 3, 4]
 
 
-def test_a_component_goes_its_ways_and_refuses_others():
+def test_a_component_makes_valid_transitions_and_refuses_others():
     component = LifecycleComponent()
     assert not component.activate()
     assert not component.deactivate()

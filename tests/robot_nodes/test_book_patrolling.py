@@ -87,7 +87,7 @@ def test_recharge_btn(robot):
     assert robot.recharges == 1
 
 
-def test_recharge_halted_goes_on_where_it_was(robot):
+def test_recharge_continues_after_a_halt(robot):
     tree = tree_of('<Action ID="Recharge"/>', robot)
     tick(tree, robot, 3.0)
     tree.halt()
@@ -114,7 +114,7 @@ def test_move_btn(robot, server: SlowServer):
     assert server.goals == [Pose2D(1.0, 2.0, 0.0)]
 
 
-def test_move_halted_cancels_its_goal(robot, server: SlowServer):
+def test_move_cancels_its_goal_when_it_is_halted(robot, server: SlowServer):
     tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, server)
     tick(tree, robot, 1.0)
     tree.halt()
@@ -122,26 +122,26 @@ def test_move_halted_cancels_its_goal(robot, server: SlowServer):
     assert server.handles[0].status.name == "CANCELED"
 
 
-def test_move_fails_when_navigation_gives_up_and_says_why(robot, server: SlowServer, caplog):
+def test_move_fails_with_the_error_of_the_navigation(robot, server: SlowServer, caplog):
     tree = tree_of('<Action ID="Move" goal="999;0" error_code="{code}" error="{why}"/>', robot, server)
     assert tick(tree, robot, 20.0) is Status.FAILURE
     assert (tree.blackboard["code"], tree.blackboard["why"]) == (208, "there is no way to it")
     assert "can't go to (999.00, 0.00): there is no way to it" in caplog.text
 
 
-def test_move_cancelled_by_somebody_else_is_a_success(robot, server: SlowServer):
+def test_move_succeeds_when_another_client_cancels_its_goal(robot, server: SlowServer):
     tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, server)
     tick(tree, robot, 1.0)
     server.handles[0].cancel()
     assert tick(tree, robot, 1.0) is Status.SUCCESS
 
 
-def test_move_gives_up_on_a_server_that_accepts_nothing_for_a_second(robot):
-    class Deaf:
+def test_move_fails_when_the_server_accepts_no_goal_for_a_second(robot):
+    class SilentServer:
         def go_to(self, goal: Pose2D) -> GoalHandle[Pose2D, None, None]:
             return GoalHandle(goal)
 
-    tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, Deaf())
+    tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, SilentServer())
     assert tick(tree, robot, 20.0) is Status.FAILURE
     assert robot.clock.now() == pytest.approx(1.1 * SECOND)
 
@@ -149,7 +149,7 @@ def test_move_gives_up_on_a_server_that_accepts_nothing_for_a_second(robot):
 # --- get_waypoint_btn
 
 
-def given(tree: Tree, names: Sequence[str]) -> list[Pose2D]:
+def entries(tree: Tree, names: Sequence[str]) -> list[Pose2D]:
     return [tree.blackboard[name] for name in names]
 
 
@@ -173,10 +173,10 @@ SEQUENCE = (
 def test_get_waypoint_btn_only_recharge_is_chosen_by_name(robot):
     tree = tree_of(SEQUENCE)
     assert tree.tick_once() is Status.SUCCESS
-    assert given(tree, [f"p{number}" for number in range(7)]) == [WP1, WP2, WP3, RECHARGE, WP1, WP2, WP3]
+    assert entries(tree, [f"p{number}" for number in range(7)]) == [WP1, WP2, WP3, RECHARGE, WP1, WP2, WP3]
 
 
-def test_get_waypoint_counts_in_each_tree_anew():
+def test_get_waypoint_counts_separately_in_each_tree():
     for _ in range(2):
         tree = tree_of('<Action ID="GetWaypoint" wp_id="next" waypoint="{wp}"/>')
         tree.tick_once()
@@ -205,7 +205,7 @@ def test_battery_checker_btn(robot):
 
 
 @pytest.mark.parametrize(("ports", "threshold"), [("", 10.0), ('low="20"', 20.0)])
-def test_battery_checker_fails_under_its_threshold(robot, ports: str, threshold: float):
+def test_battery_checker_fails_below_its_threshold(robot, ports: str, threshold: float):
     tree = tree_of(f'<Condition ID="BatteryChecker" {ports}/>', robot)
     tree.blackboard["battery_level"] = threshold
     assert tree.tick_once() is Status.SUCCESS
@@ -214,7 +214,7 @@ def test_battery_checker_fails_under_its_threshold(robot, ports: str, threshold:
 
 
 @pytest.mark.parametrize(("v", "w", "a_second"), [(0.0, 0.0, 0.01), (0.3, 0.0, 0.16), (0.3, 0.4, 0.26)])
-def test_battery_drains_by_the_velocity_asked_for(robot, v: float, w: float, a_second: float):
+def test_battery_drains_by_the_commanded_velocity(robot, v: float, w: float, a_second: float):
     tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
     tree.tick_once()
     robot.drive(v, w)
@@ -223,7 +223,7 @@ def test_battery_drains_by_the_velocity_asked_for(robot, v: float, w: float, a_s
     assert tree.blackboard["battery_level"] == pytest.approx(100.0 - 10 * a_second)
 
 
-def test_battery_quirk_a_gap_is_reckoned_at_the_velocity_found_after_it(robot):
+def test_battery_quirk_a_gap_is_charged_at_the_velocity_after_it(robot):
     tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
     tree.tick_once()
     robot.clock.sleep(100.0)  # the leaf was not ticked, and the robot stood
@@ -232,7 +232,7 @@ def test_battery_quirk_a_gap_is_reckoned_at_the_velocity_found_after_it(robot):
     assert tree.blackboard["battery_level"] == pytest.approx(84.0)
 
 
-def test_battery_is_never_under_zero(robot):
+def test_battery_is_never_below_zero(robot):
     tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
     robot.clock.sleep(1e5)
     tree.tick_once()
@@ -242,14 +242,14 @@ def test_battery_is_never_under_zero(robot):
 # --- track_objects_btn
 
 
-def test_track_objects_btn_1_unconfigured_it_is_refused(robot, tracker: HeadTracker):
+def test_track_objects_btn_1_an_unconfigured_tracker_is_not_activated(robot, tracker: HeadTracker):
     assert not tracker.activate()
     tree = tree_of('<Action ID="TrackObjects"/>', tracker)
     assert tree.tick_once() is Status.RUNNING
     assert tracker.state is LifecycleState.UNCONFIGURED
 
 
-def test_track_objects_btn_2_configured_it_activates_and_a_halt_deactivates(robot, tracker: HeadTracker):
+def test_track_objects_btn_2_a_tick_activates_and_a_halt_deactivates(robot, tracker: HeadTracker):
     tracker.configure()
     tree = tree_of('<Action ID="TrackObjects"/>', tracker)
     assert tree.tick_once() is Status.RUNNING
@@ -290,7 +290,7 @@ def test_move_track_btn(robot, server: SlowServer, tracker: HeadTracker):
 
 
 @pytest.mark.parametrize("name", ["patrolling", "patrolling_book"])
-def test_the_tree_goes_round_and_recharges(robot, server: SlowServer, tracker: HeadTracker, name: str):
+def test_the_tree_patrols_and_recharges(robot, server: SlowServer, tracker: HeadTracker, name: str):
     """A waypoint costs 5 s and a patrol 15 s: 3.9 % of the battery, and 20 % or 10 % are kept."""
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
@@ -307,7 +307,7 @@ def test_the_tree_goes_round_and_recharges(robot, server: SlowServer, tracker: H
     assert len(server.goals) == 40
     assert robot.recharges >= 1
     assert server.goals[:3] == [WP1, WP2, WP3]
-    # The waypoint that the low battery interrupted is skipped: what follows the charger isn't it again.
+    # The waypoint that the low battery interrupted is skipped: the next waypoint follows the charger.
     stop = server.goals.index(RECHARGE)
     following = [WP1, WP2, WP3]
     before = following.index(server.goals[stop - 1])

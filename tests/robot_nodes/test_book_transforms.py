@@ -22,7 +22,7 @@ LASER = "base_laser_link"
 
 
 class Looking:
-    """A robot whose laser is 0.2 m before its middle, its transforms, and processes around it."""
+    """A robot whose laser is 0.2 m ahead of its middle, its transforms, and processes around it."""
 
     def __init__(self, robot) -> None:
         self.robot = robot
@@ -61,7 +61,7 @@ def looking(robot) -> Looking:
     return Looking(robot)
 
 
-def test_the_detector_tells_of_what_the_middle_ray_hits_in_the_lasers_frame(looking: Looking):
+def test_the_detector_publishes_the_hit_of_the_middle_ray_in_the_lasers_frame(looking: Looking):
     looking.add(ObstacleDetector)
     looking.see(0.3, 1.5, 0.4)
     found = looking.context.transforms.lookup(LASER, "detected_obstacle")
@@ -71,20 +71,20 @@ def test_the_detector_tells_of_what_the_middle_ray_hits_in_the_lasers_frame(look
 
 
 @pytest.mark.parametrize("reading", [math.inf, -math.inf, math.nan])
-def test_without_an_echo_it_tells_nothing(looking: Looking, reading: float):
+def test_without_an_echo_the_detector_publishes_nothing(looking: Looking, reading: float):
     looking.add(ObstacleDetector)
     looking.see(1.0, reading, 1.0)
     assert "detected_obstacle" not in looking.context.transforms.frames()
 
 
-def test_its_transform_is_static_and_so_never_forgotten(looking: Looking):
+def test_the_obstacles_transform_is_static_and_does_not_expire(looking: Looking):
     looking.add(ObstacleDetector)
     looking.see(1.0, 1.5, 1.0)
     looking.robot.clock.sleep(60.0)
     assert looking.where(LASER)[0] == pytest.approx(1.5)
 
 
-def test_the_flaw_out_of_the_beam_it_moves_with_the_robot_and_improved_it_stays(robot):
+def test_only_the_improved_detectors_obstacle_stays_when_the_robot_moves(robot):
     places = {}
     for kind in (ObstacleDetector, ObstacleDetectorImproved):
         looking = Looking(type(robot)())
@@ -102,7 +102,7 @@ def test_the_flaw_out_of_the_beam_it_moves_with_the_robot_and_improved_it_stays(
     assert places[ObstacleDetectorImproved] == pytest.approx((1.7, 0.0, 0.1), abs=1e-6)
 
 
-def test_the_improved_one_looks_where_the_laser_was_at_the_scans_moment(looking: Looking):
+def test_the_improved_detector_uses_the_lasers_pose_at_the_scans_time(looking: Looking):
     looking.know_frames()
     looking.add(ObstacleDetectorImproved)
     looking.robot.clock.sleep(0.5)
@@ -115,14 +115,14 @@ def test_the_improved_one_looks_where_the_laser_was_at_the_scans_moment(looking:
     assert looking.where("odom") == pytest.approx((1.7, 0.0, 0.1), abs=1e-6)
 
 
-def test_without_the_robots_frames_the_improved_one_warns_and_skips(looking: Looking):
+def test_without_the_robots_frames_the_improved_detector_warns(looking: Looking):
     looking.add(ObstacleDetectorImproved)
     looking.see(1.0, 1.5, 1.0)
     assert [line.level for line in looking.lines] == ["WARN"]
     assert "detected_obstacle" not in looking.context.transforms.frames()
 
 
-def test_the_monitor_says_where_it_is_twice_a_second_and_points_at_it(looking: Looking):
+def test_the_monitor_logs_the_obstacle_twice_a_second_and_draws_an_arrow(looking: Looking):
     looking.know_frames()
     looking.add(ObstacleDetector)
     looking.add(ObstacleMonitor)
@@ -136,7 +136,7 @@ def test_the_monitor_says_where_it_is_twice_a_second_and_points_at_it(looking: L
     assert (arrow.start, arrow.end) == ((0.0, 0.0, 0.0), pytest.approx((1.7, 0.0, 0.1)))
 
 
-def test_the_monitor_warns_while_there_is_none(looking: Looking):
+def test_the_monitor_warns_while_there_is_no_obstacle(looking: Looking):
     looking.know_frames()
     looking.add(ObstacleMonitor)
     looking.robot.clock.sleep(1.0)
@@ -166,7 +166,7 @@ def test_exercise_the_arrow_is_green_far_away_and_red_near(distance: float, colo
     assert distance_colour(distance) == colour
 
 
-def test_exercise_and_between_them_it_goes_from_one_to_the_other(looking: Looking):
+def test_exercise_the_arrows_colour_changes_gradually_with_the_distance(looking: Looking):
     shares = [distance_colour(distance)[0] for distance in (0.6, 1.0, 2.0, 2.9)]
     assert shares == sorted(shares, reverse=True)
     looking.know_frames()

@@ -51,7 +51,7 @@ def test_1_nothing_in_sight_the_vectors_are_exact():
     assert found.result.tolist() == [1.0, 0.0]
 
 
-def test_2_all_at_zero_the_first_reading_counts():
+def test_2_all_at_zero_the_first_reading_is_used():
     found = forces_from_nearest(CASES["2 all at zero"])
     assert found.attractive.tolist() == [1.0, 0.0]
     assert found.repulsive.tolist() == pytest.approx([1.0, 0.0], abs=1e-5)
@@ -77,7 +77,7 @@ def test_3_to_7_an_obstacle_pushes_away(case: str, signs, push, sum_):
     assert sum_[0] < angle(found.result) < sum_[1]
 
 
-def test_8_right_ahead_what_is_left_over_has_the_sign_of_single_precision():
+def test_8_right_ahead_the_remainder_has_the_sign_of_single_precision():
     found = forces_from_nearest(CASES["8 right ahead"])
     assert found.repulsive[0] == pytest.approx(-1.0, abs=0.1)
     assert found.repulsive[1] == pytest.approx(0.0, abs=1e-4)
@@ -109,9 +109,9 @@ class Avoiding:
             self.context, ProcessOptions(remap={"input_scan": "/scan_raw", "output_vel": "/nav_vel"})
         )
         self.laser = Process("laser", self.context)
-        self.said: list[Twist2D] = []
+        self.commands: list[Twist2D] = []
         self.scans = self.laser.create_publisher("/scan_raw", LaserScan)
-        self.laser.create_subscription("/nav_vel", Twist2D, self.said.append)
+        self.laser.create_subscription("/nav_vel", Twist2D, self.commands.append)
         self.executor.add(self.process)
         self.executor.add(self.laser)
 
@@ -128,28 +128,28 @@ class Avoiding:
 def test_the_velocity_after_a_second_of_scans_at_30_hz(robot, case: str):
     avoiding = Avoiding(robot)
     avoiding.run(CASES[case], 1.0)
-    last = avoiding.said[-1]
-    assert len(avoiding.said) == pytest.approx(20, abs=1)
+    last = avoiding.commands[-1]
+    assert len(avoiding.commands) == pytest.approx(20, abs=1)
     assert VELOCITIES[case](last.v, last.w), last
 
 
-def test_a_scan_older_than_a_second_moves_nothing(robot):
+def test_no_command_is_sent_for_a_scan_older_than_a_second(robot):
     avoiding = Avoiding(robot)
     avoiding.scans.publish(scan_of())
     robot.clock.sleep(1.0)
-    assert len(avoiding.said) == 20
-    avoiding.said.clear()
+    assert len(avoiding.commands) == 20
+    avoiding.commands.clear()
     robot.clock.sleep(2.0)
-    assert avoiding.said == []
+    assert avoiding.commands == []
 
 
-def test_without_a_scan_nothing_is_said(robot):
+def test_no_command_is_sent_without_a_scan(robot):
     avoiding = Avoiding(robot)
     robot.clock.sleep(1.0)
-    assert avoiding.said == []
+    assert avoiding.commands == []
 
 
-def test_the_arrows_are_made_for_listeners_only(robot):
+def test_the_arrows_are_published_for_subscribers_only(robot):
     avoiding = Avoiding(robot)
     avoiding.run(CASES["4 ahead to the right"], 0.5)
     heard: list[Arrows] = []
@@ -170,7 +170,7 @@ def test_the_velocity_keeps_to_the_books_limits():
     assert velocity(np.array([0.1, -5.0], dtype=np.float32)).w == -0.5
 
 
-def test_nan_is_no_reading_and_too_near_is_the_nearest():
+def test_nan_is_ignored_and_minus_infinity_is_the_nearest_reading():
     ranges = scan_of(k10=math.nan, k6=0.5).ranges
     blind = LaserScan(ranges, 0, -PI, 2 * PI / 16, 0.0, 20.0, "laser")
     assert forces_from_nearest(blind).result.tolist() == forces_from_nearest(scan_of(k6=0.5)).result.tolist()
@@ -180,10 +180,10 @@ def test_nan_is_no_reading_and_too_near_is_the_nearest():
     )
 
 
-# --- the exercise: all that is near pushes
+# --- the exercise: forces from all near obstacles
 
 
-def test_exercise_two_obstacles_push_where_the_nearest_alone_would_not():
+def test_exercise_obstacles_at_both_sides_cancel_their_sideways_forces():
     between = scan_of(k6=0.3, k10=0.301)
     assert forces_from_nearest(between).result[1] > 0.1
     both = forces_from_all(between)
@@ -191,17 +191,17 @@ def test_exercise_two_obstacles_push_where_the_nearest_alone_would_not():
     assert both.repulsive[0] == pytest.approx(-0.99, abs=0.01)
 
 
-def test_exercise_with_one_obstacle_it_is_the_books():
+def test_exercise_a_single_obstacle_gives_the_books_result():
     for case in ("3 behind to the right", "4 ahead to the right", "5 ahead to the left"):
         assert forces_from_all(CASES[case]).result == pytest.approx(
             forces_from_nearest(CASES[case]).result, abs=1e-6
         )
 
 
-def test_exercise_it_does_not_drive_on_where_the_sum_points_back(robot):
+def test_exercise_the_robot_does_not_drive_forward_if_the_sum_points_back(robot):
     avoiding = Avoiding(robot, AvoidanceFromAll)
     avoiding.run(scan_of(k6=0.2, k7=0.2, k8=0.2, k9=0.25), 0.5)
     assert avoiding.process.forces is not None
     assert avoiding.process.forces.result[0] < 0.0
-    assert avoiding.said[-1].v == 0.0
-    assert abs(avoiding.said[-1].w) == 0.5
+    assert avoiding.commands[-1].v == 0.0
+    assert abs(avoiding.commands[-1].w) == 0.5

@@ -51,14 +51,14 @@ def canvas() -> Canvas:
     return Canvas()
 
 
-def test_a_pixel_is_as_far_aside_as_the_pinhole_has_it():
+def test_the_point_of_a_pixel_follows_the_pinhole_model():
     depth = np.full((120, 160), 2.0, dtype=np.float32)
     chosen = np.zeros((120, 160), dtype=bool)
     chosen[100, 150] = True
     assert depth_to_points(depth, LENS, chosen) == pytest.approx(np.array([[1.41, 0.81, 2.0]]))
 
 
-def test_a_wall_is_a_box_without_depth_in_the_frame_asked_for(canvas):
+def test_a_wall_is_a_box_without_depth_in_the_requested_frame(canvas):
     canvas.wall(np.s_[50:70], np.s_[100:140], 2.0)
     (box,) = canvas.boxes()
     assert (box.frame, box.stamp) == ("base_footprint", 7)
@@ -66,25 +66,25 @@ def test_a_wall_is_a_box_without_depth_in_the_frame_asked_for(canvas):
     assert box.size == pytest.approx((0.0, 0.78, 0.38), abs=0.03)
 
 
-def test_of_two_things_in_a_row_each_has_a_box_the_largest_first(canvas):
+def test_objects_behind_each_other_have_separate_boxes_the_largest_first(canvas):
     canvas.wall(np.s_[40:80], np.s_[40:120], 4.0)
     canvas.wall(np.s_[50:90], np.s_[60:80], 2.0)
     near = [box.centre[0] for box in canvas.boxes()]
     assert near == pytest.approx([4.0, 2.0])
 
 
-def test_colour_without_a_depth_and_specks_are_nothing(canvas):
+def test_colour_without_depth_and_small_specks_are_ignored(canvas):
     canvas.wall(np.s_[50:70], np.s_[100:140], np.inf)
     canvas.wall(np.s_[10:13], np.s_[10:13], 2.0)
     assert canvas.boxes() == []
 
 
-def test_a_camera_that_measures_no_depth_shows_no_boxes(canvas):
+def test_a_camera_without_depth_gives_no_boxes(canvas):
     canvas.wall(np.s_[50:70], np.s_[100:140], 2.0)
     assert detect_boxes(CameraImage(canvas.rgb, 0, "camera"), LENS, WOOD, "map", Transform()) == []
 
 
-def test_a_robot_without_a_camera_refuses(robot):
+def test_a_locator_without_a_camera_cannot_be_configured(robot):
     locator = ObjectLocator(robot, TransformTree())
     assert not locator.configure()
     assert locator.state is LifecycleState.UNCONFIGURED
@@ -106,7 +106,7 @@ def locator(body: SimulatedRobot) -> ObjectLocator:
     tree = TransformTree()
     frames = FrameBroadcaster(body, tree)
     body.schedule.every(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
-    # The odometry of a robot that stands is where it began, which in the house is the map's origin.
+    # The robot does not move: its odometry stays at the start, which is the map's origin in the house.
     locator = ObjectLocator(body, tree, frame="odom")
     assert locator.configure()
     return locator
@@ -132,7 +132,9 @@ def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(
     assert {"counter_east", "table_south_east"} <= found
 
 
-def test_the_nearest_piece_is_where_it_is_and_as_high_as_it_is(body: SimulatedRobot, locator: ObjectLocator):
+def test_the_nearest_box_has_the_place_and_height_of_its_furniture(
+    body: SimulatedRobot, locator: ObjectLocator
+):
     locator.activate()
     body.move_head(-1.2, -0.15)
     wait(body, 2.6)
@@ -141,7 +143,7 @@ def test_the_nearest_piece_is_where_it_is_and_as_high_as_it_is(body: SimulatedRo
     assert counter.centre[2] + counter.size[2] / 2 == pytest.approx(0.9, abs=0.03)
 
 
-def test_it_looks_only_while_it_is_active(body: SimulatedRobot, locator: ObjectLocator):
+def test_boxes_are_detected_only_while_the_locator_is_active(body: SimulatedRobot, locator: ObjectLocator):
     body.move_head(-1.2, -0.15)
     wait(body, 2.0)
     assert locator.boxes == ()
@@ -157,7 +159,7 @@ def test_it_looks_only_while_it_is_active(body: SimulatedRobot, locator: ObjectL
     assert locator.scene_moving() == MovingScene(boxes=[])
 
 
-def test_with_the_navigation_boxes_are_told_in_the_map(body: SimulatedRobot):
+def test_with_the_navigation_boxes_are_in_the_map_frame(body: SimulatedRobot):
     chart = rasterise(body.world.scene)
     navigation = Navigation(body, chart, np.random.default_rng(1), folder())
     locator = ObjectLocator(body, navigation.transforms)

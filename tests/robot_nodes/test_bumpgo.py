@@ -42,7 +42,7 @@ def tick(tree: Tree, body: SimulatedRobot, seconds: float) -> None:
 @pytest.mark.parametrize(
     ("name", "body"), [("bumpgo", ["arena"]), ("bumpgo_wide", ["arena_boxes"])], indirect=["body"]
 )
-def test_a_minute_without_a_bump(name: str, body: SimulatedRobot, nodes: Registry):
+def test_the_robot_drives_for_a_minute_without_collisions(name: str, body: SimulatedRobot, nodes: Registry):
     tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[body])
     tree.count_ticks()
     tick(tree, body, 60)
@@ -52,7 +52,7 @@ def test_a_minute_without_a_bump(name: str, body: SimulatedRobot, nodes: Registr
 
 
 @pytest.mark.parametrize("body", [["arena_boxes", "laser:20-25"]], indirect=True)
-def test_blind_for_five_seconds_it_stands_and_then_goes_on(body: SimulatedRobot, nodes: Registry):
+def test_the_robot_stands_while_the_laser_fails_and_then_goes_on(body: SimulatedRobot, nodes: Registry):
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body])
     tick(tree, body, 21)
     stopped = body.true_pose()
@@ -67,7 +67,7 @@ def test_blind_for_five_seconds_it_stands_and_then_goes_on(body: SimulatedRobot,
 
 
 @pytest.mark.parametrize("leaf", ["Forward", "Back", "Turn"])
-def test_whatever_it_is_doing_it_stands_within_a_second(leaf: str, nodes: Registry):
+def test_the_robot_stops_within_a_second_of_a_laser_failure_in_any_leaf(leaf: str, nodes: Registry):
     """Run once to find out when the leaf is at work, and let the laser fail at that time in a second run."""
     seeing = SimulatedRobot(World(load_scene("arena_boxes"), seed=11))
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[seeing])
@@ -99,7 +99,7 @@ def test_whatever_it_is_doing_it_stands_within_a_second(leaf: str, nodes: Regist
 
 
 @pytest.mark.parametrize("name", ["bumpgo", "bumpgo_wide"])
-def test_the_model_in_the_file_is_the_leaves_own(name: str, nodes: Registry):
+def test_the_model_in_the_file_equals_the_ports_of_the_leaves(name: str, nodes: Registry):
     """Groot shows the ports of the file's TreeNodesModel, which must be those of the leaves."""
     from lxml import etree
 

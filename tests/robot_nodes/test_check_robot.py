@@ -66,7 +66,7 @@ class PlainRobot(Robot):
         self.level = 50.0
         self.height = 0.0
         self.goal = Twist2D(0.0, 0.0)
-        self.heard = -SECOND
+        self.commanded_at = -SECOND
         self.rank = CMD_VEL
         self.twist = Twist2D(0.0, 0.0)
         self.pose = Pose2D(0.0, 0.0, 0.0)
@@ -115,19 +115,19 @@ class PlainRobot(Robot):
         return HeadInfo(-1.0, 1.0, -0.5, 0.5, 1.0)
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
-        if priority < self.rank and self.time - self.heard <= SECOND // 2:
+        if priority < self.rank and self.time - self.commanded_at <= SECOND // 2:
             return
-        self.rank, self.heard = priority, self.time
+        self.rank, self.commanded_at = priority, self.time
         self.goal = Twist2D(
             min(max(v, self.base.v_min), self.base.v_max), min(max(w, -self.base.w_max), self.base.w_max)
         )
 
     def stop(self) -> None:
         self.rank = CMD_VEL
-        self.goal, self.heard = Twist2D(0.0, 0.0), self.time
+        self.goal, self.commanded_at = Twist2D(0.0, 0.0), self.time
 
     def commanded_velocity(self) -> Twist2D:
-        lapsed = self.time - self.heard > self.base.command_timeout * SECOND
+        lapsed = self.time - self.commanded_at > self.base.command_timeout * SECOND
         return Twist2D(0.0, 0.0) if lapsed else self.goal
 
     def scan(self) -> LaserScan | None:
@@ -210,11 +210,11 @@ def test_a_plain_robot_passes(robot: type[PlainRobot]):
     check_robot(robot)
 
 
-class Deaf(PlainRobot):
+class EndlessCommands(PlainRobot):
     """A robot whose commands never expire."""
 
     def step(self, seconds: float) -> None:
-        self.heard = self.time
+        self.commanded_at = self.time
         super().step(seconds)
 
 
@@ -241,7 +241,7 @@ class Unlimited(PlainRobot):
         self.twist = replace(self.twist, w=3.0 * self.twist.w if abs(self.twist.w) > 0.9 else self.twist.w)
 
 
-class FarSighted(PlainRobot):
+class RangesBeyondMaximum(PlainRobot):
     def scan(self) -> LaserScan | None:
         scan = super().scan()
         assert scan is not None
@@ -255,7 +255,7 @@ class DoublePrecision(PlainRobot):
         return replace(scan, ranges=scan.ranges.astype(np.float64))
 
 
-class OneScan(PlainRobot):
+class SameScan(PlainRobot):
     def scan(self) -> LaserScan | None:
         scan = super().scan()
         assert scan is not None
@@ -270,12 +270,12 @@ class InMilliseconds(PlainRobot):
         return super().wait_until(deadline * 100, wake)
 
 
-class StiffNeck(PlainRobot):
+class FixedHead(PlainRobot):
     def move_head(self, pan: float, tilt: float) -> None:
         pass
 
 
-class Owl(PlainRobot):
+class UnlimitedHead(PlainRobot):
     def move_head(self, pan: float, tilt: float) -> None:
         self.gaze = (pan, tilt)
 
@@ -290,11 +290,11 @@ class Unstoppable(PlainRobot):
 
     def step(self, seconds: float) -> None:
         if self.rank == 100:
-            self.heard = self.time
+            self.commanded_at = self.time
         super().step(seconds)
 
 
-class LastWordWins(PlainRobot):
+class IgnoresPriority(PlainRobot):
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
         super().drive(v, w)
 
@@ -307,16 +307,16 @@ class LateSchedule(PlainRobot):
         return schedule
 
 
-class ForeverAfter(PlainSchedule):
+class EndlessSchedule(PlainSchedule):
     def every(self, *given: Any, **named: Any) -> Callable[[], None]:
         super().every(*given, **named)
         return lambda: None
 
 
-class NeverEnds(PlainRobot):
+class EndlessTasks(PlainRobot):
     def __init__(self) -> None:
         super().__init__()
-        self.tasks = ForeverAfter()
+        self.tasks = EndlessSchedule()
 
 
 class NoLaserFrame(PlainRobot):
@@ -324,7 +324,7 @@ class NoLaserFrame(PlainRobot):
         return [frame for frame in super().frames() if frame.child != "laser"]
 
 
-class InPieces(PlainRobot):
+class DisconnectedFrames(PlainRobot):
     def frames(self) -> Sequence[TransformStamped]:
         return [
             replace(frame, parent=frame.parent.replace("base_link", "torso")) for frame in super().frames()
@@ -341,30 +341,30 @@ class LongQuaternion(PlainRobot):
         return [replace(frame, quaternion=(1.0, 0.0, 0.0, 1.0)) for frame in super().frames()]
 
 
-class Portrait(PlainRobot):
+class TransposedCameraInfo(PlainRobot):
     @property
     def camera_info(self) -> CameraInfo | None:
         return CameraInfo(2, 3, 2.0, 2.0, 1.0, 0.5, 0.1, 10.0, 10.0, "camera")
 
 
-class ShallowPicture(PlainRobot):
+class ZeroDepth(PlainRobot):
     def camera(self) -> CameraImage | None:
         picture = super().camera()
         assert picture is not None
         return replace(picture, depth=np.zeros((2, 3), dtype=np.float32))
 
 
-class LoudSonar(PlainRobot):
+class SonarBeyondMaximum(PlainRobot):
     def sonars(self) -> Sequence[SonarReading]:
         return [replace(sonar, range=1.0001) for sonar in super().sonars()]
 
 
-class Elevator(PlainRobot):
+class UnlimitedTorso(PlainRobot):
     def lift(self, height: float) -> None:
         self.height = height
 
 
-class Forgetful(PlainRobot):
+class ForgetsCommands(PlainRobot):
     def commanded_velocity(self) -> Twist2D:
         return Twist2D(0.0, 0.0)
 
@@ -374,17 +374,17 @@ class Forgetful(PlainRobot):
         del self.commanded_velocity
 
 
-class PerpetuumMobile(PlainRobot):
+class ConstantBattery(PlainRobot):
     def battery(self) -> BatteryState | None:
         return BatteryState(50.0, self.time)
 
 
-class WornOut(PlainRobot):
+class PartialRecharge(PlainRobot):
     def recharge(self) -> None:
         self.level = 80.0
 
 
-class Restless(PlainRobot):
+class ReportsMotion(PlainRobot):
     def odometry(self) -> Odometry:
         return replace(super().odometry(), twist=Twist2D(0.1, 0.0))
 
@@ -392,35 +392,35 @@ class Restless(PlainRobot):
 @pytest.mark.parametrize(
     ("robot", "said"),
     [
-        (Deaf, "older than command_timeout"),
+        (EndlessCommands, "older than command_timeout"),
         (InDegrees, "rad/s were commanded"),
         (TurnsRight, "rad/s were commanded"),
         (DrivesBackwards, "moved the robot -0"),
         (Unlimited, "w_max is 1 rad/s"),
-        (FarSighted, r"over range_max a range is \+inf"),
+        (RangesBeyondMaximum, r"over range_max a range is \+inf"),
         (DoublePrecision, "ranges are float32"),
-        (OneScan, "new scans come"),
+        (SameScan, "new scans come"),
         (InMilliseconds, "is it in ns"),
-        (StiffNeck, "the head was sent to pan"),
-        (Owl, "stays within pan_max"),
+        (FixedHead, "the head was sent to pan"),
+        (UnlimitedHead, "stays within pan_max"),
         (Unstoppable, r"stop\(\) was called"),
-        (LastWordWins, "won over one of priority 90"),
-        (Restless, "without a command a robot stands"),
+        (IgnoresPriority, "won over one of priority 90"),
+        (ReportsMotion, "without a command a robot stands"),
         (LateSchedule, "a task at 20 Hz ran 0 times"),
-        (NeverEnds, "a task was ended, but it runs on"),
+        (EndlessTasks, "a task was ended, but it runs on"),
         (NoLaserFrame, "'laser' is not among the frames"),
-        (InPieces, "the chain of parents of frame 'laser' ends at 'torso'"),
+        (DisconnectedFrames, "the chain of parents of frame 'laser' ends at 'torso'"),
         (TwoParents, "it has one parent"),
         (LongQuaternion, "has length 1.414"),
-        (Portrait, "as high and wide as camera_info says"),
-        (ShallowPicture, "depth is in metres"),
-        (LoudSonar, "over its range_max"),
-        (Elevator, "the torso was sent to 1.30 m"),
-        (Forgetful, r"w = 0.3 was commanded"),
-        (PerpetuumMobile, "did not discharge the battery"),
-        (WornOut, "was recharged, and is at 80 %"),
+        (TransposedCameraInfo, "as high and wide as camera_info says"),
+        (ZeroDepth, "depth is in metres"),
+        (SonarBeyondMaximum, "over its range_max"),
+        (UnlimitedTorso, "the torso was sent to 1.30 m"),
+        (ForgetsCommands, r"w = 0.3 was commanded"),
+        (ConstantBattery, "did not discharge the battery"),
+        (PartialRecharge, "was recharged, and is at 80 %"),
     ],
 )
-def test_a_breach_is_found_and_said(robot: type[PlainRobot], said: str):
+def test_a_violation_of_the_contract_is_reported(robot: type[PlainRobot], said: str):
     with pytest.raises(AssertionError, match=said):
         check_robot(robot)

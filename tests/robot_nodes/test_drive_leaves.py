@@ -42,7 +42,7 @@ def test_back_ends_after_some_thirty_commands(robot):
     assert w == pytest.approx(0.0, abs=1e-7)
 
 
-def test_forward_goes_on(robot):
+def test_forward_keeps_running(robot):
     assert tick(tree_of("Forward", robot), robot, 30) is Status.RUNNING
     assert len(robot.commands) == pytest.approx(30, abs=1)
     v, w = robot.commands[0]
@@ -59,7 +59,7 @@ def test_every_tick_commands_the_books_figure(robot, leaf: str, command: tuple[f
 
 
 @pytest.mark.parametrize("leaf", ["Back", "Turn"])
-def test_a_manoeuvre_takes_three_seconds_from_the_tick_that_began_it(robot, leaf: str):
+def test_a_manoeuvre_takes_three_seconds_from_its_first_tick(robot, leaf: str):
     robot.clock.time = 7 * 10**9
     tree = tree_of(leaf, robot)
     assert tree.tick_once() is Status.RUNNING
@@ -69,7 +69,7 @@ def test_a_manoeuvre_takes_three_seconds_from_the_tick_that_began_it(robot, leaf
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_halted_and_started_again_a_manoeuvre_takes_its_whole_time(robot):
+def test_a_manoeuvre_takes_its_whole_time_again_after_a_halt(robot):
     tree = tree_of("Turn", robot)
     tick(tree, robot, 20)
     tree.halt()

@@ -29,14 +29,14 @@ def drive(monkeypatch: pytest.MonkeyPatch) -> Run:
     return call
 
 
-def test_a_script_holds_one_key_after_the_other() -> None:
+def test_a_script_presses_its_keys_in_turn() -> None:
     keys = parse_key_script("w:5, a:2,space,q:0.5")
     moments = (0.0, 4.9, 5.0, 6.9, 7.0, 8.0, 8.4, 8.5)
     assert [keys.pressed(round(one * SECOND)) for one in moments] == ["w", "w", "a", "a", " ", "q", "q", "x"]
 
 
 @pytest.mark.parametrize("text", ["", "f:2", "w:", "w:fast", "w:-1", "w:0", "w:nan", "5:w"])
-def test_a_script_that_says_nothing_is_told_so(text: str) -> None:
+def test_an_invalid_script_raises(text: str) -> None:
     with pytest.raises(KeyInputError, match="w"):
         parse_key_script(text)
 
@@ -45,7 +45,7 @@ def test_arrows_and_capitals_are_keys() -> None:
     assert parse_keys("w\x1b[AzD\x1b[D x") == ["w", "w", "d", "a", " ", "x"]
 
 
-def test_it_drives_as_the_keys_say(drive: Run) -> None:
+def test_the_robot_drives_by_the_keys(drive: Run) -> None:
     result = drive("--keys", "w:4,s:2", "--seed", "2", "--json")
     assert result.exit_code == 0, result.output
     told = json.loads(result.stdout.splitlines()[-1])
@@ -53,7 +53,7 @@ def test_it_drives_as_the_keys_say(drive: Run) -> None:
     assert told["robot"]["distance_m"] == pytest.approx(4 * 0.3 + 2 * 0.2, abs=0.25)
 
 
-def test_it_makes_a_map_on_the_way(drive: Run, tmp_path: Path) -> None:
+def test_a_map_is_made_while_driving(drive: Run, tmp_path: Path) -> None:
     from btcore_robot.navigation.occupancy_map import load_map
 
     file = tmp_path / "arena.yaml"
@@ -69,14 +69,14 @@ def test_it_makes_a_map_on_the_way(drive: Run, tmp_path: Path) -> None:
     assert map.free.sum() * map.resolution**2 > 30.0
 
 
-def test_without_a_terminal_it_says_what_to_do(drive: Run) -> None:
+def test_the_error_without_a_terminal_names_the_keys_option(drive: Run) -> None:
     result = drive()
     assert result.exit_code == 2
     assert "standard input is not a terminal" in result.stderr
     assert "--keys" in result.stderr
 
 
-def test_a_mistake_in_the_keys_or_the_folder_is_told_at_once(drive: Run, tmp_path: Path) -> None:
+def test_invalid_keys_and_a_missing_folder_are_reported(drive: Run, tmp_path: Path) -> None:
     assert "'f:3' has no key to drive by" in drive("--keys", "w:1,f:3").stderr
     result = drive("--keys", "w:1", "--map-to", str(tmp_path / "no" / "map.yaml"))
     assert result.exit_code == 2

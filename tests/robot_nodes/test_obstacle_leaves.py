@@ -32,7 +32,7 @@ def obstacle(robot, **ports: float) -> bool:
         (0.6, {"distance": 0.5}, False),
     ],
 )
-def test_the_books_readings(robot, reading: float, ports: dict[str, float], found: bool):
+def test_is_obstacle_with_the_books_readings(robot, reading: float, ports: dict[str, float], found: bool):
     robot.see(reading)
     assert obstacle(robot, **ports) is found
 
@@ -42,14 +42,14 @@ def test_before_the_first_scan_there_is_no_obstacle(robot):
     assert not obstacle(robot, corridor=0.8)
 
 
-def test_the_middle_beam_is_the_upper_one_of_two(robot):
+def test_the_middle_beam_is_the_upper_of_two(robot):
     robot.see(5.0, 5.0, 0.5, 5.0)
     assert obstacle(robot)
     robot.see(5.0, 0.5, 5.0, 5.0)
     assert not obstacle(robot)
 
 
-def test_too_near_to_measure_is_an_obstacle_and_no_echo_is_none(robot):
+def test_a_reading_below_the_minimum_is_an_obstacle_and_no_echo_is_not(robot):
     robot.see(-INF)
     assert obstacle(robot)
     robot.see(INF)
@@ -90,11 +90,11 @@ def test_a_scan_older_than_the_timeout_counts_as_an_obstacle(robot):
     assert not obstacle(robot)
 
 
-def test_with_a_timeout_no_scan_at_all_counts_too(robot):
+def test_with_a_timeout_a_missing_scan_counts_as_an_obstacle(robot):
     assert obstacle(robot, timeout=0.5)
 
 
-def test_waiting_for_a_scan_is_standing(robot):
+def test_wait_for_scan_stops_the_robot_until_there_is_a_new_scan(robot):
     tree = tree_of(robot, "WaitForScan", timeout=0.5)
     assert tree.tick_once() is Status.RUNNING
     assert robot.commands == [(0.0, 0.0)]

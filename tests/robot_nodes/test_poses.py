@@ -9,7 +9,7 @@ from btcore_robot.leaves.pose_types import PoseList, pose_from_text, pose_to_tex
 from btcore_robot.robot import Pose2D
 
 HALF = math.sqrt(0.5)
-"""Of a quaternion for a quarter turn: its z, and its w."""
+"""The z and the w of the quaternion of a quarter turn."""
 
 
 @pytest.mark.parametrize(
@@ -41,13 +41,13 @@ def test_a_pose_in_the_books_form_and_in_nav2s(text: str, pose: Pose2D) -> None:
         ("0;odom;1;2;0;0;0;0;1", "in the frame 'odom', but poses must be in map"),
     ],
 )
-def test_what_is_no_pose_in_the_map_is_told(text: str, why: str) -> None:
+def test_an_invalid_pose_raises(text: str, why: str) -> None:
     with pytest.raises(ConversionError) as fault:
         pose_from_text(text)
     assert why in str(fault.value)
 
 
-def test_what_is_written_reads_as_it_was() -> None:
+def test_a_written_pose_is_read_unchanged() -> None:
     assert pose_from_text(pose_to_text(Pose2D(1.25, -0.5, 3.0))) == Pose2D(1.25, -0.5, 3.0)
 
 
@@ -63,7 +63,7 @@ def test_what_is_written_reads_as_it_was() -> None:
         ),
     ],
 )
-def test_several_poses_are_written_with_a_bar_between_or_as_nav2_does(text: str, poses: list[Pose2D]) -> None:
+def test_several_poses_are_separated_by_bars_or_written_in_nav2s_form(text: str, poses: list[Pose2D]) -> None:
     kind = PoseList()
     assert kind.from_text(text) == poses
     assert kind.from_text(kind.to_text(poses)) == poses
@@ -77,7 +77,7 @@ def test_several_poses_are_written_with_a_bar_between_or_as_nav2_does(text: str,
         ("a;b", "'a;b' is not a pose"),
     ],
 )
-def test_what_is_no_list_of_poses_is_told(text: str, why: str) -> None:
+def test_an_invalid_list_of_poses_raises(text: str, why: str) -> None:
     with pytest.raises(ConversionError) as fault:
         PoseList().from_text(text)
     assert why in str(fault.value)

@@ -26,10 +26,10 @@ class Bridged:
         executor = Executor(robot.schedule, robot.clock)
         executor.add(RobotBridge(self.context))
         executor.add(self.other)
-        self.heard: list[object] = []
+        self.received: list[object] = []
 
     def listen(self, topic: str, kind: type) -> None:
-        self.other.create_subscription(topic, kind, self.heard.append)
+        self.other.create_subscription(topic, kind, self.received.append)
 
     def sleep(self, seconds: float) -> None:
         self.robot.clock.sleep(seconds)
@@ -47,24 +47,24 @@ def test_each_scan_is_published_once(bridged: Bridged):
     first = bridged.robot.seen
     bridged.robot.see(2.0)
     bridged.sleep(0.1)
-    assert bridged.heard == [first, bridged.robot.seen]
+    assert bridged.received == [first, bridged.robot.seen]
     assert SCAN_TOPIC == "/scan_raw"
 
 
-def test_odometry_comes_fifty_times_a_second(bridged: Bridged):
+def test_odometry_is_published_fifty_times_a_second(bridged: Bridged):
     bridged.listen(ODOMETRY_TOPIC, Odometry)
     bridged.robot.at = Pose2D(1.0, 2.0, 0.5)
     bridged.sleep(1.0)
-    assert len(bridged.heard) == 50
-    assert bridged.heard[-1].pose == Pose2D(1.0, 2.0, 0.5)
+    assert len(bridged.received) == 50
+    assert bridged.received[-1].pose == Pose2D(1.0, 2.0, 0.5)
 
 
-def test_the_head_is_read_and_told(bridged: Bridged):
+def test_the_head_is_published_and_commanded(bridged: Bridged):
     bridged.listen(JOINT_STATE, HeadPosition)
     bridged.robot.turned = HeadPosition(0.1, 0.2, 7)
     bridged.other.create_publisher(JOINT_COMMAND, HeadCommand).publish(HeadCommand(0.3, -0.1))
     bridged.sleep(0.1)
-    assert bridged.heard == [HeadPosition(0.1, 0.2, 7)]
+    assert bridged.received == [HeadPosition(0.1, 0.2, 7)]
     assert bridged.robot.looks == [(0.3, -0.1)]
 
 
@@ -81,7 +81,7 @@ def test_velocities_are_passed_on_with_their_priority(bridged: Bridged, topic: s
     assert told == [priority]
 
 
-def test_a_picture_is_asked_for_only_while_somebody_listens(bridged: Bridged):
+def test_a_picture_is_requested_only_while_there_is_a_subscriber(bridged: Bridged):
     asked: list[int] = []
     picture = CameraImage(np.zeros((2, 2, 3), dtype=np.uint8), 5, "camera")
     bridged.robot.camera = lambda: (asked.append(1), picture)[1]
@@ -89,7 +89,7 @@ def test_a_picture_is_asked_for_only_while_somebody_listens(bridged: Bridged):
     assert asked == []
     bridged.listen(IMAGE_TOPIC, CameraImage)
     bridged.sleep(0.5)
-    assert bridged.heard == [picture]
+    assert bridged.received == [picture]
 
 
 def test_a_bridge_without_a_robot_is_refused(robot):

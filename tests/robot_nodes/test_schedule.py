@@ -14,7 +14,7 @@ NEVER = threading.Event()
 
 
 @pytest.mark.parametrize("kind", [RealTime, SimulatedTime])
-def test_they_are_clock_and_schedule_at_once(kind: type):
+def test_each_class_is_a_clock_and_a_schedule(kind: type):
     made = kind()
     clock: RobotClock = made
     schedule: Schedule = made
@@ -43,7 +43,7 @@ def test_a_frequency_of_zero_is_refused(kind: type):
         kind().every(0.0, Phase.HEAD, print)
 
 
-def test_in_simulated_time_equal_moments_go_by_rank_and_then_by_order():
+def test_in_simulated_time_simultaneous_tasks_run_by_rank_and_then_by_order():
     made = SimulatedTime()
     calls: list[str] = []
     for name, rank in (("b", Phase.PROCESSES), ("c", Phase.PROCESSES), ("a", Phase.SENSORS)):
@@ -52,7 +52,7 @@ def test_in_simulated_time_equal_moments_go_by_rank_and_then_by_order():
     assert calls == ["a500", "b500", "c500", "a1000", "b1000", "c1000"]
 
 
-def test_in_simulated_time_no_error_piles_up():
+def test_in_simulated_time_rounding_errors_do_not_accumulate():
     made = SimulatedTime()
     calls: list[int] = []
     made.every(3.0, Phase.SENSORS, calls.append)
@@ -72,7 +72,7 @@ def test_a_task_may_begin_at_once_and_may_be_ended():
     assert calls == [5 * SECOND, 6 * SECOND, 7 * SECOND]
 
 
-def test_in_real_time_what_a_slow_task_misses_is_left_out_and_counted():
+def test_in_real_time_missed_calls_of_a_slow_task_are_skipped_and_counted():
     made = RealTime()
     calls: list[int] = []
 
@@ -90,7 +90,7 @@ def test_in_real_time_what_a_slow_task_misses_is_left_out_and_counted():
     assert all(later > earlier for earlier, later in pairwise(calls))
 
 
-def test_the_first_call_comes_a_period_from_now():
+def test_the_first_call_happens_after_a_period():
     schedule = SimulatedTime(start=5 * SECOND)
     times: list[int] = []
     schedule.every(4, Phase.CONTROLLER, times.append)
@@ -98,7 +98,7 @@ def test_the_first_call_comes_a_period_from_now():
     assert times == [5 * SECOND + k * SECOND // 4 for k in (1, 2, 3, 4)]
 
 
-def test_tasks_of_all_rates_meet_at_whole_seconds():
+def test_tasks_of_all_rates_coincide_at_whole_seconds():
     schedule = SimulatedTime()
     done: list[tuple[str, int]] = []
     schedule.every(7, Phase.JUDGE, lambda now: done.append(("judge", now)))
@@ -108,7 +108,7 @@ def test_tasks_of_all_rates_meet_at_whole_seconds():
     assert [name for name, now in done if now == SECOND] == ["physics", "localiser", "judge"]
 
 
-def test_a_task_can_be_ended_even_by_itself():
+def test_a_task_can_end_itself():
     schedule = SimulatedTime()
     times: list[int] = []
 
@@ -124,7 +124,7 @@ def test_a_task_can_be_ended_even_by_itself():
     assert schedule.next_due() is None
 
 
-def test_one_task_ends_and_the_others_go_on():
+def test_the_end_of_a_task_does_not_affect_other_tasks():
     schedule = SimulatedTime()
     times: list[int] = []
     end = schedule.every(10, Phase.PLANNER, times.append)
@@ -134,7 +134,7 @@ def test_one_task_ends_and_the_others_go_on():
     assert times == [k * SECOND // 5 for k in (1, 2, 3, 4, 5)]
 
 
-def test_a_task_begun_by_a_task_is_not_late():
+def test_a_task_that_a_task_starts_is_not_late():
     schedule = SimulatedTime()
     times: list[int] = []
     end = schedule.every(

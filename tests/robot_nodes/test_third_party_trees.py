@@ -41,7 +41,7 @@ def ids(result: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.xml")), ids=lambda path: path.stem)
-def test_they_have_no_faults(path: Path) -> None:
+def test_third_party_trees_have_no_diagnostics(path: Path) -> None:
     nodes = Registry.standard()
     assert nodes.add_plugins() == []
     nodes.add_plugin(FOLDER / "nod.py")
@@ -56,21 +56,21 @@ def test_the_patrol_of_the_books_text_ends_after_one_waypoint() -> None:
     assert ids(result)["Patrol"]["ticks"] == 151
 
 
-def test_a_patrol_in_subtrees_recharges_when_its_own_threshold_says_so() -> None:
-    # low="{low}", and SubTreePlus with constants: 99 is too much for any distance.
+def test_a_patrol_in_subtrees_recharges_below_its_own_threshold() -> None:
+    # low="{low}", and SubTreePlus with constants: a threshold of 99 forces a recharge after any distance.
     result = run("patrol_in_subtrees.xml", "--world", "house", "--duration", "60", "--set", "low=99")
     assert result["status"] == "RUNNING"
     assert result["robot"]["recharges"] >= 1
     assert ids(result)["TrackObjects"]["halted"] >= 1
 
 
-def test_a_subtree_that_is_visited_with_a_port_remaps_goals_and_gives_up_after_a_timeout() -> None:
+def test_a_subtree_with_remapped_goals_visits_them_and_has_a_timeout() -> None:
     result = run("round_of_visits.xml", "--world", "aws_house", "--duration", "150")
     assert result["robot"]["waypoints_visited"][:3] == ["wp1", "wp2", "wp3"]
     assert ids(result)["Timeout"]["failure"] >= 1
 
 
-def test_a_reactive_fallback_cuts_the_manoeuvre_as_the_book_warns() -> None:
+def test_a_reactive_fallback_interrupts_the_manoeuvre_as_the_book_warns() -> None:
     # The book's Fallback remembers its running child; with ReactiveFallback the robot never gets to turn.
     result = run("reactive_escape.xml", "--duration", "30")
     assert ids(result)["Back"]["halted"] > 10
@@ -83,7 +83,7 @@ def test_nav2s_tree_of_2020_drives_to_its_goal() -> None:
     assert result["robot"]["pose"]["y"] == pytest.approx(-3.5, abs=0.3)
 
 
-def test_the_navigator_takes_a_tree_and_nodes_of_others(tmp_path: Path) -> None:
+def test_the_navigator_accepts_a_third_party_tree_and_its_nodes(tmp_path: Path) -> None:
     parameters = tmp_path / "nav.yaml"
     parameters.write_text(
         "bt_navigator:\n  ros__parameters:\n"
@@ -107,7 +107,7 @@ def test_the_navigator_takes_a_tree_and_nodes_of_others(tmp_path: Path) -> None:
         ("default_nav_to_pose_bt_xml: nowhere.xml", "there is no tree nowhere.xml: navigate_to_pose_w_"),
     ],
 )
-def test_what_the_parameters_name_and_is_not_there_is_told(tmp_path: Path, line: str, said: str) -> None:
+def test_a_missing_plugin_or_tree_in_the_parameters_is_reported(tmp_path: Path, line: str, said: str) -> None:
     parameters = tmp_path / "nav.yaml"
     parameters.write_text(f"bt_navigator:\n  ros__parameters:\n    {line}\n")
     options = ["--world", "house", "--duration", "0.2", "--nav-params", str(parameters)]

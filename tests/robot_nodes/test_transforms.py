@@ -61,7 +61,7 @@ def same(one: Transform, other: Transform) -> bool:
 
 
 @given(transforms)
-def test_a_transform_times_its_inverse_does_nothing(a2b: Transform) -> None:
+def test_a_transform_times_its_inverse_is_the_identity(a2b: Transform) -> None:
     assert same(a2b * a2b.inverse(), Transform())
     assert same(a2b.inverse() * a2b, Transform())
 
@@ -102,13 +102,13 @@ def angle(a: Transform, b: Transform) -> float:
 
 
 @given(coordinates, coordinates, st.floats(-3.1, 3.1))
-def test_a_pose_on_the_floor_goes_there_and_back(x: float, y: float, yaw: float) -> None:
+def test_a_pose_is_unchanged_after_conversion_to_a_transform_and_back(x: float, y: float, yaw: float) -> None:
     back = Transform.from_pose(Pose2D(x, y, yaw)).to_pose()
     assert (back.x, back.y) == (x, y)
     assert math.isclose(back.yaw, yaw, abs_tol=1e-12)
 
 
-def test_points_in_the_plane_come_back_as_points_in_the_plane() -> None:
+def test_applying_a_transform_keeps_the_dimension_of_the_points() -> None:
     laser = Transform.from_pose(Pose2D(1.0, 2.0, math.pi / 2))
     assert np.allclose(laser.apply(np.array([[3.0, 0.0]])), [[1.0, 5.0]])
     assert np.allclose(laser.apply(np.array([[3.0, 0.0, 7.0]])), [[1.0, 5.0, 7.0]])
@@ -125,20 +125,20 @@ def test_look_up_between_two_stamps_interpolates() -> None:
     assert math.isclose(chain().lookup("map", "base_footprint", 2_250_000_000).position[0], 102.25)
 
 
-def test_look_up_turns_the_short_way() -> None:
+def test_look_up_interpolates_along_the_shorter_turn() -> None:
     tree = TransformTree()
     tree.set(frame("base_footprint", "odom", yaw=3.0, stamp=0))
     tree.set(frame("base_footprint", "odom", yaw=-3.0, stamp=SECOND))
     assert math.isclose(abs(tree.lookup("odom", "base_footprint", SECOND // 2).yaw), math.pi, abs_tol=1e-9)
 
 
-def test_look_up_meets_in_the_common_ancestor() -> None:
+def test_look_up_goes_through_the_common_ancestor() -> None:
     tree = chain()
     tree.set_static(frame("kitchen", "map", 90.0))
     assert math.isclose(tree.lookup("kitchen", "base_footprint", 3 * SECOND).position[0], 13.0)
 
 
-def test_without_a_stamp_the_newest_moment_counts_at_which_all_is_known() -> None:
+def test_without_a_stamp_the_newest_time_known_to_all_frames_is_used() -> None:
     tree = chain()
     tree.set(frame("base_footprint", "odom", 12.0, stamp=12 * SECOND))
     assert math.isclose(tree.lookup("map", "base_footprint").position[0], 110.0)
@@ -146,7 +146,7 @@ def test_without_a_stamp_the_newest_moment_counts_at_which_all_is_known() -> Non
     assert math.isclose(tree.lookup("map", "base_footprint").position[0], 212.0)
 
 
-def test_a_frame_that_holds_counts_beyond_its_stamp_and_no_longer() -> None:
+def test_a_transform_that_holds_is_valid_only_until_the_end_of_its_duration() -> None:
     tree = TransformTree()
     tree.set(frame("odom", "map", 3.0, stamp=SECOND), holds=SECOND)
     assert tree.lookup("map", "odom", 2 * SECOND).position[0] == 3.0
@@ -166,7 +166,7 @@ def test_the_past_is_kept_for_ten_seconds_and_static_frames_for_ever() -> None:
     assert tree.lookup("base_footprint", "base_laser_link", 1_000_000 * SECOND).position[0] == 0.2
 
 
-def test_the_future_is_not_guessed() -> None:
+def test_a_time_in_the_future_raises() -> None:
     with pytest.raises(
         ExtrapolationError, match=r"10\.500 s is 0\.500 s after that; wait for newer data"
     ) as raised:
@@ -174,7 +174,7 @@ def test_the_future_is_not_guessed() -> None:
     assert raised.value.future
 
 
-def test_what_comes_late_is_put_in_its_place() -> None:
+def test_a_late_transform_is_inserted_by_its_stamp() -> None:
     tree = TransformTree()
     for second in (1, 3, 2):
         tree.set(frame("base_footprint", "odom", second * 10.0, stamp=second * SECOND))
@@ -184,7 +184,7 @@ def test_what_comes_late_is_put_in_its_place() -> None:
         tree.lookup("odom", "base_footprint", 0)
 
 
-def test_an_unknown_frame_is_named_with_the_nearest_one() -> None:
+def test_an_unknown_frame_raises_with_a_suggestion() -> None:
     with pytest.raises(UnknownFrameError, match="no frame 'base_lazer_link'; did you mean 'base_laser_link'"):
         chain().lookup("map", "base_lazer_link")
     with pytest.raises(UnknownFrameError, match="no frame is known yet"):
@@ -203,7 +203,7 @@ def test_frames_without_a_common_root_are_not_connected() -> None:
     assert tree.can_transform("map", "base_footprint", 5 * SECOND)
 
 
-def test_frames_form_no_ring() -> None:
+def test_a_cycle_of_frames_is_refused() -> None:
     tree = chain()
     with pytest.raises(
         TransformError, match="'map' can't be placed in 'base_footprint', which is somewhere below it"
@@ -221,7 +221,7 @@ def test_a_quaternion_without_length_one_is_refused(quaternion: tuple[float, flo
         TransformTree().set(TransformStamped("odom", "map", (0.0, 0.0, 0.0), quaternion, 0))
 
 
-def test_a_position_that_is_no_number_is_refused() -> None:
+def test_a_position_that_is_not_finite_is_refused() -> None:
     with pytest.raises(TransformError, match="is not finite"):
         TransformTree().set_static(TransformStamped("odom", "map", (math.inf, 0.0, 0.0), STILL, 0))
 
@@ -235,7 +235,7 @@ def test_a_frame_under_a_new_parent_is_moved_there() -> None:
     assert tree.frames() == ["base_footprint", "base_laser_link", "head", "map", "odom"]
 
 
-def test_the_broadcaster_tells_of_odometry_and_of_the_robots_links(robot) -> None:
+def test_the_broadcaster_publishes_odometry_and_the_robots_links(robot) -> None:
     class Linked(type(robot)):
         def frames(self) -> list[TransformStamped]:
             return [frame("base_link", "base_footprint", 0.1, stamp=self.clock.now())]

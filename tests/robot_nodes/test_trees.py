@@ -11,7 +11,7 @@ from btcore.xml.schema import write_schema
 
 TREES = sorted((Path(__file__).parents[2] / "trees").rglob("*.xml"))
 GIVEN = {"navigation": ("goal", "goals", "waypoint_statuses")}
-"""What whoever runs the trees of a folder puts on their blackboard."""
+"""The blackboard entries that callers of the trees in a folder provide."""
 
 
 def palette() -> Registry:
@@ -20,16 +20,16 @@ def palette() -> Registry:
     return nodes
 
 
-def found(path: Path) -> list[Diagnostic]:
+def diagnostics(path: Path) -> list[Diagnostic]:
     return validate_document(parse_file(path), nodes=palette(), given=GIVEN.get(path.parent.name, ()))
 
 
 def test_shipped_trees_have_no_diagnostics() -> None:
     assert TREES
-    assert [one for path in TREES for one in found(path)] == []
+    assert [one for path in TREES for one in diagnostics(path)] == []
 
 
-def test_they_are_valid_by_the_schema_for_editors() -> None:
+def test_shipped_trees_are_valid_by_the_schema_for_editors() -> None:
     nodes = palette()
     schemas = {
         format: etree.XMLSchema(etree.fromstring(write_schema(nodes, format).encode())) for format in (3, 4)

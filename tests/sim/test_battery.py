@@ -9,20 +9,20 @@ from btcore_sim.battery import BatteryModel
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(0.0, 60.0))
-def test_it_loses_half_the_speed_and_a_hundredth_a_second(v: float, w: float, seconds: float):
+def test_the_battery_drains_by_half_the_speed_and_a_hundredth_a_second(v: float, w: float, seconds: float):
     cells = BatteryModel()
     cells.drain(Twist2D(v, w), seconds)
     expected = 100.0 - (0.5 * (v**2 + w**2) ** 0.5 + 0.01) * seconds
     assert cells.level == pytest.approx(max(0.0, expected))
 
 
-def test_it_is_never_less_than_empty():
+def test_the_level_is_never_below_zero():
     cells = BatteryModel(0.05)
     cells.drain(Twist2D(1.0, 0.0), 1.0)
     assert (cells.level, cells.lowest, cells.empty) == (0.0, 0.0, True)
 
 
-def test_the_lowest_level_is_kept_when_it_is_filled():
+def test_the_lowest_level_is_kept_when_the_battery_is_recharged():
     cells = BatteryModel(20.0)
     cells.drain(Twist2D(0.0, 0.0), 100.0)
     cells.fill()
@@ -30,21 +30,21 @@ def test_the_lowest_level_is_kept_when_it_is_filled():
     assert cells.lowest == pytest.approx(19.0)
 
 
-def test_standing_costs_a_hundredth_a_second(robot_at, steer):
+def test_standing_drains_a_hundredth_a_second(robot_at, steer):
     body = robot_at()
     steer(body, 10.0, None)
     assert body.battery().level == pytest.approx(99.9)
     assert body.battery().stamp == body.world.now()
 
 
-def test_the_velocity_asked_for_counts_and_not_the_one_driven(robot_at, steer):
+def test_the_battery_drains_by_the_commanded_and_not_by_the_driven_velocity(robot_at, steer):
     body = robot_at()
     steer(body, 10.0, (-0.3, 0.4))  # the base backs no faster than 0.2 m/s
     assert body.commanded_velocity() == Twist2D(-0.3, 0.4)
     assert body.battery().level == pytest.approx(100.0 - 10.0 * (0.25 + 0.01), abs=0.01)
 
 
-def test_a_command_counts_for_as_long_as_it_holds(robot_at, steer):
+def test_a_command_drains_the_battery_until_it_expires(robot_at, steer):
     body = robot_at()
     body.drive(1.0, 0.0)
     steer(body, 2.0, None)
@@ -52,7 +52,7 @@ def test_a_command_counts_for_as_long_as_it_holds(robot_at, steer):
     assert body.commanded_velocity() == Twist2D(0.0, 0.0)
 
 
-def test_an_empty_battery_drives_no_more_and_a_filled_one_does(robot_at, steer, caplog):
+def test_an_empty_battery_stops_the_robot_until_it_is_recharged(robot_at, steer, caplog):
     body = robot_at(battery=0.3)
     steer(body, 6.0, (0.3, 0.0))
     assert [one.getMessage() for one in caplog.records] == [

@@ -23,19 +23,19 @@ def test_scraping_along_a_wall_at_nine_degrees_is_a_graze(robot_at, steer, box):
     assert body.contacts.events[0].speed == pytest.approx(0.3 * math.sin(math.radians(9)), abs=0.01)
 
 
-def test_what_the_robot_stands_on_does_not_count(robot_at, steer):
+def test_contact_with_the_floor_does_not_count(robot_at, steer):
     body = robot_at()
     steer(body, 2.0, (1.0, 1.0))
     assert body.contacts.events == []
 
 
-def test_pushing_on_is_one_event(robot_at, steer, box):
+def test_continuous_pushing_is_a_single_event(robot_at, steer, box):
     body = robot_at(box(1.1, 0.0, WALL))
     steer(body, 10.0, (0.3, 0.0))
     assert len(body.contacts.events) == 1
 
 
-def test_coming_back_after_half_a_second_is_another_event(robot_at, steer, box):
+def test_a_contact_more_than_half_a_second_later_is_another_event(robot_at, steer, box):
     body = robot_at(box(1.1, 0.0, WALL))
     steer(body, 4.0, (0.3, 0.0))
     steer(body, 2.0, (-0.2, 0.0))
@@ -43,7 +43,7 @@ def test_coming_back_after_half_a_second_is_another_event(robot_at, steer, box):
     assert (body.contacts.collisions, body.contacts.grazes) == (2, 0)
 
 
-def test_two_things_are_two_events(robot_at, steer, box):
+def test_contacts_with_two_objects_are_two_events(robot_at, steer, box):
     body = robot_at(
         box(1.1, 0.3, (0.2, 0.4, 1.0), name="left"), box(1.1, -0.3, (0.2, 0.4, 1.0), name="right")
     )
@@ -60,7 +60,7 @@ def test_a_table_top_above_the_base_is_hit_by_the_torso(robot_at, steer, box):
 
 
 def test_pushed_sideways_the_hull_touches_at_its_radius(robot_at, box):
-    """The wheels reach farther out than the hull, and don't count. On ice, so that they don't hold it."""
+    """The wheels reach farther out than the hull, and don't count. There is no friction to hold the robot."""
     face = 0.32
     body = robot_at(box(0.0, face + 0.1, (8.0, 0.2, 2.2)))
     pybullet.changeDynamics(body.world.floor, -1, lateralFriction=0.0, physicsClientId=body.world.client)

@@ -32,7 +32,7 @@ def run(drive: DifferentialDrive, seconds: float, start: int = 0) -> list[Twist2
     return [drive.step(start + round(k * SECOND / 240), STEP) for k in range(1, round(seconds * 240) + 1)]
 
 
-def test_backing_at_the_books_speed_is_backing_at_the_bases():
+def test_the_books_backward_speed_is_limited_to_the_bases():
     assert base().limited(-0.3, 0.0) == Twist2D(-0.2, 0.0)
 
 
@@ -69,14 +69,14 @@ def test_a_command_is_reached_and_held():
     assert run(drive, 0.25)[-1] == Twist2D(0.2, 0.0)
 
 
-def test_a_command_lapses_after_a_quarter_of_a_second():
+def test_a_command_expires_after_a_quarter_of_a_second():
     drive = base()
     drive.command(0.2, 0.0, 0)
     assert drive.step(SECOND // 4, 1.0).v == 0.2
     assert drive.step(SECOND // 4 + 1, 1.0).v == 0.0
 
 
-def test_wheels_turn_for_the_twist():
+def test_the_wheel_rates_produce_the_twist():
     drive = base()
     drive.command(0.3, 0.5, 0)
     drive.step(1, 10.0)
@@ -93,7 +93,7 @@ def test_the_higher_priority_wins_for_half_a_second():
     assert sources.admits(100, SECOND // 2 + 2)
 
 
-def test_dead_reckoning_of_a_circle_comes_back():
+def test_dead_reckoning_of_a_circle_returns_to_the_start():
     odometry = WheelOdometry(0.1, 0.4, (0.0, 0.0))
     turns = 1000
     for k in range(1, turns + 1):  # radius 1 m: the wheels run on 0.8 m and 1.2 m
@@ -106,7 +106,7 @@ def test_dead_reckoning_of_a_circle_comes_back():
 
 
 def noisy(seed: int, facts: OdometryFacts, left: float, right: float) -> Odometry:
-    """The odometry after a thousand readings in which each wheel has turned so far in all (rad)."""
+    """Return the odometry after a thousand readings; *left* and *right* are the wheels' total turns (rad)."""
     errors = WheelErrorModel(facts, np.random.default_rng(seed))
     odometry = WheelOdometry(0.1, 0.4, (0.0, 0.0), errors)
     for k in range(1, 1001):
@@ -114,7 +114,7 @@ def noisy(seed: int, facts: OdometryFacts, left: float, right: float) -> Odometr
     return reading
 
 
-def test_wheels_of_wrong_size_tell_a_wrong_way_and_a_drift():
+def test_wheel_size_errors_make_the_yaw_drift():
     facts = OdometryFacts(50.0, 0.01, 0.0, 0.0)
     ways = [noisy(seed, facts, 10.0, 10.0) for seed in range(200)]
     drifts = [reading.pose.yaw for reading in ways]
@@ -122,7 +122,7 @@ def test_wheels_of_wrong_size_tell_a_wrong_way_and_a_drift():
     assert np.mean(drifts) == pytest.approx(0.0, abs=0.01)
 
 
-def test_slip_tells_of_more_turning_than_there_is():
+def test_slip_makes_odometry_report_more_turning():
     facts = OdometryFacts(50.0, 0.0, 0.02, 0.03)
     turned = [noisy(seed, facts, -5.0, 5.0).pose.yaw for seed in range(100)]
     assert np.mean(turned) == pytest.approx(2.5 * 1.02, rel=0.001)
@@ -135,13 +135,13 @@ def test_straight_ahead_nothing_slips():
     )
 
 
-def test_the_same_seed_has_the_same_errors():
+def test_the_same_seed_gives_the_same_errors():
     facts = OdometryFacts(50.0, 0.001, 0.02, 0.03)
     assert noisy(3, facts, 8.0, 9.0) == noisy(3, facts, 8.0, 9.0)
     assert noisy(3, facts, 8.0, 9.0) != noisy(4, facts, 8.0, 9.0)
 
 
-def test_what_was_asked_for_is_told_as_it_was_given_until_it_lapses():
+def test_the_commanded_twist_is_the_given_twist_until_it_expires():
     drive = base()
     drive.command(3.0, -0.5, SECOND)
     assert drive.commanded_twist(SECOND + SECOND // 4) == Twist2D(3.0, -0.5)

@@ -20,7 +20,7 @@ from btcore_sim.world import World
 SECOND = 1_000_000_000
 
 
-def test_how_events_are_written():
+def test_events_are_parsed():
     assert parse_event("box:30") == Event("box", 30 * SECOND, AHEAD, 0.0)
     assert parse_event("box:30.5@2") == Event("box", 30.5 * SECOND, 2.0, 0.0)
     assert parse_event("box:30@2,-0.3") == Event("box", 30 * SECOND, 2.0, -0.3)
@@ -39,7 +39,7 @@ def test_how_events_are_written():
         ("kidnap:3@2", "only a box has a distance; use kidnap:3"),
     ],
 )
-def test_an_event_written_wrongly_is_explained(text: str, said: str):
+def test_an_invalid_event_raises_with_an_explanation(text: str, said: str):
     with pytest.raises(SimError, match=said):
         parse_event(text)
 
@@ -69,7 +69,7 @@ def go(body: SimulatedRobot, seconds: float, v: float = 0.3, w: float = 0.0) -> 
         body.world.wait_until(body.world.now() + SECOND // 10, threading.Event())
 
 
-def test_a_box_drops_ahead_and_is_seen_and_shown(meet):
+def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet):
     body, events = meet("house", "box:1@1.6,0.1")
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     number = body.world.kinematic_bodies("dropped_box_")[0]
@@ -97,7 +97,7 @@ def test_driving_into_a_dropped_box_is_a_collision(meet):
     assert body.contacts.collisions == 1
 
 
-def test_no_box_drops_before_a_robot_that_stands_or_turns(meet):
+def test_no_box_drops_in_front_of_a_standing_or_turning_robot(meet):
     body, events = meet("house", "box:0")
     go(body, 2.0, 0.0, 0.0)
     go(body, 2.0, 0.1, 0.5)
@@ -116,7 +116,7 @@ def test_no_box_drops_before_a_robot_that_stands_or_turns(meet):
         ((1.0, -10.0, -math.pi / 2), False),  # onto the waypoint
     ],
 )
-def test_where_a_box_fits(meet, pose: tuple[float, float, float], fits: bool):
+def test_a_box_fits_only_where_there_is_room(meet, pose: tuple[float, float, float], fits: bool):
     body, events = meet("house", "box:100")
     here = Pose2D(*pose)
     box = ahead_of(
@@ -125,7 +125,7 @@ def test_where_a_box_fits(meet, pose: tuple[float, float, float], fits: bool):
     assert events.fits(box, here) == fits
 
 
-def test_wherever_a_box_fits_there_is_a_way_past_and_it_is_far_enough(meet):
+def test_a_box_that_fits_leaves_a_passage_and_is_far_from_waypoints(meet):
     body, events = meet("aws_house", "box:100")
     scene, floor, random = body.world.scene, ClearanceMap.of(body.world.scene), body.world.random("test")
     parked = body.world.bodies[body.world.kinematic_bodies("dropped")[0]]
@@ -153,7 +153,7 @@ def box_side(pose: Pose2D, box, side: float) -> tuple[float, float]:
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
 @pytest.mark.parametrize("seed", range(5))
-def test_a_kidnapped_robot_stands_clear_and_far_away_and_knows_nothing(meet, name: str, seed: int):
+def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(meet, name: str, seed: int):
     body, events = meet(name, "kidnap:2", seed=seed)
     go(body, 1.9, 0.1, 0.0)
     before, odometry, way = body.true_pose(), body.odometry().pose, body.distance
@@ -172,13 +172,13 @@ def test_a_kidnapped_robot_stands_clear_and_far_away_and_knows_nothing(meet, nam
     assert math.atan2(moved.y - after.y, moved.x - after.x) == pytest.approx(moved.yaw, abs=0.1)
 
 
-def test_nobody_is_kidnapped_while_standing(meet):
+def test_a_standing_robot_is_not_kidnapped(meet):
     body, events = meet("house", "kidnap:1")
     go(body, 3.0, 0.0, 0.0)
     assert events.event_log == []
 
 
-def test_a_person_is_seen_where_it_is_and_keeps_from_a_robot_that_stands(meet):
+def test_a_person_is_in_the_scan_and_keeps_away_from_a_standing_robot(meet):
     body, _ = meet("arena", "kidnap:1000", people=1)
     (number,) = body.world.kinematic_bodies("person_")
     hits = 0

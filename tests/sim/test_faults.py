@@ -8,7 +8,7 @@ from btcore_sim.faults import Fault, FaultSchedule, parse_fault
 SECOND = 1_000_000_000
 
 
-def fault(text: str) -> list[Fault]:
+def fault_list(text: str) -> list[Fault]:
     return [parse_fault(text)]
 
 
@@ -19,7 +19,7 @@ def test_a_fault_lasts_from_its_start_to_its_end():
     assert not faults.dead("camera", 22 * SECOND)
 
 
-def test_a_fault_without_an_end_lasts():
+def test_a_fault_without_an_end_does_not_end():
     assert FaultSchedule([parse_fault("wheel:3-")]).dead("wheel", 10**6 * SECOND)
 
 
@@ -34,21 +34,21 @@ def test_a_fault_without_an_end_lasts():
         ("laser:25-20", "ends before it starts"),
     ],
 )
-def test_a_fault_written_wrongly_is_explained(text: str, said: str):
+def test_an_invalid_fault_raises_with_an_explanation(text: str, said: str):
     with pytest.raises(SimError, match=said):
         parse_fault(text)
 
 
-def test_a_dead_laser_leaves_the_last_scan_with_its_old_stamp(robot_at, steer):
-    body = robot_at(faults=fault("laser:1-2"))
+def test_a_failed_laser_keeps_its_last_scan_with_the_old_stamp(robot_at, steer):
+    body = robot_at(faults=fault_list("laser:1-2"))
     steer(body, 1.9, None)
     assert body.scan().stamp == 9 * SECOND // 10
     steer(body, 0.1, None)
     assert body.scan().stamp == 2 * SECOND
 
 
-def test_dead_odometry_leaves_the_last_reading(robot_at, steer):
-    body = robot_at(faults=fault("odometry:1-2"))
+def test_failed_odometry_keeps_its_last_reading(robot_at, steer):
+    body = robot_at(faults=fault_list("odometry:1-2"))
     steer(body, 1.9, (0.3, 0.0))
     stuck = body.odometry()
     assert stuck.stamp == 980 * SECOND // 1000
@@ -56,19 +56,19 @@ def test_dead_odometry_leaves_the_last_reading(robot_at, steer):
     assert body.odometry().pose.x > stuck.pose.x + 0.3
 
 
-def test_with_a_dead_wheel_driving_straight_is_turning(robot_at, steer):
-    body = robot_at(faults=fault("wheel:0-"))
+def test_with_a_failed_wheel_a_straight_command_turns_the_robot(robot_at, steer):
+    body = robot_at(faults=fault_list("wheel:0-"))
     steer(body, 2.0, (0.2, 0.0))
     assert body.true_pose().yaw > 0.5
 
 
-def test_a_dead_camera_shows_the_last_picture(robot_at, steer):
+def test_a_failed_camera_keeps_its_last_picture(robot_at, steer):
     from btcore_sim.camera import CameraSettings
     from btcore_sim.simulated_robot import SimulatedRobot
     from btcore_sim.world import World
 
     world = World(robot_at().world.scene)
-    body = SimulatedRobot(world, camera=CameraSettings(32, 24, 10.0), faults=fault("camera:0.5-1"))
+    body = SimulatedRobot(world, camera=CameraSettings(32, 24, 10.0), faults=fault_list("camera:0.5-1"))
     first = body.camera()
     steer(body, 0.7, None)
     assert body.camera() is first

@@ -83,24 +83,24 @@ def house(request: pytest.FixtureRequest) -> Scene:
     return load_scene(request.param)
 
 
-def test_waypoints_are_where_they_are(house: Scene):
+def test_waypoints_have_the_specified_positions(house: Scene):
     assert house.waypoints == {name: (x, y) for name, (x, y, _) in WAYPOINTS[house.name].items()}
 
 
-def test_the_robot_starts_where_the_book_says(house: Scene):
+def test_the_robot_starts_at_the_books_pose(house: Scene):
     for seed in range(1, 21):
         assert house.start(np.random.default_rng(seed), 0.27) == house.pose
     assert (house.pose.x, house.pose.y, house.pose.yaw) == (0.0, 0.0, 0.0)
 
 
-def test_there_is_as_much_room_around_each_waypoint(house: Scene):
+def test_each_waypoint_has_the_specified_clearance(house: Scene):
     for name, (x, y, clearance) in WAYPOINTS[house.name].items():
         seen = min(thing.distance(x, y) for thing in house.things if thing.meets(LASER_HEIGHT))
         assert seen == pytest.approx(clearance, abs=0.15), name
         assert house.clearance_at(x, y) >= 0.75, f"{name}, with what the laser does not see"
 
 
-def test_a_waypoints_every_way_to_another_is_as_long(house: Scene):
+def test_paths_between_waypoints_have_the_specified_lengths(house: Scene):
     floor = ClearanceMap.of(house)
     costs = np.where(floor.clearances >= NAVIGATION_RADIUS, 1.0, -1.0)
     found = {}
@@ -111,21 +111,21 @@ def test_a_waypoints_every_way_to_another_is_as_long(house: Scene):
     assert found == {pair: pytest.approx(length, rel=0.1) for pair, length in WAYS[house.name].items()}
 
 
-def test_the_narrowest_place_is_as_wide(house: Scene):
+def test_the_narrowest_place_has_the_specified_width(house: Scene):
     floor, points = ClearanceMap.of(house), list(house.waypoints.values())
     assert floor.connected(points, NAVIGATION_RADIUS)
     assert floor.connected(points, WIDEST[house.name] - 0.1)
     assert not floor.connected(points, WIDEST[house.name] + 0.2)
 
 
-def test_the_floor_is_as_large_and_the_house_too(house: Scene):
+def test_the_floor_and_the_house_have_the_specified_sizes(house: Scene):
     map = rasterise(house)
     area = np.count_nonzero(ClearanceMap(map).clearances >= NAVIGATION_RADIUS) * map.resolution**2
     assert area == pytest.approx(FLOOR[house.name], rel=0.03)
     assert map.bounds == pytest.approx(BOUNDS[house.name], abs=0.25)
 
 
-def test_every_door_is_as_wide(house: Scene):
+def test_every_door_is_open_over_its_specified_width(house: Scene):
     for start, end in DOORS[house.name]:
         for part in np.linspace(0.02, 0.98, 60):
             x, y = (a + part * (b - a) for a, b in zip(start, end, strict=True))
@@ -154,7 +154,7 @@ def test_a_house_is_a_few_dozen_bodies(house: Scene):
     assert 40 <= len(house.things) <= 70
 
 
-def test_what_the_laser_looks_under_is_kept_out_of(house: Scene):
+def test_the_floor_below_table_tops_is_a_keep_out_area(house: Scene):
     map = rasterise(house)
     tops = [thing for thing in house.things if thing.name.endswith("_top")]
     assert len(tops) >= 2
@@ -165,7 +165,7 @@ def test_what_the_laser_looks_under_is_kept_out_of(house: Scene):
         assert map.cells[map.cell(*top.position[:2])] == 0
 
 
-def test_furniture_is_in_the_books_wooden_colour_and_in_others(house: Scene):
+def test_furniture_has_the_books_wooden_colour_and_other_colours(house: Scene):
     wooden = [thing for thing in house.things if is_wooden(thing.color)]
     others = [thing for thing in house.things if thing not in wooden and not thing.name.startswith("wall_")]
     assert len({thing.name.split("_")[0] for thing in wooden}) >= 4
@@ -181,7 +181,7 @@ def is_wooden(color: tuple[int, int, int, int]) -> bool:
 
 
 @pytest.mark.parametrize("name", HOUSES)
-def test_the_camera_sees_wood_from_every_waypoint_and_nowhere_on_walls_and_floor(name: str):
+def test_the_camera_sees_wood_at_every_waypoint_but_not_on_walls_and_floor(name: str):
     scene = load_scene(name)
     bare = replace(scene, things=tuple(thing for thing in scene.things if not is_wooden(thing.color)))
     shares = {place: [seen_wood(scene, *place, turn) for turn in range(8)] for place in patrolled(scene)}

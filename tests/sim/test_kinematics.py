@@ -31,7 +31,7 @@ def pose(frames: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
     return rotation, position
 
 
-def test_every_frame_hangs_on_the_footprint_once(robot_at):
+def test_every_frame_is_connected_to_the_footprint_once(robot_at):
     frames = robot_at().frames()
     children = [frame.child for frame in frames]
     assert len(children) == len(set(children))
@@ -69,7 +69,9 @@ def test_the_names_are_those_of_the_data_sheet(robot_at):
         ("base_sonar_02_link", (-0.259, 0.0, 0.2715)),
     ],
 )
-def test_they_are_where_the_data_sheet_has_them(robot_at, name: str, position: tuple[float, float, float]):
+def test_frames_have_the_positions_of_the_data_sheet(
+    robot_at, name: str, position: tuple[float, float, float]
+):
     assert pose(robot_at().frames(), name)[1] == pytest.approx(position, abs=0.002)
 
 
@@ -79,7 +81,7 @@ def test_in_the_optical_frame_z_is_ahead_and_x_to_the_right(robot_at):
     assert rotation[:, 0] == pytest.approx([0.0, -1.0, 0.0], abs=0.02)
 
 
-def test_with_head_and_torso_moved_they_are_where_the_engine_has_the_links(robot_at, steer):
+def test_frames_agree_with_the_engines_links_when_head_and_torso_move(robot_at, steer):
     body = robot_at()
     body.move_head(0.7, -0.5)
     body.lift(0.2)
@@ -119,7 +121,7 @@ def described(folder: Path, change: Any) -> Any:
     return load_description(path)
 
 
-def test_a_sensor_has_a_frame_even_if_nobody_describes_one(tmp_path: Path):
+def test_a_sensor_has_a_frame_even_without_a_description_of_it(tmp_path: Path):
     bare = Kinematics(described(tmp_path, lambda data: data.pop("frames")))
     told = Kinematics(load_description())
     zeros = [0.0] * len(told.joints)
@@ -136,12 +138,12 @@ def test_a_sensor_has_a_frame_even_if_nobody_describes_one(tmp_path: Path):
         ({"name": "hat", "parent": "hat"}, "'hat' is fixed to itself"),
     ],
 )
-def test_a_frame_that_hangs_on_nothing_is_told(tmp_path: Path, frame: dict[str, str], said: str):
+def test_a_frame_with_an_invalid_name_or_parent_raises(tmp_path: Path, frame: dict[str, str], said: str):
     with pytest.raises(SimError, match=said):
         Kinematics(described(tmp_path, lambda data: data["frames"].append(frame)))
 
 
-def test_turns_about_fixed_axes_come_in_the_order_x_y_z():
+def test_turns_about_fixed_axes_are_applied_in_the_order_x_y_z():
     turned = Transform(quaternion=from_rpy((0.0, math.pi / 2, math.pi / 2)))
     assert (turned * Transform((1.0, 0.0, 0.0))).position == pytest.approx((0.0, 0.0, -1.0))
     assert (turned * Transform((0.0, 0.0, 1.0))).position == pytest.approx((0.0, 1.0, 0.0))

@@ -60,7 +60,7 @@ def test_geometry_agrees_with_the_engines_rays(scene: list[SceneObject], x: floa
 
 
 @pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-310, -1e-310, 1e-200])
-def test_rays_parallel_to_a_side_are_as_good_as_others(box, tiny: float):
+def test_rays_parallel_to_a_side_have_the_right_distances(box, tiny: float):
     outlines = RayCaster.of([box(3.0, 0.0, (2.0, 1.0, 1.0)), box(0.0, 3.0, (1.0, 2.0, 1.0), yaw=1e-14)])
     found = outlines.distances(0.0, 0.25, HEIGHT, np.array([tiny, math.pi / 2, math.pi]))
     assert found == pytest.approx([2.0, 1.75, math.inf])
@@ -79,11 +79,11 @@ def test_no_echo_is_infinite_and_never_the_maximum(box):
     assert np.isfinite(ranges).any()
 
 
-def test_an_echo_from_under_the_minimum_is_minus_infinite(box):
+def test_an_echo_below_the_minimum_is_minus_infinite(box):
     assert (sweep(RayCaster.of([box(0.0, 0.0, (1.0, 1.0, 1.0))]), sigma=0.0) == -np.inf).all()
 
 
-def test_what_ends_below_the_laser_is_not_seen(box):
+def test_an_object_below_the_laser_is_not_seen(box):
     assert (sweep(RayCaster.of([box(2.0, 0.0, (1.0, 1.0, 0.09))])) == np.inf).all()
 
 
@@ -99,7 +99,7 @@ def test_noise_has_the_sigma_of_the_description():
     assert np.mean(errors) == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_movable_box_is_seen_where_it_is_now(robot_at, steer, box, noiseless_tiago):
+def test_a_movable_box_is_seen_at_its_current_place(robot_at, steer, box, noiseless_tiago):
     body = robot_at(
         box(2.0, 0.0, (0.5, 0.5, 0.5), mass=5.0),
         box(4.0, 0.0, (0.2, 9.0, 1.0), name="wall"),
@@ -121,7 +121,7 @@ def test_a_movable_box_is_seen_where_it_is_now(robot_at, steer, box, noiseless_t
 
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.9), (0.6, 0.0, 0.3), (0.0, math.pi / 2, 0.0)])
-def test_a_movable_thing_is_seen_as_the_engine_has_it_however_it_lies(
+def test_a_movable_object_in_any_orientation_agrees_with_the_engine(
     robot_at, box, drum, noiseless_tiago, turned: tuple[float, float, float]
 ):
     body = robot_at(

@@ -43,7 +43,7 @@ def test_walls_on_the_grid_fill_whole_cells(room):
     assert map.cells[map.cell(2.01, 0.0)] == 100
 
 
-def test_what_cannot_be_reached_is_unknown(room, box):
+def test_unreachable_cells_are_unknown(room, box):
     closet = [
         box(1.0, 1.5, (0.1, 1.0, 2.0), name="side"),
         box(1.5, 1.0, (1.1, 0.1, 2.0), name="front"),
@@ -70,7 +70,7 @@ def test_even_a_thin_leg_is_on_the_map(room, drum):
         assert map.occupied[map.cell(0.3, 0.55)[0] : map.cell(0.3, 0.9)[0], map.cell(0.3, 0.0)[1] :].any()
 
 
-def test_only_what_stays_and_crosses_the_plane_is_on_the_map(room, box):
+def test_only_fixed_objects_at_the_height_of_the_laser_are_on_the_map(room, box):
     movable = box(1.0, 0.0, (0.4, 0.4, 0.5), mass=3.0, name="movable")
     person = replace(box(-1.0, 0.0, (0.4, 0.4, 0.5), name="person"), is_kinematic=True)
     flat = box(0.0, 1.0, (0.4, 0.4, 0.05), name="flat")
@@ -82,7 +82,7 @@ def test_only_what_stays_and_crosses_the_plane_is_on_the_map(room, box):
     assert ClearanceMap.of(scene).clearance_at(1.0, 0.0) == 0.0
 
 
-def test_keep_outs_of_the_world_come_along(room):
+def test_keep_out_areas_of_the_world_are_on_the_map(room):
     scene = room(keepout=((0.5, 0.5, 1.0, 1.5),))
     assert rasterise(scene).keepout == ((0.5, 0.5, 1.0, 1.5),)
     floor = ClearanceMap.of(scene)
@@ -90,7 +90,7 @@ def test_keep_outs_of_the_world_come_along(room):
     assert floor.clearance_at(0.0, 1.0) == pytest.approx(0.5, abs=0.05)
 
 
-def test_room_along_a_line_is_that_of_its_narrowest_place(room, box):
+def test_the_clearance_along_a_line_is_that_of_its_narrowest_place(room, box):
     floor = ClearanceMap.of(room(box(0.0, 1.2, (0.4, 0.4, 1.0))))
     assert floor.clearance_along((-1.5, 0.0), (1.5, 0.0)) == pytest.approx(0.5, abs=0.06)
     assert floor.clearance_along((-1.5, 1.2), (1.5, 1.2)) == 0.0
@@ -102,7 +102,7 @@ def run(*arguments: str) -> Result:
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house", "arena_boxes"])
-def test_the_command_writes_what_a_map_server_reads(tmp_path: Path, name: str):
+def test_the_command_writes_a_map_that_can_be_loaded(tmp_path: Path, name: str):
     ended = run(name, "-o", str(tmp_path / "maps"))
     assert ended.exit_code == 0, ended.output
     assert f"{name}.yaml and {name}.pgm: " in ended.output
@@ -112,12 +112,12 @@ def test_the_command_writes_what_a_map_server_reads(tmp_path: Path, name: str):
     assert ("keepout.yaml" in ended.output) == bool(drawn.keepout)
 
 
-def test_the_command_takes_a_resolution(tmp_path: Path):
+def test_the_command_accepts_a_resolution(tmp_path: Path):
     assert "of 0.1 m" in run("arena", "-o", str(tmp_path), "--resolution", "0.1").output
     assert load_map(tmp_path / "arena.yaml").resolution == 0.1
 
 
-def test_the_commands_mistakes_are_sentences(tmp_path: Path):
+def test_the_command_reports_usage_errors(tmp_path: Path):
     ended = run("hose", "-o", str(tmp_path))
     assert (ended.exit_code, "did you mean 'house'?" in ended.output) == (2, True)
     (tmp_path / "taken").write_text("")

@@ -15,7 +15,7 @@ from btcore_sim.world import random_generator
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
 @pytest.mark.parametrize("seed", range(5))
-def test_boxes_leave_a_way_and_the_waypoints_alone(name: str, seed: int):
+def test_boxes_leave_a_passage_and_keep_away_from_waypoints(name: str, seed: int):
     bare = load_scene(name)
     scene = Scenario(obstacles=6).scene(bare, seed)
     boxes = [thing for thing in scene.things if thing not in bare.things]
@@ -30,13 +30,13 @@ def test_boxes_leave_a_way_and_the_waypoints_alone(name: str, seed: int):
     assert (rasterise(scene).cells == rasterise(bare).cells).all()
 
 
-def test_the_same_seed_puts_them_in_the_same_places():
+def test_the_same_seed_puts_boxes_in_the_same_places():
     house = load_scene("house")
     assert Scenario(obstacles=4).scene(house, 3) == Scenario(obstacles=4).scene(house, 3)
     assert Scenario(obstacles=4).scene(house, 3) != Scenario(obstacles=4).scene(house, 4)
 
 
-def test_more_than_fit_are_refused():
+def test_more_boxes_than_fit_are_refused():
     with pytest.raises(SimError, match=r"no room for 60 obstacles that block no way, only for \d+"):
         with_obstacles(load_scene("arena"), 60, random_generator(1, "obstacles"))
 

@@ -76,7 +76,7 @@ def test_people_do_not_walk_through_each_other(stroll: Stroll):
                 assert math.dist((x, y), other) >= 2 * RADIUS
 
 
-def test_the_engine_has_them_where_they_say(stroll: Stroll):
+def test_the_engine_has_people_at_their_places(stroll: Stroll):
     world, people = stroll("house", 3)
     for tick in range(1, 100):
         world.wait_until(tick * 70_000_000, threading.Event())
@@ -96,7 +96,7 @@ def test_people_stop_before_a_robot_that_stands(stroll: Stroll):
     assert POLITE <= closest - ROBOT - RADIUS < POLITE + 0.15
 
 
-def test_people_who_have_to_stand_go_elsewhere_after_a_while(stroll: Stroll):
+def test_blocked_people_go_elsewhere_after_a_while(stroll: Stroll):
     before = [NOWHERE]
     world, people = stroll("arena", 1, robot=lambda: before[0])
     person = people.people[0]
@@ -117,7 +117,7 @@ def test_the_same_seed_makes_the_same_walks(stroll: Stroll):
     assert tracks(*stroll("house", 3, 4), 1) != tracks(*stroll("house", 3, 5), 1)
 
 
-def test_nobody_begins_near_the_robot():
+def test_no_person_starts_near_the_robot():
     for seed in range(20):
         scene = with_people(load_scene("house"), 4, random_generator(seed, "people"))
         people = [thing for thing in scene.things if thing.is_kinematic]

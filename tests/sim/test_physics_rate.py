@@ -16,7 +16,7 @@ RATE = 120
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
-def test_a_house_asks_for_120_steps_a_second(name: str):
+def test_a_house_makes_120_steps_a_second(name: str):
     world = World(load_scene(name))
     steps: list[int] = []
     world.around_steps(steps.append, lambda now: None)
@@ -31,7 +31,7 @@ def test_a_house_asks_for_120_steps_a_second(name: str):
     [(0.3, 0.0, 0.015, 0.002), (0.0, 0.5, 0.003, 0.006), (0.3, 0.5, 0.008, 0.006)],
 )
 def test_ten_seconds_of_driving_end_where_the_commands_lead(v: float, w: float, way: float, turn: float):
-    """*way* (m) and *turn* (rad) off at most; 2.956 m straight, 4.941 rad on the spot."""
+    """*way* (m) and *turn* (rad) are the largest errors; 2.956 m straight, 4.941 rad on the spot."""
     floor = Scene("floor", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255), physics_rate=RATE)
     body = SimulatedRobot(World(floor))
     x = y = yaw = 0.0

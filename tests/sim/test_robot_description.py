@@ -32,7 +32,7 @@ def test_the_tiago_has_the_figures_of_its_data_sheet():
     assert math.degrees(tiago.camera.fov) == pytest.approx(63.0)
 
 
-def test_another_robot_is_driven_by_its_own_figures(tmp_path: Path, robot_at: Any, steer: Any):
+def test_another_robot_has_the_limits_of_its_own_description(tmp_path: Path, robot_at: Any, steer: Any):
     def slow(data: dict[str, Any]) -> None:
         data["base"]["v_max"] = 0.1
         del data["camera"]
@@ -43,7 +43,7 @@ def test_another_robot_is_driven_by_its_own_figures(tmp_path: Path, robot_at: An
     assert body.camera() is None
 
 
-def test_a_robot_of_which_little_is_said_has_little(tmp_path: Path, robot_at: Any):
+def test_a_minimal_description_gives_a_robot_without_optional_parts(tmp_path: Path, robot_at: Any):
     def bare(data: dict[str, Any]) -> None:
         for part in ("head", "torso", "camera", "sonars", "frames", "odometry"):
             del data[part]
@@ -58,7 +58,7 @@ def test_a_robot_of_which_little_is_said_has_little(tmp_path: Path, robot_at: An
     assert not [name for name in names if "sonar" in name or "camera" in name]
 
 
-def test_a_robot_without_a_head_has_none(tmp_path: Path, robot_at: Any):
+def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Path, robot_at: Any):
     body = robot_at(description=load_description(write(tmp_path, lambda data: data.pop("head"))))
     body.move_head(0.3, 0.0)
     assert body.head_info is None
@@ -88,7 +88,7 @@ def test_a_robot_without_a_head_has_none(tmp_path: Path, robot_at: Any):
         (lambda d: d["frames"][0].pop("parent"), r"frames\[0\]: 'parent' is missing"),
     ],
 )
-def test_a_mistake_in_a_description_is_told(tmp_path: Path, change: Any, said: str):
+def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, said: str):
     with pytest.raises(SimError, match=said) as caught:
         load_description(write(tmp_path, change))
     assert "mine.json: " in str(caught.value)
@@ -104,18 +104,18 @@ def test_a_mistake_in_a_description_is_told(tmp_path: Path, change: Any, said: s
         (lambda d: d["laser"].update(link="base"), "no link 'base': did you mean 'base_link'"),
     ],
 )
-def test_a_name_that_the_urdf_does_not_have_is_told(tmp_path: Path, robot_at: Any, change: Any, said: str):
+def test_a_name_that_the_urdf_does_not_have_raises(tmp_path: Path, robot_at: Any, change: Any, said: str):
     with pytest.raises(SimError, match=said):
         robot_at(description=load_description(write(tmp_path, change)))
 
 
-def test_a_urdf_that_the_engine_cannot_read_is_told(tmp_path: Path, robot_at: Any):
+def test_a_urdf_that_the_engine_cannot_read_raises(tmp_path: Path, robot_at: Any):
     (tmp_path / "broken.urdf").write_text("<robot name='x'></robot>")
     path = write(tmp_path, lambda data: data.update(urdf="broken.urdf"))
     with pytest.raises(SimError, match=r"broken.urdf: the physics engine cannot read this URDF"):
         robot_at(description=load_description(path))
 
 
-def test_a_missing_description_is_told():
+def test_a_missing_description_raises():
     with pytest.raises(SimError, match=r"nowhere\.json: no such file"):
         load_description(Path("nowhere.json"))

@@ -25,14 +25,14 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Run:
     return call
 
 
-def refused(result: Result, *expected: str) -> None:
+def assert_usage_error(result: Result, *expected: str) -> None:
     assert result.exit_code == 2, result.output
     assert "Traceback" not in result.output
     for words in expected:
         assert words in result.stderr
 
 
-def test_the_robots_figures_join_the_json(run: Run) -> None:
+def test_the_json_report_has_the_robots_figures(run: Run) -> None:
     result = run("bumpgo", "--fast", "--duration", "3", "--seed", "5", "--json")
     data = json.loads(result.stdout.splitlines()[-1])
     assert result.exit_code == 0, result.output
@@ -70,35 +70,37 @@ def test_the_same_seed_gives_the_same_line_twice_in_one_process(run: Run) -> Non
     assert line(3) != line(4)
 
 
-def test_a_battery_to_begin_with(run: Run) -> None:
+def test_the_battery_option_sets_the_level_at_the_start(run: Run) -> None:
     result = run("bumpgo", "--fast", "--duration", "2", "--battery", "25", "--camera", "off", "--json")
     data = json.loads(result.stdout.splitlines()[-1])
     assert 24.0 < data["robot"]["battery_min"] < 25.0
-    refused(run("bumpgo", "--fast", "--battery", "120"), "--battery", "120")
-    refused(run("bumpgo", "--fast", "--battery", "nan"), "--battery nan", "a number from 0 to 100")
+    assert_usage_error(run("bumpgo", "--fast", "--battery", "120"), "--battery", "120")
+    assert_usage_error(run("bumpgo", "--fast", "--battery", "nan"), "--battery nan", "a number from 0 to 100")
 
 
-def test_a_world_that_does_not_exist(run: Run) -> None:
-    refused(run("bumpgo", "--world", "aerna", "--fast"), "no world 'aerna'", "did you mean 'arena'?")
+def test_an_unknown_world_is_a_usage_error(run: Run) -> None:
+    assert_usage_error(
+        run("bumpgo", "--world", "aerna", "--fast"), "no world 'aerna'", "did you mean 'arena'?"
+    )
 
 
-def test_a_window_without_a_display(run: Run) -> None:
-    refused(run("bumpgo", "--gui", "--duration", "1"), "DISPLAY is not set")
+def test_a_window_without_a_display_is_a_usage_error(run: Run) -> None:
+    assert_usage_error(run("bumpgo", "--gui", "--duration", "1"), "DISPLAY is not set")
 
 
-def test_a_rate_at_which_the_base_would_stop_between_ticks(run: Run) -> None:
-    refused(run("bumpgo", "--rate", "2", "--fast"), "--rate 2 is too slow for a tree that drives")
+def test_a_rate_at_which_the_base_would_stop_is_a_usage_error(run: Run) -> None:
+    assert_usage_error(run("bumpgo", "--rate", "2", "--fast"), "--rate 2 is too slow for a tree that drives")
 
 
-def test_a_fault_that_says_nothing(run: Run) -> None:
-    refused(run("bumpgo", "--fault", "laser", "--fast"), "laser")
+def test_an_incomplete_fault_is_a_usage_error(run: Run) -> None:
+    assert_usage_error(run("bumpgo", "--fault", "laser", "--fast"), "laser")
 
 
-def test_a_robot_that_does_not_exist(run: Run) -> None:
-    refused(run("bumpgo", "--robot", "no_robot.json", "--fast"), "no_robot.json")
+def test_a_missing_robot_file_is_a_usage_error(run: Run) -> None:
+    assert_usage_error(run("bumpgo", "--robot", "no_robot.json", "--fast"), "no_robot.json")
 
 
-def test_a_robot_that_is_there_already_is_the_only_one() -> None:
+def test_no_robot_is_simulated_if_a_robot_is_provided() -> None:
     settings = {"fast": True}
     [mine, *_] = RobotExtension().provide(settings, [Robot])
     assert isinstance(mine, SimulatedRobot)

@@ -36,7 +36,7 @@ assert "pybullet" not in sys.modules
     subprocess.run([sys.executable, "-c", program], check=True, env={"PYTHONPATH": ":".join(sys.path)})
 
 
-def test_its_options():
+def test_the_options_of_the_extension():
     assert [option.name for option in RobotExtension().options] == [
         "world",
         "gui",
@@ -52,7 +52,7 @@ def test_its_options():
     ]
 
 
-def test_the_engine_is_loaded_without_a_word():
+def test_loading_the_engine_prints_nothing():
     program = "from btcore_sim.simulated_robot import SimulatedRobot"
     found = subprocess.run(
         [sys.executable, "-c", program],
@@ -64,7 +64,7 @@ def test_the_engine_is_loaded_without_a_word():
     assert found.stdout + found.stderr == ""
 
 
-def test_a_run_from_providing_to_the_report():
+def test_a_run_is_reported():
     extension = RobotExtension()
     robot, *_ = extension.provide(SETTINGS, [int, Robot])
     assert isinstance(robot, Robot)
@@ -88,7 +88,7 @@ class Navigator:
         return [GoalOutcome(Pose2D(9.0, 9.0, 0.0), "ABORTED", 0)]
 
 
-def test_who_navigates_is_judged():
+def test_the_results_of_a_navigator_are_reported():
     extension = RobotExtension()
     robot, *_ = extension.provide({**SETTINGS, "battery": 30.0}, [Robot])
     with extension.attach(object(), [robot, Navigator()], SETTINGS):
@@ -99,7 +99,7 @@ def test_who_navigates_is_judged():
     assert (report["recharges"], report["goals_failed"], report["waypoints_visited"]) == (1, 1, [])
 
 
-def test_the_robot_begins_where_it_is_told_and_its_sensors_are_as_noisy_as_told():
+def test_the_options_for_start_and_noise_apply_to_the_robot():
     extension = RobotExtension()
     robot, *_ = extension.provide({**SETTINGS, "start": "0.5,-0.5,90", "noise": 0.0}, [Robot])
     with extension.attach(object(), [robot], SETTINGS):
@@ -111,7 +111,7 @@ def test_the_robot_begins_where_it_is_told_and_its_sensors_are_as_noisy_as_told(
     assert report["pose"]["yaw"] == pytest.approx(math.pi / 2, abs=0.01)
 
 
-def test_a_run_that_fails_is_reported_too():
+def test_a_run_that_fails_is_reported():
     extension = RobotExtension()
     robot, *_ = extension.provide(SETTINGS, [Robot])
     with pytest.raises(ZeroDivisionError), extension.attach(object(), [robot], SETTINGS):
@@ -140,7 +140,7 @@ def test_without_a_robot_there_is_no_report():
         ),
     ],
 )
-def test_a_users_mistake_is_one_sentence_and_exit_code_2(changes: dict[str, Any], said: str):
+def test_an_invalid_option_raises_a_usage_error(changes: dict[str, Any], said: str):
     settings = {**SETTINGS, **changes}
     if settings["robot"]:
         settings["robot"] = Path(settings["robot"])
@@ -150,7 +150,7 @@ def test_a_users_mistake_is_one_sentence_and_exit_code_2(changes: dict[str, Any]
     assert caught.value.exit_code == 2
 
 
-def test_four_ticks_a_second_are_enough():
+def test_four_ticks_a_second_keep_the_robot_driving():
     robot, *_ = RobotExtension().provide({**SETTINGS, "rate": 4.0}, [Robot])
     for tick in range(1, 13):
         robot.drive(0.2, 0.0)

@@ -41,7 +41,7 @@ def body(robot_at: Any) -> Any:
     return made
 
 
-def test_without_a_navigator_battery_and_odometry_are_told(body: Any, steer: Any):
+def test_without_a_navigator_battery_and_odometry_are_reported(body: Any, steer: Any):
     metrics = RunMetrics(body, None)
     steer(body, 10.0, (0.0, 0.5))
     figures = metrics.figures()
@@ -50,7 +50,7 @@ def test_without_a_navigator_battery_and_odometry_are_told(body: Any, steer: Any
 
 
 @pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (2.0, -1.0, 2.2)])
-def test_odometry_is_judged_from_the_true_start(
+def test_the_odometry_error_is_measured_from_the_true_start(
     robot_at: Any, steer: Any, noiseless_tiago: Any, start: tuple[float, ...]
 ):
     body = robot_at(pose=start, description=noiseless_tiago)
@@ -61,7 +61,7 @@ def test_odometry_is_judged_from_the_true_start(
     assert odometry_error(body) == pytest.approx(2.0, abs=0.04)
 
 
-def test_localisation_is_judged_from_ten_metres_on(body: Any, steer: Any):
+def test_localisation_errors_are_measured_from_ten_metres_on(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(3.0, 4.0, -0.2))
     metrics = RunMetrics(body, navigator)
     steer(body, 9.0, (1.0, 0.5))
@@ -75,7 +75,7 @@ def test_localisation_is_judged_from_ten_metres_on(body: Any, steer: Any):
     assert figures["unlocalized_s"] == 0.0
 
 
-def test_not_to_know_is_no_error_but_it_is_counted(body: Any, steer: Any):
+def test_time_without_a_pose_is_counted_and_is_not_an_error(body: Any, steer: Any):
     metrics = RunMetrics(body, Navigator(body))
     steer(body, 12.5, (1.0, 0.5))
     figures = metrics.figures()
@@ -83,7 +83,7 @@ def test_not_to_know_is_no_error_but_it_is_counted(body: Any, steer: Any):
     assert figures["unlocalized_s"] == pytest.approx(2.0, abs=0.2)
 
 
-def test_goals_are_told_by_how_they_ended_and_where_the_robot_was(body: Any, steer: Any):
+def test_goals_are_reported_by_their_results_and_the_robots_places(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
     metrics = RunMetrics(body, navigator)
     navigator.end(0.2, 0.1, "SUCCEEDED")
@@ -99,7 +99,7 @@ def test_goals_are_told_by_how_they_ended_and_where_the_robot_was(body: Any, ste
     assert (figures["waypoints_visited"], figures["goals_failed"], figures["recharges"]) == (["wp1"], 1, 1)
 
 
-def test_a_navigator_is_known_by_what_it_can_do(body: Any):
+def test_a_navigator_is_recognised_by_its_methods(body: Any):
     navigator = Navigator(body)
     assert isinstance(navigator, NavigationReporter)
     assert navigator_among([object(), body, navigator]) is navigator
@@ -107,7 +107,7 @@ def test_a_navigator_is_known_by_what_it_can_do(body: Any):
 
 
 @pytest.mark.parametrize("world", ["house", "aws_house"])
-def test_the_waypoints_of_the_houses_are_known_by_their_places(world: str):
+def test_the_waypoints_of_the_houses_are_recognised_by_their_places(world: str):
     places = load_scene(world).waypoints
     assert {"recharge", "wp1", "wp2", "wp3"} <= set(places)
     for name, (x, y) in places.items():
@@ -115,14 +115,14 @@ def test_the_waypoints_of_the_houses_are_known_by_their_places(world: str):
         assert waypoint(Pose2D(x + 0.1, y, 0.0), places) is None
 
 
-def test_the_tiagos_odometry_is_as_wrong_as_a_patrol_needs():
+def test_the_tiagos_odometry_errors_are_in_the_expected_ranges():
     facts = load_description().odometry
     assert 0.0005 <= facts.scale_sigma <= 0.005
     assert 0.01 <= facts.slip <= 0.04
     assert 0.01 <= facts.slip_sigma <= 0.05
 
 
-def test_turning_on_the_spot_four_times_odometry_is_wrong_by_some_degrees(robot_at: Any, steer: Any):
+def test_odometry_is_wrong_by_some_degrees_after_turning_on_the_spot(robot_at: Any, steer: Any):
     wrong = []
     for seed in range(3):
         body = robot_at(seed=seed)
@@ -134,7 +134,7 @@ def test_turning_on_the_spot_four_times_odometry_is_wrong_by_some_degrees(robot_
     assert len(set(wrong)) == 3
 
 
-def test_how_a_robot_gets_over_being_carried_off_is_told(body: Any, steer: Any):
+def test_the_times_to_notice_a_kidnapping_and_find_the_pose_are_reported(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
     metrics = RunMetrics(body, navigator)
     steer(body, 2.0, (0.5, 0.0))
@@ -155,7 +155,7 @@ def test_how_a_robot_gets_over_being_carried_off_is_told(body: Any, steer: Any):
     assert one["astray_m"] == pytest.approx(0.5, abs=0.1)
 
 
-def test_a_robot_that_never_notices_that_it_was_carried_off_goes_astray(body: Any, steer: Any):
+def test_the_distance_driven_after_an_unnoticed_kidnapping_is_reported(body: Any, steer: Any):
     metrics = RunMetrics(body, Navigator(body, Pose2D(0.0, 2.0, 0.0)))
     body.teleport(Pose2D(3.0, 3.0, 0.0))
     steer(body, 4.0, (0.5, 0.0))

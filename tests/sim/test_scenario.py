@@ -43,7 +43,7 @@ def test_the_same_seed_gives_the_same_bytes():
     assert trace(5, 2) != trace(6, 2)
 
 
-def test_a_world_without_life_is_as_it_was():
+def test_an_empty_scenario_does_not_change_the_world():
     house = load_scene("house")
     assert Scenario().scene(house, 1) is house
 
@@ -63,7 +63,7 @@ def test_options_reach_the_world_and_events_the_report():
     assert [(one["event"], one["t"]) for one in report["events"]] == [("kidnap", 1.0)]
 
 
-def test_the_map_comes_to_whoever_asks_for_it():
+def test_the_map_is_provided_on_request():
     (map,) = RobotExtension().provide(SETTINGS, [OccupancyMap])
     assert isinstance(map, OccupancyMap)
     drawn = rasterise(load_scene("house"))
@@ -78,6 +78,6 @@ def test_the_map_comes_to_whoever_asks_for_it():
         ({"world": "arena", "obstacles": 100}, "no room for 100 obstacles"),
     ],
 )
-def test_what_cannot_be_is_a_users_mistake(changes: dict[str, Any], said: str):
+def test_an_impossible_scenario_is_a_usage_error(changes: dict[str, Any], said: str):
     with pytest.raises(click.UsageError, match=said):
         RobotExtension().provide({**SETTINGS, **changes}, [Robot])

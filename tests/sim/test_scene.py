@@ -38,7 +38,7 @@ def gap(one: SceneObject, other: SceneObject) -> float:
     return min(other.distance(*point) for point in outline(one)) - 0.0025
 
 
-def test_every_world_that_comes_along_loads():
+def test_every_shipped_world_loads():
     assert {"arena", "arena_boxes"} <= set(scene_names())
     for name in scene_names():
         assert load_scene(name).things
@@ -62,7 +62,7 @@ def test_the_walls_close_a_square(name: str, inside: float):
     assert scene.clearance_at(0.9 * inside, 0.9 * inside) == pytest.approx(0.1 * inside, abs=0.01)
 
 
-def test_every_gap_of_arena_boxes_lets_the_robot_back_blindly():
+def test_every_gap_of_arena_boxes_is_wide_enough_to_back_up_blindly():
     """Laser range 1.0 + its offset 0.2 + hull 0.27 + 0.6 of backing + margin."""
     scene = load_scene("arena_boxes")
     obstacles = [thing for thing in scene.things if thing.name not in WALLS]
@@ -85,7 +85,7 @@ def test_obstacles_of_arena_boxes_reach_the_floor_and_are_wide_enough_to_see():
 
 
 @pytest.mark.parametrize("name", ["arena", "arena_boxes"])
-def test_start_poses_are_clear_and_all_over_the_place(name: str):
+def test_start_poses_are_clear_and_spread_over_the_world(name: str):
     scene = load_scene(name)
     poses = [scene.start(np.random.default_rng(seed), RADIUS) for seed in range(300)]
     assert all(scene.clearance_at(pose.x, pose.y) >= 1.0 + RADIUS for pose in poses)
@@ -101,13 +101,13 @@ def test_distance_to_a_turned_box(box):
     assert turned.distance(1.0, 0.9) == 0.0
 
 
-def test_a_world_from_a_file_may_give_the_pose(tmp_path: Path):
+def test_the_file_of_a_world_can_set_the_start_pose(tmp_path: Path):
     scene = load_scene(write(tmp_path, start={"pose": [1, 2, 0.5]}))
     assert scene.name == "mine"
     assert scene.start(np.random.default_rng(0), RADIUS) == Pose2D(1.0, 2.0, 0.5)
 
 
-def test_a_world_too_full_to_start_in_says_so(tmp_path: Path):
+def test_a_world_without_room_for_the_start_raises(tmp_path: Path):
     full: Scene = load_scene(
         write(tmp_path, objects=[{"kind": "box", "size": [4, 4, 1], "position": [0, 0]}])
     )
@@ -115,7 +115,7 @@ def test_a_world_too_full_to_start_in_says_so(tmp_path: Path):
         full.start(np.random.default_rng(0), RADIUS)
 
 
-def test_an_unknown_world_is_answered_with_the_nearest_and_the_list():
+def test_an_unknown_world_raises_with_a_suggestion_and_the_list():
     with pytest.raises(SimError, match=r"no world 'arena_bokses': did you mean 'arena_boxes'\? .*arena, "):
         load_scene("arena_bokses")
 
@@ -135,7 +135,7 @@ def test_a_table_is_a_top_on_four_legs(tmp_path: Path):
     assert all(leg.size == pytest.approx((0.1, 0.1, 0.65)) and leg.position[2] == 0.0 for leg in legs)
 
 
-def test_a_world_may_give_waypoints_keep_outs_and_its_physics_rate(tmp_path: Path):
+def test_a_world_can_set_waypoints_keep_outs_and_its_physics_rate(tmp_path: Path):
     scene = load_scene(write(tmp_path, waypoints={"wp1": [1, 2]}, keepout=[[0, 0, 1, 2]], physics_rate=120))
     assert (scene.waypoints, scene.keepout) == ({"wp1": (1.0, 2.0)}, ((0.0, 0.0, 1.0, 2.0),))
     assert scene.physics_rate == 120
@@ -183,27 +183,29 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
         ({"physics_rate": 0}, "'physics_rate' is 0, and a whole number of at least 1 is expected"),
     ],
 )
-def test_a_mistake_in_a_world_is_told_with_its_address(tmp_path: Path, changes: dict[str, object], said: str):
+def test_an_error_in_a_world_is_reported_with_its_place(
+    tmp_path: Path, changes: dict[str, object], said: str
+):
     with pytest.raises(SimError, match=said) as caught:
         load_scene(write(tmp_path, **changes))
     assert "mine.json: " in str(caught.value)
 
 
-def test_a_file_that_is_not_json_is_told_with_line_and_column(tmp_path: Path):
+def test_a_file_that_is_not_json_is_reported_with_line_and_column(tmp_path: Path):
     path = tmp_path / "mine.json"
     path.write_text('{"objects": [,]}')
     with pytest.raises(SimError, match=r"mine.json:1:14: not valid JSON"):
         load_scene(str(path))
 
 
-def test_a_list_is_no_world(tmp_path: Path):
+def test_a_list_is_not_a_world(tmp_path: Path):
     path = tmp_path / "mine.json"
     path.write_text("[]")
     with pytest.raises(SimError, match="a world is a JSON object"):
         load_scene(str(path))
 
 
-def test_a_missing_file_is_told():
+def test_a_missing_file_raises():
     with pytest.raises(SimError, match=r"nowhere/mine\.json: no such file"):
         load_scene("nowhere/mine.json")
 

@@ -11,7 +11,7 @@ from btcore_sim.world import World
 CAMERA = CameraSettings(64, 48, 10.0)
 
 
-def test_a_picture_is_told_once_and_only_if_somebody_had_it_taken(robot_at, steer):
+def test_a_picture_is_sent_once_and_only_if_it_was_taken(robot_at, steer):
     body = robot_at(camera=CAMERA)
     body.scene_static()
     steer(body, 0.5, (0.0, 0.0))
@@ -29,7 +29,7 @@ def test_a_picture_is_told_once_and_only_if_somebody_had_it_taken(robot_at, stee
     assert body.scene_moving().pictures
 
 
-def test_the_camera_hangs_on_the_head(robot_at, steer):
+def test_the_camera_is_attached_to_the_head(robot_at, steer):
     body = robot_at(camera=CAMERA)
     (camera,) = body.scene_static().cameras
     assert camera.size == (64, 48)
@@ -44,7 +44,7 @@ def test_the_camera_hangs_on_the_head(robot_at, steer):
     assert not robot_at().scene_static().cameras
 
 
-def test_the_battery_is_told_as_it_drains(robot_at, steer):
+def test_the_scene_has_the_battery_level_while_it_drains(robot_at, steer):
     body = robot_at(battery=60.0)
     assert body.scene_static().battery == pytest.approx(60.0)
     steer(body, 10.0, (0.3, 0.0))
@@ -53,7 +53,7 @@ def test_the_battery_is_told_as_it_drains(robot_at, steer):
     assert told < 59.0
 
 
-def test_a_worlds_places_are_told_by_name():
+def test_the_scene_has_the_named_places_of_the_world():
     world = World(load_scene("house"), seed=1)
     places = {one.name: one.position for one in SimulatedRobot(world).scene_static().places}
     world.close()

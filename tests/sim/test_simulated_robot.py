@@ -20,23 +20,23 @@ SECOND = 1_000_000_000
 
 
 @pytest.mark.parametrize("camera", [None, CameraSettings(64, 48, 10.0)])
-def test_it_keeps_the_contract_of_every_robot(camera: CameraSettings | None):
+def test_the_simulated_robot_fulfils_the_contract_of_every_robot(camera: CameraSettings | None):
     seeds = iter(range(100))
     check_robot(lambda: SimulatedRobot(World(load_scene("arena"), seed=next(seeds)), camera=camera))
 
 
-def test_it_is_a_robot(robot_at):
+def test_the_simulated_robot_is_a_robot(robot_at):
     assert isinstance(robot_at(), Robot)
 
 
-def test_commands_that_are_no_numbers_are_refused(robot_at):
+def test_commands_that_are_not_numbers_are_refused(robot_at):
     with pytest.raises(ValueError, match="v=nan m/s"):
         robot_at().drive(math.nan, 0.0)
 
 
 @pytest.mark.parametrize("rate", [120, 240])
 @pytest.mark.parametrize(("v", "w"), [(0.3, 0.0), (-0.2, 0.0), (0.0, 0.5), (0.3, 0.5), (1.0, 1.0)])
-def test_odometry_without_errors_agrees_with_the_truth(
+def test_odometry_without_errors_agrees_with_the_true_pose(
     robot_at, steer, noiseless_tiago, v: float, w: float, rate: int
 ):
     body = robot_at(description=noiseless_tiago, physics_rate=rate)
@@ -64,7 +64,7 @@ def test_ten_seconds_on_the_spot_are_five_radians_less_the_ramp(robot_at, steer,
 
 
 @pytest.mark.parametrize("rate", [120, 240])
-def test_the_velocity_is_reached_by_the_ramp(robot_at, rate: int):
+def test_the_velocity_follows_the_ramp(robot_at, rate: int):
     body = robot_at(physics_rate=rate)
     for tick in range(1, 11):
         body.drive(1.0, 0.0)
@@ -73,7 +73,7 @@ def test_the_velocity_is_reached_by_the_ramp(robot_at, rate: int):
         assert speed == pytest.approx(tick / 10, abs=0.05)
 
 
-def test_without_a_command_it_stops_by_itself(robot_at, steer):
+def test_without_a_command_the_robot_stops_by_itself(robot_at, steer):
     body = robot_at()
     steer(body, 1.0, (0.3, 0.0))
     steer(body, 0.1, None)
@@ -83,7 +83,7 @@ def test_without_a_command_it_stops_by_itself(robot_at, steer):
     assert body.true_pose().x == pytest.approx(0.3 - 0.045 + 0.05 + 0.045, abs=0.03)
 
 
-def test_it_weighs_what_the_data_sheet_says(robot_at):
+def test_the_robot_has_the_mass_of_the_data_sheet(robot_at):
     number, client = robot_at().model.body_id, robot_at().world.client
     masses = [
         pybullet.getDynamicsInfo(number, link, physicsClientId=client)[0]
@@ -102,7 +102,7 @@ def test_casters_slide_and_wheels_grip(robot_at):
     assert {friction[name] for name in friction if name.startswith("wheel")} == {1.0}
 
 
-def test_it_stands_upright_on_its_wheels(robot_at):
+def test_the_robot_stands_upright_on_its_wheels(robot_at):
     place, turned = robot_at().model.place()
     roll, pitch, _ = pybullet.getEulerFromQuaternion(turned)
     assert place[2] == pytest.approx(0.0985, abs=0.001)
@@ -132,7 +132,7 @@ def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(robot_at, stee
     assert body.torso.lift_max == 0.35
 
 
-def test_the_camera_is_where_the_data_sheet_has_it(robot_at, steer):
+def test_the_camera_has_the_place_of_the_data_sheet(robot_at, steer):
     body = robot_at(camera=CameraSettings(32, 24, 10.0))
     eye, _ = body._camera.pose(body.model, body._camera_link)
     assert eye == pytest.approx((0.2158, 0.022, 1.0665), abs=0.006)
@@ -142,7 +142,7 @@ def test_the_camera_is_where_the_data_sheet_has_it(robot_at, steer):
     assert eye[2] == pytest.approx(1.2665, abs=0.006)
 
 
-def test_the_camera_sees_what_is_ahead(box):
+def test_the_camera_sees_an_object_ahead(box):
     scene = load_scene("arena")
     red = replace(box(2.0, 0.0, (0.5, 1.5, 2.0), name="red"), color=(230, 20, 20, 255))
     world = World(replace(scene, things=(*scene.things, red), pose=Pose2D(0.0, 0.0, 0.0)))
@@ -169,7 +169,7 @@ def test_a_picture_is_drawn_once_for_its_period(robot_at):
     world.close()
 
 
-def test_camera_options():
+def test_camera_options_are_parsed():
     assert parse_camera("off") is None
     assert parse_camera("320x240@10") == CameraSettings(320, 240, 10.0)
     assert parse_camera("64x48") == CameraSettings(64, 48, 10.0)
@@ -178,12 +178,12 @@ def test_camera_options():
             parse_camera(text)
 
 
-def test_a_scan_cannot_be_changed_by_who_reads_it(robot_at):
+def test_a_scan_is_read_only(robot_at):
     with pytest.raises(ValueError, match="read-only"):
         robot_at().scan().ranges[0] = 0.0
 
 
-def test_the_scene_tells_shapes_once_and_poses_again_and_again(robot_at, steer, box):
+def test_the_static_scene_has_shapes_and_the_moving_scene_has_poses(robot_at, steer, box):
     body = robot_at(
         box(1.0, 2.0, (0.5, 0.4, 0.3), yaw=0.5), box(3.0, 0.0, (0.3, 0.3, 0.3), mass=1.0, name="crate")
     )

@@ -9,51 +9,51 @@ SECOND = 1_000_000_000
 BACK = -0.259  # m: the middle sonar's place; it is 0.2715 m above the floor
 
 
-def heard(body) -> dict[str, float]:
+def ranges_of(body) -> dict[str, float]:
     return {
         reading.frame.removeprefix("base_").removesuffix("_link"): reading.range for reading in body.sonars()
     }
 
 
-def test_there_are_three_and_in_the_open_they_hear_nothing(robot_at):
-    assert heard(robot_at()) == {"sonar_01": math.inf, "sonar_02": math.inf, "sonar_03": math.inf}
+def test_the_three_sonars_have_no_echo_in_the_open(robot_at):
+    assert ranges_of(robot_at()) == {"sonar_01": math.inf, "sonar_02": math.inf, "sonar_03": math.inf}
 
 
-def test_their_figures_are_those_of_the_data_sheet(robot_at):
+def test_the_sonars_have_the_figures_of_the_data_sheet(robot_at):
     for reading in robot_at().sonars():
         assert (reading.range_min, reading.range_max, reading.fov) == (0.02, 1.0, 0.5)
 
 
-def test_a_wall_behind_is_heard_at_its_distance(robot_at, box):
+def test_a_wall_behind_is_measured_at_its_distance(robot_at, box):
     body = robot_at(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
-    assert heard(body)["sonar_02"] == pytest.approx(0.9 + BACK, abs=0.005)
+    assert ranges_of(body)["sonar_02"] == pytest.approx(0.9 + BACK, abs=0.005)
 
 
-def test_a_wall_ahead_is_not_heard(robot_at, box):
-    assert set(heard(robot_at(box(0.6, 0.0, (0.2, 4.0, 2.0)))).values()) == {math.inf}
+def test_a_wall_ahead_is_not_measured(robot_at, box):
+    assert set(ranges_of(robot_at(box(0.6, 0.0, (0.2, 4.0, 2.0)))).values()) == {math.inf}
 
 
 def test_beyond_a_metre_there_is_no_echo(robot_at, box):
-    assert heard(robot_at(box(-1.5, 0.0, (0.2, 4.0, 2.0))))["sonar_02"] == math.inf
+    assert ranges_of(robot_at(box(-1.5, 0.0, (0.2, 4.0, 2.0))))["sonar_02"] == math.inf
 
 
-def test_nearer_than_the_minimum_is_minus_infinite(robot_at, box):
-    assert heard(robot_at(box(-0.375, 0.0, (0.2, 0.2, 2.0))))["sonar_02"] == -math.inf
+def test_a_range_below_the_minimum_is_minus_infinite(robot_at, box):
+    assert ranges_of(robot_at(box(-0.375, 0.0, (0.2, 0.2, 2.0))))["sonar_02"] == -math.inf
 
 
 @pytest.mark.parametrize(("y", "sonar"), [(-0.6, "sonar_01"), (0.6, "sonar_03")])
-def test_the_outer_ones_look_to_the_rear_corners(robot_at, drum, y: float, sonar: str):
-    found = heard(robot_at(drum(-0.6, y, 0.1)))
+def test_the_outer_sonars_point_to_the_rear_corners(robot_at, drum, y: float, sonar: str):
+    found = ranges_of(robot_at(drum(-0.6, y, 0.1)))
     assert found.pop(sonar) == pytest.approx(math.hypot(0.6 - 0.183, 0.6 - 0.183) - 0.1, abs=0.01)
     assert set(found.values()) == {math.inf}
 
 
-def test_a_table_top_that_the_laser_cannot_see_is_heard(robot_at, box):
+def test_a_table_top_that_the_laser_cannot_see_is_measured(robot_at, box):
     top = replace(box(-0.9, 0.0, (0.6, 1.0, 0.05)), position=(-0.9, 0.0, 0.3))
-    assert heard(robot_at(top))["sonar_02"] < 0.45
+    assert ranges_of(robot_at(top))["sonar_02"] < 0.45
 
 
-def test_they_hear_five_times_a_second(robot_at, steer, box):
+def test_the_sonars_measure_five_times_a_second(robot_at, steer, box):
     body = robot_at(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
     stamps = set()
     for _ in range(10):
@@ -62,8 +62,8 @@ def test_they_hear_five_times_a_second(robot_at, steer, box):
     assert stamps == {0, *(k * SECOND // 5 for k in range(1, 6))}
 
 
-def test_backing_towards_a_wall_it_comes_nearer(robot_at, steer, box):
+def test_the_range_decreases_while_the_robot_backs_towards_a_wall(robot_at, steer, box):
     body = robot_at(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
-    before = heard(body)["sonar_02"]
+    before = ranges_of(body)["sonar_02"]
     steer(body, 1.0, (-0.2, 0.0))
-    assert heard(body)["sonar_02"] == pytest.approx(before + body.true_pose().x, abs=0.01)
+    assert ranges_of(body)["sonar_02"] == pytest.approx(before + body.true_pose().x, abs=0.01)

@@ -17,7 +17,7 @@ RADIUS = 0.27
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
-def test_random_starts_of_a_house_are_free_and_have_a_way_to_all_waypoints(name: str):
+def test_random_starts_of_a_house_are_free_and_connected_to_all_waypoints(name: str):
     scene = load_scene(name)
     floor = ClearanceMap.of(scene)
     poses = []
@@ -38,7 +38,7 @@ def test_a_world_with_random_starts_of_its_own_keeps_them():
     assert with_start(arena, "random", random_generator(1, "start"), RADIUS) is arena
 
 
-def test_a_start_is_metres_and_degrees():
+def test_a_start_is_given_in_metres_and_degrees():
     pose = with_start(load_scene("house"), "0.5,-0.25,90", random_generator(0, "start"), RADIUS).pose
     assert pose is not None
     assert (pose.x, pose.y, pose.yaw) == pytest.approx((0.5, -0.25, math.pi / 2))
@@ -57,7 +57,7 @@ def test_a_start_is_metres_and_degrees():
         ("-9.7,-5", "m of room in world 'house'"),
     ],
 )
-def test_what_is_no_start_is_told_of(text: str, said: str):
+def test_an_invalid_start_raises(text: str, said: str):
     with pytest.raises(SimError, match=re.escape(said)):
         with_start(load_scene("house"), text, random_generator(0, "start"), RADIUS)
 

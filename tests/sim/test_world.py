@@ -58,7 +58,7 @@ def test_another_seed_gives_another_run():
     assert trace(5, seconds=1) != trace(6, seconds=1)
 
 
-def test_two_worlds_in_one_process_do_not_meet():
+def test_two_worlds_in_one_process_do_not_affect_each_other():
     alone = trace(3, seconds=4)
     beside = SimulatedRobot(World(load_scene("arena"), seed=9))
     assert trace(3, seconds=4) == alone
@@ -78,7 +78,7 @@ def test_waiting_for_the_past_changes_nothing(world):
     assert world.now() == SECOND
 
 
-def test_how_the_waiting_is_cut_does_not_matter():
+def test_the_number_of_waits_does_not_change_a_run():
     places = []
     for cuts in (10, 37):
         body = SimulatedRobot(World(EMPTY))
@@ -115,7 +115,7 @@ def test_at_equal_times_the_order_is_fixed():
     assert done == [("physics", SECOND // 10), ("laser", SECOND // 10), ("wheels", SECOND // 10)]
 
 
-def test_periods_that_are_no_whole_ns_do_not_drift():
+def test_periods_that_are_not_whole_nanoseconds_do_not_drift():
     schedule = SimulatedTime()
     times: list[int] = []
     schedule.every(240, Phase.PHYSICS, times.append, first=0)
@@ -131,14 +131,14 @@ def test_the_first_scan_precedes_the_first_wait(robot_at):
     assert body.odometry().stamp == 0
 
 
-def test_scans_come_at_ten_hertz_and_are_there_at_their_moment(robot_at, steer):
+def test_scans_are_made_at_ten_hertz_and_available_at_their_time(robot_at, steer):
     body = robot_at()
     for tick in range(1, 11):
         steer(body, 0.1, None)
         assert body.scan().stamp == tick * SECOND // 10
 
 
-def test_real_time_takes_real_time():
+def test_waiting_in_real_time_takes_real_time():
     world = World(EMPTY, fast=False)
     began = time.monotonic()
     world.wait_until(SECOND // 4, threading.Event())
@@ -146,7 +146,7 @@ def test_real_time_takes_real_time():
     world.close()
 
 
-def test_late_in_real_time_it_warns_once_and_skips_nothing(capsys):
+def test_a_world_slower_than_real_time_warns_once_and_skips_nothing(capsys):
     world = World(EMPTY, fast=False)
     steps: list[int] = []
     world.around_steps(lambda now: time.sleep(0.3 if now < SECOND // 50 else 0.0), steps.append)
@@ -156,7 +156,7 @@ def test_late_in_real_time_it_warns_once_and_skips_nothing(capsys):
     world.close()
 
 
-def test_from_another_thread_a_wake_up_ends_a_wait_in_real_time():
+def test_a_wake_up_from_another_thread_ends_a_wait_in_real_time():
     world = World(EMPTY, fast=False)
     wake = threading.Event()
     threading.Timer(0.05, wake.set).start()

@@ -1,4 +1,4 @@
-"""An app as a user writes it. Type checkers read it, and nothing runs it."""
+"""An app as a user writes it. Type checkers read it, but it is never run."""
 
 from btcore import (
     Blackboard,

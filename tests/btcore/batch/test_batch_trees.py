@@ -319,7 +319,7 @@ def test_agents_without_a_value_fail_alone() -> None:
         (np.array(["S", "S", "S"]), "not an array of the type <U1"),
     ],
 )
-def test_a_leaf_returns_bools_or_statuses(returned: object, message: str) -> None:
+def test_leaf_must_return_bools_or_statuses(returned: object, message: str) -> None:
     @batch.action(ID="Leaf")
     def leaf() -> object:
         return returned

@@ -45,7 +45,7 @@ def board():
 
 
 def scopes():
-    """A root with an inner scope that has its key `in` remapped to `out`."""
+    """Return a root and an inner scope whose key `in` is remapped to `out`."""
     root = Blackboard(clock=SimClock())
     inner = Blackboard(root)
     inner.remap("in", "out")
@@ -53,30 +53,30 @@ def scopes():
 
 
 class TestReading:
-    def test_a_value_comes_back(self, board):
+    def test_written_value_can_be_read(self, board):
         board["x"] = 3
         assert board["x"] == 3
         assert "x" in board
         assert list(board) == ["x"]
 
-    def test_a_key_that_is_missing_is_an_error_that_knows_the_nearest(self, board):
+    def test_missing_key_raises_an_error_with_the_nearest_key(self, board):
         board["battery"] = 0.5
         with pytest.raises(BlackboardError, match=r"no entry 'batery' .*did you mean 'battery'"):
             board["batery"]
 
-    def test_an_entry_that_was_never_written_is_another_error(self, board):
+    def test_entry_that_was_never_written_raises_a_different_error(self, board):
         board.create("x", INT)
         assert "x" not in board
         assert list(board) == []
         with pytest.raises(BlackboardError, match="never written"):
             board.get("x")
 
-    def test_none_is_no_value(self, board):
+    def test_none_is_refused_as_a_value(self, board):
         with pytest.raises(BlackboardError, match="None"):
             board["x"] = None
         assert board.find("x") is None
 
-    def test_an_entry_is_forgotten_with_its_type(self, board):
+    def test_deleted_entry_loses_its_type(self, board):
         board["x"] = 3
         del board["x"]
         board["x"] = [1.5]
@@ -85,12 +85,12 @@ class TestReading:
             del board["y"]
         board.unset("y")
 
-    def test_an_empty_blackboard_counts_as_one(self, board):
+    def test_empty_blackboard_is_true(self, board):
         assert board
 
 
 class TestWriting:
-    def test_every_write_counts_and_is_stamped(self, board):
+    def test_every_write_increments_the_sequence_id_and_sets_the_stamp(self, board):
         board["x"] = 3
         entry = board.find("x")
         assert (entry.sequence_id, entry.stamp) == (1, 5)
@@ -98,10 +98,10 @@ class TestWriting:
         board["x"] = 3
         assert (entry.sequence_id, entry.stamp) == (2, 1_000_000_005)
 
-    def test_declaring_is_no_write(self, board):
+    def test_declaring_an_entry_is_not_a_write(self, board):
         assert board.create("x", INT).sequence_id == 0
 
-    def test_the_first_value_types_the_entry(self, board):
+    def test_first_value_sets_the_type_of_the_entry(self, board):
         for key, value, kind in [
             ("i", 3, INT),
             ("x", 2.5, DOUBLE),
@@ -111,7 +111,7 @@ class TestWriting:
             board[key] = value
             assert board.find(key).declared is kind
 
-    def test_a_text_leaves_a_new_entry_untyped_and_types_it_the_second_time(self, board):
+    def test_text_leaves_a_new_entry_untyped_until_the_second_write(self, board):
         board["s"] = "a"
         assert board.find("s").declared is ANY
         board["s"] = "b"
@@ -119,7 +119,7 @@ class TestWriting:
         with pytest.raises(BlackboardError, match=r"std::string"):
             board["s"] = 3
 
-    def test_an_untyped_entry_takes_any_type_once(self, board):
+    def test_untyped_entry_accepts_any_type_once(self, board):
         board["s"] = "a"
         board["s"] = 3
         assert board.find("s").declared is INT
@@ -127,7 +127,7 @@ class TestWriting:
         board["any"] = 2.5
         assert board.find("any").declared is DOUBLE
 
-    def test_an_empty_list_says_nothing_of_its_items(self, board):
+    def test_empty_list_does_not_set_the_item_type(self, board):
         board["path"] = []
         board["path"] = [1.5]
         assert board.find("path").declared is VECTOR_DOUBLE
@@ -148,7 +148,7 @@ class TestWriting:
             (STRING, "text", "text"),
         ],
     )
-    def test_numbers_that_fit_and_texts_that_convert_are_taken(self, board, kind, value, stored):
+    def test_fitting_numbers_and_convertible_texts_are_accepted(self, board, kind, value, stored):
         board.create("x", kind)
         board["x"] = value
         assert board["x"] == stored
@@ -170,7 +170,7 @@ class TestWriting:
             (VECTOR_INT, [1.5]),
         ],
     )
-    def test_anything_else_is_refused_and_changes_nothing(self, board, kind, value):
+    def test_other_values_are_refused_without_a_change(self, board, kind, value):
         entry = board.create("x", kind)
         with pytest.raises(BlackboardError, match="'x' has the type"):
             board["x"] = value
@@ -181,33 +181,33 @@ class TestWriting:
         with pytest.raises(BlackboardError, match="64 bits"):
             board["x"] = 2**64
 
-    def test_an_object_may_be_of_a_subclass(self, board):
+    def test_object_of_a_subclass_is_accepted(self, board):
         board.create("shape", TypeRegistry().of(Shape))
         board["shape"] = Circle()
         board["circle"] = Circle()
         with pytest.raises(BlackboardError):
             board["circle"] = Shape()
 
-    def test_enums_are_types_of_their_own(self, board):
+    def test_every_enum_class_is_its_own_type(self, board):
         board["colour"] = Colour.RED
         board["colour"] = Colour.BLUE
         with pytest.raises(BlackboardError):
             board["colour"] = Status.IDLE
 
-    def test_a_foreign_number_becomes_python_s(self, board):
+    def test_foreign_number_is_converted_to_a_python_number(self, board):
         board["x"] = Fraction(1, 4)
         assert board["x"] == 0.25
         assert type(board["x"]) is float
 
 
 class TestDeclaring:
-    def test_the_same_type_twice_or_none_is_fine(self, board):
+    def test_declaring_the_same_type_again_or_no_type_is_allowed(self, board):
         entry = board.create("x", INT)
         assert board.create("x", INT) is entry
         assert board.create("x") is entry
         assert entry.declared is INT
 
-    def test_another_type_is_a_clash(self, board):
+    def test_declaring_another_type_raises(self, board):
         board.create("x", INT)
         with pytest.raises(BlackboardError, match="'x' cannot change from int to std::string"):
             board.create("x", STRING)
@@ -218,7 +218,7 @@ class TestDeclaring:
         assert board.create("s", INT).declared is STRING
         assert board.create("a", INT).declared is ANY
 
-    def test_a_written_integer_is_claimed_by_a_wider_port(self, board):
+    def test_written_integer_takes_the_type_of_a_wider_port(self, board):
         board["x"] = 3
         board["n"] = 3
         board["l"] = [1, 2]
@@ -227,7 +227,7 @@ class TestDeclaring:
         assert board.create("n", INT64).declared is INT64
         assert board.create("l", VECTOR_DOUBLE).value == [1.0, 2.0]
 
-    def test_a_declared_integer_is_not_claimed_by_a_wider_port(self, board):
+    def test_declared_integer_is_refused_for_a_wider_port(self, board):
         board.set("x", 3, INT)
         with pytest.raises(BlackboardError, match="double"):
             board.create("x", DOUBLE)
@@ -236,13 +236,13 @@ class TestDeclaring:
         with pytest.raises(BlackboardError, match="double"):
             board.create("y", DOUBLE)
 
-    def test_a_written_integer_is_not_claimed_by_an_unrelated_type(self, board):
+    def test_written_integer_is_refused_for_an_unrelated_type(self, board):
         board["x"] = 1
         for kind in (UINT, BOOL, STRING):
             with pytest.raises(BlackboardError):
                 board.create("x", kind)
 
-    def test_a_registered_type_takes_over_its_class(self, board):
+    def test_registered_type_replaces_the_inferred_type_of_its_class(self, board):
         kind = TypeRegistry().add(complex, complex)
         board["z"] = 1j
         board.create("z", kind)
@@ -251,7 +251,7 @@ class TestDeclaring:
 
 
 class TestScopes:
-    def test_a_remapped_key_is_the_parent_s(self):
+    def test_remapped_key_uses_the_entry_of_the_parent(self):
         root, inner = scopes()
         root["out"] = 3
         assert inner["in"] == 3
@@ -260,7 +260,7 @@ class TestScopes:
         assert inner.local_entries() == {}
         assert "out" not in inner
 
-    def test_a_remapped_key_is_made_where_the_way_ends(self):
+    def test_remapped_key_is_created_at_the_end_of_the_chain(self):
         root, inner = scopes()
         innermost = Blackboard(inner)
         innermost.remap("deep", "in")
@@ -268,13 +268,13 @@ class TestScopes:
         assert root["out"] == 1
         assert innermost.create("deep", INT) is root.find("out")
 
-    def test_the_first_remapping_of_a_key_stays(self):
+    def test_first_remapping_of_a_key_is_kept(self):
         root, inner = scopes()
         inner.remap("in", "other")
         root["out"] = 1
         assert inner["in"] == 1
 
-    def test_what_is_stored_locally_hides_the_parent_s(self):
+    def test_local_entry_hides_the_entry_of_the_parent(self):
         root = Blackboard()
         inner = Blackboard(root)
         inner["x"] = 1
@@ -282,7 +282,7 @@ class TestScopes:
         root["x"] = 2
         assert inner["x"] == 1
 
-    def test_autoremap_leads_every_key_up_but_private_ones(self):
+    def test_autoremap_redirects_every_key_except_private_keys(self):
         root = Blackboard()
         inner = Blackboard(root)
         inner.autoremap = True
@@ -293,13 +293,13 @@ class TestScopes:
         root["_y"] = 3
         assert inner.find("_y") is None
 
-    def test_without_autoremap_a_key_stays(self):
+    def test_key_stays_local_without_autoremap(self):
         root = Blackboard()
         inner = Blackboard(root)
         inner["x"] = 1
         assert root.find("x") is None
 
-    def test_an_at_sign_means_the_root_s_entry(self):
+    def test_at_sign_addresses_the_entry_of_the_root(self):
         root, inner = scopes()
         innermost = Blackboard(inner)
         innermost["@x"] = 1
@@ -308,12 +308,12 @@ class TestScopes:
         assert root["@x"] == 1
         assert innermost.create("@new") is root.find("new")
 
-    def test_a_second_at_sign_makes_no_entry(self):
+    def test_second_at_sign_is_refused(self):
         with pytest.raises(BlackboardError, match="more than one '@'"):
             Blackboard().create("@@x")
 
-    def test_a_remapping_to_the_root_reads_it_and_writes_elsewhere(self):
-        # The original's: reading resolves the '@', creating an entry does not.
+    def test_remapping_to_the_root_reads_the_root_and_writes_elsewhere(self):
+        # As in BehaviorTree.CPP: reading resolves the '@', creating an entry does not.
         root, inner = scopes()
         innermost = Blackboard(inner)
         innermost.remap("a", "@x")
@@ -323,7 +323,7 @@ class TestScopes:
         assert root["x"] == 1
         assert inner.local_entries()["@x"].value == 2
 
-    def test_an_entry_further_up_takes_its_own_type_alone(self):
+    def test_entry_of_an_outer_scope_accepts_only_its_own_type(self):
         root, inner = scopes()
         root.create("out", DOUBLE)
         with pytest.raises(BlackboardError, match="double"):
@@ -331,36 +331,36 @@ class TestScopes:
         inner["in"] = 3.0
         assert root["out"] == 3.0
 
-    def test_a_text_goes_into_any_entry_further_up(self):
+    def test_text_is_accepted_by_any_entry_of_an_outer_scope(self):
         root, inner = scopes()
         root["out"] = 3
         inner["in"] = "text"
         assert root["out"] == "text"
         assert root.find("out").declared is INT
 
-    def test_a_remapping_without_a_parent_leads_nowhere(self):
+    def test_remapping_without_a_parent_has_no_entry(self):
         board = Blackboard()
         board.remap("in", "out")
         assert board.find("in") is None
         with pytest.raises(BlackboardError, match="no parent"):
             board["in"] = 1
 
-    def test_unset_is_for_the_own_entries(self):
+    def test_unset_ignores_entries_of_the_parent(self):
         root, inner = scopes()
         root["out"] = 1
         inner.unset("in")
         assert root["out"] == 1
 
-    def test_spaces_belong_to_a_key(self, board):
+    def test_spaces_are_part_of_a_key(self, board):
         board[" a "] = 1
         assert "a" not in board
         assert board[" a "] == 1
 
-    def test_a_child_has_the_parent_s_clock(self):
+    def test_child_uses_the_clock_of_its_parent(self):
         root, inner = scopes()
         assert inner.clock is root.clock
 
-    def test_visible_is_what_can_be_read(self):
+    def test_visible_keys_are_the_readable_keys(self):
         root, inner = scopes()
         root["out"] = 1
         root["_private"] = 1
@@ -371,7 +371,7 @@ class TestScopes:
 
 
 class TestCloning:
-    def test_a_clone_has_the_entries_and_no_others(self, board):
+    def test_clone_into_copies_all_entries_and_removes_others(self, board):
         copy = Blackboard(clock=SimClock(9))
         copy["x"] = 1
         copy["gone"] = 1
@@ -381,7 +381,7 @@ class TestCloning:
         board.clone_into(copy)
         assert {key: entry.value for key, entry in copy.local_entries().items()} == {"x": 2, "new": "text"}
 
-    def test_an_overwritten_entry_counts_on_and_a_new_one_begins(self, board):
+    def test_clone_into_continues_sequence_ids_only_of_existing_entries(self, board):
         copy = Blackboard(clock=SimClock(9))
         copy["x"] = 1
         board["x"] = 2

@@ -1,4 +1,4 @@
-"""The blackboard of format 3, where it differs."""
+"""The blackboard of format 3, where it differs from format 4."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def scopes():
     return root, inner
 
 
-def test_signs_before_a_key_mean_nothing():
+def test_signs_before_a_key_have_no_meaning():
     root, inner = scopes()
     inner.autoremap = True
     inner["_x"] = 1
@@ -25,14 +25,14 @@ def test_signs_before_a_key_mean_nothing():
     assert inner.create("@@y").declared is ANY
 
 
-def test_every_scope_on_the_way_knows_a_remapped_entry():
+def test_remapped_entry_is_known_in_every_scope_of_the_chain():
     root, inner = scopes()
     entry = inner.create("in", INT)
     assert inner.local_entries()["in"] is entry
     assert root.local_entries()["out"] is entry
 
 
-def test_an_entry_of_the_parent_s_is_found_without_being_declared():
+def test_entry_of_the_parent_is_found_without_a_declaration():
     root, inner = scopes()
     root["out"] = 1
     assert inner["in"] == 1
@@ -47,7 +47,7 @@ def test_an_untyped_entry_stays_untyped():
     assert board.find("s").declared is ANY
 
 
-def test_a_typed_entry_takes_its_type_alone():
+def test_typed_entry_accepts_only_its_own_type():
     board = LegacyBlackboard()
     board["i"] = 1
     for value in (2.0, True, "2"):
@@ -56,7 +56,7 @@ def test_a_typed_entry_takes_its_type_alone():
     assert board["i"] == 1
 
 
-def test_a_text_is_converted_where_a_port_declared_the_type():
+def test_text_is_converted_after_a_port_declared_the_type():
     board = LegacyBlackboard()
     board.create("i", INT)
     board["i"] = " +7"
@@ -65,7 +65,7 @@ def test_a_text_is_converted_where_a_port_declared_the_type():
         board["i"] = "x"
 
 
-def test_a_declaration_clashes_but_not_after_a_text():
+def test_conflicting_declaration_raises_except_for_a_text_entry():
     root, inner = scopes()
     root.create("s", STRING)
     assert root.create("s", INT).declared is STRING
@@ -76,12 +76,12 @@ def test_a_declaration_clashes_but_not_after_a_text():
         root.create("out", STRING)
 
 
-def test_none_is_no_value():
+def test_none_is_refused_as_a_value():
     with pytest.raises(BlackboardError, match="None"):
         LegacyBlackboard()["x"] = None
 
 
-def test_a_remapping_without_a_parent_leads_nowhere():
+def test_remapping_without_a_parent_has_no_entry():
     board = LegacyBlackboard()
     board.remap("in", "out")
     assert board.find("in") is None
@@ -89,7 +89,7 @@ def test_a_remapping_without_a_parent_leads_nowhere():
         board["in"] = 1
 
 
-def test_its_parent_may_be_a_blackboard_that_was_handed_in():
+def test_parent_may_be_a_format_4_blackboard():
     root = Blackboard()
     inner = LegacyBlackboard(root)
     inner.remap("in", "out")

@@ -103,7 +103,7 @@ class Stubborn(StatefulAction):
 
 @pytest.fixture
 def cli(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Cli:
-    """Call the command line in a folder of its own: ``cli("run", "tree.xml")``."""
+    """Call the command line in a temporary folder: ``cli("run", "tree.xml")``."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "110")
     monkeypatch.delenv("BTCORE_DEBUG", raising=False)
@@ -116,7 +116,7 @@ def cli(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Cli:
 
 @pytest.fixture
 def library(tmp_path: Path) -> Path:
-    """A node library in a file."""
+    """Write a node library into a file."""
     path = tmp_path / "robot_things.py"
     path.write_text(LIBRARY, encoding="utf-8")
     return path
@@ -124,7 +124,7 @@ def library(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def tree_file(tmp_path: Path) -> Callable[..., Path]:
-    """Write a tree of format 4 into a file: the text is what stands inside of BehaviorTree."""
+    """Write a tree of format 4 into a file; *body* is the content of its BehaviorTree."""
 
     def write(body: str, name: str = "tree.xml") -> Path:
         path = tmp_path / name
@@ -140,7 +140,7 @@ def tree_file(tmp_path: Path) -> Callable[..., Path]:
 
 @pytest.fixture
 def last_json() -> Callable[[Result], dict[str, Any]]:
-    """The JSON object in the last line of a result's stdout."""
+    """Return the JSON object in the last line of a result's stdout."""
 
     def read(result: Result) -> dict[str, Any]:
         data: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])

@@ -35,7 +35,7 @@ def old(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_result_goes_to_stdout_and_the_list_to_stderr(cli: Cli, old: Path) -> None:
+def test_result_goes_to_stdout_and_the_changes_to_stderr(cli: Cli, old: Path) -> None:
     result = cli("convert", old.name)
     assert result.exit_code == 0
     assert result.stdout == NEW
@@ -44,7 +44,7 @@ def test_the_result_goes_to_stdout_and_the_list_to_stderr(cli: Cli, old: Path) -
     assert "✔ 3 rewritten with the same meaning, 1 with a new meaning" in result.stderr
 
 
-def test_the_result_goes_into_a_file_or_takes_the_place_of_the_old_one(cli: Cli, old: Path) -> None:
+def test_result_goes_into_another_file_or_replaces_the_old_file(cli: Cli, old: Path) -> None:
     assert cli("convert", old.name, "-o", "new.xml").stdout == ""
     assert (old.parent / "new.xml").read_text() == NEW
     cli("convert", old.name, "--in-place")
@@ -54,13 +54,13 @@ def test_the_result_goes_into_a_file_or_takes_the_place_of_the_old_one(cli: Cli,
     assert "the file already has format 4" in again.stderr
 
 
-def test_a_byte_order_mark_and_line_ends_stay(cli: Cli, old: Path) -> None:
+def test_byte_order_mark_and_line_ends_are_kept(cli: Cli, old: Path) -> None:
     old.write_bytes(b"\xef\xbb\xbf" + OLD.replace("\n", "\r\n").encode())
     cli("convert", old.name, "--in-place")
     assert old.read_bytes() == b"\xef\xbb\xbf" + NEW.replace("\n", "\r\n").encode()
 
 
-def test_what_format_4_refuses_ends_with_2_and_is_written_all_the_same(cli: Cli, old: Path) -> None:
+def test_constructs_refused_by_format_4_exit_with_2_but_are_written(cli: Cli, old: Path) -> None:
     old.write_text('<root><BehaviorTree ID="Main"><ReactiveSequence/></BehaviorTree></root>')
     result = cli("convert", old.name)
     assert result.exit_code == 2
@@ -69,7 +69,7 @@ def test_what_format_4_refuses_ends_with_2_and_is_written_all_the_same(cli: Cli,
     assert "1 not supported by format 4" in result.stderr
 
 
-def test_a_model_tells_which_ports_are_written(cli: Cli, old: Path) -> None:
+def test_model_defines_which_ports_are_outputs(cli: Cli, old: Path) -> None:
     model = old.parent / "model.xml"
     model.write_text(
         '<root><TreeNodesModel><Action ID="Find"><output_port name="place"/></Action></TreeNodesModel></root>'
@@ -88,14 +88,14 @@ def test_a_model_tells_which_ports_are_written(cli: Cli, old: Path) -> None:
         (("old.xml", "--model", "none.xml"), "no such file"),
     ],
 )
-def test_mistakes_are_sentences(cli: Cli, old: Path, arguments: tuple[str, ...], said: str) -> None:
+def test_usage_errors_show_no_traceback(cli: Cli, old: Path, arguments: tuple[str, ...], said: str) -> None:
     result = cli("convert", *arguments)
     assert result.exit_code == 2
     assert said in " ".join(result.stderr.split())
     assert "Traceback" not in result.stderr
 
 
-def test_what_is_no_xml_is_told_with_its_place(cli: Cli, old: Path) -> None:
+def test_invalid_xml_is_reported_with_its_position(cli: Cli, old: Path) -> None:
     old.write_text("<root><BehaviorTree></root>")
     result = cli("convert", old.name)
     assert result.exit_code == 2

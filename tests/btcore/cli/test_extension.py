@@ -30,7 +30,7 @@ class Body:
 
 
 class Provider(RunExtension):
-    """Provides a body where no other extension has."""
+    """Provides a body if no other extension does."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -64,14 +64,14 @@ def test_dependent_extensions_provide_last() -> None:
     assert [one.maker for one in found.resources if isinstance(one, Body)] == ["sim"]
 
 
-def test_the_extensions_of_the_project_keep_to_the_protocol() -> None:
+def test_extensions_of_the_project_follow_the_protocol() -> None:
     extensions: list[RunExtension] = [MonitorExtension(), NavigationExtension(), RobotExtension()]
     assert [one.is_fallback for one in extensions] == [False, False, True]
 
 
 @pytest.fixture
 def offer(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
-    """Offer a class as the only extension, 'rover' of the distribution 'rover-driver'."""
+    """Install a class as the only extension: 'rover' of the distribution 'rover-driver'."""
 
     def install(extension: object) -> None:
         installed = metadata.entry_points
@@ -88,7 +88,7 @@ def offer(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
 
 
 class WithoutAttach:
-    """An extension that imports nothing of btcore, without one of hooks."""
+    """An extension that imports nothing from btcore and lacks the hook `attach`."""
 
     options: Sequence[click.Option] = ()
     single_run_options = ()
@@ -114,7 +114,7 @@ class Complete(WithoutAttach):
         return nullcontext()
 
 
-def test_an_extension_that_has_every_hook_joins_the_run(cli: Cli, tree_file: TreeFile, offer: Any) -> None:
+def test_extension_with_every_hook_joins_the_run(cli: Cli, tree_file: TreeFile, offer: Any) -> None:
     offer(Complete)
     done = cli("run", tree_file("<AlwaysSuccess/>"))
     assert done.exit_code == 0, done.stderr

@@ -15,7 +15,7 @@ WARNING, ERROR, INFO = logging.WARNING, logging.ERROR, logging.INFO
 
 @contextmanager
 def bare_logging(*handlers: logging.Handler) -> Iterator[logging.Logger]:
-    """Logging as in a program that has given it nothing but *handlers*."""
+    """Set up logging as in a program that configures only *handlers*."""
     root = logging.getLogger()
     before, root.handlers = root.handlers, list(handlers)
     try:
@@ -27,20 +27,20 @@ def bare_logging(*handlers: logging.Handler) -> Iterator[logging.Logger]:
 @pytest.mark.parametrize(
     ("level", "line"), [(WARNING, "warning: [red] has 3 %\n"), (ERROR, "error: [red] has 3 %\n"), (INFO, "")]
 )
-def test_a_warning_is_a_line_with_that_word_in_front(capsys, level, line):
+def test_warning_is_printed_with_its_level_in_front(capsys, level, line):
     with bare_logging(), log_to_console(Console(stderr=True, highlight=False)):
         LOGGER.log(level, "%s has %d %%", "[red]", 3)
     assert capsys.readouterr().err == line
 
 
-def test_nothing_stays_behind():
+def test_handlers_are_removed_afterwards():
     with bare_logging() as root:
         with log_to_console(Console(stderr=True)):
             assert len(root.handlers) == 1
         assert root.handlers == []
 
 
-def test_a_program_that_has_set_up_logging_is_left_alone(capsys):
+def test_logging_set_up_by_the_program_is_not_changed(capsys):
     own = logging.NullHandler()
     with bare_logging(own) as root, log_to_console(Console(stderr=True)):
         LOGGER.warning("it rains")

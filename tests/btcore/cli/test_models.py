@@ -28,7 +28,7 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def test_validate_knows_the_nodes_of_models_and_those_of_explicit_tags(
+def test_validate_accepts_nodes_of_models_and_explicit_tags(
     cli: Cli, tree_file: TreeFile, model: Path
 ) -> None:
     tree = tree_file(BODY)
@@ -44,7 +44,7 @@ def test_validate_checks_the_ports_of_a_model(cli: Cli, tree_file: TreeFile, mod
     assert "goal" in result.stdout
 
 
-def test_an_explicit_tag_has_the_ports_of_its_own_file(
+def test_explicit_tag_has_only_the_ports_of_its_own_file(
     cli: Cli, tree_file: TreeFile, tmp_path: Path, model: Path
 ) -> None:
     (tmp_path / "trees").mkdir()
@@ -54,7 +54,7 @@ def test_an_explicit_tag_has_the_ports_of_its_own_file(
     assert result.exit_code == 0, result.output
 
 
-def test_show_draws_them(cli: Cli, tree_file: TreeFile, model: Path) -> None:
+def test_show_draws_nodes_of_models(cli: Cli, tree_file: TreeFile, model: Path) -> None:
     tree = tree_file(BODY)
     assert cli("show", tree).exit_code == 2
     shown = cli("show", tree, "--model", model).stdout
@@ -62,7 +62,7 @@ def test_show_draws_them(cli: Cli, tree_file: TreeFile, model: Path) -> None:
     assert "▪ short  Haul  4  goal=a" in shown
 
 
-def test_a_run_goes_by_plans_for_names_and_for_ids(
+def test_run_uses_plans_by_name_and_by_id(
     cli: Cli, tree_file: TreeFile, model: Path, last_json: LastJson
 ) -> None:
     plans = ["--plan", "short=RF", "--plan", "Haul=RRS", "--plan", "IsOk=S"]
@@ -88,7 +88,7 @@ def test_a_run_goes_by_plans_for_names_and_for_ids(
         (["IsOk=S|F"], "'IsOk' is a condition"),
     ],
 )
-def test_a_plan_that_nobody_can_follow_is_a_mistake(
+def test_invalid_plan_is_refused(
     cli: Cli, tree_file: TreeFile, model: Path, plans: list[str], said: str
 ) -> None:
     options = [part for plan in plans for part in ("--plan", plan)]
@@ -97,7 +97,7 @@ def test_a_plan_that_nobody_can_follow_is_a_mistake(
     assert said in result.stderr
 
 
-def test_a_plan_without_a_model_is_a_mistake(cli: Cli, tree_file: TreeFile) -> None:
+def test_plan_without_a_model_is_refused(cli: Cli, tree_file: TreeFile) -> None:
     result = cli("run", tree_file("<AlwaysSuccess/>"), "--plan", "AlwaysSuccess=F", "--fast")
     assert result.exit_code == 2
     assert (
@@ -106,16 +106,14 @@ def test_a_plan_without_a_model_is_a_mistake(cli: Cli, tree_file: TreeFile) -> N
 
 
 @pytest.mark.parametrize("command", ["run", "show", "validate"])
-def test_a_file_that_is_no_model_is_a_mistake(
-    cli: Cli, tree_file: TreeFile, model: Path, command: str
-) -> None:
+def test_file_without_models_is_refused(cli: Cli, tree_file: TreeFile, model: Path, command: str) -> None:
     model.write_text("<root/>")
     result = cli(command, tree_file("<AlwaysSuccess/>"), "--model", model)
     assert result.exit_code == 2
     assert "model.xml: E003 the file contains no model of a node" in result.stderr
 
 
-def test_what_show_prints_as_json_is_what_it_draws(cli: Cli, tree_file: TreeFile, model: Path) -> None:
+def test_show_json_contains_the_drawn_nodes_and_ports(cli: Cli, tree_file: TreeFile, model: Path) -> None:
     root = json.loads(cli("show", tree_file(BODY), "--model", model, "--json").stdout)
     ways = root["children"][1]
     assert [(child["name"], child["ports"]) for child in ways["children"]] == [

@@ -13,7 +13,7 @@ from btcore import Registry
 Cli = Callable[..., Result]
 
 
-def test_the_table_tells_what_a_node_does_its_ports_and_who_brought_it(cli: Cli, library: Path) -> None:
+def test_table_shows_the_description_ports_and_origin_of_a_node(cli: Cli, library: Path) -> None:
     shown = cli("nodes", "--plugin", library).stdout
     assert "Ticks its children in order while they succeed." in shown
     row = shown.index("◦ BatteryOk")
@@ -40,17 +40,17 @@ def test_xml_is_a_model_that_groot_imports(cli: Cli, library: Path) -> None:
     ]
 
 
-def test_ids_narrow_the_list_down(cli: Cli) -> None:
+def test_ids_filter_the_list(cli: Cli) -> None:
     assert list(json.loads(cli("nodes", "Delay", "Sequence", "--json").stdout)) == ["Delay", "Sequence"]
 
 
-def test_a_mistyped_id(cli: Cli) -> None:
+def test_mistyped_id_is_refused_with_a_suggestion(cli: Cli) -> None:
     result = cli("nodes", "Sequnce")
     assert result.exit_code == 2
     assert "Did you mean 'Sequence'?" in result.stderr
 
 
-def test_a_port_as_data(cli: Cli) -> None:
+def test_json_describes_a_port(cli: Cli) -> None:
     delay = json.loads(cli("nodes", "Delay", "--json").stdout)["Delay"]
     assert delay["type"] == "DECORATOR"
     assert delay["ports"]["delay_msec"]["direction"] == "input"

@@ -30,7 +30,7 @@ def test_a_skipped_root_exits_with_0(cli: Cli, tree_file: TreeFile, last_json: L
     assert last_json(result)["status"] == "SKIPPED"
 
 
-def test_json_is_the_last_line_of_stdout_and_tells_what_every_node_did(
+def test_json_is_the_last_line_and_counts_the_results_of_every_node(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:
     tree = tree_file(
@@ -64,14 +64,14 @@ def test_json_is_the_last_line_of_stdout_and_tells_what_every_node_did(
     assert data["nodes"]["AlwaysFailure::6"]["failure"] == 1
 
 
-def test_nodes_of_one_path_are_told_apart_by_their_uid(
+def test_nodes_with_the_same_path_are_distinguished_by_uid(
     cli: Cli, tree_file: TreeFile, last_json: LastJson
 ) -> None:
     tree = tree_file('<Sequence name="top"><AlwaysSuccess name="a"/><AlwaysSuccess name="a"/></Sequence>')
     assert list(last_json(cli("run", tree, "--fast", "--json"))["nodes"]) == ["top", "a#2", "a#3"]
 
 
-def test_duration_ends_a_run_with_0_and_the_tree_is_halted(
+def test_duration_ends_the_run_with_0_and_halts_the_tree(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:
     tree = tree_file('<Walk name="far" steps="1000000"/>')
@@ -87,7 +87,7 @@ def test_duration_ends_a_run_with_0_and_the_tree_is_halted(
 @pytest.mark.parametrize(
     ("until", "code", "ticks"), [("done", 1, 1), ("failure", 1, 1), ("success", 0, 3), ("never", 0, 50)]
 )
-def test_until_says_what_ends_a_run(
+def test_until_sets_the_result_that_ends_the_run(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson, until: str, code: int, ticks: int
 ) -> None:
     tree = tree_file("<EveryThird/>")
@@ -95,14 +95,12 @@ def test_until_says_what_ends_a_run(
     assert (result.exit_code, last_json(result)["ticks"]) == (code, ticks)
 
 
-def test_a_delay_is_over_when_it_is_over_not_at_the_next_tick(
-    cli: Cli, tree_file: TreeFile, last_json: LastJson
-) -> None:
+def test_sleep_ends_on_time_between_two_ticks(cli: Cli, tree_file: TreeFile, last_json: LastJson) -> None:
     data = last_json(cli("run", tree_file('<Sleep msec="250"/>'), "--fast", "--rate", "1", "--json"))
     assert data["time_s"] == 0.25
 
 
-def test_a_leaf_that_raises_is_named_with_its_cause_and_exits_with_3(
+def test_raising_leaf_is_named_with_its_cause_and_the_exit_code_is_3(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:
     tree = tree_file('<Parallel name="both"><Walk name="stroll"/><Explode name="bomb"/></Parallel>')
@@ -123,7 +121,7 @@ def test_a_leaf_that_raises_is_named_with_its_cause_and_exits_with_3(
     }
 
 
-def test_a_leaf_that_raises_while_it_is_halted_exits_with_3(
+def test_exception_while_halting_exits_with_3(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:
     tree = tree_file('<Stubborn name="mule"/>')
@@ -133,7 +131,7 @@ def test_a_leaf_that_raises_while_it_is_halted_exits_with_3(
     assert last_json(result)["error"]["while"] == "being halted"
 
 
-def test_which_tree_of_a_file_is_run(cli: Cli, tmp_path: Path) -> None:
+def test_tree_option_selects_a_tree_of_the_file(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "two.xml"
     file.write_text(
         '<root BTCPP_format="4"><BehaviorTree ID="Good"><AlwaysSuccess/></BehaviorTree>'
@@ -143,7 +141,7 @@ def test_which_tree_of_a_file_is_run(cli: Cli, tmp_path: Path) -> None:
     assert cli("run", file, "--fast", "--tree", "Bad").exit_code == 1
 
 
-def test_the_same_seed_gives_the_same_line_but_for_the_factor(
+def test_same_seed_gives_the_same_report_except_for_the_factor(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:
     def run(seed: int) -> dict[str, Any]:
@@ -158,7 +156,7 @@ def test_the_same_seed_gives_the_same_line_but_for_the_factor(
     assert len({run(seed)["ticks"] for seed in range(8)}) > 1
 
 
-def test_real_time_is_paced_by_the_clock_on_the_wall(
+def test_real_time_run_follows_the_system_clock(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:
     tree = tree_file('<Walk steps="6"/>')
@@ -169,7 +167,7 @@ def test_real_time_is_paced_by_the_clock_on_the_wall(
     assert data["time_s"] >= 0.3
 
 
-def test_ticks_that_come_too_late_are_left_out_with_one_warning(
+def test_late_ticks_are_dropped_with_a_single_warning(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:
     result = cli("run", tree_file("<Slow/>"), "--plugin", library, "--rate", "100", "--json")
@@ -179,9 +177,7 @@ def test_ticks_that_come_too_late_are_left_out_with_one_warning(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_interrupted_the_tree_is_halted_and_the_exit_code_is_130(
-    tree_file: TreeFile, library: Path, number: int
-) -> None:
+def test_signal_halts_the_tree_and_exits_with_130(tree_file: TreeFile, library: Path, number: int) -> None:
     tree = tree_file('<Sequence><Say/><Walk steps="1000000"/></Sequence>')
     command = [sys.executable, "-m", "btcore", "run", str(tree), "--plugin", str(library), "--json"]
     with subprocess.Popen(
@@ -190,7 +186,7 @@ def test_interrupted_the_tree_is_halted_and_the_exit_code_is_130(
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
-        # These tests may run under nohup themselves, which a run inherits and respects.
+        # These tests may run under nohup, and a child process inherits ignored signals.
         preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     ) as process:
         said = _lines(process.stdout)
@@ -206,7 +202,7 @@ def test_interrupted_the_tree_is_halted_and_the_exit_code_is_130(
     assert "Traceback" not in complaint
 
 
-def test_a_run_that_is_to_outlive_its_terminal_does(tree_file: TreeFile, library: Path) -> None:
+def test_run_under_nohup_survives_sighup(tree_file: TreeFile, library: Path) -> None:
     tree = tree_file('<Sequence><Say/><Walk steps="3"/></Sequence>')
     command = ["nohup", sys.executable, "-u", "-m", "btcore", "run", str(tree), "--plugin", str(library)]
     with subprocess.Popen(
@@ -222,7 +218,7 @@ def _lines(stream: IO[str] | None) -> Any:
     return (line.rstrip("\n") for line in stream)
 
 
-def test_the_table_shows_the_tree_and_what_each_node_did(
+def test_table_shows_the_tree_and_the_results_of_each_node(
     cli: Cli, tree_file: TreeFile, library: Path
 ) -> None:
     tree = tree_file('<Sequence name="day"><BatteryOk/><Walk name="stroll" steps="2"/></Sequence>')

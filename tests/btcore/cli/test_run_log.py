@@ -13,7 +13,7 @@ Cli = Callable[..., Result]
 TreeFile = Callable[..., Path]
 
 
-def test_every_log_that_is_asked_for_is_written_down_to_the_last_halt(
+def test_every_requested_log_is_complete_down_to_the_last_halt(
     cli: Cli, tree_file: TreeFile, tmp_path: Path
 ) -> None:
     tree = tree_file('<Sleep name="nap" msec="60000"/>')
@@ -47,7 +47,7 @@ def test_the_json_object_is_the_last_line_after_a_log_on_stdout(cli: Cli, tree_f
         (["-", "-"], "--log '-' is given more than once"),
     ],
 )
-def test_a_log_that_cannot_be_is_a_mistake_before_the_first_tick(
+def test_invalid_log_name_is_refused_before_the_first_tick(
     cli: Cli, tree_file: TreeFile, library: Path, names: list[str], said: str
 ) -> None:
     logs = [part for name in names for part in ("--log", name)]

@@ -44,7 +44,7 @@ class Running:
         self.readers.append(threading.Thread(target=read))
         self.readers[-1].start()
 
-    def until(self, words: str, times: int = 1) -> None:
+    def wait_for(self, words: str, times: int = 1) -> None:
         """Return when *words* have been printed on stdout or stderr, this number of times."""
         deadline = time.monotonic() + 20
         while sum(words in line for line in [*self.said, *self.complained]) < times:
@@ -53,14 +53,14 @@ class Running:
             time.sleep(0.005)
 
     def end(self, number: int = signal.SIGINT) -> int:
-        """Interrupt it, and return its exit code."""
+        """Send the signal *number* to the process and return its exit code."""
         self.process.send_signal(number)
         code = self.process.wait(20)
         self.close()
         return code
 
     def close(self) -> None:
-        """Leave nothing behind."""
+        """End the process and close its streams."""
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
@@ -71,14 +71,14 @@ class Running:
                 stream.close()
 
     def report(self) -> dict[str, Any]:
-        """The object of ``--json``."""
+        """Return the object that ``--json`` printed."""
         data: dict[str, Any] = json.loads(self.said[-1])
         return data
 
 
 @pytest.fixture
 def watched() -> Iterator[Callable[..., Running]]:
-    """Start a run that watches, at 20 Hz, with its transitions on stdout."""
+    """Return a function that starts a watching run at 20 Hz, with its transitions on stdout."""
     begun: list[Running] = []
 
     def begin(*options: str | Path) -> Running:
@@ -90,14 +90,14 @@ def watched() -> Iterator[Callable[..., Running]]:
         one.close()
 
 
-def test_a_saved_tree_goes_on_between_two_ticks_with_the_blackboard_of_the_old_one(
+def test_saved_tree_replaces_the_old_tree_and_keeps_the_blackboard(
     watched: Callable[..., Running], tree_file: TreeFile
 ) -> None:
     file = tree_file(FIRST)
     running = watched(file)
-    running.until("first                     IDLE -> RUNNING")
+    running.wait_for("first                     IDLE -> RUNNING")
     tree_file(SECOND)
-    running.until("second                    IDLE -> RUNNING")
+    running.wait_for("second                    IDLE -> RUNNING")
     assert running.end() == 130
     changes = [line.split("]: ")[1] for line in running.said if "]: " in line]
     halted = changes.index("first                     RUNNING -> IDLE")
@@ -110,23 +110,23 @@ def test_a_saved_tree_goes_on_between_two_ticks_with_the_blackboard_of_the_old_o
     assert report["reloads"] == 1
 
 
-def test_a_broken_tree_is_told_of_and_the_old_one_goes_on(
+def test_broken_tree_is_reported_and_the_old_tree_continues(
     watched: Callable[..., Running], tree_file: TreeFile
 ) -> None:
     running = watched(tree_file(BLINKS))
-    running.until("blink                     IDLE -> RUNNING")
+    running.wait_for("blink                     IDLE -> RUNNING")
     tree_file('<Sequense name="second"/>')
-    running.until("tree.xml:3:5: E101 unknown node <Sequense>")
-    running.until("tree.xml has errors: the previous tree continues")
+    running.wait_for("tree.xml:3:5: E101 unknown node <Sequense>")
+    running.wait_for("tree.xml has errors: the previous tree continues")
     so_far = sum("blink" in line for line in running.said)
-    running.until("blink", so_far + 20)
+    running.wait_for("blink", so_far + 20)
     tree_file(SECOND.replace("n == 1", "true"))
-    running.until("second                    IDLE -> RUNNING")
+    running.wait_for("second                    IDLE -> RUNNING")
     assert running.end(signal.SIGTERM) == 130
     assert running.report()["reloads"] == 1
 
 
-def test_an_include_that_is_saved_counts_too(
+def test_saved_include_reloads_the_tree(
     watched: Callable[..., Running], tree_file: TreeFile, tmp_path: Path
 ) -> None:
     part = (
@@ -136,29 +136,27 @@ def test_an_include_that_is_saved_counts_too(
     file = tree_file('<SubTree ID="Part"/>')
     file.write_text(file.read_text().replace("<Behav", '<include path="part.xml"/><Behav'))
     running = watched(file)
-    running.until("old                       IDLE -> RUNNING")
+    running.wait_for("old                       IDLE -> RUNNING")
     (tmp_path / "part.xml").write_text(part.format("new"))
-    running.until("new                       IDLE -> RUNNING")
+    running.wait_for("new                       IDLE -> RUNNING")
 
 
-def test_a_tree_that_is_done_waits_for_the_next_save(
-    watched: Callable[..., Running], tree_file: TreeFile
-) -> None:
+def test_completed_tree_waits_for_the_next_save(watched: Callable[..., Running], tree_file: TreeFile) -> None:
     running = watched(tree_file("<AlwaysSuccess/>"))
-    running.until("waiting for a new version of tree.xml")
+    running.wait_for("waiting for a new version of tree.xml")
     tree_file("<AlwaysFailure/>")
-    running.until("✘ FAILURE  tree  tick 1  waiting for a new version of tree.xml")
+    running.wait_for("✘ FAILURE  tree  tick 1  waiting for a new version of tree.xml")
     assert running.end() == 130
     assert running.report()["status"] == "FAILURE"
 
 
-def test_a_tree_that_raised_waits_for_its_repair(
+def test_tree_that_raised_waits_for_the_next_save(
     watched: Callable[..., Running], tree_file: TreeFile
 ) -> None:
     running = watched(tree_file('<ScriptCondition name="early" code="nobody == 1"/>'))
-    running.until("✘ RAISED  tree  tick 1  waiting for a new version of tree.xml")
+    running.wait_for("✘ RAISED  tree  tick 1  waiting for a new version of tree.xml")
     tree_file("<AlwaysSuccess/>")
-    running.until("✔ SUCCESS  tree")
+    running.wait_for("✔ SUCCESS  tree")
     assert running.end() == 130
     assert sum("'early' <ScriptCondition> raised while ticking" in line for line in running.complained) == 1
     assert "error" not in running.report()
@@ -171,40 +169,38 @@ def test_duration_ends_the_wait(cli: Cli, tree_file: TreeFile, last_json: LastJs
     assert "stopped by --duration" in result.stderr
 
 
-def test_in_simulated_time_the_wait_is_over_at_once(
-    cli: Cli, tree_file: TreeFile, last_json: LastJson
-) -> None:
+def test_wait_in_simulated_time_ends_immediately(cli: Cli, tree_file: TreeFile, last_json: LastJson) -> None:
     result = cli("run", tree_file("<AlwaysFailure/>"), "--watch", "--fast", "--duration", "3600", "--json")
     assert result.exit_code == 0
     assert (last_json(result)["time_s"], last_json(result)["ticks"]) == (3600.0, 1)
 
 
-def test_in_simulated_time_without_an_end_time_stands_still_until_the_next_save(
+def test_simulated_time_without_a_duration_stops_until_the_next_save(
     watched: Callable[..., Running], tree_file: TreeFile
 ) -> None:
     running = watched(tree_file('<Sleep msec="250"/>'), "--fast")
-    running.until("waiting for a new version of tree.xml")
+    running.wait_for("waiting for a new version of tree.xml")
     tree_file('<Sleep msec="500"/>')
-    running.until("waiting for a new version of tree.xml", 2)
+    running.wait_for("waiting for a new version of tree.xml", 2)
     assert running.end() == 130
     assert running.report()["time_s"] == 0.75
 
 
-def test_what_raised_last_decides_the_exit_code(cli: Cli, tree_file: TreeFile) -> None:
+def test_last_exception_decides_the_exit_code(cli: Cli, tree_file: TreeFile) -> None:
     tree = tree_file('<ScriptCondition code="nobody == 1"/>')
     result = cli("run", tree, "--watch", "--fast", "--duration", "1")
     assert result.exit_code == 3
     assert result.stderr.count("raised while ticking") == 1
 
 
-def test_a_new_tree_gets_logs_of_its_own_and_the_old_ones_are_whole(
+def test_new_tree_gets_its_own_logs_and_the_old_logs_are_complete(
     watched: Callable[..., Running], tree_file: TreeFile, tmp_path: Path
 ) -> None:
     logs = [tmp_path / name for name in ("run.btlog", "run.db3")]
     running = watched(tree_file(FIRST), "--log", logs[0], "--log", logs[1])
-    running.until("first                     IDLE -> RUNNING")
+    running.wait_for("first                     IDLE -> RUNNING")
     tree_file(SECOND)
-    running.until("second                    IDLE -> RUNNING")
+    running.wait_for("second                    IDLE -> RUNNING")
     running.end()
     for log in logs:
         for name, path in (("first", log), ("second", log.with_name(f"run.2{log.suffix}"))):
@@ -218,18 +214,18 @@ def test_a_new_tree_gets_logs_of_its_own_and_the_old_ones_are_whole(
             assert recording.damage == ""
 
 
-def test_a_log_that_cannot_follow_is_told_of(
+def test_unwritable_log_of_a_new_tree_is_reported(
     watched: Callable[..., Running], tree_file: TreeFile, tmp_path: Path
 ) -> None:
     running = watched(tree_file(FIRST), "--log", tmp_path / "run.btlog")
-    running.until("first                     IDLE -> RUNNING")
+    running.wait_for("first                     IDLE -> RUNNING")
     (tmp_path / "run.2.btlog").mkdir()
     tree_file(SECOND)
-    running.until("run.2.btlog: cannot write a log here: this is a folder")
-    running.until("second                    IDLE -> RUNNING")
+    running.wait_for("run.2.btlog: cannot write a log here: this is a folder")
+    running.wait_for("second                    IDLE -> RUNNING")
 
 
-def test_a_tree_that_asks_for_what_the_run_does_not_have_is_broken(
+def test_tree_that_requires_a_missing_resource_is_reported(
     watched: Callable[..., Running], tree_file: TreeFile, tmp_path: Path
 ) -> None:
     plugin = tmp_path / "needy.py"
@@ -238,28 +234,28 @@ def test_a_tree_that_asks_for_what_the_run_does_not_have_is_broken(
         "    return True\n"
     )
     running = watched(tree_file(FIRST), "--plugin", plugin)
-    running.until("first                     IDLE -> RUNNING")
+    running.wait_for("first                     IDLE -> RUNNING")
     tree_file("<Dive/>")
-    running.until("note: resources are created only at the start of a run: start a new run for this tree")
-    running.until("the previous tree continues")
+    running.wait_for("note: resources are created only at the start of a run: start a new run for this tree")
+    running.wait_for("the previous tree continues")
 
 
-def test_an_explicit_tag_may_get_other_ports(
+def test_explicit_tag_may_change_its_ports(
     watched: Callable[..., Running], tree_file: TreeFile, tmp_path: Path
 ) -> None:
     model = tmp_path / "model.xml"
     model.write_text('<root><TreeNodesModel><Action ID="Other"/></TreeNodesModel></root>')
     running = watched(tree_file('<Action ID="Haul" name="old" goal="a"/>'), "--model", model)
-    running.until("waiting for a new version of tree.xml")
+    running.wait_for("waiting for a new version of tree.xml")
     tree_file('<Action ID="Haul" name="new" goal="a" speed="2"/>')
-    running.until("new                       IDLE -> SUCCESS")
+    running.wait_for("new                       IDLE -> SUCCESS")
 
 
-def test_a_tree_without_a_tree_id_may_get_another_name(
+def test_tree_id_may_change_without_the_tree_option(
     watched: Callable[..., Running], tree_file: TreeFile
 ) -> None:
     file = tree_file(FIRST)
     running = watched(file)
-    running.until("first                     IDLE -> RUNNING")
+    running.wait_for("first                     IDLE -> RUNNING")
     file.write_text(tree_file(SECOND, "other.xml").read_text().replace("Main", "Other"))
-    running.until("second                    IDLE -> RUNNING")
+    running.wait_for("second                    IDLE -> RUNNING")

@@ -14,20 +14,20 @@ def schema_of(result: Result) -> etree.XMLSchema:
     return etree.XMLSchema(etree.fromstring(result.stdout.encode()))
 
 
-def test_the_schema_takes_trees_of_plugins(cli: Cli, library: Path, tree_file: Callable[..., Path]) -> None:
+def test_schema_accepts_nodes_of_plugins(cli: Cli, library: Path, tree_file: Callable[..., Path]) -> None:
     path = tree_file('<Walk steps="3"/>')
     assert schema_of(cli("schema", "--plugin", library)).validate(etree.parse(path))
     assert not schema_of(cli("schema")).validate(etree.parse(path))
 
 
-def test_the_schema_takes_trees_of_models(cli: Cli, tmp_path: Path, tree_file: Callable[..., Path]) -> None:
+def test_schema_accepts_nodes_of_models(cli: Cli, tmp_path: Path, tree_file: Callable[..., Path]) -> None:
     model = tmp_path / "model.xml"
     model.write_text('<root><TreeNodesModel><Action ID="Haul"/></TreeNodesModel></root>')
     path = tree_file("<Haul/>")
     assert schema_of(cli("schema", "--model", model)).validate(etree.parse(path))
 
 
-def test_each_format_has_its_own(cli: Cli) -> None:
+def test_each_format_has_its_own_schema(cli: Cli) -> None:
     old = etree.fromstring(
         "<root><BehaviorTree><SequenceStar><AlwaysSuccess/></SequenceStar></BehaviorTree></root>"
     )

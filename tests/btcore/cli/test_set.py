@@ -12,7 +12,7 @@ TreeFile = Callable[..., Path]
 LastJson = Callable[[Result], dict[str, Any]]
 
 
-def test_a_value_is_read_as_the_port_reads_it(
+def test_value_is_converted_to_the_type_of_the_port(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:
     tree = tree_file('<Walk name="stroll" steps="{far}"/>')
@@ -20,9 +20,7 @@ def test_a_value_is_read_as_the_port_reads_it(
     assert data["nodes"]["stroll"]["ticks"] == 8
 
 
-def test_the_port_may_be_in_a_subtree_under_another_name(
-    cli: Cli, tmp_path: Path, last_json: LastJson
-) -> None:
+def test_port_may_be_in_a_subtree_under_a_remapped_key(cli: Cli, tmp_path: Path, last_json: LastJson) -> None:
     tree = tmp_path / "two.xml"
     tree.write_text(
         '<root BTCPP_format="4" main_tree_to_execute="Outer"><BehaviorTree ID="Outer">'
@@ -47,13 +45,13 @@ def test_the_port_may_be_in_a_subtree_under_another_name(
         ("", "it == ''"),
     ],
 )
-def test_without_a_type_it_is_json_or_else_text(cli: Cli, tree_file: TreeFile, value: str, code: str) -> None:
+def test_value_without_a_type_is_json_or_text(cli: Cli, tree_file: TreeFile, value: str, code: str) -> None:
     tree = tree_file(f'<ScriptCondition code="{code}"/>')
     result = cli("run", tree, "--fast", "--set", f"it={value}")
     assert result.exit_code == 0, result.output
 
 
-def test_format_3_reads_it_by_its_own_rules(cli: Cli, tmp_path: Path) -> None:
+def test_format_3_converts_the_value_by_its_own_rules(cli: Cli, tmp_path: Path) -> None:
     tree = tmp_path / "old.xml"
     tree.write_text(
         '<root><BehaviorTree ID="Old"><BlackboardCheckInt value_A="{charge}" value_B="20" '
@@ -63,7 +61,7 @@ def test_format_3_reads_it_by_its_own_rules(cli: Cli, tmp_path: Path) -> None:
     assert cli("run", tree, "--fast", "--set", "charge=21").exit_code == 1
 
 
-def test_the_key_may_stand_in_braces_and_a_mistyped_one_is_told(
+def test_key_may_be_in_braces_and_an_unused_key_is_reported(
     cli: Cli, tree_file: TreeFile, library: Path
 ) -> None:
     tree = tree_file('<Walk steps="{far}"/>')
@@ -81,7 +79,7 @@ def test_the_key_may_stand_in_braces_and_a_mistyped_one_is_told(
         (["far=soon"], "--set far=soon: 'soon' is not an integer"),
     ],
 )
-def test_what_sets_nothing_is_told(
+def test_invalid_values_are_refused(
     cli: Cli, tree_file: TreeFile, library: Path, texts: list[str], said: str
 ) -> None:
     tree = tree_file('<Walk steps="{far}"/>')

@@ -32,7 +32,7 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_tree_is_drawn_with_signs_names_ids_numbers_and_ports(cli: Cli, file: Path) -> None:
+def test_tree_is_drawn_with_symbols_names_ids_numbers_and_ports(cli: Cli, file: Path) -> None:
     assert cli("show", file.name).stdout == (
         "Rounds  patrol.xml  format 4\n"
         "└── → round  Sequence  1\n"
@@ -43,19 +43,19 @@ def test_the_tree_is_drawn_with_signs_names_ids_numbers_and_ports(cli: Cli, file
     )
 
 
-def test_ports_can_be_left_out(cli: Cli, file: Path) -> None:
+def test_no_ports_option_hides_the_ports(cli: Cli, file: Path) -> None:
     shown = cli("show", "--no-ports", file).stdout
     assert "bow" in shown
     assert "msec" not in shown
 
 
-def test_any_tree_of_the_file_can_be_shown(cli: Cli, file: Path) -> None:
+def test_tree_option_selects_the_tree(cli: Cli, file: Path) -> None:
     assert cli("show", file.name, "--tree", "Greet").stdout == (
         "Greet  patrol.xml  format 4\n└── ◷ bow  Sleep  1  msec=200\n"
     )
 
 
-def test_the_numbers_are_those_of_a_run(cli: Cli, file: Path) -> None:
+def test_numbers_are_the_uids_of_a_run(cli: Cli, file: Path) -> None:
     shown = json.loads(cli("show", "--json", file).stdout)
     run = json.loads(cli("run", "--fast", "--json", file).stdout.splitlines()[-1])
 
@@ -70,7 +70,7 @@ def test_the_numbers_are_those_of_a_run(cli: Cli, file: Path) -> None:
     assert numbers(shown) == dict(enumerate((node["id"] for node in run["nodes"].values()), start=1))
 
 
-def test_a_leaf_that_wants_a_robot_is_drawn_without_one(cli: Cli, tmp_path: Path) -> None:
+def test_leaf_that_requires_a_robot_is_drawn_without_a_robot(cli: Cli, tmp_path: Path) -> None:
     plugin = tmp_path / "needy.py"
     plugin.write_text(
         "from btcore import action\n\nclass Robot: pass\n\n@action\ndef drive(robot: Robot) -> bool:\n"
@@ -104,26 +104,26 @@ def flow(tmp_path: Path) -> Path:
     return path
 
 
-def test_data_lists_who_writes_and_who_reads_each_entry(cli: Cli, flow: Path) -> None:
+def test_data_lists_writers_and_readers_of_each_entry(cli: Cli, flow: Path) -> None:
     (row,) = [line for line in cli("show", "--data", flow).stdout.splitlines() if line.startswith(" guest")]
     assert row.split() == ["guest", "Script", "code", "hello/known", "code", "as", "who"]
 
 
-def test_data_for_programs(cli: Cli, flow: Path) -> None:
+def test_data_json_lists_writers_and_readers(cli: Cli, flow: Path) -> None:
     (row,) = json.loads(cli("show", "--data", "--json", flow.name).stdout)
     assert (row["scope"], row["key"]) == ("", "guest")
     assert row["writers"] == [{"node": "Script", "attribute": "code", "key": "guest", "where": "flow.xml:4"}]
     assert [reader["key"] for reader in row["readers"]] == ["who"]
 
 
-def test_a_tree_without_data_says_so(cli: Cli, tmp_path: Path) -> None:
+def test_data_of_a_tree_without_entries_is_reported_as_empty(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "plain.xml"
     file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Go"><AlwaysSuccess/></BehaviorTree></root>')
     assert cli("show", "--data", file).stdout == "no node uses the blackboard\n"
     assert json.loads(cli("show", "--data", "--json", file).stdout) == []
 
 
-def test_svg_goes_into_a_file_and_nothing_to_stdout(cli: Cli, file: Path, tmp_path: Path) -> None:
+def test_svg_is_written_to_a_file_and_stdout_is_empty(cli: Cli, file: Path, tmp_path: Path) -> None:
     result = cli("show", file, "--svg", "tree.svg")
     assert (result.exit_code, result.stdout) == (0, "")
     drawing = ElementTree.parse(tmp_path / "tree.svg")
@@ -140,7 +140,7 @@ def test_svg_goes_into_a_file_and_nothing_to_stdout(cli: Cli, file: Path, tmp_pa
         (["--svg", "."], "is a directory"),
     ],
 )
-def test_what_cannot_be_shown_is_a_mistake(cli: Cli, file: Path, options: list[str], said: str) -> None:
+def test_invalid_options_are_refused(cli: Cli, file: Path, options: list[str], said: str) -> None:
     result = cli("show", file, *options)
     assert result.exit_code == 2
     assert said in result.stderr

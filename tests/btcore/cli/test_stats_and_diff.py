@@ -16,7 +16,7 @@ TreeFile = Callable[..., Path]
 
 
 @pytest.mark.parametrize("log", [BTLOG, DB3], ids=["btlog", "sqlite"])
-def test_the_recorded_run_is_counted(cli: Cli, log: Path) -> None:
+def test_stats_counts_the_recorded_run(cli: Cli, log: Path) -> None:
     result = cli("stats", log, "--json")
     assert result.exit_code == 0, result.output
     data = json.loads(result.stdout)
@@ -27,19 +27,19 @@ def test_the_recorded_run_is_counted(cli: Cli, log: Path) -> None:
     assert data["nodes"]["AlwaysSuccess::10"]["rate"] is None
 
 
-def test_a_log_of_format_3_is_counted(cli: Cli) -> None:
+def test_stats_counts_a_log_of_format_3(cli: Cli) -> None:
     result = cli("stats", FBL)
     assert "20 transitions of 11 nodes in 0.456 s" in result.stdout
     assert "root_seq ▶" in result.stdout
     assert "slowest leaves  cnt 0.305 s, Sub::6/Count::8 0.151 s" in result.stdout
 
 
-def test_the_slowest_come_first_if_asked(cli: Cli) -> None:
+def test_sort_and_top_select_the_slowest_nodes(cli: Cli) -> None:
     result = cli("stats", FBL, "--sort", "total", "--top", "2", "--json")
     assert list(json.loads(result.stdout)["nodes"]) == ["root_seq", "Fallback::3"]
 
 
-def test_a_log_that_is_cut_off_counts_up_to_the_cut_and_says_so(cli: Cli, tmp_path: Path) -> None:
+def test_truncated_log_is_counted_up_to_the_cut_with_a_warning(cli: Cli, tmp_path: Path) -> None:
     cut = tmp_path / "cut.btlog"
     cut.write_bytes(BTLOG.read_bytes()[:-100])
     result = cli("stats", cut)
@@ -52,7 +52,7 @@ def test_a_log_that_is_cut_off_counts_up_to_the_cut_and_says_so(cli: Cli, tmp_pa
     assert "45 transitions of 10 nodes" in result.stdout
 
 
-def test_a_gap_is_told(cli: Cli, tmp_path: Path) -> None:
+def test_gap_is_reported(cli: Cli, tmp_path: Path) -> None:
     shutil.copy(BTLOG, tmp_path / "run.btlog")
     (tmp_path / "run.btlog.gaps").write_text("20 the transitions 21 to 30 are lost\n")
     result = cli("stats", tmp_path / "run.btlog", "--json")
@@ -76,7 +76,7 @@ def test_a_gap_is_told(cli: Cli, tmp_path: Path) -> None:
         ("half.db3", DB3.read_bytes()[:14000], "the file is truncated: it has 14000 of 28672 bytes"),
     ],
 )
-def test_what_is_no_log_is_a_sentence_and_exit_code_2(
+def test_file_that_is_not_a_log_exits_with_2_and_a_message(
     cli: Cli, tmp_path: Path, command: list[str], name: str, content: bytes | None, said: str
 ) -> None:
     if content is not None:
@@ -88,12 +88,12 @@ def test_what_is_no_log_is_a_sentence_and_exit_code_2(
     assert "Traceback" not in result.stderr
 
 
-def test_the_same_run_in_two_formats_is_the_same(cli: Cli) -> None:
+def test_diff_finds_no_difference_between_two_formats_of_a_run(cli: Cli) -> None:
     result = cli("diff", BTLOG, DB3, "--times", "0.001")
     assert (result.exit_code, result.stdout) == (0, "no difference: 57 transitions\n")
 
 
-def test_two_runs_of_a_tree_are_compared_by_what_their_nodes_did(cli: Cli, tree_file: TreeFile) -> None:
+def test_diff_compares_two_runs_by_the_transitions_of_their_nodes(cli: Cli, tree_file: TreeFile) -> None:
     tree = tree_file('<Repeat num_cycles="2"><Sleep name="nap" msec="100"/></Repeat>')
     cli("run", tree, "--fast", "--log", "a.btlog")
     cli("run", tree, "--fast", "--log", "b.db3")
@@ -109,7 +109,7 @@ def test_two_runs_of_a_tree_are_compared_by_what_their_nodes_did(cli: Cli, tree_
     assert "RUNNING" in lines[5]
 
 
-def test_where_times_differ_by_more_than_the_tolerance_they_part(cli: Cli, tree_file: TreeFile) -> None:
+def test_diff_reports_times_beyond_the_tolerance(cli: Cli, tree_file: TreeFile) -> None:
     tree = tree_file('<Sleep name="nap" msec="100"/>')
     cli("run", tree, "--fast", "--log", "a.btlog")
     tree.write_text(tree.read_text().replace('"100"', '"900"'))
@@ -121,7 +121,7 @@ def test_where_times_differ_by_more_than_the_tolerance_they_part(cli: Cli, tree_
     assert "after 1 common transition: the next transition is the same, but 0.800000 s apart" in result.stdout
 
 
-def test_a_run_that_ends_earlier_and_trees_that_differ_are_said(cli: Cli, tmp_path: Path) -> None:
+def test_diff_reports_a_shorter_run_and_different_trees(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "cut.btlog").write_bytes(BTLOG.read_bytes()[:-18])
     result = cli("diff", "cut.btlog", BTLOG)
     assert result.exit_code == 1

@@ -15,7 +15,7 @@ LastJson = Callable[[Result], dict[str, Any]]
 
 @pytest.fixture
 def rules(tmp_path: Path) -> Callable[..., Path]:
-    """Writes substitution rules into a file."""
+    """Return a function that writes substitution rules into a file."""
 
     def write(of: dict[str, str], configs: dict[str, Any] | None = None, name: str = "rules.json") -> Path:
         path = tmp_path / name
@@ -25,7 +25,7 @@ def rules(tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
-def test_nodes_are_replaced_by_test_nodes_and_by_others(
+def test_nodes_are_replaced_by_test_nodes_and_by_other_nodes(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson, rules: Callable[..., Path]
 ) -> None:
     tree = tree_file('<Fallback><Explode/><Walk name="far"/><AlwaysFailure/></Fallback>')
@@ -40,7 +40,7 @@ def test_nodes_are_replaced_by_test_nodes_and_by_others(
     assert result.stderr.count("warning") == 0
 
 
-def test_several_files_add_up_and_the_first_rule_for_a_node_counts(
+def test_several_files_are_combined_and_the_first_matching_rule_applies(
     cli: Cli, tree_file: TreeFile, rules: Callable[..., Path]
 ) -> None:
     tree = tree_file('<Sequence><AlwaysFailure name="a"/></Sequence>')
@@ -49,7 +49,7 @@ def test_several_files_add_up_and_the_first_rule_for_a_node_counts(
     assert cli("run", tree, "--substitute", second, "--substitute", first).exit_code == 1
 
 
-def test_a_rule_that_no_node_is_met_by_is_told_of(
+def test_rule_that_matches_no_node_is_reported(
     cli: Cli, tree_file: TreeFile, rules: Callable[..., Path]
 ) -> None:
     result = cli("run", tree_file('<AlwaysSuccess name="home"/>'), "--substitute", rules({"hom": "Sleep"}))
@@ -72,9 +72,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_file_without_rules_is_a_mistake(
-    cli: Cli, tree_file: TreeFile, tmp_path: Path, mistake: str
-) -> None:
+def test_invalid_rules_file_is_refused(cli: Cli, tree_file: TreeFile, tmp_path: Path, mistake: str) -> None:
     data, said = MISTAKES[mistake]
     file = tmp_path / "rules.json"
     if data is not None:
@@ -84,7 +82,7 @@ def test_a_file_without_rules_is_a_mistake(
     assert said in result.stderr
 
 
-def test_a_rule_for_a_node_that_nobody_registered_is_told_where_it_would_stand(
+def test_rule_with_an_unknown_node_is_reported_at_the_replaced_node(
     cli: Cli, tree_file: TreeFile, rules: Callable[..., Path]
 ) -> None:
     result = cli("run", tree_file("<AlwaysFailure/>"), "--substitute", rules({"*": "AlwaysSucess"}))

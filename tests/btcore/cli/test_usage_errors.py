@@ -12,7 +12,7 @@ Cli = Callable[..., Result]
 TreeFile = Callable[..., Path]
 
 
-def refused(result: Result, *expected: str) -> None:
+def assert_refused(result: Result, *expected: str) -> None:
     """Assert that the result is a user error, and that its message contains all of *expected*."""
     assert result.exit_code == 2, result.output
     assert "Traceback" not in result.output
@@ -20,28 +20,28 @@ def refused(result: Result, *expected: str) -> None:
         assert words in result.stderr
 
 
-def test_no_such_file(cli: Cli) -> None:
-    refused(cli("run", "nowhere.xml"), "there is no file 'nowhere.xml'")
+def test_missing_file_is_refused(cli: Cli) -> None:
+    assert_refused(cli("run", "nowhere.xml"), "there is no file 'nowhere.xml'")
 
 
-def test_a_mistyped_file_beside_the_one_that_is_meant(cli: Cli, tree_file: TreeFile) -> None:
+def test_mistyped_file_is_refused_with_a_suggestion(cli: Cli, tree_file: TreeFile) -> None:
     tree_file("<AlwaysSuccess/>", "patrolling.xml")
-    refused(cli("run", "patroling.xml"), "Did you mean 'patrolling.xml'?")
+    assert_refused(cli("run", "patroling.xml"), "Did you mean 'patrolling.xml'?")
 
 
-def test_a_mistyped_name_of_a_tree_that_comes_with_btcore(cli: Cli) -> None:
-    refused(cli("run", "bumgpo"), "neither a file nor a tree 'bumgpo'", "Did you mean 'bumpgo'?")
+def test_mistyped_bundled_tree_is_refused_with_a_suggestion(cli: Cli) -> None:
+    assert_refused(cli("run", "bumgpo"), "neither a file nor a tree 'bumgpo'", "Did you mean 'bumpgo'?")
 
 
-def test_a_folder(cli: Cli, tmp_path: Path) -> None:
-    refused(cli("run", tmp_path), "is a folder; give the path of a file")
+def test_folder_is_refused(cli: Cli, tmp_path: Path) -> None:
+    assert_refused(cli("run", tmp_path), "is a folder; give the path of a file")
 
 
 BAD_DOCUMENTS = {
     "empty": ("", ": E001"),
     "not XML": ("hello\n", ":1:1: E"),
     "not closed": ('<root BTCPP_format="4">\n  <BehaviorTree ID="M">\n</root>', ":3:1: E"),
-    "a bomb of entities": (
+    "an entity bomb": (
         '<!DOCTYPE b [<!ENTITY a "aaaa"><!ENTITY c "&a;&a;">]>\n<root><BehaviorTree ID="&c;"/></root>',
         ":1:1: E",
     ),
@@ -53,11 +53,11 @@ BAD_DOCUMENTS = {
 
 
 @pytest.mark.parametrize("kind", BAD_DOCUMENTS)
-def test_a_file_that_is_no_tree(cli: Cli, tmp_path: Path, kind: str) -> None:
+def test_file_that_is_not_a_tree_is_refused(cli: Cli, tmp_path: Path, kind: str) -> None:
     text, place = BAD_DOCUMENTS[kind]
     file = tmp_path / "bad.xml"
     file.write_text(text, encoding="utf-8")
-    refused(cli("run", file), f"bad.xml{place}")
+    assert_refused(cli("run", file), f"bad.xml{place}")
 
 
 BAD_TREES = {
@@ -73,25 +73,25 @@ BAD_TREES = {
 
 @pytest.mark.parametrize("kind", BAD_TREES)
 @pytest.mark.parametrize("command", ["run", "show"])
-def test_a_tree_that_cannot_be_made(cli: Cli, tree_file: TreeFile, command: str, kind: str) -> None:
+def test_invalid_tree_is_refused(cli: Cli, tree_file: TreeFile, command: str, kind: str) -> None:
     body, place, word = BAD_TREES[kind]
-    refused(cli(command, tree_file(body)), f"tree.xml{place}", word)
+    assert_refused(cli(command, tree_file(body)), f"tree.xml{place}", word)
 
 
-def test_a_script_that_cannot_be_parsed(cli: Cli, tree_file: TreeFile) -> None:
-    refused(cli("run", tree_file('<Script code="a := (1 + "/>')), "tree.xml:3:", "E206")
+def test_script_that_cannot_be_parsed_is_refused(cli: Cli, tree_file: TreeFile) -> None:
+    assert_refused(cli("run", tree_file('<Script code="a := (1 + "/>')), "tree.xml:3:", "E206")
 
 
-def test_a_tree_id_that_the_file_does_not_hold(cli: Cli, tree_file: TreeFile) -> None:
-    refused(cli("run", tree_file("<AlwaysSuccess/>"), "--tree", "Mian"), "Mian", "Main")
+def test_unknown_tree_id_is_refused(cli: Cli, tree_file: TreeFile) -> None:
+    assert_refused(cli("run", tree_file("<AlwaysSuccess/>"), "--tree", "Mian"), "Mian", "Main")
 
 
-def test_a_plugin_that_raises_on_import_is_named_with_exception_and_line(
+def test_plugin_that_raises_on_import_is_reported_with_exception_and_line(
     cli: Cli, tree_file: TreeFile, tmp_path: Path
 ) -> None:
     broken = tmp_path / "broken.py"
     broken.write_text("import btcore\n\nwheels = 4\nwheels.turn()\n")
-    refused(
+    assert_refused(
         cli("run", tree_file("<AlwaysSuccess/>"), "--plugin", broken),
         "broken.py",
         "AttributeError: 'int' object has no attribute 'turn'",
@@ -99,36 +99,38 @@ def test_a_plugin_that_raises_on_import_is_named_with_exception_and_line(
     )
 
 
-def test_a_plugin_with_a_syntax_error(cli: Cli, tree_file: TreeFile, tmp_path: Path) -> None:
+def test_plugin_with_a_syntax_error_is_refused(cli: Cli, tree_file: TreeFile, tmp_path: Path) -> None:
     broken = tmp_path / "broken.py"
     broken.write_text("import btcore\ndef f(:\n")
-    refused(cli("run", tree_file("<AlwaysSuccess/>"), "--plugin", broken), "broken.py", "SyntaxError", "2")
+    assert_refused(
+        cli("run", tree_file("<AlwaysSuccess/>"), "--plugin", broken), "broken.py", "SyntaxError", "2"
+    )
 
 
-def test_a_plugin_that_does_not_exist(cli: Cli, tree_file: TreeFile) -> None:
+def test_missing_plugin_is_refused(cli: Cli, tree_file: TreeFile) -> None:
     tree = tree_file("<AlwaysSuccess/>")
-    refused(cli("run", tree, "--plugin", "no_such_library"), "no_such_library")
-    refused(cli("run", tree, "--plugin", "missing/things.py"), "missing/things.py")
+    assert_refused(cli("run", tree, "--plugin", "no_such_library"), "no_such_library")
+    assert_refused(cli("run", tree, "--plugin", "missing/things.py"), "missing/things.py")
 
 
-def test_a_plugin_without_a_name(cli: Cli, tree_file: TreeFile) -> None:
-    refused(
+def test_plugin_without_a_name_is_refused(cli: Cli, tree_file: TreeFile) -> None:
+    assert_refused(
         cli("run", tree_file("<AlwaysSuccess/>"), "--plugin", ""),
         "error: a plugin has no name: give the name of a module",
     )
 
 
-def test_a_plugin_that_is_given_twice(cli: Cli, tree_file: TreeFile, library: Path) -> None:
+def test_duplicate_plugin_is_refused(cli: Cli, tree_file: TreeFile, library: Path) -> None:
     tree = tree_file("<AlwaysSuccess/>")
     result = cli("run", tree, "--plugin", library, "--plugin", "./robot_things.py")
-    refused(result, "error: --plugin ./robot_things.py is given more than once.")
-    refused(
+    assert_refused(result, "error: --plugin ./robot_things.py is given more than once.")
+    assert_refused(
         cli("run", tree, "--plugin", library, "--plugin", "btcore.nodes.constant_results"),
         "'AlwaysSuccess' is registered ",
     )
 
 
-def test_options_of_a_robot_for_a_tree_without_one_are_told_of(cli: Cli, tree_file: TreeFile) -> None:
+def test_robot_options_for_a_tree_without_a_robot_are_reported(cli: Cli, tree_file: TreeFile) -> None:
     pytest.importorskip("pybullet", reason="the options come with the simulator")
     tree = tree_file("<AlwaysSuccess/>")
     result = cli("run", tree, "--fast", "--gui", "--world", "house", "--fault", "laser:1-2")
@@ -140,13 +142,13 @@ def test_options_of_a_robot_for_a_tree_without_one_are_told_of(cli: Cli, tree_fi
     assert "warning" not in cli("run", tree, "--bind", "127.0.0.1").stderr
 
 
-def test_a_resource_that_nobody_has(cli: Cli, tree_file: TreeFile, tmp_path: Path) -> None:
+def test_missing_resource_is_refused(cli: Cli, tree_file: TreeFile, tmp_path: Path) -> None:
     plugin = tmp_path / "needy.py"
     plugin.write_text(
         "from btcore import action\n\nclass Submarine: pass\n\n@action\ndef dive(boat: Submarine) -> bool:\n"
         "    return True\n"
     )
-    refused(cli("run", tree_file("<Dive/>"), "--plugin", plugin), "Dive", "Submarine")
+    assert_refused(cli("run", tree_file("<Dive/>"), "--plugin", plugin), "Dive", "Submarine")
 
 
 @pytest.mark.parametrize(
@@ -159,17 +161,17 @@ def test_a_resource_that_nobody_has(cli: Cli, tree_file: TreeFile, tmp_path: Pat
         (["--sed", "3"], "--seed"),
     ],
 )
-def test_an_option_that_makes_no_sense(
+def test_invalid_option_is_refused(
     cli: Cli, tree_file: TreeFile, arguments: list[str], expected: str
 ) -> None:
-    refused(cli("run", tree_file("<AlwaysSuccess/>"), *arguments), expected)
+    assert_refused(cli("run", tree_file("<AlwaysSuccess/>"), *arguments), expected)
 
 
-def test_a_mistyped_command(cli: Cli) -> None:
-    refused(cli("vaildate"), "unknown command 'vaildate'", "Did you mean 'validate'?")
+def test_mistyped_command_is_refused_with_a_suggestion(cli: Cli) -> None:
+    assert_refused(cli("vaildate"), "unknown command 'vaildate'", "Did you mean 'validate'?")
 
 
-def test_debug_shows_the_traceback(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_debug_variable_shows_the_traceback(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BTCORE_DEBUG", "1")
     result = cli("run", "nowhere.xml")
     assert result.exit_code == 2
@@ -200,7 +202,7 @@ def test_the_engine_alone_runs_a_tree(tree_file: TreeFile) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_without_the_extra_its_option_is_explained(tree_file: TreeFile) -> None:
+def test_option_of_a_missing_extra_is_explained(tree_file: TreeFile) -> None:
     done = without_extras("run", tree_file("<AlwaysSuccess/>"), "--save", "out.rrd")
     assert done.returncode == 2
     assert "'--save'" in done.stderr
@@ -208,7 +210,7 @@ def test_without_the_extra_its_option_is_explained(tree_file: TreeFile) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_without_the_extra_its_command_is_explained() -> None:
+def test_command_of_a_missing_extra_is_explained() -> None:
     done = without_extras("monitor", "tcp://localhost:1667")
     assert done.returncode == 2
     assert "pip install 'btcore[monitor]'" in done.stderr
@@ -219,5 +221,5 @@ def test_without_the_extra_its_command_is_explained() -> None:
     ("option", "value"),
     [("--seed", "-5"), ("--rate", "nan"), ("--rate", "inf"), ("--duration", "nan"), ("--duration", "-1")],
 )
-def test_a_number_that_makes_no_sense(cli: Cli, tree_file: TreeFile, option: str, value: str) -> None:
-    refused(cli("run", tree_file("<AlwaysSuccess/>"), option, value), f"'{option}'")
+def test_invalid_number_is_refused(cli: Cli, tree_file: TreeFile, option: str, value: str) -> None:
+    assert_refused(cli("run", tree_file("<AlwaysSuccess/>"), option, value), f"'{option}'")

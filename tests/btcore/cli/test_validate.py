@@ -10,13 +10,13 @@ Cli = Callable[..., Result]
 TreeFile = Callable[..., Path]
 
 
-def test_a_good_tree_exits_with_0(cli: Cli, tree_file: TreeFile) -> None:
+def test_valid_tree_exits_with_0(cli: Cli, tree_file: TreeFile) -> None:
     result = cli("validate", tree_file("<AlwaysSuccess/>"))
     assert result.exit_code == 0
     assert "1 file, no errors, no warnings" in result.stdout
 
 
-def test_every_fault_is_told_with_place_line_and_carets(cli: Cli, tree_file: TreeFile) -> None:
+def test_every_error_is_reported_with_position_line_and_carets(cli: Cli, tree_file: TreeFile) -> None:
     file = tree_file('<Sequense>\n      <Delay delay_mesc="5"><AlwaysSuccess/></Delay>\n    </Sequense>')
     result = cli("validate", file.name)
     assert result.exit_code == 2
@@ -44,14 +44,14 @@ def test_folders_are_searched_for_xml_files(cli: Cli, tmp_path: Path, tree_file:
     assert "2 files, 1 error" in result.stdout
 
 
-def test_a_folder_without_trees_is_a_mistake(cli: Cli, tmp_path: Path) -> None:
+def test_folder_without_trees_is_refused(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     result = cli("validate", "empty")
     assert result.exit_code == 2
     assert "contains no XML file" in result.stderr
 
 
-def test_a_warning_refuses_only_when_strict(cli: Cli, tree_file: TreeFile) -> None:
+def test_warning_is_an_error_only_in_strict_mode(cli: Cli, tree_file: TreeFile) -> None:
     file = tree_file('<AlwaysSuccess _skipIf="1 < 2"/>')
     lenient = cli("validate", file)
     assert lenient.exit_code == 0
@@ -61,7 +61,7 @@ def test_a_warning_refuses_only_when_strict(cli: Cli, tree_file: TreeFile) -> No
     assert cli("validate", "--strict", file).exit_code == 2
 
 
-def test_a_key_that_the_program_writes_may_be_named(cli: Cli, tree_file: TreeFile) -> None:
+def test_given_option_suppresses_warnings_for_its_keys(cli: Cli, tree_file: TreeFile) -> None:
     file = tree_file('<Sequence><Sleep msec="{pause}"/><ScriptCondition code="goal == 1"/></Sequence>')
     assert cli("validate", "--strict", file).stdout.count("W201") == 2
     assert cli("validate", "--strict", "--given", "goal", file).stdout.count("W201") == 1
@@ -69,7 +69,7 @@ def test_a_key_that_the_program_writes_may_be_named(cli: Cli, tree_file: TreeFil
     assert (result.exit_code, result.stdout) == (0, "✔ 1 file, no errors, no warnings\n")
 
 
-def test_the_format_of_the_file_may_be_overridden(cli: Cli, tmp_path: Path) -> None:
+def test_format_option_overrides_the_format_of_the_file(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "tree.xml"
     file.write_text('<root><BehaviorTree ID="Main"><Script code="a := 1"/></BehaviorTree></root>')
     assert "<Script> belongs to format 4" in cli("validate", file).stdout
@@ -79,7 +79,7 @@ def test_the_format_of_the_file_may_be_overridden(cli: Cli, tmp_path: Path) -> N
     assert "--format" in cli("validate", "--format", "5", file).stderr
 
 
-def test_the_main_tree_may_be_named(cli: Cli, tmp_path: Path) -> None:
+def test_tree_option_selects_the_main_tree(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "tree.xml"
     file.write_text(
         '<root BTCPP_format="4" main_tree_to_execute="A">'
@@ -92,7 +92,7 @@ def test_the_main_tree_may_be_named(cli: Cli, tmp_path: Path) -> None:
     assert "E108 unknown main tree 'C'" in cli("validate", "--tree", "C", file).stdout
 
 
-def test_what_only_the_first_tick_refuses_is_an_error_here_and_not_when_it_is_loaded(
+def test_validate_reports_errors_that_a_run_finds_only_at_its_first_tick(
     cli: Cli, tree_file: TreeFile
 ) -> None:
     file = tree_file("<IfThenElse><AlwaysSuccess/></IfThenElse>")
@@ -102,13 +102,13 @@ def test_what_only_the_first_tick_refuses_is_an_error_here_and_not_when_it_is_lo
     assert cli("run", "--fast", file).exit_code == 3
 
 
-def test_a_broken_script_is_a_fault(cli: Cli, tree_file: TreeFile) -> None:
+def test_broken_script_is_reported(cli: Cli, tree_file: TreeFile) -> None:
     result = cli("validate", tree_file('<Script code="a := (1 + "/>'))
     assert result.exit_code == 2
     assert "E206" in result.stdout
 
 
-def test_trees_that_the_main_one_does_not_call_are_checked_too(cli: Cli, tmp_path: Path) -> None:
+def test_trees_that_the_main_tree_does_not_use_are_checked_too(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "two.xml"
     file.write_text(
         '<root BTCPP_format="4" main_tree_to_execute="A">\n'
@@ -129,13 +129,13 @@ def test_a_file_of_subtrees_needs_no_main_tree(cli: Cli, tmp_path: Path) -> None
     assert cli("validate", file).exit_code == 0
 
 
-def test_plugins_bring_nodes(cli: Cli, tree_file: TreeFile, library: Path) -> None:
+def test_plugins_provide_nodes(cli: Cli, tree_file: TreeFile, library: Path) -> None:
     file = tree_file("<BatteryOk/>")
     assert cli("validate", file).exit_code == 2
     assert cli("validate", file, "--plugin", library).exit_code == 0
 
 
-def test_json_for_programs(cli: Cli, tree_file: TreeFile) -> None:
+def test_json_lists_the_diagnostics(cli: Cli, tree_file: TreeFile) -> None:
     data = json.loads(cli("validate", "--json", tree_file("<Nonsense/>")).stdout)
     assert data["ok"] is False
     assert data["files"] == 1
@@ -144,7 +144,7 @@ def test_json_for_programs(cli: Cli, tree_file: TreeFile) -> None:
     assert only["file"].endswith("tree.xml")
 
 
-def test_the_trees_that_come_with_btcore_are_good_without_their_libraries(cli: Cli) -> None:
+def test_bundled_trees_are_valid_without_their_libraries(cli: Cli) -> None:
     result = cli("validate", "bumpgo", "bumpgo_wide")
     # Without the robot's node library the nodes are unknown, and a note names the missing library.
     assert result.exit_code == 0 or "the node library 'robot_nodes' cannot be loaded" in result.stderr

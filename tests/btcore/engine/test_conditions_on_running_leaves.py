@@ -1,6 +1,7 @@
-"""Conditions and scripts of leaves that last: coroutines, generators, threads.
+"""Conditions and scripts of asynchronous leaves: coroutines, generators, threads.
 
-In BehaviorTree.CPP a threaded action has none, and a coroutine asks them once; here all leaves are alike.
+In BehaviorTree.CPP a threaded action has none, and a coroutine evaluates them once. Here all leaves are
+alike.
 """
 
 from collections.abc import Callable, Generator
@@ -45,7 +46,7 @@ LEAVES = [coroutine, generator, Threaded, Stateful]
 
 @pytest.fixture(params=LEAVES, ids=["coroutine", "generator", "threaded", "stateful"])
 def work(request: pytest.FixtureRequest, make_tree: Grow) -> Callable[[str], Tree]:
-    """Makes a tree of one such leaf, with attributes."""
+    """Return a function that builds a tree of the leaf with the given attributes."""
 
     def make(attributes: str) -> Tree:
         nodes = make_tree("<AlwaysSuccess/>").registry.copy()
@@ -56,7 +57,7 @@ def work(request: pytest.FixtureRequest, make_tree: Grow) -> Callable[[str], Tre
 
 
 @pytest.mark.parametrize(("attribute", "status"), [("_failureIf", F), ("_successIf", S), ("_skipIf", K)])
-def test_what_is_asked_before_it_starts_may_answer_for_it(
+def test_condition_before_the_start_decides_the_result(
     attribute: str, status: Status, work: Callable[[str], Tree]
 ) -> None:
     tree = work(f'{attribute}="busy" _onSuccess="s := 1" _onFailure="f := 1" _post="p := 1"')
@@ -66,7 +67,7 @@ def test_what_is_asked_before_it_starts_may_answer_for_it(
     assert written == {S: {"s", "p"}, F: {"f", "p"}, K: set()}[status]
 
 
-def test_a_while_that_turns_false_halts_it(work: Callable[[str], Tree]) -> None:
+def test_while_condition_that_turns_false_halts_the_leaf(work: Callable[[str], Tree]) -> None:
     tree = work('_while="go" _onHalted="halted := 1" _post="p := 1"')
     tree.blackboard["go"] = True
     assert tree.tick_exactly_once() is R
@@ -77,7 +78,7 @@ def test_a_while_that_turns_false_halts_it(work: Callable[[str], Tree]) -> None:
     assert "p" not in tree.blackboard
 
 
-def test_what_is_asked_at_the_start_is_not_asked_while_it_runs(work: Callable[[str], Tree]) -> None:
+def test_start_conditions_are_not_evaluated_while_the_leaf_runs(work: Callable[[str], Tree]) -> None:
     tree = work('_failureIf="busy" _skipIf="busy" _onSuccess="s := 1"')
     tree.blackboard["busy"] = False
     assert tree.tick_exactly_once() is R
@@ -94,7 +95,7 @@ class Wrong(StatefulAction):
         return Status.IDLE
 
 
-def test_idle_is_no_result_of_an_action(make_tree: Grow) -> None:
+def test_idle_is_refused_as_the_result_of_an_action(make_tree: Grow) -> None:
     tree = make_tree("<Wrong/>", Wrong)
     assert tree.tick_once() is R
     with pytest.raises(NodeExecutionError, match="not IDLE"):

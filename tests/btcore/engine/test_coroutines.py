@@ -1,4 +1,4 @@
-"""Leaves that last: generators and `async def`, resumed once a tick, in the tree's time, without a loop."""
+"""Generators and `async def` leaves: resumed once per tick, in the tree's time, without an event loop."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Generator
@@ -17,10 +17,10 @@ def statuses(tree: Tree, ticks: int) -> str:
     return "".join(tree.tick_exactly_once().name[0] for _ in range(ticks))
 
 
-# --- going on
+# --- resuming
 
 
-def test_await_running_ends_the_tick_and_the_next_one_goes_on_from_there(make_tree: Grow) -> None:
+def test_await_running_ends_the_tick_and_the_next_tick_resumes_there(make_tree: Grow) -> None:
     steps: list[str] = []
 
     @action
@@ -50,14 +50,14 @@ def test_a_generator_yields_where_a_coroutine_awaits(make_tree: Grow) -> None:
     assert statuses(make_tree("<Approach/>", approach), 4) == "RRFR"
 
 
-def test_a_coroutine_that_waits_for_nothing_completes_in_its_first_tick(make_tree: Grow) -> None:
+def test_coroutine_without_await_completes_in_its_first_tick(make_tree: Grow) -> None:
     async def at_once() -> Status:
         return Status.SUCCESS
 
     assert make_tree("<AtOnce/>", at_once).tick_exactly_once() is Status.SUCCESS
 
 
-def test_it_starts_anew_when_it_has_completed(make_tree: Grow) -> None:
+def test_coroutine_restarts_after_completion(make_tree: Grow) -> None:
     async def twice() -> bool:
         await running()
         return True
@@ -65,7 +65,7 @@ def test_it_starts_anew_when_it_has_completed(make_tree: Grow) -> None:
     assert statuses(make_tree("<Twice/>", twice), 6) == "RSRSRS"
 
 
-def test_an_awaited_function_may_wait_too(make_tree: Grow) -> None:
+def test_awaited_function_may_await_too(make_tree: Grow) -> None:
     async def wait(ticks: int) -> int:
         for _ in range(ticks):
             await running()
@@ -78,7 +78,7 @@ def test_an_awaited_function_may_wait_too(make_tree: Grow) -> None:
     assert statuses(make_tree("<Approach/>", approach), 4) == "RRRS"
 
 
-def test_inputs_are_read_when_it_starts_and_outputs_written_when_it_says(make_tree: Grow) -> None:
+def test_inputs_are_read_at_the_start_and_outputs_written_on_each_call(make_tree: Grow) -> None:
     @action
     async def count(limit: In[int], at: Put[int]) -> bool:
         for number in range(limit):
@@ -98,7 +98,7 @@ def test_inputs_are_read_when_it_starts_and_outputs_written_when_it_says(make_tr
 # --- time
 
 
-def test_await_sleep_lasts_that_long_by_the_trees_clock(make_tree: Grow, clock: SimClock) -> None:
+def test_await_sleep_lasts_by_the_clock_of_the_tree(make_tree: Grow, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0.5)
         return True
@@ -111,7 +111,7 @@ def test_await_sleep_lasts_that_long_by_the_trees_clock(make_tree: Grow, clock: 
     assert tree.tick_exactly_once() is Status.SUCCESS
 
 
-def test_the_tree_is_woken_at_that_moment_and_not_a_period_later(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_wakes_the_tree_at_its_deadline_not_a_period_later(make_tree: Grow, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0.25)
         return True
@@ -122,7 +122,7 @@ def test_the_tree_is_woken_at_that_moment_and_not_a_period_later(make_tree: Grow
     assert tree.ticks == 2
 
 
-def test_sleeping_for_no_time_is_running_for_one_tick(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_of_zero_is_running_for_one_tick(make_tree: Grow, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0)
         return True
@@ -131,7 +131,7 @@ def test_sleeping_for_no_time_is_running_for_one_tick(make_tree: Grow, clock: Si
     assert clock.now() == 0
 
 
-def test_a_tick_in_between_does_not_end_a_sleep(make_tree: Grow, clock: SimClock) -> None:
+def test_tick_during_a_sleep_does_not_end_it(make_tree: Grow, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(1.0)
         return True
@@ -142,7 +142,7 @@ def test_a_tick_in_between_does_not_end_a_sleep(make_tree: Grow, clock: SimClock
     assert clock.now() == 1_000_000_000
 
 
-# --- being halted
+# --- halting
 
 
 def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: Grow, journal: CallLog) -> None:
@@ -163,7 +163,7 @@ def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: Grow, journal:
     assert journal.calls == ["clear:tick", "drive:start", "clear:tick", "drive:stop", "turn:tick"]
 
 
-def test_a_generator_is_cancelled_in_the_same_way(make_tree: Grow) -> None:
+def test_generator_is_cancelled_by_a_halt(make_tree: Grow) -> None:
     stopped: list[bool] = []
 
     @action
@@ -181,7 +181,7 @@ def test_a_generator_is_cancelled_in_the_same_way(make_tree: Grow) -> None:
     assert tree.root.status is Status.IDLE
 
 
-def test_what_has_not_started_or_has_ended_is_not_cancelled(make_tree: Grow) -> None:
+def test_coroutine_that_is_not_running_is_not_cancelled(make_tree: Grow) -> None:
     stopped: list[bool] = []
 
     @action
@@ -200,7 +200,7 @@ def test_what_has_not_started_or_has_ended_is_not_cancelled(make_tree: Grow) -> 
     assert stopped == [True]
 
 
-def test_halted_in_its_sleep_it_wishes_no_wake_up_any_more(make_tree: Grow, clock: SimClock) -> None:
+def test_halted_sleep_cancels_its_wake_up(make_tree: Grow, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0.1)
         return True
@@ -212,7 +212,7 @@ def test_halted_in_its_sleep_it_wishes_no_wake_up_any_more(make_tree: Grow, cloc
     assert clock.now() == 1_050_000_000
 
 
-def test_halted_it_starts_from_the_beginning(make_tree: Grow) -> None:
+def test_halted_coroutine_restarts_from_the_beginning(make_tree: Grow) -> None:
     async def three() -> bool:
         await running()
         await running()
@@ -224,7 +224,7 @@ def test_halted_it_starts_from_the_beginning(make_tree: Grow) -> None:
     assert statuses(tree, 3) == "RRS"
 
 
-def test_asynchronous_context_managers_are_left_if_they_do_not_wait(make_tree: Grow) -> None:
+def test_asynchronous_context_manager_without_await_is_exited_by_a_halt(make_tree: Grow) -> None:
     left: list[bool] = []
 
     @asynccontextmanager
@@ -254,7 +254,7 @@ def halting_raises(tree: Tree) -> NodeExecutionError:
     return caught.value
 
 
-def test_awaiting_while_being_halted_is_an_error_that_names_the_leaf(make_tree: Grow) -> None:
+def test_await_while_being_halted_raises_an_error_that_names_the_leaf(make_tree: Grow) -> None:
     @action
     async def clings() -> bool:
         try:
@@ -277,7 +277,7 @@ def test_awaiting_while_being_halted_is_an_error_that_names_the_leaf(make_tree: 
     assert "'Grips::1'" in str(halting_raises(make_tree("<Grips/>", grips)))
 
 
-def test_what_finally_raises_is_an_error_that_names_the_leaf(make_tree: Grow) -> None:
+def test_exception_in_finally_raises_an_error_that_names_the_leaf(make_tree: Grow) -> None:
     @action
     async def breaks() -> bool:
         try:
@@ -291,7 +291,7 @@ def test_what_finally_raises_is_an_error_that_names_the_leaf(make_tree: Grow) ->
     assert "OSError: the brake is gone" in str(error)
 
 
-# --- what goes wrong
+# --- errors
 
 
 def tick_raises(tree: Tree) -> NodeExecutionError:
@@ -311,7 +311,7 @@ class Foreign:
             self.closed = True
 
 
-def test_a_foreign_awaitable_is_an_error_that_names_what_may_be_awaited(make_tree: Grow) -> None:
+def test_foreign_awaitable_raises_an_error_that_names_the_supported_awaitables(make_tree: Grow) -> None:
     foreign = Foreign()
 
     @action
@@ -325,7 +325,7 @@ def test_a_foreign_awaitable_is_an_error_that_names_what_may_be_awaited(make_tre
     assert foreign.closed
 
 
-def test_what_needs_an_event_loop_is_an_error(make_tree: Grow) -> None:
+def test_await_that_needs_an_event_loop_raises(make_tree: Grow) -> None:
     @action
     async def waits() -> bool:
         await asyncio.sleep(0.1)
@@ -335,7 +335,7 @@ def test_what_needs_an_event_loop_is_an_error(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("result", [None, 7, "SUCCESS"])
-def test_what_it_returns_must_be_a_result(result: Any, make_tree: Grow) -> None:
+def test_invalid_return_value_raises(result: Any, make_tree: Grow) -> None:
     async def waits() -> Any:
         await running()
         return result
@@ -345,7 +345,7 @@ def test_what_it_returns_must_be_a_result(result: Any, make_tree: Grow) -> None:
     assert f"not {result!r}" in str(tick_raises(tree))
 
 
-def test_yielding_a_result_does_not_end_a_generator(make_tree: Grow) -> None:
+def test_yielding_a_result_is_refused(make_tree: Grow) -> None:
     @action
     def hasty() -> Generator[Status, None, bool]:
         yield Status.SUCCESS
@@ -354,7 +354,7 @@ def test_yielding_a_result_does_not_end_a_generator(make_tree: Grow) -> None:
     assert "<Status.SUCCESS: 2>" in str(tick_raises(make_tree("<Hasty/>", hasty)))
 
 
-def test_after_it_raised_it_starts_anew(make_tree: Grow) -> None:
+def test_coroutine_restarts_after_an_exception(make_tree: Grow) -> None:
     attempts: list[int] = []
 
     @action

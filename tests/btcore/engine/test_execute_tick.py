@@ -1,4 +1,4 @@
-"""The wrapper of a tick: what it does around the ticks of every family, whoever overrides it."""
+"""`execute_tick`: what it does around the ticks of every node type, including overrides."""
 
 import asyncio
 from collections.abc import Callable
@@ -25,14 +25,14 @@ Grow = Callable[..., Tree]
 
 
 class Endless(SyncAction):
-    """What no synchronous action may do."""
+    """Returns RUNNING, which no synchronous action may do."""
 
     def tick(self) -> Status:
         return Status.RUNNING
 
 
 class Noted:
-    """A mixin that notes what every tick came to."""
+    """A mixin that records the result of every tick."""
 
     noted: list[Status]
 
@@ -52,7 +52,7 @@ class NotedEndless(Noted, Endless):
 
 
 class NotedPass(Noted, DecoratorNode):
-    """Ticks its child, and leaves what comes after to the engine."""
+    """Ticks its child, and leaves the rest to the engine."""
 
     def tick(self) -> Status:
         self.set_status(Status.RUNNING)
@@ -60,7 +60,7 @@ class NotedPass(Noted, DecoratorNode):
 
 
 class NotedAll(Noted, ControlNode):
-    """Ticks all children, each once a tick."""
+    """Ticks every child once per tick."""
 
     def tick(self) -> Status:
         for child in self.children:
@@ -69,17 +69,17 @@ class NotedAll(Noted, ControlNode):
         return Status.SUCCESS
 
 
-def raised(tree: Tree) -> NodeExecutionError:
+def tick_error(tree: Tree) -> NodeExecutionError:
     with pytest.raises(NodeExecutionError) as caught:
         tree.tick_once()
     assert all(node.status is Status.IDLE for node in tree)
     return caught.value
 
 
-# --- overriding it
+# --- overrides
 
 
-def test_the_engine_knows_who_has_one_of_its_own(make_tree: Grow) -> None:
+def test_no_built_in_node_overrides_execute_tick(make_tree: Grow) -> None:
     for format in (3, 4):
         for manifest in Registry.standard().manifests_of(format).values():
             assert manifest.cls.execute_tick is TreeNode.execute_tick
@@ -87,21 +87,21 @@ def test_the_engine_knows_who_has_one_of_its_own(make_tree: Grow) -> None:
 
 @pytest.mark.parametrize("around", ["{}", "<Inverter>{}</Inverter>", "<Sequence>{}</Sequence>"])
 @pytest.mark.parametrize("guard", ["", '_skipIf="false"', '_onSuccess="x := 1"'])
-def test_an_override_is_called_wherever_the_node_stands(around: str, guard: str, make_tree: Grow) -> None:
+def test_override_is_called_in_every_position(around: str, guard: str, make_tree: Grow) -> None:
     tree = make_tree(around.format(f"<NotedYes {guard}/>"), NotedYes)
     tree.tick_once()
     tree.tick_once()
     assert tree.find(NotedYes)[0].noted == [Status.SUCCESS, Status.SUCCESS]
 
 
-def test_an_override_around_a_decorator_has_its_completed_child_reset(make_tree: Grow) -> None:
+def test_override_in_a_decorator_resets_its_completed_child(make_tree: Grow) -> None:
     tree = make_tree("<NotedPass><NotedYes/></NotedPass>", NotedPass, NotedYes)
     assert tree.tick_exactly_once() is Status.SUCCESS
     assert tree.find(NotedPass)[0].noted == tree.find(NotedYes)[0].noted == [Status.SUCCESS]
     assert tree.find(NotedYes)[0].status is Status.IDLE
 
 
-def test_an_override_around_a_control_node_ticks_its_children_by_theirs(make_tree: Grow) -> None:
+def test_override_in_a_control_node_calls_the_overrides_of_its_children(make_tree: Grow) -> None:
     tree = make_tree(
         "<NotedAll><NotedYes/><NotedPass><NotedYes/></NotedPass></NotedAll>", NotedAll, NotedYes, NotedPass
     )
@@ -109,7 +109,7 @@ def test_an_override_around_a_control_node_ticks_its_children_by_theirs(make_tre
     assert [node.noted for node in tree] == [[Status.SUCCESS]] * 4  # type: ignore[attr-defined]
 
 
-def test_an_override_may_keep_the_tick_from_happening(make_tree: Grow) -> None:
+def test_override_may_prevent_the_tick(make_tree: Grow) -> None:
     class Never(SyncAction):
         def execute_tick(self) -> Status:
             return Status.SKIPPED
@@ -121,16 +121,16 @@ def test_an_override_may_keep_the_tick_from_happening(make_tree: Grow) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_an_override_that_raises_names_the_node_above_it(make_tree: Grow) -> None:
+def test_override_that_raises_names_the_parent_node(make_tree: Grow) -> None:
     class Broken(SyncAction):
         def execute_tick(self) -> Status:
             raise ValueError("out of reach")
 
-    error = raised(make_tree('<Sequence name="s"><Broken name="b"/></Sequence>', Broken))
+    error = tick_error(make_tree('<Sequence name="s"><Broken name="b"/></Sequence>', Broken))
     assert (error.path, error.backtrace) == ("s", ["s"])
 
 
-def test_no_attribute_of_a_users_leaf_meets_what_the_engine_asks_for(make_tree: Grow) -> None:
+def test_attributes_of_a_users_leaf_do_not_conflict_with_the_engine(make_tree: Grow) -> None:
     class Follow(SyncAction):
         follows = "the wall"
 
@@ -145,31 +145,31 @@ def test_no_attribute_of_a_users_leaf_meets_what_the_engine_asks_for(make_tree: 
 
 @pytest.mark.parametrize("guard", ["", '_while="true"', '_onFailure="x := 1"'])
 @pytest.mark.parametrize("leaf", [Endless, NotedEndless])
-def test_a_synchronous_action_that_runs_is_named_with_those_around_it(
+def test_synchronous_action_that_returns_running_is_named_with_its_ancestors(
     leaf: type[SyncAction], guard: str, make_tree: Grow
 ) -> None:
     body = f'<Sequence name="s"><Inverter name="i"><{leaf.__name__} name="e" {guard}/></Inverter></Sequence>'
-    error = raised(make_tree(body, leaf))
+    error = tick_error(make_tree(body, leaf))
     assert (error.path, error.node_id, error.doing) == ("e", leaf.__name__, "ticking")
     assert error.backtrace == ["s", "i", "e"]
     assert isinstance(error.__cause__, NodeError)
     assert "use StatefulAction" in str(error)
 
 
-def test_it_is_named_under_a_count_and_a_callback_too(make_tree: Grow) -> None:
+def test_running_synchronous_action_is_named_with_counts_and_a_callback(make_tree: Grow) -> None:
     tree = make_tree('<Endless name="e"/>', Endless)
     tree.count_ticks()
     tree.root.set_post_tick_function(lambda node, status: status)
-    assert raised(tree).path == "e"
+    assert tick_error(tree).path == "e"
 
 
-def test_a_callback_may_end_it_before_that_counts(make_tree: Grow) -> None:
+def test_callback_may_replace_the_running_result(make_tree: Grow) -> None:
     tree = make_tree('<Endless name="e"/>', Endless)
     tree.root.set_post_tick_function(lambda node, status: Status.FAILURE)
     assert tree.tick_once() is Status.FAILURE
 
 
-# --- what a tick may raise and return
+# --- exceptions and return values of a tick
 
 
 @pytest.mark.parametrize("guard", ["", '_skipIf="false"'])
@@ -179,13 +179,13 @@ def test_only_a_status_or_a_bool_ends_a_tick(said: Any, guard: str, make_tree: G
         def tick(self) -> Any:
             return said
 
-    error = raised(make_tree(f'<Sequence><Odd name="o" {guard}/></Sequence>', Odd))
+    error = tick_error(make_tree(f'<Sequence><Odd name="o" {guard}/></Sequence>', Odd))
     assert error.path == "o"
     assert "not IDLE" in str(error) if said is Status.IDLE else repr(said) in str(error)
 
 
 @pytest.mark.parametrize("body", ["<Stop/>", "<Inverter><Stop/></Inverter>", '<Stop _skipIf="false"/>'])
-def test_an_interruption_leaves_a_tree_that_goes_on_where_it_was(body: str, make_tree: Grow) -> None:
+def test_interrupted_tree_continues_where_it_was(body: str, make_tree: Grow) -> None:
     class Stop(SyncAction):
         calls = 0
 
@@ -203,20 +203,20 @@ def test_an_interruption_leaves_a_tree_that_goes_on_where_it_was(body: str, make
 
 
 @pytest.mark.parametrize("kind", ["Sequence", "SequenceWithMemory", "Fallback"])
-def test_after_an_error_only_the_sequence_with_memory_goes_on_at_the_child_that_raised(
+def test_after_an_error_only_a_sequence_with_memory_resumes_at_the_raising_child(
     kind: str, make_tree: Grow, journal: CallLog
 ) -> None:
     plan = "F" if kind == "Fallback" else "S"
     tree = make_tree(
         f'<{kind}><PlanSync name="a" plan="{plan}"/><PlanSync name="x" plan="X{plan}"/></{kind}>'
     )
-    raised(tree)
+    tick_error(tree)
     journal.take()
     tree.tick_once()
     assert journal.take() == (["x:tick"] if kind == "SequenceWithMemory" else ["a:tick", "x:tick"])
 
 
-def test_one_that_halts_its_own_tree_within_a_tick_stays_with_its_result(make_tree: Grow) -> None:
+def test_node_that_halts_its_own_tree_in_a_tick_keeps_its_result(make_tree: Grow) -> None:
     class Reckless(SyncAction):
         tree: Tree
 
@@ -234,7 +234,7 @@ def test_one_that_halts_its_own_tree_within_a_tick_stays_with_its_result(make_tr
 # --- in an event loop
 
 
-def test_run_raises_the_same_and_names_the_same(make_tree: Grow) -> None:
+def test_run_raises_an_error_with_the_same_backtrace(make_tree: Grow) -> None:
     class Late(StatefulAction):
         def on_start(self) -> Status:
             return Status.RUNNING

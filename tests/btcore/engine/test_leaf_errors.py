@@ -1,4 +1,4 @@
-"""A leaf that raises, while it is ticked and while it is halted: the tree is halted, and the node named."""
+"""A leaf that raises while being ticked or halted: the tree is halted, and the error names the node."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -28,7 +28,7 @@ class Explode(SyncAction):
 
 
 class Cling(StatefulAction):
-    """Runs, and can't let go."""
+    """Runs, and raises when it is halted."""
 
     def on_start(self) -> Status:
         return Status.RUNNING
@@ -65,7 +65,7 @@ PARALLEL = (
 )
 
 
-def test_the_error_names_node_id_place_and_cause(tmp_path: Path) -> None:
+def test_error_names_node_id_position_and_cause(tmp_path: Path) -> None:
     file = tmp_path / "mission.xml"
     file.write_text(
         '<root BTCPP_format="4">\n <BehaviorTree ID="Main">\n  <Inverter>\n   <Explode/>\n'
@@ -86,7 +86,7 @@ def test_the_error_names_node_id_place_and_cause(tmp_path: Path) -> None:
     ]
 
 
-def test_the_path_leads_from_the_root_through_subtrees(make_tree: Grow) -> None:
+def test_backtrace_leads_from_the_root_through_subtrees(make_tree: Grow) -> None:
     tree = make_tree(
         '<Sequence name="s"><SubTree ID="Sub" name="inner"/></Sequence>',
         Explode,
@@ -95,7 +95,7 @@ def test_the_path_leads_from_the_root_through_subtrees(make_tree: Grow) -> None:
     assert tick_raises(tree).backtrace == ["s", "inner", "inner/f", "inner/boom"]
 
 
-def test_the_tree_is_halted_and_what_ran_beside_it_is_told(make_tree: Grow, journal: CallLog) -> None:
+def test_exception_halts_the_tree_and_the_running_siblings(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(PARALLEL, Explode)
     tick_raises(tree)
     assert journal.calls == ["a:start", "a:halted"]
@@ -103,19 +103,19 @@ def test_the_tree_is_halted_and_what_ran_beside_it_is_told(make_tree: Grow, jour
     assert tree.status is Status.IDLE
 
 
-def test_it_can_be_ticked_again(make_tree: Grow, journal: CallLog) -> None:
+def test_tree_can_be_ticked_again_after_an_exception(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree('<Sequence><PlanAction name="a" plan="S"/><PlanAction name="x" plan="X|S"/></Sequence>')
     tick_raises(tree)
     assert tree.tick_once() is Status.SUCCESS
 
 
 @pytest.mark.parametrize("step", [Tree.tick_exactly_once, Tree.tick_once, Tree.tick_while_running])
-def test_every_way_of_ticking_raises_it(step: Callable[[Tree], Status], make_tree: Grow) -> None:
+def test_every_tick_method_raises_the_error(step: Callable[[Tree], Status], make_tree: Grow) -> None:
     with pytest.raises(NodeExecutionError):
         step(make_tree("<Explode/>", Explode))
 
 
-def test_an_error_in_a_tick_is_told_to_observers_before_the_tree_is_halted(make_tree: Grow) -> None:
+def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree: Grow) -> None:
     heard: list[tuple[str, int, list[str]]] = []
 
     class Listener(Observer):
@@ -129,7 +129,7 @@ def test_an_error_in_a_tick_is_told_to_observers_before_the_tree_is_halted(make_
     assert heard == [("boom", 500_000_000, ["all", "a", "i"])]
 
 
-def test_what_a_halt_raises_after_it_does_not_hide_the_first_error(make_tree: Grow, journal: CallLog) -> None:
+def test_error_of_the_following_halt_does_not_hide_the_first_error(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(
         '<Parallel success_count="3"><Cling name="c"/><PlanAction name="a" plan="R"/>'
         '<Explode name="boom"/></Parallel>',
@@ -141,19 +141,19 @@ def test_what_a_halt_raises_after_it_does_not_hide_the_first_error(make_tree: Gr
     assert journal.calls == ["a:start", "a:halted"]
 
 
-def test_a_script_that_can_not_be_run_names_its_own_node(make_tree: Grow) -> None:
+def test_script_that_cannot_be_run_names_its_own_node(make_tree: Grow) -> None:
     tree = make_tree('<Sequence><AlwaysSuccess name="a" _skipIf="missing == 1"/></Sequence>')
     error = tick_raises(tree)
     assert error.path == "a"
     assert "missing" in str(error)
 
 
-def test_a_script_after_the_tick_too(make_tree: Grow) -> None:
+def test_script_after_the_tick_names_its_own_node(make_tree: Grow) -> None:
     error = tick_raises(make_tree('<Sequence><AlwaysSuccess name="a" _onSuccess="x += 1"/></Sequence>'))
     assert error.path == "a"
 
 
-def test_what_is_no_exception_but_an_interruption_passes_as_it_is(make_tree: Grow) -> None:
+def test_interruption_is_not_wrapped(make_tree: Grow) -> None:
     class Interrupted(SyncAction):
         def tick(self) -> Status:
             raise KeyboardInterrupt
@@ -168,7 +168,7 @@ def test_what_is_no_exception_but_an_interruption_passes_as_it_is(make_tree: Gro
 # --- while halting
 
 
-def test_a_leaf_that_raises_when_it_is_halted_is_named_and_idle_all_the_same(make_tree: Grow) -> None:
+def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: Grow) -> None:
     tree = make_tree('<Sequence name="s"><Cling name="c"/></Sequence>', Cling)
     tree.tick_once()
     error = halt_raises(tree)
@@ -179,9 +179,7 @@ def test_a_leaf_that_raises_when_it_is_halted_is_named_and_idle_all_the_same(mak
     assert tree.status is Status.IDLE
 
 
-def test_the_others_are_halted_nevertheless_and_the_first_error_is_raised(
-    make_tree: Grow, journal: CallLog
-) -> None:
+def test_other_leaves_are_halted_too_and_the_first_error_is_raised(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(
         '<Parallel><PlanAction name="a" plan="R"/><Cling name="c1"/><PlanAction name="b" plan="R"/>'
         '<Inverter><Cling name="c2"/></Inverter><PlanAction name="d" plan="R"/></Parallel>',
@@ -194,7 +192,7 @@ def test_the_others_are_halted_nevertheless_and_the_first_error_is_raised(
     assert idle(tree)
 
 
-def test_halted_by_its_parent_in_a_tick_it_is_an_error_of_that_tick(
+def test_leaf_halted_by_its_parent_in_a_tick_raises_an_error_of_that_tick(
     make_tree: Grow, journal: CallLog
 ) -> None:
     tree = make_tree(
@@ -218,7 +216,7 @@ def test_halted_by_its_parent_in_a_tick_it_is_an_error_of_that_tick(
         '<SequenceWithMemory><PlanAction name="x" plan="S"/>{}</SequenceWithMemory>',
     ],
 )
-def test_whatever_is_around_it_nothing_stays_running(around: str, make_tree: Grow) -> None:
+def test_nothing_stays_running_under_any_parent(around: str, make_tree: Grow) -> None:
     tree = make_tree(around.format('<Cling name="c"/>'), Cling)
     assert tree.tick_exactly_once() is Status.RUNNING
     if tree.find(Cling)[0].status is Status.IDLE:
@@ -228,14 +226,14 @@ def test_whatever_is_around_it_nothing_stays_running(around: str, make_tree: Gro
     assert idle(tree)
 
 
-def test_a_script_that_can_not_be_run_on_a_halt_names_its_node(make_tree: Grow) -> None:
+def test_script_that_cannot_be_run_on_a_halt_names_its_node(make_tree: Grow) -> None:
     tree = make_tree('<Sequence><PlanAction name="a" plan="R" _onHalted="x += 1"/></Sequence>')
     tree.tick_once()
     assert halt_raises(tree).path == "a"
     assert idle(tree)
 
 
-def test_an_error_of_a_halt_is_told_to_observers(make_tree: Grow) -> None:
+def test_observers_are_notified_of_an_error_while_halting(make_tree: Grow) -> None:
     heard: list[str] = []
 
     class Listener(Observer):
@@ -250,11 +248,11 @@ def test_an_error_of_a_halt_is_told_to_observers(make_tree: Grow) -> None:
 
 
 class Leaving(BaseException):
-    """What no leaf should raise."""
+    """A BaseException, which no leaf should raise."""
 
 
 @pytest.mark.parametrize("fault", [SystemExit(7), Leaving("gone")])
-def test_whatever_a_leaf_raises_names_it(fault: BaseException) -> None:
+def test_any_base_exception_of_a_leaf_names_the_leaf(fault: BaseException) -> None:
     @action
     def leave() -> bool:
         raise fault
@@ -271,7 +269,7 @@ def test_whatever_a_leaf_raises_names_it(fault: BaseException) -> None:
     assert tree.root.status is Status.IDLE
 
 
-def test_what_raises_while_the_tree_is_halted_after_an_error_is_told_too() -> None:
+def test_exceptions_while_halting_after_an_error_are_reported_too() -> None:
     class Stubborn(StatefulAction):
         def on_start(self) -> Status:
             return Status.RUNNING

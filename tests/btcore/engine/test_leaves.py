@@ -1,4 +1,4 @@
-"""A leaf is a function or a class: what its annotations mean, and what it may return."""
+"""Leaves as functions and classes: the meaning of their annotations and return values."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -44,7 +44,7 @@ class Robot:
 # --- functions
 
 
-def test_true_is_success_false_is_failure_and_a_status_is_itself(make_tree: Grow) -> None:
+def test_bool_results_become_success_and_failure_and_a_status_is_kept(make_tree: Grow) -> None:
     @action
     def yes() -> bool:
         return True
@@ -62,7 +62,7 @@ def test_true_is_success_false_is_failure_and_a_status_is_itself(make_tree: Grow
     assert make_tree("<Skips/>", skips).tick_once() is Status.SKIPPED
 
 
-def test_the_tag_is_the_name_in_camel_case_or_the_one_given() -> None:
+def test_tag_is_the_camel_case_name_or_the_given_id() -> None:
     @condition
     def battery_ok() -> bool:
         return True
@@ -78,14 +78,14 @@ def test_the_tag_is_the_name_in_camel_case_or_the_one_given() -> None:
     assert "ChargeTheBattery" not in nodes
 
 
-def test_a_function_needs_no_mark(make_tree: Grow) -> None:
+def test_function_needs_no_decorator(make_tree: Grow) -> None:
     def plain() -> bool:
         return True
 
     assert make_tree("<Plain/>", plain).tick_once() is Status.SUCCESS
 
 
-def test_a_marked_function_is_still_a_function() -> None:
+def test_decorated_function_can_still_be_called() -> None:
     @action
     def double(value: In[int]) -> int:
         return 2 * value
@@ -93,7 +93,7 @@ def test_a_marked_function_is_still_a_function() -> None:
     assert double(21) == 42
 
 
-def test_an_input_is_read_anew_at_every_tick_as_the_type_that_it_is_annotated_with(make_tree: Grow) -> None:
+def test_input_is_read_at_every_tick_as_its_annotated_type(make_tree: Grow) -> None:
     seen: list[object] = []
 
     @action
@@ -110,7 +110,7 @@ def test_an_input_is_read_anew_at_every_tick_as_the_type_that_it_is_annotated_wi
     assert type(seen[0][0]) is int  # type: ignore[index]
 
 
-def test_a_list_that_a_leaf_changes_is_its_own(make_tree: Grow) -> None:
+def test_list_input_is_a_copy_that_a_leaf_may_change(make_tree: Grow) -> None:
     lengths: list[int] = []
 
     @action
@@ -136,7 +136,7 @@ def test_a_put_port_is_a_callable_that_writes_the_blackboard(make_tree: Grow) ->
     assert tree.blackboard["d"] == 0.25
 
 
-def test_the_default_of_a_parameter_is_that_of_the_port(make_tree: Grow) -> None:
+def test_parameter_default_is_the_default_of_the_port(make_tree: Grow) -> None:
     seen: list[object] = []
 
     @action
@@ -152,7 +152,7 @@ def test_the_default_of_a_parameter_is_that_of_the_port(make_tree: Grow) -> None
     assert (port.direction, port.type.name, port.default) == (Direction.IN, "double", "0.200000")
 
 
-def test_a_default_may_be_a_value_that_no_text_stands_for(make_tree: Grow) -> None:
+def test_default_may_be_a_value_without_a_text_form(make_tree: Grow) -> None:
     home = Robot("home")
     seen: list[Robot] = []
 
@@ -190,7 +190,7 @@ def test_any_other_parameter_is_a_resource_filled_by_type(make_tree: Grow) -> No
     assert tiago.driven == [0.3]
 
 
-def test_a_resource_may_be_asked_for_by_a_protocol(make_tree: Grow) -> None:
+def test_resource_may_be_requested_by_a_protocol(make_tree: Grow) -> None:
     @runtime_checkable
     class Horn(Protocol):
         def honk(self) -> str: ...
@@ -209,7 +209,7 @@ def test_a_resource_may_be_asked_for_by_a_protocol(make_tree: Grow) -> None:
     assert tree.blackboard["said"] == "ahooga"
 
 
-def test_the_clock_and_the_blackboard_of_the_tree_are_resources_that_are_always_there(
+def test_clock_and_blackboard_of_the_tree_are_always_available_resources(
     make_tree: Grow, clock: SimClock
 ) -> None:
     given: list[object] = []
@@ -225,7 +225,7 @@ def test_the_clock_and_the_blackboard_of_the_tree_are_resources_that_are_always_
     assert tree.registry.manifests["Look"].required_resources == []
 
 
-def test_the_leaves_of_one_tree_share_its_state_and_every_tree_has_its_own(make_tree: Grow) -> None:
+def test_tree_state_is_shared_within_a_tree_and_separate_between_trees(make_tree: Grow) -> None:
     class Laps(TreeState):
         def __init__(self) -> None:
             self.count = 0
@@ -244,7 +244,7 @@ def test_the_leaves_of_one_tree_share_its_state_and_every_tree_has_its_own(make_
     assert tree.registry.manifests["Lap"].required_resources == []
 
 
-def test_a_resource_with_a_default_need_not_be_handed_in(make_tree: Grow) -> None:
+def test_resource_with_a_default_is_optional(make_tree: Grow) -> None:
     @action
     def greet(robot: Robot = Robot("nobody"), *, said: Put[str]) -> bool:  # noqa: B008
         said(robot.name)
@@ -255,7 +255,7 @@ def test_a_resource_with_a_default_need_not_be_handed_in(make_tree: Grow) -> Non
     assert tree.blackboard["said"] == "nobody"
 
 
-def test_a_resource_that_nobody_handed_in_is_named_when_the_tree_is_made(make_tree: Grow) -> None:
+def test_missing_resource_is_named_when_the_tree_is_built(make_tree: Grow) -> None:
     @action
     def drive(robot: Robot) -> bool:
         return True
@@ -264,7 +264,7 @@ def test_a_resource_that_nobody_handed_in_is_named_when_the_tree_is_made(make_tr
         make_tree("<Drive/>", drive)
 
 
-def test_the_docstring_describes_the_leaf_and_a_text_in_the_annotation_its_port() -> None:
+def test_docstring_describes_the_leaf_and_annotation_text_the_port() -> None:
     @action
     def drive(speed: Annotated[float, *In[float].__metadata__, "how fast (m/s)"]) -> bool:
         """Drive on.
@@ -283,7 +283,7 @@ def test_the_docstring_describes_the_leaf_and_a_text_in_the_annotation_its_port(
     assert nodes.manifests["Wait"].description == "Wait a bit."
 
 
-def test_the_wider_numbers_are_annotations_of_ports_too(make_tree: Grow) -> None:
+def test_int64_is_a_valid_port_annotation(make_tree: Grow) -> None:
     @action
     def note(stamp: In[Int64], kept: Put[Int64]) -> bool:
         kept(stamp)
@@ -300,7 +300,7 @@ def test_the_wider_numbers_are_annotations_of_ports_too(make_tree: Grow) -> None
 # --- classes
 
 
-def test_a_class_is_a_leaf_and_its_tag_is_its_name(make_tree: Grow) -> None:
+def test_class_is_a_leaf_whose_tag_is_its_name(make_tree: Grow) -> None:
     class IsOpen(Condition):
         def tick(self) -> bool:  # type: ignore[override]
             return True
@@ -339,7 +339,7 @@ class Approach(StatefulAction):
         self.halts += 1
 
 
-def test_a_stateful_action_starts_goes_on_and_is_reset_when_done(make_tree: Grow) -> None:
+def test_stateful_action_starts_continues_and_is_reset_when_done(make_tree: Grow) -> None:
     robot = Robot()
     tree = make_tree('<Approach goal="1.5" remaining="{left}"/>', Approach, resources=[robot])
     assert [tree.tick_once() for _ in range(3)] == [Status.RUNNING, Status.RUNNING, Status.SUCCESS]
@@ -366,7 +366,7 @@ def test_on_halted_is_called_only_while_the_action_runs(make_tree: Grow) -> None
     assert tree.find(Approach)[0].halts == 1
 
 
-def test_a_completed_stateful_action_that_nobody_has_reset_keeps_its_result(make_tree: Grow) -> None:
+def test_completed_stateful_action_keeps_its_result_until_reset(make_tree: Grow) -> None:
     starts: list[str] = []
 
     class Once(StatefulAction):
@@ -383,7 +383,7 @@ def test_a_completed_stateful_action_that_nobody_has_reset_keeps_its_result(make
     assert len(starts) == 1
 
 
-def test_a_port_of_a_class_can_be_read_and_written_in_both_directions(make_tree: Grow) -> None:
+def test_inout_port_of_a_class_can_be_read_and_written(make_tree: Grow) -> None:
     class Count(SyncAction):
         counter: InOut[int]
 
@@ -398,7 +398,7 @@ def test_a_port_of_a_class_can_be_read_and_written_in_both_directions(make_tree:
     assert tree.blackboard["n"] == 42
 
 
-def test_an_input_is_not_assigned_and_an_output_is_not_read(make_tree: Grow) -> None:
+def test_input_cannot_be_assigned_and_output_cannot_be_read(make_tree: Grow) -> None:
     class Muddle(SyncAction):
         given: In[int]
         made: Out[int]
@@ -429,7 +429,7 @@ def test_ports_and_resources_are_inherited(make_tree: Grow) -> None:
     assert tree.registry.manifests["Approach"].ports["reach"].default == "0.300000"
 
 
-def test_a_subclass_may_turn_an_inherited_port_round(make_tree: Grow) -> None:
+def test_subclass_may_change_the_direction_of_an_inherited_port(make_tree: Grow) -> None:
     class Reads(SyncAction):
         counter: In[int]
 
@@ -469,7 +469,7 @@ def test_a_leaf_may_be_a_dataclass(make_tree: Grow) -> None:
     assert list(tree.registry.manifests["Greet"].ports) == ["who", "word", "greeting"]
 
 
-def test_a_leaf_knows_its_place_before_its_own_init_runs(make_tree: Grow) -> None:
+def test_leaf_attributes_are_available_in_its_init(make_tree: Grow) -> None:
     class Curious(SyncAction):
         level: In[int]
 
@@ -483,7 +483,7 @@ def test_a_leaf_knows_its_place_before_its_own_init_runs(make_tree: Grow) -> Non
     assert tree.find(Curious)[0].known == ("who", "who", 2, "Curious", 3, Status.IDLE)
 
 
-def test_a_leaf_that_raises_in_its_init_is_an_error_of_the_tree_with_its_place(make_tree: Grow) -> None:
+def test_exception_in_init_is_a_tree_error_with_its_position(make_tree: Grow) -> None:
     class Broken(SyncAction):
         def __init__(self) -> None:
             raise ValueError("out of luck")
@@ -492,7 +492,7 @@ def test_a_leaf_that_raises_in_its_init_is_an_error_of_the_tree_with_its_place(m
         make_tree("<Broken/>", Broken)
 
 
-# --- what goes wrong at a tick
+# --- errors at a tick
 
 
 def raised(tree: Tree) -> str:
@@ -501,7 +501,7 @@ def raised(tree: Tree) -> str:
     return str(caught.value)
 
 
-def test_none_is_no_result(make_tree: Grow) -> None:
+def test_none_is_refused_as_a_result(make_tree: Grow) -> None:
     def forgets() -> None:
         pass
 
@@ -514,7 +514,7 @@ def test_none_is_no_result(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("result", [1, "SUCCESS", Status.IDLE, object()])
-def test_a_tick_that_returns_no_status_raises(result: Any, make_tree: Grow) -> None:
+def test_tick_with_an_invalid_result_raises(result: Any, make_tree: Grow) -> None:
     def answer() -> Any:
         return result
 
@@ -523,7 +523,7 @@ def test_a_tick_that_returns_no_status_raises(result: Any, make_tree: Grow) -> N
     assert f"not {'IDLE' if result is Status.IDLE else repr(result)}" in said
 
 
-def test_a_synchronous_action_never_returns_running(make_tree: Grow) -> None:
+def test_synchronous_action_that_returns_running_raises(make_tree: Grow) -> None:
     @action
     def lasting() -> Status:
         return Status.RUNNING
@@ -540,7 +540,7 @@ def test_a_condition_may_return_running(make_tree: Grow) -> None:
     assert make_tree("<Unsure/>", unsure).tick_once() is Status.RUNNING
 
 
-def test_a_mandatory_port_that_the_tree_does_not_give_is_missed_at_the_tick(make_tree: Grow) -> None:
+def test_missing_mandatory_port_raises_at_the_tick(make_tree: Grow) -> None:
     def look(level: In[float], distance: Put[float]) -> bool:
         distance(level)
         return True
@@ -562,7 +562,7 @@ def test_an_entry_that_was_never_written_is_named(make_tree: Grow) -> None:
     )
 
 
-def test_a_value_of_another_type_is_named_with_the_port_that_refuses_it(make_tree: Grow) -> None:
+def test_value_of_a_wrong_type_is_reported_with_its_port(make_tree: Grow) -> None:
     def measure(distance: Put[float]) -> bool:
         distance(object())  # type: ignore[arg-type]
         return True
@@ -570,7 +570,7 @@ def test_a_value_of_another_type_is_named_with_the_port_that_refuses_it(make_tre
     assert "port [distance] takes double" in raised(make_tree('<Measure distance="{d}"/>', measure))
 
 
-def test_an_output_that_is_no_entry_is_named(make_tree: Grow) -> None:
+def test_output_that_is_not_a_key_is_reported(make_tree: Grow) -> None:
     def note(text: Put[str]) -> bool:
         text("one")
         return True
@@ -578,10 +578,10 @@ def test_an_output_that_is_no_entry_is_named(make_tree: Grow) -> None:
     assert "write the key in braces, {like_this}" in raised(make_tree('<Note text="t"/>', note))
 
 
-# --- what goes wrong at registration
+# --- errors at registration
 
 
-def refused(*things: Any) -> str:
+def registration_error(*things: Any) -> str:
     with pytest.raises(RegistrationError) as caught:
         Registry.standard().add(*things)
     return str(caught.value)
@@ -591,17 +591,17 @@ def test_a_parameter_without_an_annotation_is_refused() -> None:
     def drive(speed):  # type: ignore[no-untyped-def]
         return True
 
-    assert "parameter 'speed' of" in refused(drive)
-    assert "annotate a port with In[…] or Put[…]" in refused(drive)
+    assert "parameter 'speed' of" in registration_error(drive)
+    assert "annotate a port with In[…] or Put[…]" in registration_error(drive)
 
 
 @pytest.mark.parametrize("form", [Out, InOut])
-def test_a_function_is_not_given_a_port_that_it_could_not_write(form: Any) -> None:
+def test_function_with_an_out_annotation_is_refused(form: Any) -> None:
     def count(n):  # type: ignore[no-untyped-def]
         return True
 
     count.__annotations__["n"] = form[int]
-    assert "count can't be assigned: annotate an output with Put[…]" in refused(count)
+    assert "count can't be assigned: annotate an output with Put[…]" in registration_error(count)
 
 
 def test_a_port_of_a_function_may_be_of_any_type(make_tree: Grow) -> None:
@@ -615,24 +615,26 @@ def test_a_port_of_a_function_may_be_of_any_type(make_tree: Grow) -> None:
     assert tree.blackboard["b"] == [1, 2]
 
 
-def test_what_takes_any_number_of_arguments_is_refused() -> None:
+def test_variadic_parameters_are_refused() -> None:
     def drive(*speeds: float) -> bool:
         return True
 
     def turn(**angles: float) -> bool:
         return True
 
-    assert "has the variadic parameter *speeds, for which a tree has no arguments" in refused(drive)
-    assert "angles, for which a tree has no arguments" in refused(turn)
+    assert "has the variadic parameter *speeds, for which a tree has no arguments" in registration_error(
+        drive
+    )
+    assert "angles, for which a tree has no arguments" in registration_error(turn)
 
 
 @pytest.mark.parametrize("name", ["path", "status", "type", "config", "tick"])
-def test_a_port_that_would_hide_an_attribute_of_every_node_is_refused(name: str) -> None:
+def test_port_that_would_hide_a_node_attribute_is_refused(name: str) -> None:
     follow = type("Follow", (SyncAction,), {"__annotations__": {name: In[str]}, "__module__": __name__})
-    assert f"port '{name}' of Follow would hide the attribute" in refused(follow)
+    assert f"port '{name}' of Follow would hide the attribute" in registration_error(follow)
 
 
-def test_such_a_port_is_listed_and_read_by_name(make_tree: Grow) -> None:
+def test_port_in_provided_ports_may_have_the_name_of_an_attribute(make_tree: Grow) -> None:
     class Follow(SyncAction):
         @staticmethod
         def provided_ports() -> list[Port]:
@@ -648,16 +650,16 @@ def test_such_a_port_is_listed_and_read_by_name(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("name", ["name", "ID", "_private", "7th", "with space", "a.b", "a:b", ""])
-def test_what_no_attribute_of_the_xml_can_be_is_no_port(name: str) -> None:
+def test_invalid_port_name_is_refused(name: str) -> None:
     class Odd(SyncAction):
         @staticmethod
         def provided_ports() -> list[Port]:
             return [Port(name)]
 
-    assert f"<Odd> can't have a port called '{name}'" in refused(Odd)
+    assert f"<Odd> can't have a port called '{name}'" in registration_error(Odd)
 
 
-def test_a_port_may_have_a_name_beyond_ascii() -> None:
+def test_port_name_may_contain_non_ascii_letters() -> None:
     def drive(größe: In[float]) -> bool:
         return True
 
@@ -670,10 +672,10 @@ def test_an_asynchronous_generator_is_refused() -> None:
     async def both():  # type: ignore[no-untyped-def]
         yield
 
-    assert "async def" in refused(both)
+    assert "async def" in registration_error(both)
 
 
-def test_a_default_is_no_way_round_a_protocol_that_cannot_be_asked_for(make_tree: Grow) -> None:
+def test_protocol_without_runtime_checkable_is_refused(make_tree: Grow) -> None:
     class Horn(Protocol):
         def honk(self) -> str: ...
 

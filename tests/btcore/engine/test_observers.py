@@ -1,4 +1,4 @@
-"""Who subscribes hears of transitions, ticks and errors; and never disturbs the tree."""
+"""Observers receive transitions, ticks and errors, and never disturb the tree."""
 
 import logging
 import threading
@@ -33,7 +33,7 @@ class Listener(Observer):
 
 
 class Broken(Observer):
-    """Raises whenever it hears something."""
+    """Raises at every notification."""
 
     def transition(self, change: Transition) -> None:
         raise RuntimeError("the wire is cut")
@@ -41,7 +41,7 @@ class Broken(Observer):
     ticked = raised = transition  # type: ignore[assignment]
 
 
-def test_every_change_of_a_stored_status_is_a_transition_in_order(make_tree: Grow) -> None:
+def test_every_status_change_is_a_transition_in_order(make_tree: Grow) -> None:
     tree = make_tree(BODY)
     listener = Listener()
     tree.subscribe(listener)
@@ -61,7 +61,7 @@ def test_every_change_of_a_stored_status_is_a_transition_in_order(make_tree: Gro
     ]
 
 
-def test_transitions_are_numbered_from_one_without_holes_and_carry_time_and_tick(
+def test_transitions_are_numbered_without_gaps_and_carry_time_and_tick(
     make_tree: Grow, clock: SimClock
 ) -> None:
     tree = make_tree(BODY)
@@ -76,7 +76,7 @@ def test_transitions_are_numbered_from_one_without_holes_and_carry_time_and_tick
     )
 
 
-def test_numbers_go_on_for_who_comes_later(make_tree: Grow) -> None:
+def test_late_subscriber_receives_the_next_transition_number(make_tree: Grow) -> None:
     tree = make_tree(BODY)
     early, late = Listener(), Listener()
     tree.subscribe(early)
@@ -87,7 +87,7 @@ def test_numbers_go_on_for_who_comes_later(make_tree: Grow) -> None:
     assert late.changes[0].number == 4
 
 
-def test_who_comes_after_some_ticks_hears_their_right_number(make_tree: Grow) -> None:
+def test_late_subscriber_receives_the_right_tick_number(make_tree: Grow) -> None:
     tree = make_tree(BODY)
     tree.tick_exactly_once()
     listener = Listener()
@@ -97,7 +97,7 @@ def test_who_comes_after_some_ticks_hears_their_right_number(make_tree: Grow) ->
     assert [tick for tick, _, _ in listener.ticks] == [2]
 
 
-def test_the_end_of_every_tick_of_the_root_is_told_with_its_status_and_duration(make_tree: Grow) -> None:
+def test_end_of_every_root_tick_is_reported_with_status_and_duration(make_tree: Grow) -> None:
     tree = make_tree(BODY)
     listener = Listener()
     tree.subscribe(listener)
@@ -106,7 +106,7 @@ def test_the_end_of_every_tick_of_the_root_is_told_with_its_status_and_duration(
     assert all(duration > 0 for duration in listener.durations)
 
 
-def test_every_tick_of_a_step_is_told(make_tree: Grow) -> None:
+def test_every_tick_within_tick_once_is_reported(make_tree: Grow) -> None:
     tree = make_tree("<AsyncSequence><AlwaysSuccess/><AlwaysSuccess/></AsyncSequence>")
     listener = Listener()
     tree.subscribe(listener)
@@ -117,7 +117,7 @@ def test_every_tick_of_a_step_is_told(make_tree: Grow) -> None:
     ]
 
 
-def test_a_tick_that_raised_is_told_as_an_error_and_not_as_ticked(make_tree: Grow) -> None:
+def test_tick_that_raised_is_reported_as_an_error_and_not_as_ticked(make_tree: Grow) -> None:
     tree = make_tree('<Sequence><PlanAction name="x" plan="X"/></Sequence>')
     listener = Listener()
     tree.subscribe(listener)
@@ -127,7 +127,7 @@ def test_a_tick_that_raised_is_told_as_an_error_and_not_as_ticked(make_tree: Gro
     assert listener.ticks == []
 
 
-def test_who_unsubscribes_hears_no_more_and_may_do_so_twice(make_tree: Grow) -> None:
+def test_unsubscribed_observer_receives_nothing_and_may_unsubscribe_twice(make_tree: Grow) -> None:
     tree = make_tree(BODY)
     stays, goes = Listener(), Listener()
     tree.subscribe(stays)
@@ -140,7 +140,7 @@ def test_who_unsubscribes_hears_no_more_and_may_do_so_twice(make_tree: Grow) -> 
     assert len(stays.changes) == 8
 
 
-def test_who_unsubscribes_while_it_hears_does_not_disturb_the_others(make_tree: Grow) -> None:
+def test_unsubscribing_within_a_notification_does_not_disturb_others(make_tree: Grow) -> None:
     class Once(Listener):
         def transition(self, change: Transition) -> None:
             super().transition(change)
@@ -155,7 +155,7 @@ def test_who_unsubscribes_while_it_hears_does_not_disturb_the_others(make_tree: 
     assert len(after.changes) == 3
 
 
-def test_an_observer_that_raises_is_dropped_with_one_warning(
+def test_observer_that_raises_is_unsubscribed_with_a_single_warning(
     make_tree: Grow, caplog: pytest.LogCaptureFixture
 ) -> None:
     tree = make_tree(BODY)
@@ -190,7 +190,7 @@ def test_an_observer_that_raises_at_tick_end_does_not_stop_the_tree(
 
 
 class Keeper(Observer):
-    """Keeps what it hears at the end of ticks."""
+    """Keeps the batches of transitions that it receives."""
 
     def __init__(self) -> None:
         self.told: list[Transitions] = []
@@ -199,7 +199,7 @@ class Keeper(Observer):
         self.told.append(changes)
 
 
-def test_who_keeps_transitions_is_told_the_same_at_the_end_of_each_tick_and_after_a_halt(
+def test_transitions_arrive_at_the_end_of_each_tick_and_after_a_halt(
     make_tree: Grow, clock: SimClock
 ) -> None:
     tree = make_tree(BODY)
@@ -223,7 +223,7 @@ def test_who_keeps_transitions_is_told_the_same_at_the_end_of_each_tick_and_afte
     ]
 
 
-def test_what_led_to_an_error_is_told_before_it_and_the_halt_after_it(make_tree: Grow) -> None:
+def test_transitions_before_an_error_arrive_before_it_and_the_halt_after_it(make_tree: Grow) -> None:
     order: list[str] = []
 
     class Both(Observer):
@@ -240,7 +240,7 @@ def test_what_led_to_an_error_is_told_before_it_and_the_halt_after_it(make_tree:
     assert order == ["RUNNING", "x", "IDLE"]
 
 
-def test_who_leaves_within_a_tick_is_told_what_was_noted_until_then(make_tree: Grow) -> None:
+def test_observer_unsubscribed_within_a_tick_receives_the_earlier_transitions(make_tree: Grow) -> None:
     tree = make_tree(BODY)
     keeper = Keeper()
 
@@ -256,7 +256,7 @@ def test_who_leaves_within_a_tick_is_told_what_was_noted_until_then(make_tree: G
     assert [change.number for one in keeper.told for change in one] == [1, 2]
 
 
-def test_one_that_raises_at_the_end_of_a_tick_is_dropped_and_the_others_are_told(
+def test_observer_that_raises_on_transitions_is_removed_and_others_are_notified(
     make_tree: Grow, caplog: pytest.LogCaptureFixture
 ) -> None:
     class Cut(Observer):
@@ -284,11 +284,11 @@ def test_an_observer_may_override_only_what_it_needs(make_tree: Grow) -> None:
         tree.tick_once()
 
 
-# --- coming, going and halting in the middle
+# --- subscribing, unsubscribing and halting within a tick
 
 
 class Doing(Observer):
-    """Calls *act* once, at transition number *at*, or when it is told of several."""
+    """Calls *act* once: at transition number *at*, or at the first batch."""
 
     def __init__(self, act: Callable[[], object], at: int = 0) -> None:
         self.act = act
@@ -308,7 +308,7 @@ def numbers(keeper: Keeper) -> list[int]:
     return [change.number for one in keeper.told for change in one]
 
 
-def test_who_comes_within_a_tick_hears_what_follows_with_its_right_number(make_tree: Grow) -> None:
+def test_observer_subscribed_within_a_tick_receives_the_following_transitions(make_tree: Grow) -> None:
     tree = make_tree(BODY)
     listener, keeper = Listener(), Keeper()
     tree.subscribe(Doing(lambda: (tree.subscribe(listener), tree.subscribe(keeper)), at=2))
@@ -317,7 +317,7 @@ def test_who_comes_within_a_tick_hears_what_follows_with_its_right_number(make_t
     assert listener.ticks == [(1, 0, Status.RUNNING)]
 
 
-def test_the_first_who_comes_within_a_tick_hears_of_its_error(make_tree: Grow) -> None:
+def test_first_observer_subscribed_within_a_tick_receives_its_error(make_tree: Grow) -> None:
     listener, keeper = Listener(), Keeper()
 
     class Calling(SyncAction):
@@ -337,7 +337,7 @@ def test_the_first_who_comes_within_a_tick_hears_of_its_error(make_tree: Grow) -
     assert [list(one) for one in keeper.told] == [listener.changes[:1], listener.changes[1:]]
 
 
-def test_a_tree_that_is_halted_while_it_tells_tells_everybody_in_order(make_tree: Grow) -> None:
+def test_tree_halted_by_an_observer_notifies_all_observers_in_order(make_tree: Grow) -> None:
     tree = make_tree(BODY)
     first, last = Keeper(), Keeper()
     tree.subscribe(first)
@@ -348,7 +348,7 @@ def test_a_tree_that_is_halted_while_it_tells_tells_everybody_in_order(make_tree
     assert all(node.status is Status.IDLE for node in tree)
 
 
-def test_one_that_raises_or_leaves_within_a_halt_does_not_disturb_it(
+def test_observer_that_raises_or_unsubscribes_in_a_halt_does_not_disturb_it(
     make_tree: Grow, clock: SimClock
 ) -> None:
     tree = make_tree(BODY)
@@ -370,7 +370,7 @@ def test_one_that_raises_or_leaves_within_a_halt_does_not_disturb_it(
     assert all(node.status is Status.IDLE for node in tree)
 
 
-def test_an_observer_may_be_equal_to_another(make_tree: Grow) -> None:
+def test_observers_may_be_equal(make_tree: Grow) -> None:
     class Alike(Keeper):
         def __eq__(self, other: object) -> bool:
             return isinstance(other, Alike)
@@ -385,7 +385,7 @@ def test_an_observer_may_be_equal_to_another(make_tree: Grow) -> None:
     assert (numbers(one), numbers(other)) == ([1, 2, 3], [])
 
 
-def test_at_a_breakpoint_who_looks_is_told_what_led_there(make_tree: Grow) -> None:
+def test_flush_at_a_breakpoint_delivers_the_transitions_so_far(make_tree: Grow) -> None:
     tree = make_tree(BODY)
     keeper = Keeper()
     tree.subscribe(keeper)
@@ -403,7 +403,7 @@ def test_at_a_breakpoint_who_looks_is_told_what_led_there(make_tree: Grow) -> No
     assert numbers(keeper) == [1, 2, 3]
 
 
-def test_transitions_are_a_sequence_made_once_and_kept_by_whom_likes(make_tree: Grow) -> None:
+def test_transitions_are_a_sequence_that_is_built_only_once(make_tree: Grow) -> None:
     tree = make_tree(BODY)
     keeper = Keeper()
     tree.subscribe(keeper)

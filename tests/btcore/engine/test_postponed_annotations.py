@@ -1,4 +1,4 @@
-"""Leaves whose annotations are texts, as `from __future__ import annotations` makes them."""
+"""Leaves with string annotations, as `from __future__ import annotations` creates them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Halve(SyncAction):
         return Status.SUCCESS
 
 
-def test_they_are_resolved_in_the_module_of_the_leaf(make_tree: Grow) -> None:
+def test_string_annotations_are_resolved_in_the_module_of_the_leaf(make_tree: Grow) -> None:
     @action
     def double(given: In[float], made: Put[float], pose: Pose) -> bool:
         made(given * 2 + pose.x)
@@ -44,7 +44,7 @@ def test_they_are_resolved_in_the_module_of_the_leaf(make_tree: Grow) -> None:
     assert (tree.blackboard["h"], tree.blackboard["d"]) == (1.75, 6.25)
 
 
-def test_they_may_name_what_is_local_where_the_leaf_is_registered() -> None:
+def test_string_annotations_may_name_local_classes() -> None:
     class Local:
         pass
 
@@ -62,7 +62,7 @@ def test_they_may_name_what_is_local_where_the_leaf_is_registered() -> None:
     assert nodes.manifests["Look2"].ports["at"].type.python_type is Local
 
 
-def test_what_can_not_be_found_is_named() -> None:
+def test_unresolvable_annotation_is_reported() -> None:
     @action
     def share(part: In[Fraction]) -> bool:
         return True

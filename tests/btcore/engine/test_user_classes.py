@@ -1,4 +1,4 @@
-"""A class of the user's own is an ordinary Python class, whichever build it derives from."""
+"""User-defined classes are ordinary Python classes, with the compiled and the pure build."""
 
 import abc
 import copy
@@ -47,17 +47,17 @@ class Robot:
 
 
 class Yes(SyncAction):
-    """Says yes."""
+    """Always succeeds."""
 
     def tick(self) -> bool:
         return True
 
 
-# --- making one
+# --- creating a node
 
 
 @pytest.mark.parametrize("calls_super", [False, True])
-def test_super_init_may_be_called_or_not(calls_super: bool, make_tree: Grow) -> None:
+def test_super_init_is_optional(calls_super: bool, make_tree: Grow) -> None:
     class Fast(SyncAction):
         def __init__(self, robot: Robot) -> None:
             if calls_super:
@@ -70,7 +70,7 @@ def test_super_init_may_be_called_or_not(calls_super: bool, make_tree: Grow) -> 
     assert make_tree("<Fast/>", Fast, resources=[Robot()]).tick_once() is Status.SUCCESS
 
 
-def test_an_attribute_that_is_the_engines_is_not_assigned(make_tree: Grow) -> None:
+def test_assigning_an_attribute_of_the_engine_raises(make_tree: Grow) -> None:
     class Bold(Yes):
         def __init__(self) -> None:
             self.status = Status.SUCCESS  # type: ignore[misc]
@@ -97,7 +97,7 @@ def test_new_may_be_overridden(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("options", [{}, {"eq": False}, {"slots": True}, {"kw_only": True}, {"order": True}])
-def test_a_dataclass_of_any_kind_is_a_leaf(options: dict[str, bool], make_tree: Grow) -> None:
+def test_dataclass_with_any_options_is_a_leaf(options: dict[str, bool], make_tree: Grow) -> None:
     @dataclass(**options)
     class Drive(SyncAction):
         robot: Robot
@@ -133,11 +133,11 @@ def test_slots_are_kept(make_tree: Grow) -> None:
     assert make_tree("<Narrow/>", Narrow).tick_once() is Status.SUCCESS
 
 
-# --- deriving one
+# --- base classes
 
 
 class Remembers:
-    """A mixin with state, and with a tick that passes on."""
+    """A mixin with state, whose tick calls the next class."""
 
     def __init__(self) -> None:
         self.ticks: list[str] = []
@@ -163,7 +163,7 @@ def test_a_mixin_may_have_an_init_a_tick_and_ports(make_tree: Grow) -> None:
     assert (node.ticks, node.limit) == (["Both"], 4)
 
 
-def test_a_mixin_may_stand_behind_the_leaf(make_tree: Grow) -> None:
+def test_mixin_may_follow_the_leaf_in_the_bases(make_tree: Grow) -> None:
     class Behind(SyncAction, Remembers):
         def tick(self) -> bool:
             return not self.ticks
@@ -203,7 +203,7 @@ def test_a_leaf_may_be_generic(make_tree: Grow) -> None:
 
 
 class Sensor(SyncAction, abc.ABC):
-    """Leaves a method to those that are derived from it."""
+    """Requires derived classes to define a method."""
 
     @abc.abstractmethod
     def measure(self) -> int: ...
@@ -212,7 +212,7 @@ class Sensor(SyncAction, abc.ABC):
         return self.measure() > 1
 
 
-def test_a_leaf_may_fill_in_what_an_abstract_one_leaves_out(make_tree: Grow) -> None:
+def test_leaf_may_implement_an_abstract_leaf(make_tree: Grow) -> None:
     class Sonar(Sensor):
         def measure(self) -> int:
             return 2
@@ -220,12 +220,12 @@ def test_a_leaf_may_fill_in_what_an_abstract_one_leaves_out(make_tree: Grow) -> 
     assert make_tree("<Sonar/>", Sonar).tick_once() is Status.SUCCESS
 
 
-def test_an_abstract_one_itself_is_refused_with_what_it_lacks() -> None:
+def test_abstract_leaf_is_refused_with_its_missing_methods() -> None:
     with pytest.raises(RegistrationError, match=r"<Sensor>: Sensor is abstract: .* implements measure\(\)"):
         Registry.standard().add(Sensor)
 
 
-def test_deriving_may_be_hooked_into_and_have_a_metaclass(make_tree: Grow) -> None:
+def test_leaf_may_use_init_subclass_and_a_metaclass(make_tree: Grow) -> None:
     class Kind(type(SyncAction)):  # type: ignore[misc]
         pass
 
@@ -243,7 +243,7 @@ def test_deriving_may_be_hooked_into_and_have_a_metaclass(make_tree: Grow) -> No
     assert Flavoured.flavours == ["sweet"]
 
 
-def test_every_built_in_node_may_be_derived_from() -> None:
+def test_every_built_in_node_can_be_subclassed() -> None:
     built_in = {
         manifest.cls for format in (3, 4) for manifest in Registry.standard().manifests_of(format).values()
     }
@@ -311,7 +311,7 @@ def test_a_method_may_be_replaced_while_the_tree_runs(make_tree: Grow) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_attributes_may_be_made_when_they_are_asked_for(make_tree: Grow) -> None:
+def test_attributes_may_be_computed_on_access(make_tree: Grow) -> None:
     class Lazy(SyncAction):
         @cached_property
         def half(self) -> int:
@@ -333,7 +333,7 @@ def test_attributes_may_be_made_when_they_are_asked_for(make_tree: Grow) -> None
 # --- the engine's other classes
 
 
-def test_a_clock_an_observer_and_a_tree_may_be_derived_from() -> None:
+def test_clock_observer_and_tree_can_be_subclassed() -> None:
     class Stopped(SimClock):
         def now(self) -> int:
             return 7
@@ -362,7 +362,7 @@ def test_a_clock_an_observer_and_a_tree_may_be_derived_from() -> None:
     assert issubclass(Own, Tree)
 
 
-def test_a_type_of_port_may_be_derived_from(make_tree: Grow) -> None:
+def test_port_type_can_be_subclassed(make_tree: Grow) -> None:
     class Names(ValueType):
         def __init__(self) -> None:
             super().__init__("std::vector<Name>", list)
@@ -386,10 +386,10 @@ def test_a_type_of_port_may_be_derived_from(make_tree: Grow) -> None:
     assert (tree.blackboard["a"], tree.blackboard["b"]) == ("Ada, Bob", "Cy")
 
 
-# --- living and dying
+# --- garbage collection, copies and pickles
 
 
-def test_a_tree_that_nobody_holds_goes_with_its_leaves(make_tree: Grow) -> None:
+def test_unreferenced_tree_is_collected_with_its_leaves(make_tree: Grow) -> None:
     class Selfish(Yes):
         def __init__(self) -> None:
             self.me = self
@@ -404,9 +404,7 @@ def test_a_tree_that_nobody_holds_goes_with_its_leaves(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
-def test_a_tree_and_its_nodes_are_neither_copied_nor_pickled(
-    copied: Callable[[Any], Any], make_tree: Grow
-) -> None:
+def test_tree_and_nodes_cannot_be_copied_or_pickled(copied: Callable[[Any], Any], make_tree: Grow) -> None:
     tree = make_tree("<Sequence><Yes/></Sequence>", Yes)
     for thing in (tree, tree.root, tree.find(Yes)[0]):
         with pytest.raises(TypeError, match="load"):
@@ -414,7 +412,7 @@ def test_a_tree_and_its_nodes_are_neither_copied_nor_pickled(
 
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
-def test_the_entries_of_a_blackboard_are_copied_into_another(copied: Callable[[Any], Any]) -> None:
+def test_blackboard_cannot_be_copied_but_cloned_into_another(copied: Callable[[Any], Any]) -> None:
     board, other = Blackboard(), Blackboard()
     board["x"] = 1
     with pytest.raises(TypeError, match=r"clone_into\(\) copies its entries"):
@@ -424,7 +422,7 @@ def test_the_entries_of_a_blackboard_are_copied_into_another(copied: Callable[[A
     assert (board["x"], other["x"]) == (1, 2)
 
 
-def test_what_a_tree_tells_can_be_pickled(make_tree: Grow) -> None:
+def test_results_and_errors_can_be_pickled(make_tree: Grow) -> None:
     def broken() -> bool:
         raise ValueError("out of reach")
 
@@ -441,22 +439,22 @@ def test_what_a_tree_tells_can_be_pickled(make_tree: Grow) -> None:
 
 # --- help()
 
-needs_source = pytest.mark.skipif(
+requires_source = pytest.mark.skipif(
     builds.active_build() == "compiled", reason="mypyc leaves docstrings out of compiled code"
 )
 
 
-@needs_source
+@requires_source
 @pytest.mark.parametrize("name", [name for name in btcore.__all__ if callable(getattr(btcore, name))])
-def test_help_tells_what_the_source_says(name: str) -> None:
+def test_every_public_callable_has_a_docstring(name: str) -> None:
     thing = getattr(btcore, name)
     said = inspect.getdoc(thing)
     assert said
     assert "mypyc" not in said
 
 
-@needs_source
-def test_help_tells_of_methods_with_their_parameters() -> None:
+@requires_source
+def test_help_shows_methods_with_their_parameters() -> None:
     assert str(inspect.getdoc(Tree.tick_while_running)).startswith(
         "Tick until the root is no longer RUNNING, and wait"
     )

@@ -1,4 +1,4 @@
-"""Control nodes and decorators of the user's own are classes, and are used from XML like any other."""
+"""User-defined control nodes and decorators are classes, and are used from XML like built-in nodes."""
 
 from collections.abc import Callable
 
@@ -74,7 +74,7 @@ class AtMost(DecoratorNode):
         return self.child.execute_tick()
 
 
-def test_a_control_node_ticks_its_children_as_it_likes(make_tree: Grow, journal: CallLog) -> None:
+def test_control_node_decides_the_order_of_its_children(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(
         '<Shuffle name="x" rounds="2" done="{done}">'
         '<PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS|S"/></Shuffle>',
@@ -87,7 +87,7 @@ def test_a_control_node_ticks_its_children_as_it_likes(make_tree: Grow, journal:
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_it_is_halted_with_its_children(make_tree: Grow, journal: CallLog) -> None:
+def test_control_node_is_halted_with_its_children(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(
         '<Sequence><Shuffle name="x"><PlanAction name="b" plan="R"/></Shuffle></Sequence>', Shuffle
     )
@@ -98,7 +98,7 @@ def test_it_is_halted_with_its_children(make_tree: Grow, journal: CallLog) -> No
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_it_is_known_for_what_it_is(make_tree: Grow) -> None:
+def test_node_types_ports_and_descriptions_are_known(make_tree: Grow) -> None:
     tree = make_tree(
         '<Shuffle done="{d}"><AtMost ticks="3" used="{u}"><AlwaysSuccess/></AtMost></Shuffle>',
         Shuffle,
@@ -121,7 +121,7 @@ def test_the_completed_child_of_a_decorator_is_reset(make_tree: Grow) -> None:
     assert [tree.tick_once() for _ in range(2)] == [Status.SUCCESS, Status.SUCCESS]
 
 
-def test_a_child_taken_by_an_overridden_adopt_is_reset(make_tree: Grow) -> None:
+def test_child_set_by_an_overridden_set_children_is_reset(make_tree: Grow) -> None:
     class Taking(DecoratorNode):
         def set_children(self, children: list[TreeNode]) -> None:
             self.child = children[0]
@@ -134,7 +134,7 @@ def test_a_child_taken_by_an_overridden_adopt_is_reset(make_tree: Grow) -> None:
     assert tree.nodes[1].status is Status.IDLE
 
 
-def test_both_may_be_written_in_the_explicit_form(make_tree: Grow) -> None:
+def test_user_nodes_may_use_the_explicit_form(make_tree: Grow) -> None:
     tree = make_tree(
         '<Control ID="Shuffle" done="{d}"><Decorator ID="AtMost" ticks="1" used="{u}">'
         '<Action ID="PlanSync" plan="S"/></Decorator></Control>',
@@ -144,7 +144,7 @@ def test_both_may_be_written_in_the_explicit_form(make_tree: Grow) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_pre_and_post_conditions_work_around_them(make_tree: Grow, journal: CallLog) -> None:
+def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(
         '<Shuffle name="x" done="{d}" _skipIf="n == 1" _post="n := 1">'
         '<PlanSync name="a" plan="S"/></Shuffle>',
@@ -156,14 +156,14 @@ def test_pre_and_post_conditions_work_around_them(make_tree: Grow, journal: Call
     assert journal.calls == ["a:tick"]
 
 
-def test_a_decorator_has_exactly_one_child_and_a_control_node_at_least_one(make_tree: Grow) -> None:
+def test_decorator_requires_one_child_and_control_node_at_least_one(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="AtMost"):
         make_tree('<AtMost ticks="1"><AlwaysSuccess/><AlwaysSuccess/></AtMost>', AtMost)
     with pytest.raises(TreeError, match="Shuffle"):
         make_tree("<Shuffle/>", Shuffle)
 
 
-def test_one_without_a_tick_is_an_error_that_names_it(make_tree: Grow) -> None:
+def test_node_without_a_tick_raises_an_error_that_names_it(make_tree: Grow) -> None:
     class Idler(ControlNode):
         pass
 
@@ -171,7 +171,7 @@ def test_one_without_a_tick_is_an_error_that_names_it(make_tree: Grow) -> None:
         make_tree("<Idler><AlwaysSuccess/></Idler>", Idler).tick_once()
 
 
-def test_one_that_returns_idle_is_an_error_that_names_it(make_tree: Grow) -> None:
+def test_node_that_returns_idle_raises_an_error_that_names_it(make_tree: Grow) -> None:
     class Lazy(DecoratorNode):
         def tick(self) -> Status:
             return Status.IDLE
@@ -180,9 +180,9 @@ def test_one_that_returns_idle_is_an_error_that_names_it(make_tree: Grow) -> Non
         make_tree("<Lazy><AlwaysSuccess/></Lazy>", Lazy).tick_once()
 
 
-def test_a_built_in_control_node_may_be_derived_from(make_tree: Grow, journal: CallLog) -> None:
+def test_built_in_control_node_can_be_subclassed(make_tree: Grow, journal: CallLog) -> None:
     class Polite(Sequence):
-        """A Sequence that says so."""
+        """A Sequence that records its results."""
 
         greeting: In[str] = "hello"
 
@@ -197,7 +197,7 @@ def test_a_built_in_control_node_may_be_derived_from(make_tree: Grow, journal: C
     assert journal.calls == ["a:tick", "b:start", "hello:RUNNING", "b:running", "hello:SUCCESS"]
 
 
-def test_a_built_in_decorator_may_be_derived_from(make_tree: Grow) -> None:
+def test_built_in_decorator_can_be_subclassed(make_tree: Grow) -> None:
     class Sometimes(Inverter):
         inverts: In[bool]
 
@@ -214,14 +214,14 @@ def test_a_built_in_decorator_may_be_derived_from(make_tree: Grow) -> None:
 @pytest.mark.parametrize(
     ("base", "name"), [(ControlNode, "halt_child"), (DecoratorNode, "child"), (DecoratorNode, "reset_child")]
 )
-def test_no_port_hides_what_a_node_with_children_has(base: type[TreeNode], name: str) -> None:
+def test_port_that_hides_an_attribute_of_a_parent_node_is_refused(base: type[TreeNode], name: str) -> None:
     hiding = type("Hiding", (base,), {"__annotations__": {name: In[str]}})
     message = f"port '{name}' of Hiding would hide the attribute '{name}' of {base.__name__}"
     with pytest.raises(RegistrationError, match=message):
         Registry.standard().add(hiding)
 
 
-def test_attributes_need_no_call_of_super_init(make_tree: Grow) -> None:
+def test_attributes_can_be_set_without_super_init(make_tree: Grow) -> None:
     class Counted(ControlNode):
         def __init__(self) -> None:
             self.number = len(self.children)

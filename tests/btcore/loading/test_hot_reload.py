@@ -1,4 +1,4 @@
-"""A saved file replaces the tree between two ticks; a broken one does not."""
+"""A saved file replaces the tree between two ticks; a broken file does not."""
 
 import os
 from pathlib import Path
@@ -18,7 +18,7 @@ SECOND = """<root BTCPP_format="4"><BehaviorTree ID="Main">
 
 
 def save(path: Path, text: str) -> None:
-    """Save as an editor does, at a time that no earlier save had."""
+    """Save as an editor does, with a later modification time than before."""
     before = path.stat().st_mtime_ns if path.exists() else 0
     path.write_text(text)
     os.utime(path, ns=(before + 1_000_000_000, before + 1_000_000_000))
@@ -31,7 +31,7 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_saved_file_is_noticed_once(file: Path) -> None:
+def test_saved_file_is_reported_once(file: Path) -> None:
     watch = FileWatcher(file)
     assert not watch.has_changed()
     save(file, SECOND)
@@ -39,7 +39,7 @@ def test_a_saved_file_is_noticed_once(file: Path) -> None:
     assert not watch.has_changed()
 
 
-def test_a_file_that_is_gone_for_a_moment_is_no_new_file(file: Path) -> None:
+def test_missing_file_is_not_reported_as_a_change(file: Path) -> None:
     """Editors save by renaming."""
     watch = FileWatcher(file)
     text = file.read_text()
@@ -49,7 +49,7 @@ def test_a_file_that_is_gone_for_a_moment_is_no_new_file(file: Path) -> None:
     assert watch.has_changed()
 
 
-def test_a_saved_include_is_noticed_too(file: Path) -> None:
+def test_saved_include_is_reported_too(file: Path) -> None:
     part = file.parent / "part.xml"
     save(part, SECOND.replace("Main", "Part"))
     save(file, FIRST.replace('<BehaviorTree ID="Main"', '<include path="part.xml"/><BehaviorTree ID="Main"'))
@@ -72,7 +72,7 @@ def test_the_new_tree_has_the_blackboard_of_the_old_tree(file: Path) -> None:
     assert new.blackboard is old.blackboard
 
 
-def test_a_broken_file_leaves_the_old_tree_running_and_the_blackboard_as_it_was(file: Path) -> None:
+def test_broken_file_keeps_the_old_tree_running_and_the_blackboard_unchanged(file: Path) -> None:
     old = btcore.load(file, clock=btcore.SimClock())
     old.tick_once()
     save(file, SECOND.replace("<ScriptCondition", '<Switch2 variable="{new_key}"/><ScriptCondition'))

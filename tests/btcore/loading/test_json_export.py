@@ -21,7 +21,7 @@ class Color(Enum):
     RED = 1
 
 
-def tree_of() -> btcore.Tree:
+def new_tree() -> btcore.Tree:
     nodes = Registry.standard()
     nodes.add_type(Pose, name="Pose")
 
@@ -39,8 +39,8 @@ def tree_of() -> btcore.Tree:
     )
 
 
-def filled() -> btcore.Tree:
-    tree = tree_of()
+def filled_tree() -> btcore.Tree:
+    tree = new_tree()
     tree.blackboard["goal"] = Pose(1.5, 2.0)
     tree.blackboard["list"] = [1, 2]
     tree.blackboard["on"] = True
@@ -49,8 +49,8 @@ def filled() -> btcore.Tree:
     return tree
 
 
-def test_every_subtree_is_exported_under_its_path_and_the_main_one_under_its_id() -> None:
-    assert export_tree(filled()) == {
+def test_subtrees_are_exported_by_path_and_the_main_tree_by_id() -> None:
+    assert export_tree(filled_tree()) == {
         "Main": {
             "count": 1,
             "goal": {"__type": "Pose", "x": 1.5, "y": 2.0},
@@ -62,23 +62,23 @@ def test_every_subtree_is_exported_under_its_path_and_the_main_one_under_its_id(
     }
 
 
-def test_what_was_exported_can_be_imported_by_way_of_a_file() -> None:
-    text = json.dumps(export_tree(filled()))
-    fresh = tree_of()
+def test_exported_data_can_be_imported_from_a_file() -> None:
+    text = json.dumps(export_tree(filled_tree()))
+    fresh = new_tree()
     import_tree(fresh, json.loads(text))
     assert fresh.blackboard["goal"] == Pose(1.5, 2.0)
     assert json.dumps(export_tree(fresh), sort_keys=True) == json.dumps(json.loads(text), sort_keys=True)
 
 
-def test_an_entry_never_written_is_null_and_stays_so() -> None:
-    tree = tree_of()
+def test_entry_never_written_is_exported_as_null_and_stays_null() -> None:
+    tree = new_tree()
     assert export_blackboard(tree.blackboard) == {"goal": None}
     import_blackboard(tree.blackboard, {"goal": None}, tree.registry.types)
     assert export_blackboard(tree.blackboard) == {"goal": None}
 
 
 def test_an_unknown_subtree_is_refused_before_anything_is_written() -> None:
-    tree = tree_of()
+    tree = new_tree()
     with pytest.raises(BlackboardError, match="no subtree 'iner'; did you mean 'inner'"):
         import_tree(tree, {"Main": {"count": 5}, "iner": {}})
     assert "count" not in tree.blackboard
@@ -86,10 +86,10 @@ def test_an_unknown_subtree_is_refused_before_anything_is_written() -> None:
 
 def test_a_subtree_without_data_is_refused() -> None:
     with pytest.raises(BlackboardError, match="nothing is given for the subtrees inner"):
-        import_tree(tree_of(), {"Main": {}})
+        import_tree(new_tree(), {"Main": {}})
 
 
-def test_an_unknown_type_is_named_with_its_key() -> None:
-    tree = tree_of()
+def test_unknown_type_is_reported_with_its_key() -> None:
+    tree = new_tree()
     with pytest.raises(BlackboardError, match=r"\[goal\] can't be imported: unknown type 'Twist'"):
         import_blackboard(tree.blackboard, {"goal": {"__type": "Twist"}}, tree.registry.types)

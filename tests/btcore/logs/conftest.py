@@ -13,7 +13,7 @@ from btcore.values import DOUBLE, INT
 
 
 class Plans:
-    """For each node by path: what it returns, a text of letters for each start."""
+    """The results of each node by path: a text of letters for each start."""
 
     def __init__(self) -> None:
         self.of = {
@@ -45,7 +45,7 @@ class Count(Planned):
 
 
 class Collector(Observer):
-    """Keeps the transitions."""
+    """Records the transitions."""
 
     def __init__(self) -> None:
         self.changes: list[Transition] = []
@@ -56,13 +56,13 @@ class Collector(Observer):
 
 @pytest.fixture
 def captures() -> Path:
-    """Files that BehaviorTree.CPP wrote."""
+    """Return the folder of the files that BehaviorTree.CPP wrote."""
     return Path(__file__).parent / "captures"
 
 
 @pytest.fixture
 def sample(recorded_tree: Callable[[str], str]) -> Tree:
-    """The recorded tree; its AlwaysFailure succeeds the second time, as a breakpoint made it do there."""
+    """Build the recorded tree. As in the recording, its AlwaysFailure succeeds the second time."""
     nodes = Registry.standard()
     nodes.add(Count)
     nodes.replace(AlwaysFailure=Planned)
@@ -72,7 +72,7 @@ def sample(recorded_tree: Callable[[str], str]) -> Tree:
 
 @pytest.fixture
 def collect() -> Callable[[Tree], list[Transition]]:
-    """Subscribes to a tree, and returns the list that its transitions come into."""
+    """Return a function that subscribes to a tree and returns the list of its transitions."""
 
     def subscribe(tree: Tree) -> list[Transition]:
         collector = Collector()
@@ -84,7 +84,7 @@ def collect() -> Callable[[Tree], list[Transition]]:
 
 @pytest.fixture
 def small() -> Callable[..., Tree]:
-    """Makes a tree of *body*, on a simulated clock."""
+    """Return a function that builds a tree of *body* on a simulated clock."""
 
     def make(body: str, nodes: Registry | None = None, clock: SimClock | None = None) -> Tree:
         text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'

@@ -33,7 +33,7 @@ XML = 8308
 
 
 def records(data: bytes) -> bytes:
-    """What follows the header."""
+    """Return the bytes after the header."""
     size = int.from_bytes(data[19:23], "little")
     return data[HEADER + size + 8 :]
 
@@ -59,7 +59,7 @@ def test_the_recorded_tree_is_read(captures: Path, sample: Tree) -> None:
     ]
 
 
-def test_the_same_transitions_at_the_same_times_are_the_same_bytes(
+def test_equal_transitions_at_equal_times_are_written_as_equal_bytes(
     captures: Path, sample: Tree, tmp_path: Path
 ) -> None:
     original = (captures / "v4_sample.btlog").read_bytes()
@@ -89,7 +89,7 @@ def test_the_same_tree_makes_the_same_transitions(captures: Path, sample: Tree, 
     assert ours.xml == tree_to_xml(sample)
 
 
-def test_stamps_are_wall_time_at_the_start_plus_the_trees_time_since(
+def test_stamps_are_wall_time_at_the_start_plus_the_elapsed_tree_time(
     small: Callable[..., Tree], tmp_path: Path
 ) -> None:
     clock = SimClock(5_000_000_000)
@@ -106,7 +106,7 @@ def test_stamps_are_wall_time_at_the_start_plus_the_trees_time_since(
     assert since == [(2_000_000_000, RUNNING), (2_250_000_000, SUCCESS), (2_250_000_000, IDLE)]
 
 
-def test_a_stamp_of_more_than_32_bits(small: Callable[..., Tree], tmp_path: Path) -> None:
+def test_stamp_of_more_than_32_bits_is_written_and_read(small: Callable[..., Tree], tmp_path: Path) -> None:
     clock = SimClock()
     tree = small("<AlwaysSuccess/>", clock=clock)
     with BtLog(tree, tmp_path / "run.btlog"):
@@ -124,7 +124,7 @@ def test_transitions_to_idle_can_be_left_out(sample: Tree, tmp_path: Path) -> No
     assert IDLE not in {change.status for change in read_btlog(tmp_path / "run.btlog").transitions}
 
 
-def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path, tmp_path: Path) -> None:
+def test_truncated_file_is_read_up_to_the_cut_with_a_warning(captures: Path, tmp_path: Path) -> None:
     data = (captures / "v4_sample.btlog").read_bytes()
     whole = read_btlog(captures / "v4_sample.btlog").transitions
     first = HEADER + XML + 8
@@ -141,16 +141,14 @@ def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path,
 
 
 @pytest.mark.parametrize("cut", [0, 5, 18, 20, 22, 23, 4000, HEADER + XML, HEADER + XML + 7])
-def test_a_file_that_ends_in_its_header_is_an_error(captures: Path, tmp_path: Path, cut: int) -> None:
+def test_file_truncated_in_its_header_raises(captures: Path, tmp_path: Path, cut: int) -> None:
     path = tmp_path / "cut.btlog"
     path.write_bytes((captures / "v4_sample.btlog").read_bytes()[:cut])
     with pytest.raises(LogError, match=r"this log ends in its header|this is not a \.btlog file"):
         read_btlog(path)
 
 
-def test_a_transition_of_a_node_that_the_tree_has_not_ends_the_reading(
-    captures: Path, tmp_path: Path
-) -> None:
+def test_transition_of_an_unknown_node_ends_the_reading(captures: Path, tmp_path: Path) -> None:
     data = bytearray((captures / "v4_sample.btlog").read_bytes())
     second = HEADER + XML + 8 + 9
     data[second + 6] = 200
@@ -161,7 +159,7 @@ def test_a_transition_of_a_node_that_the_tree_has_not_ends_the_reading(
     assert recording.damage == f"the file is damaged from byte {second} on: unknown node 200"
 
 
-def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_path: Path) -> None:
+def test_damaged_file_gives_a_recording_or_a_log_error(captures: Path, tmp_path: Path) -> None:
     data = (captures / "v4_sample.btlog").read_bytes()
     chance = random.Random(3)
     path = tmp_path / "bent.btlog"
@@ -188,7 +186,7 @@ def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_pat
         (b"SQLite format 3", "it does not begin with BTCPP4-FileLogger2"),
     ],
 )
-def test_what_is_no_such_log_is_said(tmp_path: Path, content: bytes, said: str) -> None:
+def test_file_that_is_not_a_btlog_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "other.btlog"
     path.write_bytes(content)
     with pytest.raises(LogError) as caught:

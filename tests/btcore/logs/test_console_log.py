@@ -22,7 +22,7 @@ def terminal() -> Iterator[tuple[TextIO, int]]:
     os.close(looking)
 
 
-def test_a_line_tells_time_name_and_both_statuses(small: Callable[..., Tree]) -> None:
+def test_line_contains_time_name_and_both_statuses(small: Callable[..., Tree]) -> None:
     clock = SimClock()
     tree = small(
         '<Inverter name="not"><AlwaysSuccess name="a name of 30 characters, so long"/></Inverter>',
@@ -41,7 +41,7 @@ def test_a_line_tells_time_name_and_both_statuses(small: Callable[..., Tree]) ->
     )
 
 
-def test_times_are_seconds_since_1970_unless_asked_otherwise(small: Callable[..., Tree]) -> None:
+def test_times_are_seconds_since_1970_by_default(small: Callable[..., Tree]) -> None:
     tree = small("<AlwaysSuccess/>")
     stream = io.StringIO()
     with ConsoleLog(tree, stream, idle=False) as log:
@@ -58,7 +58,7 @@ def test_standard_output_is_the_default(
     assert re.fullmatch(r"(\[\d+\.\d{3}\]: AlwaysSuccess .*\n){2}", capsys.readouterr().out)
 
 
-def test_a_terminal_gets_the_originals_colours(
+def test_terminal_output_has_the_colours_of_behaviortree_cpp(
     small: Callable[..., Tree], terminal: tuple[TextIO, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)
@@ -69,7 +69,7 @@ def test_a_terminal_gets_the_originals_colours(
     assert b"\x1b[36mIDLE\x1b[0m -> \x1b[31mFAILURE\x1b[0m" in os.read(looking, 1000)
 
 
-def test_a_terminal_that_wants_no_colours_gets_none(
+def test_no_color_variable_disables_colours(
     small: Callable[..., Tree], terminal: tuple[TextIO, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
@@ -80,7 +80,7 @@ def test_a_terminal_that_wants_no_colours_gets_none(
     assert b"IDLE -> FAILURE" in os.read(looking, 1000)
 
 
-def test_a_name_that_the_stream_has_no_letters_for_is_spelled(small: Callable[..., Tree]) -> None:
+def test_characters_outside_the_stream_encoding_are_escaped(small: Callable[..., Tree]) -> None:
     tree = small('<AlwaysSuccess name="Tür"/>')
     data = io.BytesIO()
     stream = io.TextIOWrapper(data, encoding="ascii")

@@ -23,7 +23,7 @@ fast = settings(max_examples=60, deadline=None, suppress_health_check=[HealthChe
 
 @st.composite
 def runs(draw: st.DrawFn) -> Written:
-    """Rows of (µs since the start, uid, status), in order of time, each of them a change."""
+    """Draw rows of (µs since the start, uid, status) in order of time; each row is a change."""
     rows: Written = []
     since, last = 0, dict.fromkeys(range(1, NODES + 1), Status.IDLE)
     for step in draw(st.lists(st.integers(1, 10**9), max_size=40)):
@@ -82,7 +82,7 @@ WRITERS = pytest.mark.parametrize(
 @WRITERS
 @given(rows=runs())
 @fast
-def test_what_is_written_is_read(write, name: str, tmp_path: Path, xml: str, rows: Written) -> None:
+def test_written_transitions_are_read_back(write, name: str, tmp_path: Path, xml: str, rows: Written) -> None:
     write(tmp_path / name, xml, rows)
     recording = read_log(tmp_path / name)
     assert recording.transitions == changes(rows)
@@ -91,7 +91,7 @@ def test_what_is_written_is_read(write, name: str, tmp_path: Path, xml: str, row
 
 @given(rows=runs(), data=st.data())
 @fast
-def test_a_btlog_cut_at_any_byte_is_a_beginning(
+def test_btlog_cut_at_any_byte_gives_its_beginning(
     tmp_path: Path, xml: str, rows: Written, data: st.DataObject
 ) -> None:
     path = tmp_path / "run.btlog"
@@ -112,7 +112,7 @@ def test_a_btlog_cut_at_any_byte_is_a_beginning(
 
 @pytest.fixture(scope="module")
 def long_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A database whose transitions fill many pages."""
+    """Write a database whose transitions fill many pages."""
     path = tmp_path_factory.mktemp("long") / "run.db3"
     leaf = '<AlwaysSuccess name="leaf" _uid="2"/>'
     tree = f'<BehaviorTree ID="Main" _fullpath=""><Sequence name="Sequence" _uid="1">{leaf}</Sequence>'
@@ -131,14 +131,14 @@ def long_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @given(millionths=st.integers(0, 999_999))
 @settings(fast, max_examples=40)
-def test_a_database_cut_at_any_byte_is_a_beginning_or_a_sentence(
+def test_database_cut_at_any_byte_gives_its_beginning_or_a_log_error(
     tmp_path: Path, long_database: Path, millionths: int
 ) -> None:
     content, whole = long_database.read_bytes(), read_sqlite(long_database).transitions
     cut = len(content) * millionths // 1_000_000
     path = tmp_path / "cut.db3"
     path.write_bytes(content[:cut])
-    if cut < 6 * PAGE:  # where the tables and the tree are
+    if cut < 6 * PAGE:  # the first pages contain the tables and the tree
         with pytest.raises(
             LogError, match=r"this is not an SQLite|this log ends in its|the file is truncated: it has"
         ):
@@ -150,14 +150,14 @@ def test_a_database_cut_at_any_byte_is_a_beginning_or_a_sentence(
     assert recording.warnings[0].endswith(f"{len(recording.transitions)} transitions are read")
 
 
-def test_of_a_database_cut_in_half_about_half_is_read(tmp_path: Path, long_database: Path) -> None:
+def test_half_of_a_database_gives_about_half_of_its_transitions(tmp_path: Path, long_database: Path) -> None:
     content, whole = long_database.read_bytes(), read_sqlite(long_database).transitions
     path = tmp_path / "cut.db3"
     path.write_bytes(content[: len(content) // 2])
     assert 1_000 < len(read_sqlite(path).transitions) < 3_000 < len(whole)
 
 
-def test_a_live_database_is_not_taken_for_one_that_is_cut_off(small_tree: Tree, tmp_path: Path) -> None:
+def test_live_database_is_not_reported_as_truncated(small_tree: Tree, tmp_path: Path) -> None:
     path = tmp_path / "run.db3"
     with SqliteLog(small_tree, path):
         small_tree.tick_exactly_once()
@@ -166,7 +166,7 @@ def test_a_live_database_is_not_taken_for_one_that_is_cut_off(small_tree: Tree, 
         assert recording.damage == ""
 
 
-def test_gaps_are_told_by_both_formats(tmp_path: Path, xml: str) -> None:
+def test_gaps_are_reported_for_both_formats(tmp_path: Path, xml: str) -> None:
     file = BtLogWriter(tmp_path / "run.btlog", xml.encode(), WALL)
     file.append([(1, 1, Status.RUNNING)])
     file.gap("the transitions 2\nto 9 are lost")
@@ -185,7 +185,7 @@ def test_gaps_are_told_by_both_formats(tmp_path: Path, xml: str) -> None:
         ]
 
 
-def test_a_new_log_has_nothing_of_the_gaps_of_the_one_before(small_tree: Tree, tmp_path: Path) -> None:
+def test_new_log_does_not_keep_the_gaps_of_the_previous_log(small_tree: Tree, tmp_path: Path) -> None:
     beside = tmp_path / "run.btlog.gaps"
     beside.write_text("0 something is missing\nnonsense\n9999 beyond the end\n")
     with BtLog(small_tree, tmp_path / "run.btlog"):
@@ -195,7 +195,7 @@ def test_a_new_log_has_nothing_of_the_gaps_of_the_one_before(small_tree: Tree, t
     assert read_btlog(tmp_path / "run.btlog").gaps == ((0, "something is missing"),)
 
 
-def test_a_session_is_named_after_the_file(small: Callable[..., Tree], tmp_path: Path) -> None:
+def test_session_is_selected_by_a_suffix_of_the_file_name(small: Callable[..., Tree], tmp_path: Path) -> None:
     path = tmp_path / "run.db3"
     for ticks in (1, 2):
         clock = SimClock()

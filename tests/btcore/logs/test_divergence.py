@@ -14,7 +14,7 @@ A = [Step(0, "a", IDLE, RUNNING), Step(5, "b", IDLE, SUCCESS), Step(9, "a", RUNN
 step = st.builds(Step, st.integers(0, 9), st.sampled_from("ab"), st.just(IDLE), st.sampled_from(Status))
 
 
-def test_the_same_run_in_two_formats_is_the_same(captures: Path) -> None:
+def test_one_run_in_two_formats_has_no_divergence(captures: Path) -> None:
     first, second = read_btlog(captures / "v4_sample.btlog"), read_sqlite(captures / "v4_sample.db3")
     assert find_divergence(steps(first), steps(second)) is None
     assert find_divergence(steps(first), steps(second), tolerance=1_000_000) is None
@@ -22,35 +22,35 @@ def test_the_same_run_in_two_formats_is_the_same(captures: Path) -> None:
     assert by_a_microsecond is None or by_a_microsecond.by_time
 
 
-def test_runs_of_two_trees_part_at_the_first_other_node(captures: Path) -> None:
+def test_different_trees_diverge_at_the_first_different_node(captures: Path) -> None:
     first, second = read_btlog(captures / "v4_sample.btlog"), read_fbl(captures / "v3_sample.fbl")
     found = find_divergence(steps(first), steps(second))
     assert found is not None
     assert (found.common, found.first.path, found.second.path) == (1, "Script::2", "SetBlackboard::2")
 
 
-def test_another_status_parts_them() -> None:
+def test_different_status_is_a_divergence() -> None:
     other = [A[0], A[1]._replace(status=FAILURE), A[2]]
     assert find_divergence(A, other) == Divergence(1, A[1], other[1])
 
 
-def test_another_order_parts_them() -> None:
+def test_different_order_is_a_divergence() -> None:
     assert find_divergence(A, [A[0], A[2], A[1]]) == Divergence(1, A[1], A[2])
 
 
-def test_a_run_that_ends_earlier_parts_there() -> None:
+def test_shorter_run_diverges_at_its_end() -> None:
     assert find_divergence(A, A[:2]) == Divergence(2, A[2], None)
     assert find_divergence([], A) == Divergence(0, None, A[0])
 
 
-def test_times_count_only_if_asked_for() -> None:
+def test_times_are_compared_only_with_a_tolerance() -> None:
     late = [*A[:2], A[2]._replace(since=20)]
     assert find_divergence(A, late) is None
     assert find_divergence(A, late, tolerance=11) is None
     assert find_divergence(A, late, tolerance=10) == Divergence(2, A[2], late[2], by_time=True)
 
 
-def test_transitions_to_idle_can_be_passed_over(captures: Path) -> None:
+def test_transitions_to_idle_can_be_ignored(captures: Path) -> None:
     recording = read_btlog(captures / "v4_sample.btlog")
     kept = steps(recording, idle=False)
     assert 0 < len(kept) < len(recording.transitions)
@@ -58,7 +58,7 @@ def test_transitions_to_idle_can_be_passed_over(captures: Path) -> None:
 
 
 @given(st.lists(step), st.lists(step), st.lists(step))
-def test_what_is_common_is_the_longest_common_beginning(
+def test_common_part_is_the_longest_common_beginning(
     common: list[Step], first: list[Step], second: list[Step]
 ) -> None:
     found = find_divergence(common + first, common + second)

@@ -8,7 +8,7 @@ import pytest
 from btcore import NodeType, Status
 from btcore.logs import LogError, read_fbl
 
-# The listing of the recorded session: (seconds, µs, uid, previous, status).
+# The transitions of the recorded session: (seconds, µs, uid, previous, status).
 LISTED = [
     (1795223035, 621691, 1, 0, 1),
     (1795223035, 621823, 2, 0, 2),
@@ -33,7 +33,7 @@ LISTED = [
 ]
 
 
-def test_the_transitions_are_those_listed(captures: Path) -> None:
+def test_transitions_match_the_recorded_session(captures: Path) -> None:
     recording = read_fbl(captures / "v3_sample.fbl")
     assert recording.transitions == [
         (seconds * 10**9 + micros * 1000, uid, previous, status)
@@ -44,7 +44,7 @@ def test_the_transitions_are_those_listed(captures: Path) -> None:
     assert recording.statuses()[11] is Status.RUNNING
 
 
-def test_the_tree_is_the_one_listed(captures: Path) -> None:
+def test_tree_matches_the_recorded_session(captures: Path) -> None:
     nodes = read_fbl(captures / "v3_sample.fbl").nodes
     assert [(one.uid, one.name, one.id, list(one.children)) for one in nodes.values()] == [
         (1, "root_seq", "Sequence", [2, 3, 6, 9]),
@@ -78,7 +78,7 @@ def test_the_tree_is_the_one_listed(captures: Path) -> None:
     ]
 
 
-def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path, tmp_path: Path) -> None:
+def test_truncated_file_is_read_up_to_the_cut_with_a_warning(captures: Path, tmp_path: Path) -> None:
     data = (captures / "v3_sample.fbl").read_bytes()
     whole = read_fbl(captures / "v3_sample.fbl").transitions
     first = 4 + 5824
@@ -92,14 +92,14 @@ def test_a_file_cut_off_anywhere_reads_up_to_the_cut_and_says_so(captures: Path,
 
 
 @pytest.mark.parametrize("cut", [0, 3, 4, 100, 5827])
-def test_a_file_that_ends_within_its_tree_is_an_error(captures: Path, tmp_path: Path, cut: int) -> None:
+def test_file_truncated_in_its_tree_raises(captures: Path, tmp_path: Path, cut: int) -> None:
     path = tmp_path / "cut.fbl"
     path.write_bytes((captures / "v3_sample.fbl").read_bytes()[:cut])
     with pytest.raises(LogError, match=r"this is not a \.fbl file, or it ends within the tree"):
         read_fbl(path)
 
 
-def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_path: Path) -> None:
+def test_damaged_file_gives_a_recording_or_a_log_error(captures: Path, tmp_path: Path) -> None:
     data = (captures / "v3_sample.fbl").read_bytes()
     chance = random.Random(3)
     path = tmp_path / "bent.fbl"
@@ -117,7 +117,7 @@ def test_damage_anywhere_gives_a_recording_or_a_sentence(captures: Path, tmp_pat
     assert all(said.startswith(f"{path}: this is not a .fbl file") for said in faults)
 
 
-def test_a_transition_that_makes_no_sense_ends_the_reading(captures: Path, tmp_path: Path) -> None:
+def test_transition_with_an_invalid_status_ends_the_reading(captures: Path, tmp_path: Path) -> None:
     data = bytearray((captures / "v3_sample.fbl").read_bytes())
     third = 4 + 5824 + 2 * 12
     data[third + 11] = 7

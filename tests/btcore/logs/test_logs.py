@@ -73,7 +73,7 @@ def run_and_kill(path: Path, last_words: str) -> str:
     return said
 
 
-def logged(path: Path) -> list[str]:
+def statuses_in(path: Path) -> list[str]:
     """Return the last statuses of the nodes in the log *path*."""
     if path.suffix != ".json":
         recording = read_log(path)
@@ -90,43 +90,43 @@ def test_a_killed_process_loses_at_most_the_tick_in_progress(
 ) -> None:
     run_and_kill(tmp_path / name, last_words)
     expected = [word for word in ONE_TICK if name != "run.json" or word != "IDLE"]
-    assert logged(tmp_path / name) == expected * 3
+    assert statuses_in(tmp_path / name) == expected * 3
 
 
-def test_a_killed_process_has_printed_every_tick_that_ended(tmp_path: Path) -> None:
+def test_killed_process_has_printed_every_completed_tick(tmp_path: Path) -> None:
     said = run_and_kill(Path("-"), "ticked 3")
     assert re.findall(r"-> (\w+)$", said, re.MULTILINE) == ONE_TICK * 3
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
-def test_nothing_is_written_before_the_ticks_end(
+def test_nothing_is_written_before_the_end_of_the_tick(
     small: Callable[..., Tree], tmp_path: Path, name: str
 ) -> None:
     path = tmp_path / name
     seen = []
     nodes = Registry.standard()
-    nodes.add(btcore.action(ID="Look")(lambda: seen.append(len(logged(path))) or True))
+    nodes.add(btcore.action(ID="Look")(lambda: seen.append(len(statuses_in(path))) or True))
     tree = small("<Sequence><AlwaysSuccess/><Look/></Sequence>", nodes=nodes)
     with open_log(tree, path):
         tree.tick_once()
         tree.tick_once()
-    whole = len(logged(path))
+    whole = len(statuses_in(path))
     assert seen == [0, whole // 2]
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3"])
-def test_a_halt_between_two_ticks_is_written_at_once(
+def test_halt_between_two_ticks_is_written_immediately(
     small: Callable[..., Tree], tmp_path: Path, name: str
 ) -> None:
     tree = small('<Sequence><Sleep msec="100"/></Sequence>')
     with open_log(tree, tmp_path / name):
         tree.tick_once()
         tree.halt()
-        assert logged(tmp_path / name) == ["RUNNING", "RUNNING", "IDLE", "IDLE"]
+        assert statuses_in(tmp_path / name) == ["RUNNING", "RUNNING", "IDLE", "IDLE"]
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3"])
-def test_a_tick_that_raises_is_written_and_so_is_the_halt_after_it(
+def test_tick_that_raises_and_the_following_halt_are_written(
     small: Callable[..., Tree], tmp_path: Path, name: str
 ) -> None:
     nodes = Registry.standard()
@@ -140,29 +140,29 @@ def test_a_tick_that_raises_is_written_and_so_is_the_halt_after_it(
     with open_log(tree, tmp_path / name):
         with pytest.raises(NodeExecutionError):
             tree.tick_once()
-        assert logged(tmp_path / name) == ["RUNNING", "SUCCESS", "IDLE", "IDLE"]
+        assert statuses_in(tmp_path / name) == ["RUNNING", "SUCCESS", "IDLE", "IDLE"]
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
-def test_a_closed_log_hears_no_more(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
+def test_closed_log_records_nothing_more(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
     tree = small("<AlwaysSuccess/>")
     log = open_log(tree, tmp_path / name)
     tree.tick_once()
     log.close()
     log.close()
-    before = logged(tmp_path / name)
+    before = statuses_in(tmp_path / name)
     tree.tick_once()
-    assert logged(tmp_path / name) == before != []
+    assert statuses_in(tmp_path / name) == before != []
 
 
 def test_a_tree_may_have_several_logs(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small("<AlwaysSuccess/>")
     with open_log(tree, tmp_path / "a.btlog"), open_log(tree, tmp_path / "b.btlog"):
         tree.tick_once()
-    assert logged(tmp_path / "a.btlog") == logged(tmp_path / "b.btlog") == ["SUCCESS", "IDLE"]
+    assert statuses_in(tmp_path / "a.btlog") == statuses_in(tmp_path / "b.btlog") == ["SUCCESS", "IDLE"]
 
 
-def test_a_log_that_can_no_longer_be_written_ends_with_a_warning(
+def test_log_that_fails_during_the_run_ends_with_a_warning(
     small: Callable[..., Tree], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "run.btlog"
@@ -189,7 +189,7 @@ def test_a_log_that_can_no_longer_be_written_ends_with_a_warning(
         ("-", ConsoleLog),
     ],
 )
-def test_the_extension_says_which_log(
+def test_file_extension_selects_the_log_class(
     small: Callable[..., Tree], tmp_path: Path, name: str, kind: type[Log]
 ) -> None:
     with open_log(small("<AlwaysSuccess/>"), name if name == "-" else tmp_path / name) as log:
@@ -208,13 +208,13 @@ def test_the_extension_says_which_log(
         ("a.fbl", "a.fbl: btcore reads but does not write .fbl, a log of format 3; use a.btlog"),
     ],
 )
-def test_an_extension_that_no_log_has(small: Callable[..., Tree], name: str, said: str) -> None:
+def test_unknown_file_extension_is_refused(small: Callable[..., Tree], name: str, said: str) -> None:
     with pytest.raises(LogError) as caught:
         open_log(small("<AlwaysSuccess/>"), name)
     assert str(caught.value) == said
 
 
-def test_each_log_insists_on_its_extension(small: Callable[..., Tree], tmp_path: Path) -> None:
+def test_each_log_requires_its_file_extension(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small("<AlwaysSuccess/>")
     with pytest.raises(
         LogError, match=r"run.log: the name of this log must end in .btlog; did you mean .*run.btlog\?"
@@ -226,7 +226,7 @@ def test_each_log_insists_on_its_extension(small: Callable[..., Tree], tmp_path:
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
-def test_a_place_where_no_file_can_be_is_said(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
+def test_invalid_location_is_reported(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
     tree = small("<AlwaysSuccess/>")
     (tmp_path / "file").touch()
     (tmp_path / name).mkdir()
@@ -243,7 +243,7 @@ def test_a_place_where_no_file_can_be_is_said(small: Callable[..., Tree], tmp_pa
     not Path("/dev/full").exists(), reason="there is no /dev/full, the disk that is always full"
 )
 @pytest.mark.parametrize("name", ["run.btlog", "run.json"])
-def test_a_full_disk_is_said_at_the_start(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
+def test_full_disk_is_reported_at_the_start(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
     (tmp_path / name).symlink_to("/dev/full")
     with pytest.raises(LogError, match="cannot write a log here: no space left on device"):
         open_log(small("<AlwaysSuccess/>"), tmp_path / name)
@@ -251,7 +251,7 @@ def test_a_full_disk_is_said_at_the_start(small: Callable[..., Tree], tmp_path: 
 
 @pytest.fixture
 def protected() -> Iterator[Path]:
-    """A folder that this process may not write to, though it be root's."""
+    """Yield a folder that this process may not write to, even if it runs as root."""
     user = os.geteuid()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -266,7 +266,7 @@ def protected() -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
-def test_a_write_protected_folder_is_said(small: Callable[..., Tree], protected: Path, name: str) -> None:
+def test_write_protected_folder_is_reported(small: Callable[..., Tree], protected: Path, name: str) -> None:
     with pytest.raises(LogError) as caught:
         open_log(small("<AlwaysSuccess/>"), protected / name)
     assert str(caught.value) == (
@@ -274,17 +274,17 @@ def test_a_write_protected_folder_is_said(small: Callable[..., Tree], protected:
     )
 
 
-def test_a_write_protected_file_is_said(small: Callable[..., Tree], protected: Path) -> None:
+def test_write_protected_file_is_reported(small: Callable[..., Tree], protected: Path) -> None:
     with pytest.raises(LogError, match=r"no permission to write to .*old\.btlog$"):
         BtLog(small("<AlwaysSuccess/>"), protected / "old.btlog")
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.fbl"])
-def test_a_log_that_is_not_there_is_said(tmp_path: Path, name: str) -> None:
+def test_missing_log_is_reported(tmp_path: Path, name: str) -> None:
     with pytest.raises(LogError, match="cannot read this log: no such file"):
         read_log(tmp_path / name)
 
 
-def test_a_trace_is_no_log_to_read(tmp_path: Path) -> None:
+def test_reading_a_trace_as_a_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"logs that can be read end in \.btlog, \.db3, \.btdb or \.fbl"):
         read_log(tmp_path / "run.json")

@@ -35,7 +35,7 @@ def test_a_run_is_counted_and_timed(small: Callable[..., Tree], tmp_path: Path) 
 
 
 def recording_of(changes: list[tuple[float, Status]]) -> Recording:
-    """A recording of one node, with (s, status)."""
+    """Return a recording of a single node with transitions of (seconds, status)."""
     from btcore import NodeType
     from btcore.logs import RecordedNode
 
@@ -47,7 +47,7 @@ def recording_of(changes: list[tuple[float, Status]]) -> Recording:
     return Recording(Path("run.btlog"), "", 0, {1: node}, made)
 
 
-def test_results_that_come_at_once_take_no_time() -> None:
+def test_immediate_results_take_no_time() -> None:
     (one,) = recorded_statistics(
         recording_of([(1, SUCCESS), (1, IDLE), (2, FAILURE), (2, IDLE), (3, SKIPPED)])
     )
@@ -60,7 +60,7 @@ def test_a_halt_ends_a_run_without_a_result() -> None:
     assert (one.halted, one.failure, one.runs, one.total, one.longest) == (1, 1, 2, 4 * SECOND, 3 * SECOND)
 
 
-def test_a_node_that_is_running_at_the_end_ran_until_then(captures: Path) -> None:
+def test_node_running_at_the_end_is_timed_until_the_end(captures: Path) -> None:
     (one,) = recorded_statistics(recording_of([(1, RUNNING)]))
     assert (one.running, one.runs, one.total, one.rate) == (True, 1, 0, None)
     recorded = by_path(read_fbl(captures / "v3_sample.fbl"))
@@ -68,7 +68,7 @@ def test_a_node_that_is_running_at_the_end_ran_until_then(captures: Path) -> Non
     assert recorded["root_seq"].total == 456326_000
 
 
-def test_nodes_with_the_same_path_are_told_apart(small: Callable[..., Tree], tmp_path: Path) -> None:
+def test_nodes_with_the_same_path_are_distinguished(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small('<Sequence><AlwaysSuccess name="same"/><AlwaysSuccess name="same"/></Sequence>')
     with BtLog(tree, tmp_path / "run.btlog"):
         tree.tick_once()

@@ -35,13 +35,13 @@ def test_the_recorded_file_is_read(captures: Path) -> None:
     assert sessions(captures / "v4_sample.db3") == [Session(5, "2026-11-21 01:05:46", 57)]
 
 
-def test_paths_are_read_as_the_original_wrote_them(captures: Path) -> None:
+def test_paths_are_read_as_behaviortree_cpp_wrote_them(captures: Path) -> None:
     written = rows(captures / "v4_sample.db3", "SELECT node_uid, fullpath FROM Nodes")
     nodes = read_sqlite(captures / "v4_sample.db3").nodes
     assert {node.uid: node.path for node in nodes.values()} == dict(written)
 
 
-def test_the_tables_are_those_of_the_original(captures: Path, sample: Tree, tmp_path: Path) -> None:
+def test_tables_match_those_of_behaviortree_cpp(captures: Path, sample: Tree, tmp_path: Path) -> None:
     SqliteLog(sample, tmp_path / "run.db3").close()
     for table in ("Definitions", "Nodes", "Transitions"):
         query = f"PRAGMA table_info({table})"
@@ -55,7 +55,7 @@ def test_the_tables_are_those_of_the_original(captures: Path, sample: Tree, tmp_
     assert rows(tmp_path / "run.db3", nodes) == rows(captures / "v4_sample.db3", nodes)
 
 
-def test_the_same_transitions_at_the_same_times_are_the_same_rows(
+def test_equal_transitions_at_equal_times_are_written_as_equal_rows(
     captures: Path, sample: Tree, tmp_path: Path
 ) -> None:
     recording = read_sqlite(captures / "v4_sample.db3")
@@ -73,7 +73,7 @@ def test_the_same_transitions_at_the_same_times_are_the_same_rows(
     assert rows(tmp_path / "run.db3", query) == rows(captures / "v4_sample.db3", query)
 
 
-def test_what_is_written_is_read_again(
+def test_written_transitions_are_read_back(
     sample: Tree, tmp_path: Path, collect: Callable[[Tree], list[Transition]]
 ) -> None:
     changes = collect(sample)
@@ -84,14 +84,14 @@ def test_what_is_written_is_read_again(
     assert recording.xml == tree_to_xml(sample)
 
 
-def test_stamps_increase_strictly_though_the_clock_stands_still(sample: Tree, tmp_path: Path) -> None:
+def test_stamps_increase_strictly_while_the_clock_stands_still(sample: Tree, tmp_path: Path) -> None:
     with SqliteLog(sample, tmp_path / "run.db3") as log:
         sample.tick_exactly_once()
     stamps = [stamp for (stamp,) in rows(tmp_path / "run.db3", "SELECT timestamp FROM Transitions")]
     assert stamps == [log.epoch // 1000 + index for index in range(5)]
 
 
-def test_a_session_replaces_the_ones_before_and_the_numbers_go_on(sample: Tree, tmp_path: Path) -> None:
+def test_new_session_replaces_older_sessions_and_continues_the_numbers(sample: Tree, tmp_path: Path) -> None:
     for _ in range(2):
         with SqliteLog(sample, tmp_path / "run.db3"):
             sample.tick_exactly_once()
@@ -101,9 +101,7 @@ def test_a_session_replaces_the_ones_before_and_the_numbers_go_on(sample: Tree, 
     assert rows(tmp_path / "run.db3", "SELECT count(*) FROM Nodes") == [(10,)]
 
 
-def test_an_appended_session_stands_beside_the_ones_before(
-    small: Callable[..., Tree], tmp_path: Path
-) -> None:
+def test_appended_session_keeps_the_previous_sessions(small: Callable[..., Tree], tmp_path: Path) -> None:
     path = tmp_path / "run.db3"
     for body in ("<AlwaysSuccess/>", "<AlwaysFailure/>"):
         tree = small(body)
@@ -118,7 +116,7 @@ def test_an_appended_session_stands_beside_the_ones_before(
         read_sqlite(path, session=3)
 
 
-def test_a_session_after_one_in_simulated_time_begins_right_after_it(
+def test_session_after_simulated_time_starts_right_after_the_previous_session(
     small: Callable[..., Tree], tmp_path: Path
 ) -> None:
     path = tmp_path / "run.db3"
@@ -134,7 +132,7 @@ def test_a_session_after_one_in_simulated_time_begins_right_after_it(
     assert second[2].stamp - second[0].stamp == 3600 * 10**9
 
 
-def test_a_row_tells_how_long_its_node_was_running(small: Callable[..., Tree], tmp_path: Path) -> None:
+def test_row_contains_the_running_time_of_its_node(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small('<Sequence><Sleep msec="250"/><Sleep msec="1000"/></Sequence>')
     with SqliteLog(tree, tmp_path / "run.db3"):
         tree.tick_while_running(period=0.05)
@@ -160,7 +158,7 @@ def test_extra_data_comes_from_a_function(sample: Tree, tmp_path: Path) -> None:
     assert not [said for (said,) in found if said.endswith("IDLE")]
 
 
-def test_another_program_reads_while_the_tree_runs(sample: Tree, tmp_path: Path) -> None:
+def test_another_program_can_read_while_the_tree_runs(sample: Tree, tmp_path: Path) -> None:
     path = tmp_path / "run.db3"
     with SqliteLog(sample, path), closing(sqlite3.connect(path)) as reader:
         for expected in (5, 5, 13):
@@ -169,7 +167,7 @@ def test_another_program_reads_while_the_tree_runs(sample: Tree, tmp_path: Path)
             assert len(cursor.fetchall()) == expected
 
 
-def test_a_program_in_the_middle_of_reading_does_not_hold_rows_up(sample: Tree, tmp_path: Path) -> None:
+def test_open_read_transaction_does_not_delay_rows(sample: Tree, tmp_path: Path) -> None:
     path = tmp_path / "run.db3"
     with SqliteLog(sample, path), closing(sqlite3.connect(path, isolation_level=None)) as reader:
         reader.execute("BEGIN")
@@ -192,13 +190,13 @@ def test_rows_wait_while_another_program_writes(
         assert rows(path, "SELECT count(*) FROM Transitions") == [(13,)]
 
 
-def test_a_closed_log_is_one_file(sample: Tree, tmp_path: Path) -> None:
+def test_closed_log_is_a_single_file(sample: Tree, tmp_path: Path) -> None:
     with SqliteLog(sample, tmp_path / "run.db3"):
         sample.tick_once()
     assert [path.name for path in tmp_path.iterdir()] == ["run.db3"]
 
 
-def test_a_database_that_another_program_holds_is_said(
+def test_database_locked_by_another_program_is_reported(
     sample: Tree, tmp_path: Path, writer: sqlite3.Connection
 ) -> None:
     writer.execute("PRAGMA locking_mode = EXCLUSIVE")
@@ -207,7 +205,7 @@ def test_a_database_that_another_program_holds_is_said(
         SqliteLog(sample, tmp_path / "run.db3")
 
 
-def test_what_is_no_such_log_is_said(sample: Tree, tmp_path: Path) -> None:
+def test_file_that_is_not_a_log_database_is_refused(sample: Tree, tmp_path: Path) -> None:
     text, empty = tmp_path / "text.db3", tmp_path / "empty.db3"
     text.write_text("no database, but a text that is long enough to have a header" * 10)
     empty.touch()
@@ -223,7 +221,7 @@ def test_what_is_no_such_log_is_said(sample: Tree, tmp_path: Path) -> None:
         SqliteLog(sample, text)
 
 
-def test_a_row_that_makes_no_sense_ends_the_reading(sample: Tree, tmp_path: Path) -> None:
+def test_row_with_an_invalid_status_ends_the_reading(sample: Tree, tmp_path: Path) -> None:
     path = tmp_path / "run.db3"
     with SqliteLog(sample, path):
         sample.tick_exactly_once()

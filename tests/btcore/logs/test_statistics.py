@@ -39,7 +39,7 @@ def test_results_are_counted_by_node(sample: Tree) -> None:
     }
 
 
-def test_the_current_status_and_the_last_time(small: Callable[..., Tree]) -> None:
+def test_current_status_and_last_timestamp_are_kept(small: Callable[..., Tree]) -> None:
     clock = SimClock(9_000_000_000)
     tree = small('<Sequence><Sleep name="wait" msec="100"/></Sequence>', clock=clock)
     with TreeObserver(tree) as observer:
@@ -53,7 +53,7 @@ def test_the_current_status_and_the_last_time(small: Callable[..., Tree]) -> Non
         assert wait.last_timestamp == observer.epoch + 250_000_000
 
 
-def test_the_last_time_is_that_of_a_halt_too(small: Callable[..., Tree]) -> None:
+def test_halt_updates_the_last_timestamp(small: Callable[..., Tree]) -> None:
     clock = SimClock()
     tree = small('<Sleep msec="100"/>', clock=clock)
     with TreeObserver(tree) as observer:
@@ -64,7 +64,7 @@ def test_the_last_time_is_that_of_a_halt_too(small: Callable[..., Tree]) -> None
     assert observer.get_statistics(1).transitions_count == 1
 
 
-def test_a_node_that_says_skipped_is_counted(small: Callable[..., Tree]) -> None:
+def test_node_that_sets_skipped_is_counted(small: Callable[..., Tree]) -> None:
     nodes = Registry.standard()
     nodes.add(SaysSkipped)
     tree = small("<Sequence><SaysSkipped/></Sequence>", nodes=nodes)
@@ -74,13 +74,13 @@ def test_a_node_that_says_skipped_is_counted(small: Callable[..., Tree]) -> None
     assert (skipped.skip_count, skipped.transitions_count, skipped.last_result) == (1, 1, IDLE)
 
 
-def test_paths_and_uids(sample: Tree) -> None:
+def test_paths_and_uids_are_mapped_both_ways(sample: Tree) -> None:
     with TreeObserver(sample) as observer:
         assert observer.path_to_uid["Sub::6/Count::9"] == 9
         assert observer.uid_to_path[5] == "cnt"
 
 
-def test_equal_paths_are_told_apart_by_uid(small: Callable[..., Tree]) -> None:
+def test_equal_paths_are_distinguished_by_uid(small: Callable[..., Tree]) -> None:
     tree = small('<Sequence><AlwaysSuccess name="a"/><AlwaysFailure name="a"/></Sequence>')
     with TreeObserver(tree) as observer:
         tree.tick_once()
@@ -99,7 +99,7 @@ def test_an_unknown_node_raises_with_a_suggestion(sample: Tree) -> None:
     observer.close()
 
 
-def test_what_was_handed_out_does_not_change(small: Callable[..., Tree]) -> None:
+def test_returned_statistics_do_not_change(small: Callable[..., Tree]) -> None:
     tree = small("<AlwaysSuccess/>")
     with TreeObserver(tree) as observer:
         before = observer.get_statistics(1)
@@ -110,7 +110,7 @@ def test_what_was_handed_out_does_not_change(small: Callable[..., Tree]) -> None
         assert observer.get_statistics(1).success_count == 1
 
 
-def test_a_closed_observer_counts_no_more(small: Callable[..., Tree]) -> None:
+def test_closed_observer_counts_nothing_more(small: Callable[..., Tree]) -> None:
     tree = small("<AlwaysSuccess/>")
     observer = TreeObserver(tree)
     tree.tick_once()

@@ -23,7 +23,7 @@ def events(path: Path) -> list[dict[str, Any]]:
     return found
 
 
-def still_open(found: list[dict[str, Any]]) -> list[str]:
+def open_slices(found: list[dict[str, Any]]) -> list[str]:
     """Names of the slices that have not ended; every E must end the slice that began last on its thread."""
     stacks: dict[int, list[str]] = {}
     for event in found:
@@ -35,7 +35,7 @@ def still_open(found: list[dict[str, Any]]) -> list[str]:
     return [name for stack in stacks.values() for name in stack]
 
 
-def test_the_events_are_those_of_the_original(captures: Path, sample: Tree, tmp_path: Path) -> None:
+def test_events_match_those_of_behaviortree_cpp(captures: Path, sample: Tree, tmp_path: Path) -> None:
     with TraceLog(sample, tmp_path / "run.json"):
         for _ in range(3):
             sample.tick_while_running()
@@ -62,7 +62,7 @@ def test_times_are_microseconds_of_the_trees_clock(small: Callable[..., Tree], t
     ]
 
 
-def test_arguments_tell_the_node_and_its_result(small: Callable[..., Tree], tmp_path: Path) -> None:
+def test_arguments_contain_the_node_and_its_result(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small('<Inverter><AlwaysSuccess name="a"/></Inverter>')
     with TraceLog(tree, tmp_path / "run.json"):
         tree.tick_once()
@@ -80,29 +80,27 @@ def test_names_are_escaped(small: Callable[..., Tree], tmp_path: Path) -> None:
     assert events(tmp_path / "run.json")[0]["name"] == 'say "hé" \\ twice'
 
 
-def test_a_halted_nodes_slice_ends(small: Callable[..., Tree], tmp_path: Path) -> None:
+def test_halt_ends_the_slice_of_a_node(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small('<Sequence><Sleep msec="1000"/></Sequence>')
     log = TraceLog(tree, tmp_path / "run.json")
     tree.tick_once()
-    assert still_open(events(tmp_path / "run.json")) == ["Sequence", "Sleep"]
+    assert open_slices(events(tmp_path / "run.json")) == ["Sequence", "Sleep"]
     tree.halt()
-    assert still_open(events(tmp_path / "run.json")) == []
+    assert open_slices(events(tmp_path / "run.json")) == []
     assert events(tmp_path / "run.json")[-1]["args"] == {"status": "IDLE"}
     log.close()
 
 
-def test_what_still_runs_at_the_end_is_ended(small: Callable[..., Tree], tmp_path: Path) -> None:
+def test_running_slices_are_ended_when_the_log_is_closed(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small('<Parallel><Sleep name="a" msec="1000"/><Sleep name="b" msec="500"/></Parallel>')
     with TraceLog(tree, tmp_path / "run.json"):
         tree.tick_once()
     found = events(tmp_path / "run.json")
-    assert still_open(found) == []
+    assert open_slices(found) == []
     assert [event["args"]["status"] for event in found if event["ph"] == "E"] == ["RUNNING"] * 3
 
 
-def test_nodes_that_run_at_the_same_time_are_on_lanes_of_their_own(
-    small: Callable[..., Tree], tmp_path: Path
-) -> None:
+def test_concurrent_nodes_have_separate_lanes(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small(
         '<Parallel><Sleep name="a" msec="100"/><Sleep name="b" msec="300"/>'
         '<Sleep name="c" msec="200"/></Parallel>'
@@ -110,7 +108,7 @@ def test_nodes_that_run_at_the_same_time_are_on_lanes_of_their_own(
     with TraceLog(tree, tmp_path / "run.json"):
         tree.tick_while_running()
     found = events(tmp_path / "run.json")
-    assert still_open(found) == []
+    assert open_slices(found) == []
     assert [(event["name"], event["ph"], event["tid"]) for event in found] == [
         ("Parallel", "B", 1),
         ("a", "B", 1),
@@ -123,7 +121,7 @@ def test_nodes_that_run_at_the_same_time_are_on_lanes_of_their_own(
     ]
 
 
-def test_a_log_attached_while_nodes_run_shows_them_from_their_next_start(
+def test_log_attached_to_running_nodes_shows_them_from_their_next_start(
     small: Callable[..., Tree], tmp_path: Path
 ) -> None:
     tree = small('<Sleep msec="100"/>')
@@ -146,19 +144,17 @@ def test_slices_are_nested_and_ended_in_every_tree(
         try:
             for _ in range(ticks):
                 tree.tick_exactly_once()
-                still_open(events(path))
+                open_slices(events(path))
                 tree.sleep(0.05)
             if halt:
                 tree.halt()
-                assert still_open(events(path)) == []
+                assert open_slices(events(path)) == []
         except NodeExecutionError:
-            assert still_open(events(path)) == []
-    assert still_open(events(path)) == []
+            assert open_slices(events(path)) == []
+    assert open_slices(events(path)) == []
 
 
-def test_a_status_that_changes_at_once_from_one_result_to_another_is_seen(
-    small: Callable[..., Tree], tmp_path: Path
-) -> None:
+def test_direct_change_between_results_is_recorded(small: Callable[..., Tree], tmp_path: Path) -> None:
     nodes = Registry.standard()
     answers = iter([True, False])
     nodes.add(btcore.condition(ID="Ok")(lambda: next(answers)))
@@ -171,7 +167,7 @@ def test_a_status_that_changes_at_once_from_one_result_to_another_is_seen(
     assert [event["args"]["status"] for event in instants] == ["SUCCESS", "FAILURE"]
 
 
-def test_a_slice_that_outlives_the_one_around_it_is_cut_and_goes_on_elsewhere(
+def test_slice_that_outlives_its_parent_is_cut_and_continued(
     small: Callable[..., Tree], tmp_path: Path
 ) -> None:
     tree = small('<Inverter name="a"><Inverter name="b"><AlwaysSuccess name="c"/></Inverter></Inverter>')
@@ -181,7 +177,7 @@ def test_a_slice_that_outlives_the_one_around_it_is_cut_and_goes_on_elsewhere(
     with TraceLog(tree, tmp_path / "run.json") as log:
         log.write([Transition(number, number * 1000, 1, *step) for number, step in enumerate(steps, 1)])
     found = events(tmp_path / "run.json")
-    assert still_open(found) == []
+    assert open_slices(found) == []
     assert [(event["name"], event["ph"], event["tid"], event["ts"]) for event in found] == [
         ("a", "B", 1, 1),
         ("b", "B", 1, 2),

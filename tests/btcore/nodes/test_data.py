@@ -1,4 +1,4 @@
-"""UnsetBlackboard and SetBlackboard, and ports of enums."""
+"""UnsetBlackboard and SetBlackboard, and enum ports."""
 
 import enum
 from collections.abc import Callable
@@ -16,7 +16,7 @@ S, F = Status.SUCCESS, Status.FAILURE
 # --- UnsetBlackboard
 
 
-def test_unset_removes_the_entry_and_succeeds_also_without_one(make_tree: Grow) -> None:
+def test_unset_removes_the_entry_and_succeeds_without_an_entry_too(make_tree: Grow) -> None:
     tree = make_tree('<UnsetBlackboard key="x"/>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
@@ -24,7 +24,7 @@ def test_unset_removes_the_entry_and_succeeds_also_without_one(make_tree: Grow) 
     assert tree.tick_once() is S
 
 
-def test_an_entry_that_was_removed_may_come_back_with_another_type(make_tree: Grow) -> None:
+def test_removed_entry_may_return_with_another_type(make_tree: Grow) -> None:
     tree = make_tree('<UnsetBlackboard key="x"/>')
     tree.blackboard["x"] = 1
     tree.tick_once()
@@ -41,7 +41,7 @@ def test_the_key_may_itself_be_a_pointer(make_tree: Grow) -> None:
     assert "which" in tree.blackboard
 
 
-def test_it_removes_from_its_own_scope_only(make_tree: Grow) -> None:
+def test_unset_removes_only_from_its_own_scope(make_tree: Grow) -> None:
     inner = '<BehaviorTree ID="Sub"><UnsetBlackboard key="x"/></BehaviorTree>'
     for attributes in ('x="{x}"', '_autoremap="true"'):
         tree = make_tree(f'<SubTree ID="Sub" {attributes}/>', others=inner)
@@ -50,29 +50,29 @@ def test_it_removes_from_its_own_scope_only(make_tree: Grow) -> None:
         assert tree.blackboard["x"] == 1
 
 
-def test_a_key_that_is_not_given_is_an_error_at_the_tick(make_tree: Grow) -> None:
+def test_missing_key_raises_at_the_tick(make_tree: Grow) -> None:
     with pytest.raises(NodeExecutionError, match="key"):
         make_tree("<UnsetBlackboard/>").tick_once()
 
 
-# --- SetBlackboard, where the entry has a type
+# --- SetBlackboard with a typed entry
 
 
-def test_a_text_becomes_what_the_entry_is(make_tree: Grow) -> None:
+def test_text_is_converted_to_the_type_of_the_entry(make_tree: Grow) -> None:
     tree = make_tree('<SetBlackboard value="42" output_key="x"/>')
     tree.blackboard["x"] = 7
     tree.tick_once()
     assert tree.blackboard["x"] == 42
 
 
-def test_a_text_that_does_not_convert_is_an_error(make_tree: Grow) -> None:
+def test_text_that_does_not_convert_raises(make_tree: Grow) -> None:
     tree = make_tree('<SetBlackboard value="many" output_key="x"/>')
     tree.blackboard["x"] = 7
     with pytest.raises(NodeExecutionError, match="many"):
         tree.tick_once()
 
 
-def test_a_pointer_copies_the_value_whatever_it_is(make_tree: Grow) -> None:
+def test_pointer_copies_any_value(make_tree: Grow) -> None:
     something = object()
     tree = make_tree('<SetBlackboard value="{a}" output_key="b"/>')
     tree.blackboard["a"] = something
@@ -80,11 +80,11 @@ def test_a_pointer_copies_the_value_whatever_it_is(make_tree: Grow) -> None:
     assert tree.blackboard["b"] is something
 
 
-def test_an_empty_entry_can_not_be_copied(make_tree: Grow) -> None:
+def test_empty_entry_cannot_be_copied(make_tree: Grow) -> None:
     assert make_tree('<SetBlackboard value="{a}" output_key="b"/>').tick_once() is F
 
 
-# --- ports of enums
+# --- enum ports
 
 
 class Gear(enum.Enum):
@@ -105,14 +105,14 @@ def nodes() -> Registry:
 
 
 @pytest.mark.parametrize(("text", "status"), [("DRIVE", S), ("3", S), ("PARK", F), ("0", F)])
-def test_an_enum_is_written_by_name_or_by_number(
+def test_enum_is_given_by_name_or_by_number(
     text: str, status: Status, nodes: Registry, make_tree: Grow
 ) -> None:
     assert make_tree(f'<Drives gear="{text}"/>', nodes=nodes).tick_once() is status
 
 
 @pytest.mark.parametrize("value", [Gear.DRIVE, 3, "DRIVE", "3"])
-def test_on_the_blackboard_it_may_be_a_member_a_number_or_a_text(
+def test_enum_entry_may_be_a_member_a_number_or_a_text(
     value: object, nodes: Registry, make_tree: Grow
 ) -> None:
     tree = make_tree('<Drives gear="{g}"/>', nodes=nodes)
@@ -122,17 +122,17 @@ def test_on_the_blackboard_it_may_be_a_member_a_number_or_a_text(
     assert tree.tick_once() is S
 
 
-def test_a_script_may_set_it_by_a_registered_name(nodes: Registry, make_tree: Grow) -> None:
+def test_script_may_set_an_enum_by_a_registered_name(nodes: Registry, make_tree: Grow) -> None:
     nodes.add_enum(Gear)
     tree = make_tree('<Sequence><Script code="g := DRIVE"/><Drives gear="{g}"/></Sequence>', nodes=nodes)
     assert tree.tick_once() is S
 
 
-def test_a_name_registered_for_a_number_counts_in_ports_too(nodes: Registry, make_tree: Grow) -> None:
+def test_name_registered_for_a_number_is_accepted_by_ports(nodes: Registry, make_tree: Grow) -> None:
     nodes.add_enum({"FORWARD": 3})
     assert make_tree('<Drives gear="FORWARD"/>', nodes=nodes).tick_once() is S
 
 
-def test_what_is_no_member_is_an_error_that_names_the_members(nodes: Registry, make_tree: Grow) -> None:
+def test_unknown_member_raises_an_error_that_lists_the_members(nodes: Registry, make_tree: Grow) -> None:
     with pytest.raises((TreeError, NodeExecutionError), match="PARK or DRIVE"):
         make_tree('<Drives gear="REVERSE"/>', nodes=nodes).tick_once()

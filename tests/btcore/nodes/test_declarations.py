@@ -1,4 +1,4 @@
-"""What the classes of built-in nodes declare about themselves."""
+"""The declarations of the built-in node classes."""
 
 import pytest
 
@@ -24,7 +24,7 @@ def test_a_class_has_one_id_in_its_formats() -> None:
 
 
 @pytest.mark.parametrize("cls", BUILTIN_NODES[4].values(), ids=lambda cls: cls.__name__)
-def test_a_batch_counterpart_that_is_declared_exists(cls: type[TreeNode]) -> None:
+def test_declared_batch_counterpart_exists(cls: type[TreeNode]) -> None:
     pytest.importorskip("numpy")
     from btcore.batch.compile import batch_class
     from btcore.batch.node import BatchNode
@@ -33,7 +33,7 @@ def test_a_batch_counterpart_that_is_declared_exists(cls: type[TreeNode]) -> Non
     assert found is None or issubclass(found, BatchNode)
 
 
-def test_the_declared_results_do_not_hold_for_a_users_class_that_may_tick_otherwise() -> None:
+def test_declared_results_do_not_apply_to_user_subclasses() -> None:
     class Own(ForceSuccess):
         pass
 

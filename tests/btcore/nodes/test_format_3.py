@@ -1,4 +1,4 @@
-"""Nodes that only format 3 has, BlackboardCheck… and SubTreePlus, and its own ways."""
+"""Nodes and rules of format 3 only: BlackboardCheck…, SubTreePlus, and differences in reading."""
 
 from collections.abc import Callable
 
@@ -52,7 +52,7 @@ def test_values_are_read_from_the_blackboard_at_every_tick(make_tree: Grow) -> N
 
 
 @pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "RUNNING"])
-def test_a_mismatch_gives_what_it_is_told_to(written: str, make_tree: Grow) -> None:
+def test_mismatch_returns_the_configured_status(written: str, make_tree: Grow) -> None:
     tree = make_tree(check("Int", "1", "2", f'return_on_mismatch="{written}"'), format=3)
     assert tree.tick_once() is Status[written]
 
@@ -62,12 +62,12 @@ def test_a_missing_value_is_a_mismatch(kind: str, make_tree: Grow) -> None:
     assert make_tree(check(kind, "{x}", "{y}"), format=3).tick_once() is F
 
 
-def test_a_value_that_is_no_such_type_is_a_mismatch(make_tree: Grow) -> None:
+def test_value_of_a_wrong_type_is_a_mismatch(make_tree: Grow) -> None:
     assert make_tree(check("Int", "seven", "seven"), format=3).tick_once() is F
     assert make_tree(check("Bool", "yes", "yes"), format=3).tick_once() is F
 
 
-def test_it_is_asked_again_while_the_child_runs_which_a_mismatch_halts(
+def test_values_are_checked_while_the_child_runs_and_a_mismatch_halts_it(
     make_tree: Grow, journal: CallLog
 ) -> None:
     tree = make_tree(check("Int", "{x}", "1", plan="RRR"), format=3)
@@ -79,7 +79,7 @@ def test_it_is_asked_again_while_the_child_runs_which_a_mismatch_halts(
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_format_4_does_not_have_them(make_tree: Grow) -> None:
+def test_format_4_has_no_blackboard_checks(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="BlackboardCheckInt"):
         make_tree(check("Int", "1", "1"))
 
@@ -100,19 +100,19 @@ def test_braces_connect_two_entries(make_tree: Grow) -> None:
     assert "said" not in tree.blackboard
 
 
-def test_anything_else_is_a_constant_of_the_inner_tree(make_tree: Grow) -> None:
+def test_other_attributes_are_constants_of_the_inner_tree(make_tree: Grow) -> None:
     inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
     tree = make_tree('<SubTreePlus ID="Check" plan="F"/>', others=inner, format=3)
     assert tree.tick_once() is F
     assert "plan" not in tree.blackboard
 
 
-def test_a_constant_is_a_text_even_if_it_reads_as_a_number(make_tree: Grow) -> None:
+def test_constant_is_a_text_even_if_it_looks_like_a_number(make_tree: Grow) -> None:
     tree = make_tree('<SubTreePlus ID="Count" n="41"/>', others=COUNT, format=3)
     assert tree.subtrees[1].blackboard["n"] == "41"
 
 
-def test_without_autoremap_the_inner_tree_is_alone(make_tree: Grow) -> None:
+def test_inner_tree_is_isolated_without_autoremap(make_tree: Grow) -> None:
     inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
     tree = make_tree('<SubTreePlus ID="Check"/>', others=inner, format=3)
     tree.blackboard["plan"] = "S"
@@ -121,16 +121,14 @@ def test_without_autoremap_the_inner_tree_is_alone(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("written", ["true", "1"])
-def test_with_autoremap_the_names_of_the_inner_tree_are_those_of_the_outer(
-    written: str, make_tree: Grow
-) -> None:
+def test_autoremap_shares_entries_by_name(written: str, make_tree: Grow) -> None:
     tree = make_tree(f'<SubTreePlus ID="Count" __autoremap="{written}"/>', others=COUNT, format=3)
     tree.blackboard["n"] = 41
     assert tree.tick_once() is S
     assert tree.blackboard["n"] == 42
 
 
-def test_with_autoremap_a_remapping_that_is_written_comes_first(make_tree: Grow) -> None:
+def test_explicit_remapping_takes_precedence_over_autoremap(make_tree: Grow) -> None:
     tree = make_tree('<SubTreePlus ID="Count" __autoremap="true" n="{m}"/>', others=COUNT, format=3)
     tree.blackboard["n"] = 0
     tree.blackboard["m"] = 41
@@ -138,44 +136,44 @@ def test_with_autoremap_a_remapping_that_is_written_comes_first(make_tree: Grow)
     assert (tree.blackboard["n"], tree.blackboard["m"]) == (0, 42)
 
 
-def test_its_node_is_called_as_its_tree_whatever_its_name(make_tree: Grow) -> None:
+def test_subtree_plus_node_has_the_name_of_its_tree(make_tree: Grow) -> None:
     tree = make_tree('<SubTreePlus ID="Count" name="mine" n="{n}"/>', others=COUNT, format=3)
     assert tree.root.name == "Count"
 
 
-def test_format_4_does_not_have_it(make_tree: Grow) -> None:
+def test_format_4_has_no_subtree_plus(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="SubTreePlus"):
         make_tree('<SubTreePlus ID="Count"/>', others=COUNT)
 
 
-# --- what else format 3 reads differently
+# --- other differences of format 3
 
 
-def test_dollar_braces_point_to_an_entry_too(make_tree: Grow) -> None:
+def test_dollar_braces_refer_to_an_entry_too(make_tree: Grow) -> None:
     tree = make_tree('<PlanSync plan="${plan}"/>', format=3)
     tree.blackboard["plan"] = "F"
     assert tree.tick_once() is F
 
 
-def test_an_output_may_be_named_without_braces(make_tree: Grow) -> None:
+def test_output_key_may_be_written_without_braces(make_tree: Grow) -> None:
     tree = make_tree('<Inc in="1" out="n"/>', format=3)
     tree.tick_once()
     assert tree.blackboard["n"] == 2
 
 
-def test_a_loop_takes_one_tick(make_tree: Grow, journal: CallLog) -> None:
+def test_repeat_completes_in_a_single_tick(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree('<Repeat num_cycles="3"><PlanSync name="p" plan="S"/></Repeat>', format=3)
     assert tree.tick_exactly_once() is S
     assert journal.calls == ["p:tick"] * 3
 
 
-def test_while_do_else_has_exactly_three_children(make_tree: Grow) -> None:
+def test_while_do_else_requires_exactly_three_children(make_tree: Grow) -> None:
     tree = make_tree("<WhileDoElse><AlwaysSuccess/><AlwaysSuccess/></WhileDoElse>", format=3)
     with pytest.raises(NodeExecutionError, match="two branches, not 2 children"):
         tree.tick_once()
 
 
-def test_spaces_around_braces_make_a_text_of_them(make_tree: Grow) -> None:
+def test_spaces_around_braces_make_the_value_a_text(make_tree: Grow) -> None:
     for text, status in (("{plan}", F), (" {plan}", None), ("{plan} ", None)):
         tree = make_tree(f'<PlanSync plan="{text}"/>', format=3)
         tree.blackboard["plan"] = "F"
@@ -186,7 +184,7 @@ def test_spaces_around_braces_make_a_text_of_them(make_tree: Grow) -> None:
             assert tree.tick_once() is status
 
 
-def test_an_equals_sign_means_the_entry_that_is_called_as_the_port(make_tree: Grow) -> None:
+def test_equals_sign_refers_to_the_entry_named_like_the_port(make_tree: Grow) -> None:
     tree = make_tree('<Sequence><PlanSync plan="="/><Inc in="1" out="="/></Sequence>', format=3)
     tree.blackboard["plan"] = "S"
     assert tree.tick_once() is S
@@ -206,7 +204,7 @@ def test_some_control_nodes_may_be_empty(make_tree: Grow) -> None:
             make_tree(f"<{tag}/>", format=3)
 
 
-def test_retrying_takes_one_tick_too(make_tree: Grow, journal: CallLog) -> None:
+def test_retry_completes_in_a_single_tick(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(
         '<RetryUntilSuccessful num_attempts="3"><PlanSync name="p" plan="F"/></RetryUntilSuccessful>',
         format=3,
@@ -215,7 +213,7 @@ def test_retrying_takes_one_tick_too(make_tree: Grow, journal: CallLog) -> None:
     assert journal.calls == ["p:tick"] * 3
 
 
-def test_a_mismatch_whose_result_is_not_on_the_blackboard_is_a_failure(make_tree: Grow) -> None:
+def test_mismatch_result_missing_on_the_blackboard_is_a_failure(make_tree: Grow) -> None:
     tree = make_tree(check("Int", "1", "2", 'return_on_mismatch="{result}"'), format=3)
     assert tree.tick_once() is F
     tree.blackboard["result"] = S

@@ -1,4 +1,4 @@
-"""LoopInt, LoopBool, LoopDouble and LoopString: one element a tick."""
+"""LoopInt, LoopBool, LoopDouble and LoopString: one element per tick."""
 
 from collections import deque
 from collections.abc import Callable
@@ -43,7 +43,7 @@ def ticks(tree: Tree, count: int) -> list[Status]:
         ("LoopString", "a;b c", ["a", "b c"]),
     ],
 )
-def test_one_element_a_tick_and_one_tick_more_to_end(
+def test_loop_takes_one_element_per_tick_and_one_tick_to_end(
     tag: str, text: str, elements: list[object], make_tree: Grow, sink: Sink
 ) -> None:
     tree = make_tree(
@@ -54,25 +54,25 @@ def test_one_element_a_tick_and_one_tick_more_to_end(
     assert [type(one) for one in sink.got] == [type(one) for one in elements]
 
 
-def test_no_wake_up_is_emitted(make_tree: Grow, sink: Sink) -> None:
+def test_loop_emits_no_wake_up(make_tree: Grow, sink: Sink) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     tree.tick_once()
     assert tree.ticks == 1
 
 
-def test_a_written_list_starts_anew_with_the_node(make_tree: Grow, sink: Sink) -> None:
+def test_literal_list_restarts_with_the_node(make_tree: Grow, sink: Sink) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     assert ticks(tree, 6) == [R, R, S, R, R, S]
     assert sink.got == [1, 2, 1, 2]
 
 
 @pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "SKIPPED"])
-def test_an_empty_queue_gives_if_empty(written: str, make_tree: Grow) -> None:
+def test_empty_queue_returns_if_empty(written: str, make_tree: Grow) -> None:
     tree = make_tree(f'<LoopInt queue="" if_empty="{written}" value="{{v}}"><AlwaysSuccess/></LoopInt>')
     assert tree.tick_once() is Status[written]
 
 
-def test_a_failure_ends_the_loop_and_drops_the_rest_of_a_written_list(
+def test_failure_ends_the_loop_and_drops_the_rest_of_a_literal_list(
     make_tree: Grow, journal: CallLog
 ) -> None:
     tree = make_tree('<LoopInt queue="1;2;3" value="{v}"><PlanSync name="p" plan="SFSSS"/></LoopInt>')
@@ -81,12 +81,12 @@ def test_a_failure_ends_the_loop_and_drops_the_rest_of_a_written_list(
     assert ticks(tree, 4) == [R, R, R, S]
 
 
-def test_a_skipped_child_takes_its_element_and_the_loop_runs_on(make_tree: Grow) -> None:
+def test_skipped_child_consumes_its_element_and_the_loop_continues(make_tree: Grow) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanSync plan="K"/></LoopInt>')
     assert ticks(tree, 3) == [R, R, S]
 
 
-def test_a_child_that_runs_keeps_its_element(make_tree: Grow, journal: CallLog) -> None:
+def test_running_child_keeps_its_element(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="RRS"/></LoopInt>')
     assert ticks(tree, 3) == [R, R, R]
     assert tree.blackboard["v"] == 1
@@ -95,7 +95,7 @@ def test_a_child_that_runs_keeps_its_element(make_tree: Grow, journal: CallLog) 
     assert journal.calls == ["a:start", "a:running", "a:running", "a:start"]
 
 
-def test_a_halt_halts_the_child_and_starts_a_written_list_anew(make_tree: Grow, journal: CallLog) -> None:
+def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="S|RR|S"/></LoopInt>')
     ticks(tree, 2)
     assert tree.blackboard["v"] == 2
@@ -116,7 +116,7 @@ def test_a_deque_on_the_blackboard_is_consumed_in_place(make_tree: Grow, sink: S
     assert sink.got == [1, 2, 3]
 
 
-def test_what_a_failure_leaves_in_a_deque_stays_there(make_tree: Grow) -> None:
+def test_failure_leaves_the_rest_in_a_deque(make_tree: Grow) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
     queue: deque[int] = deque([1, 2, 3])
     tree.blackboard["q"] = queue
@@ -125,7 +125,7 @@ def test_what_a_failure_leaves_in_a_deque_stays_there(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("given", [[1, 2], "1;2"])
-def test_a_list_or_a_text_on_the_blackboard_is_taken_once_an_activation_and_left_as_it_is(
+def test_list_or_text_entry_is_read_at_each_activation_and_left_unchanged(
     given: object, make_tree: Grow, sink: Sink
 ) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
@@ -136,19 +136,19 @@ def test_a_list_or_a_text_on_the_blackboard_is_taken_once_an_activation_and_left
     assert sink.got == [1, 2, 7, 8]
 
 
-def test_an_entry_that_is_missing_or_empty_is_an_empty_queue(make_tree: Grow) -> None:
+def test_missing_entry_is_an_empty_queue(make_tree: Grow) -> None:
     assert make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>').tick_once() is S
 
 
-def test_the_value_need_not_be_wanted(make_tree: Grow) -> None:
+def test_value_port_is_optional(make_tree: Grow) -> None:
     assert ticks(make_tree('<LoopInt queue="1"><AlwaysSuccess/></LoopInt>'), 2) == [R, S]
 
 
-def test_a_queue_that_is_not_given_is_an_error_of_the_tree(make_tree: Grow) -> None:
+def test_missing_queue_is_a_tree_error(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="queue"):
         make_tree('<LoopInt value="{v}"><AlwaysSuccess/></LoopInt>')
 
 
-def test_an_element_that_does_not_convert_is_an_error_of_the_tree(make_tree: Grow) -> None:
+def test_element_that_does_not_convert_is_a_tree_error(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="two"):
         make_tree('<LoopInt queue="1;two" value="{v}"><AlwaysSuccess/></LoopInt>')

@@ -11,7 +11,7 @@ from btcore.nodes.manual_selector import Prompt
 
 
 class Answers(Prompt):
-    """Answers from a list, and keeps what was asked."""
+    """Answers from a list, and records the options of each question."""
 
     def __init__(self, *answers: int) -> None:
         self.answers = list(answers)
@@ -43,12 +43,12 @@ def test_a_result_can_be_chosen_instead(answer: int, status: str) -> None:
     assert tree_of("", Answers(answer)).tick_exactly_once() is Status[status]
 
 
-def test_with_repeat_last_selection_the_question_is_asked_once() -> None:
+def test_repeat_last_selection_prompts_only_once() -> None:
     tree = tree_of('repeat_last_selection="1"', Answers(1))
     assert [tree.tick_once(), tree.tick_once()] == [Status.FAILURE, Status.FAILURE]
 
 
-def test_at_the_terminal_a_wrong_answer_is_asked_for_again(
+def test_invalid_answer_at_the_terminal_repeats_the_question(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("7\nno\n2\n"))
@@ -58,7 +58,7 @@ def test_at_the_terminal_a_wrong_answer_is_asked_for_again(
     assert "  2  no\n" in said
 
 
-def test_without_anybody_there_it_is_an_error_that_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_end_of_input_raises_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     with pytest.raises(NodeExecutionError, match="no option was chosen"):
         tree_of().tick_once()

@@ -18,7 +18,7 @@ FORMATS = [3, 4]
 
 
 def switch(cases: int, *plans: str, variable: str = "{v}") -> str:
-    """A switch with cases "1", "2" …, and children c1, c2 … and `other`."""
+    """Return a switch with cases "1", "2" …, and children c1, c2 … and `other`."""
     ports = " ".join(f'case_{number}="{number}"' for number in range(1, cases + 1))
     names = [f"c{number}" for number in range(1, cases + 1)] + ["other"]
     given = [*plans, *["S"] * (cases + 1 - len(plans))]
@@ -30,7 +30,7 @@ def switch(cases: int, *plans: str, variable: str = "{v}") -> str:
 
 @pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("cases", SIZES)
-def test_the_child_of_the_case_that_equals_the_variable_is_ticked_and_else_the_last(
+def test_matching_case_is_ticked_and_otherwise_the_last_child(
     cases: int, format: int, make_tree: Grow, journal: CallLog
 ) -> None:
     tree = make_tree(switch(cases), format=format)
@@ -44,15 +44,13 @@ def test_the_child_of_the_case_that_equals_the_variable_is_ticked_and_else_the_l
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_a_variable_that_can_not_be_read_is_no_case(format: int, make_tree: Grow, journal: CallLog) -> None:
+def test_unreadable_variable_matches_no_case(format: int, make_tree: Grow, journal: CallLog) -> None:
     assert make_tree(switch(4), format=format).tick_once() is S
     assert journal.calls == ["other:start"]
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_when_the_choice_changes_the_child_that_ran_is_halted(
-    format: int, make_tree: Grow, journal: CallLog
-) -> None:
+def test_changed_choice_halts_the_running_child(format: int, make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(switch(4, "R", "RS"), format=format)
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is R
@@ -63,7 +61,7 @@ def test_when_the_choice_changes_the_child_that_ran_is_halted(
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_a_halt_halts_the_child_that_runs(format: int, make_tree: Grow, journal: CallLog) -> None:
+def test_halt_halts_the_running_child(format: int, make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(switch(5, "R"), format=format)
     tree.blackboard["v"] = "1"
     tree.tick_once()
@@ -72,13 +70,13 @@ def test_a_halt_halts_the_child_that_runs(format: int, make_tree: Grow, journal:
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_its_failure_is_the_switchs(format: int, make_tree: Grow) -> None:
+def test_switch_returns_the_failure_of_its_child(format: int, make_tree: Grow) -> None:
     tree = make_tree(switch(6, "F"), format=format)
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is F
 
 
-def test_a_skipped_child_makes_it_skipped(make_tree: Grow) -> None:
+def test_switch_is_skipped_with_its_child(make_tree: Grow) -> None:
     tree = make_tree(switch(4, "K"))
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is K
@@ -86,7 +84,7 @@ def test_a_skipped_child_makes_it_skipped(make_tree: Grow) -> None:
 
 @pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("cases", [4, 6])
-def test_the_children_are_one_more_than_the_cases(cases: int, format: int, make_tree: Grow) -> None:
+def test_number_of_children_must_be_cases_plus_one(cases: int, format: int, make_tree: Grow) -> None:
     children = "<AlwaysSuccess/>" * cases
     with pytest.raises((NodeExecutionError, TreeError), match=f"Switch{cases}"):
         make_tree(
@@ -94,7 +92,7 @@ def test_the_children_are_one_more_than_the_cases(cases: int, format: int, make_
         ).tick_once()
 
 
-def test_a_case_that_is_not_given_is_passed_over(make_tree: Grow, journal: CallLog) -> None:
+def test_missing_case_is_ignored(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(
         '<Switch4 variable="b" case_3="b"><PlanSync name="a" plan="S"/><PlanSync name="b" plan="S"/>'
         '<PlanSync name="c" plan="S"/><PlanSync name="d" plan="S"/><PlanSync name="e" plan="S"/></Switch4>'
@@ -103,7 +101,7 @@ def test_a_case_that_is_not_given_is_passed_over(make_tree: Grow, journal: CallL
     assert journal.calls == ["c:tick"]
 
 
-def test_the_first_of_two_equal_cases_counts(make_tree: Grow, journal: CallLog) -> None:
+def test_first_of_two_equal_cases_is_chosen(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(
         '<Switch2 variable="b" case_1="b" case_2="b"><PlanSync name="a" plan="S"/>'
         '<PlanSync name="b" plan="S"/><PlanSync name="c" plan="S"/></Switch2>'
@@ -138,7 +136,7 @@ class Colour(enum.Enum):
         ("nan", "NAN", False, False),
     ],
 )
-def test_equal_is_the_same_text_in_format_3_and_the_same_meaning_in_format_4(
+def test_format_3_compares_texts_and_format_4_compares_values(
     variable: str, case: str, matches: bool, in_format_3: bool, make_tree: Grow
 ) -> None:
     nodes = conformance_registry()
@@ -149,20 +147,20 @@ def test_equal_is_the_same_text_in_format_3_and_the_same_meaning_in_format_4(
     assert make_tree(body, nodes=nodes, format=3).tick_once() is (S if in_format_3 else F)
 
 
-def test_a_number_that_a_script_wrote_is_compared_by_its_value(make_tree: Grow, journal: CallLog) -> None:
+def test_number_written_by_a_script_is_compared_by_value(make_tree: Grow, journal: CallLog) -> None:
     tree = make_tree(f'<Sequence><Script code="v := 2"/>{switch(4)}</Sequence>')
     tree.tick_once()
     assert journal.calls == ["c2:start"]
 
 
-def test_an_entry_of_another_type_than_text_is_refused_when_the_tree_is_made(make_tree: Grow) -> None:
+def test_variable_that_is_not_a_text_is_refused_when_the_tree_is_built(make_tree: Grow) -> None:
     board = Blackboard()
     board["v"] = 1
     with pytest.raises(TreeError, match="'variable' of <Switch4>"):
         make_tree(switch(4), blackboard=board)
 
 
-def test_it_does_not_set_itself_running_before_its_child_has_been_ticked(make_tree: Grow) -> None:
+def test_switch_is_not_running_before_its_child_has_been_ticked(make_tree: Grow) -> None:
     tree = make_tree(switch(4, "K"))
     tree.blackboard["v"] = "1"
     tree.tick_once()

@@ -1,4 +1,4 @@
-"""Sleep, Delay and Timeout: by the tree's clock, looked at when the tree is ticked."""
+"""Sleep, Delay and Timeout: they follow the tree's clock, which they read when the tree is ticked."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
 
 def after(tree: Tree, clock: SimClock, *milliseconds: float) -> list[Status]:
-    """What exact ticks return, each so long after the one before."""
+    """Return the results of ticks, each after a pause of the given length."""
     statuses = []
     for pause in milliseconds:
         clock.advance(pause / 1000)
@@ -29,7 +29,7 @@ def test_sleep_runs_until_its_time_is_over_and_succeeds(make_tree: Grow, clock: 
     assert after(make_tree('<Sleep msec="100"/>'), clock, 0, 50, 49.999999, 0.000001) == [R, R, R, S]
 
 
-def test_a_sleep_of_no_time_succeeds_at_once(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_of_zero_succeeds_immediately(make_tree: Grow, clock: SimClock) -> None:
     assert after(make_tree('<Sleep msec="0"/>'), clock, 0) == [S]
 
 
@@ -39,7 +39,7 @@ def test_sleep_wakes_the_tree_at_its_end(make_tree: Grow, clock: SimClock) -> No
     assert clock.now() == 100 * MS
 
 
-def test_a_halted_sleep_wakes_nobody_and_starts_anew(make_tree: Grow, clock: SimClock) -> None:
+def test_halted_sleep_causes_no_wake_up_and_restarts(make_tree: Grow, clock: SimClock) -> None:
     tree = make_tree('<Sleep msec="100"/>')
     after(tree, clock, 0, 60)
     tree.halt()
@@ -47,7 +47,7 @@ def test_a_halted_sleep_wakes_nobody_and_starts_anew(make_tree: Grow, clock: Sim
     assert after(tree, clock, 0, 60, 40) == [R, R, S]
 
 
-def test_how_long_is_read_when_it_starts(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_reads_its_duration_at_the_start(make_tree: Grow, clock: SimClock) -> None:
     tree = make_tree('<Sleep msec="{t}"/>')
     tree.blackboard["t"] = 50
     after(tree, clock, 0)
@@ -55,7 +55,7 @@ def test_how_long_is_read_when_it_starts(make_tree: Grow, clock: SimClock) -> No
     assert after(tree, clock, 50) == [S]
 
 
-def test_a_duration_is_no_negative_number(make_tree: Grow) -> None:
+def test_negative_or_missing_duration_is_refused(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="-5"):
         make_tree('<Sleep msec="-5"/>')
     with pytest.raises(NodeExecutionError, match="msec"):
@@ -65,7 +65,7 @@ def test_a_duration_is_no_negative_number(make_tree: Grow) -> None:
 # --- Delay
 
 
-def test_delay_ticks_its_child_only_when_the_time_has_passed(
+def test_delay_ticks_its_child_only_after_its_time(
     make_tree: Grow, clock: SimClock, journal: CallLog
 ) -> None:
     tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS"/></Delay>')
@@ -75,14 +75,14 @@ def test_delay_ticks_its_child_only_when_the_time_has_passed(
     assert journal.calls == ["a:start", "a:running"]
 
 
-def test_a_child_that_runs_is_not_delayed_again_and_one_that_has_completed_is(
+def test_running_child_is_not_delayed_again_but_a_completed_child_is(
     make_tree: Grow, clock: SimClock
 ) -> None:
     tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS|F"/></Delay>')
     assert after(tree, clock, 0, 100, 0, 0, 99, 1) == [R, R, S, R, R, F]
 
 
-def test_even_no_delay_takes_a_tick(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
+def test_delay_of_zero_takes_a_tick(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
     tree = make_tree('<Delay delay_msec="0"><PlanSync name="a" plan="S"/></Delay>')
     assert after(tree, clock, 0, 0) == [R, S]
     assert journal.calls == ["a:tick"]
@@ -112,12 +112,12 @@ def test_a_skipped_child_is_ticked_again_without_a_new_delay(make_tree: Grow, cl
 # --- Timeout
 
 
-def test_a_child_that_completes_in_time_gives_its_own_result(make_tree: Grow, clock: SimClock) -> None:
+def test_child_that_completes_in_time_returns_its_own_result(make_tree: Grow, clock: SimClock) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RS|RF"/></Timeout>')
     assert after(tree, clock, 0, 99, 0, 99) == [R, S, R, F]
 
 
-def test_a_child_that_still_runs_at_the_limit_is_halted_and_the_node_fails(
+def test_child_running_at_the_limit_is_halted_and_timeout_fails(
     make_tree: Grow, clock: SimClock, journal: CallLog
 ) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RRRRR"/></Timeout>')
@@ -126,9 +126,7 @@ def test_a_child_that_still_runs_at_the_limit_is_halted_and_the_node_fails(
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_the_child_is_not_ticked_once_more_at_the_limit(
-    make_tree: Grow, clock: SimClock, journal: CallLog
-) -> None:
+def test_child_is_not_ticked_again_at_the_limit(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RS"/></Timeout>')
     assert after(tree, clock, 0, 100) == [R, F]
     assert "a:running" not in journal.calls
@@ -141,12 +139,12 @@ def test_timeout_wakes_the_tree_at_the_limit(make_tree: Grow, clock: SimClock) -
     assert clock.now() == 70 * MS
 
 
-def test_no_limit_is_zero(make_tree: Grow, clock: SimClock) -> None:
+def test_timeout_of_zero_is_no_limit(make_tree: Grow, clock: SimClock) -> None:
     tree = make_tree('<Timeout msec="0"><PlanAction plan="RRRS"/></Timeout>')
     assert after(tree, clock, 0, 1e6, 1e6, 1e6) == [R, R, R, S]
 
 
-def test_the_time_counts_anew_after_a_result_and_after_a_halt(make_tree: Grow, clock: SimClock) -> None:
+def test_limit_restarts_after_a_result_and_after_a_halt(make_tree: Grow, clock: SimClock) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction plan="RS|RRR|RRR"/></Timeout>')
     assert after(tree, clock, 0, 80) == [R, S]
     assert after(tree, clock, 0, 80) == [R, R]
@@ -155,7 +153,7 @@ def test_the_time_counts_anew_after_a_result_and_after_a_halt(make_tree: Grow, c
     assert after(tree, clock, 0, 80, 20) == [R, R, F]
 
 
-def test_a_child_that_completed_in_time_leaves_no_wake_up_behind(make_tree: Grow, clock: SimClock) -> None:
+def test_child_that_completes_in_time_leaves_no_wake_up(make_tree: Grow, clock: SimClock) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction plan="RS"/></Timeout>')
     assert after(tree, clock, 0, 10) == [R, S]
     assert tree.sleep(1.0) is False
@@ -170,7 +168,7 @@ def test_a_child_that_completed_in_time_leaves_no_wake_up_behind(make_tree: Grow
         '<Timeout msec="100"><PlanAction plan="R"/></Timeout>',
     ],
 )
-def test_what_its_parent_halts_while_it_waits_wakes_nobody(
+def test_node_halted_by_its_parent_while_waiting_causes_no_wake_up(
     waiting: str, make_tree: Grow, clock: SimClock
 ) -> None:
     tree = make_tree(
@@ -181,11 +179,11 @@ def test_what_its_parent_halts_while_it_waits_wakes_nobody(
     assert clock.now() == 1010 * MS
 
 
-def test_a_skipped_child_passes(make_tree: Grow, clock: SimClock) -> None:
+def test_skipped_child_makes_timeout_skipped(make_tree: Grow, clock: SimClock) -> None:
     assert after(make_tree('<Timeout msec="100"><PlanAction plan="K"/></Timeout>'), clock, 0) == [K]
 
 
-def test_a_child_that_does_not_run_at_the_limit_is_not_halted_and_has_no_limit_any_more(
+def test_child_not_running_at_the_limit_is_not_halted_and_has_no_limit(
     make_tree: Grow, clock: SimClock, journal: CallLog
 ) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="K|RRS"/></Timeout>')
@@ -204,16 +202,14 @@ def test_in_format_3_a_halt_does_not_stop_the_time(
     assert after(tree, clock, 0, 99, 1) == [R, R, F]
 
 
-def test_in_format_3_a_time_that_ends_between_two_starts_is_no_limit(
-    make_tree: Grow, clock: SimClock
-) -> None:
+def test_in_format_3_a_limit_between_two_starts_is_ignored(make_tree: Grow, clock: SimClock) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="R|RRS"/></Timeout>', format=3)
     after(tree, clock, 0)
     tree.halt()
     assert after(tree, clock, 100, 1e6, 1e6) == [R, R, S]
 
 
-def test_the_inner_of_two_limits_ends_first(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
+def test_inner_limit_ends_first(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
     tree = make_tree(
         '<Timeout msec="200"><Fallback><Timeout msec="50"><PlanAction name="a" plan="R"/></Timeout>'
         '<PlanAction name="b" plan="R"/></Fallback></Timeout>'

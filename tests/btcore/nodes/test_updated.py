@@ -15,7 +15,7 @@ DECORATORS = [("SkipUnlessUpdated", K), ("WaitValueUpdate", R)]
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_the_child_is_ticked_only_when_the_entry_was_written_since_the_last_look(
+def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
     tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanSync name="p" plan="SF"/></{tag}>')
@@ -29,7 +29,7 @@ def test_the_child_is_ticked_only_when_the_entry_was_written_since_the_last_look
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_an_entry_that_was_written_before_the_first_look_counts_as_updated(
+def test_entry_written_before_the_first_check_counts_as_updated(
     tag: str, otherwise: Status, make_tree: Grow
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
@@ -38,7 +38,7 @@ def test_an_entry_that_was_written_before_the_first_look_counts_as_updated(
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_a_child_that_runs_is_ticked_without_a_look(
+def test_running_child_is_ticked_without_a_check(
     tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="RRS"/></{tag}>')
@@ -48,7 +48,7 @@ def test_a_child_that_runs_is_ticked_without_a_look(
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_a_halt_halts_the_child_and_what_was_seen_stays_seen(
+def test_halt_halts_the_child_and_keeps_the_last_seen_write(
     tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="R"/></{tag}>')
@@ -67,7 +67,7 @@ def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, make
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_an_entry_that_is_not_there_was_not_updated(
+def test_missing_entry_counts_as_not_updated(
     tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="x"><PlanSync name="p" plan="S"/></{tag}>')
@@ -77,20 +77,20 @@ def test_an_entry_that_is_not_there_was_not_updated(
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_it_is_the_number_of_writes_that_is_compared(tag: str, otherwise: Status, make_tree: Grow) -> None:
+def test_number_of_writes_is_compared(tag: str, otherwise: Status, make_tree: Grow) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
     tree.blackboard.unset("x")
     assert tree.tick_once() is otherwise
-    tree.blackboard["x"] = 2  # the first write of a new entry, and one was seen
+    tree.blackboard["x"] = 2  # the first write of a new entry; one write was already seen
     assert tree.tick_once() is otherwise
     tree.blackboard["x"] = 2
     assert tree.tick_once() is S
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_what_the_child_gives_is_the_result(tag: str, otherwise: Status, make_tree: Grow) -> None:
+def test_result_of_the_child_is_returned(tag: str, otherwise: Status, make_tree: Grow) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanSync plan="KFS"/></{tag}>')
     statuses = []
     for value in range(3):
@@ -101,19 +101,19 @@ def test_what_the_child_gives_is_the_result(tag: str, otherwise: Status, make_tr
 
 @pytest.mark.parametrize("entry", ["", 'entry=""'])
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_the_entry_must_be_given(tag: str, otherwise: Status, entry: str, make_tree: Grow) -> None:
+def test_entry_port_is_required(tag: str, otherwise: Status, entry: str, make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="entry"):
         make_tree(f"<{tag} {entry}><AlwaysSuccess/></{tag}>")
 
 
-def test_two_nodes_look_each_for_itself(make_tree: Grow) -> None:
+def test_two_nodes_check_independently(make_tree: Grow) -> None:
     one = '<SkipUnlessUpdated entry="{x}"><AlwaysSuccess/></SkipUnlessUpdated>'
     tree = make_tree(f"<Sequence>{one}{one}</Sequence>")
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
 
 
-def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_look(make_tree: Grow) -> None:
+def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_check(make_tree: Grow) -> None:
     tree = make_tree('<WasEntryUpdated entry="{x}"/>')
     assert tree.tick_once() is F
     tree.blackboard["x"] = 1
@@ -123,12 +123,12 @@ def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_look
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
 
 
-def test_it_sees_what_scripts_and_leaves_write(make_tree: Grow) -> None:
+def test_was_entry_updated_sees_writes_of_scripts(make_tree: Grow) -> None:
     tree = make_tree('<Sequence><Script code="x := 1"/><WasEntryUpdated entry="{x}"/></Sequence>')
     assert [tree.tick_once(), tree.tick_once()] == [S, S]
 
 
-def test_it_looks_through_the_remapping_of_a_subtree(make_tree: Grow) -> None:
+def test_was_entry_updated_follows_the_remapping_of_a_subtree(make_tree: Grow) -> None:
     inner = '<BehaviorTree ID="Sub"><WasEntryUpdated entry="{inside}"/></BehaviorTree>'
     tree = make_tree('<SubTree ID="Sub" inside="{outside}"/>', others=inner)
     assert tree.tick_once() is F
@@ -136,11 +136,11 @@ def test_it_looks_through_the_remapping_of_a_subtree(make_tree: Grow) -> None:
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
 
 
-def test_an_entry_that_is_missing_is_a_failure(make_tree: Grow) -> None:
+def test_missing_entry_makes_was_entry_updated_fail(make_tree: Grow) -> None:
     assert make_tree('<WasEntryUpdated entry="x"/>').tick_once() is F
 
 
-def test_what_it_has_seen_stays_seen_after_a_halt(make_tree: Grow) -> None:
+def test_was_entry_updated_keeps_the_last_seen_write_after_a_halt(make_tree: Grow) -> None:
     tree = make_tree('<WasEntryUpdated entry="{x}"/>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S

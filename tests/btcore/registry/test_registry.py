@@ -1,4 +1,4 @@
-"""What tags a tree may use: adding, replacing and removing nodes, and node libraries."""
+"""The tags that a tree may use: adding, replacing and removing nodes, and node libraries."""
 
 import enum
 import json
@@ -50,7 +50,7 @@ def status_of(body: str, nodes: Registry) -> Status:
     return btcore.loads(xml, nodes=nodes, clock=SimClock()).tick_once()
 
 
-# --- what is built in
+# --- built-in nodes
 
 # BehaviorTree.CPP's own nodes, in 4.10 and in 3.8. A node that btcore adds needs no change here.
 BUILTIN_NODES = Path(__file__).parents[2] / "conformance" / "data" / "builtin_nodes.json"
@@ -66,7 +66,7 @@ def test_the_standard_registry_has_the_nodes_of_both_formats() -> None:
     assert nodes.libraries == ["btcore"]
 
 
-def test_every_built_in_node_says_what_it_does_and_where_it_comes_from() -> None:
+def test_every_built_in_node_has_a_description_and_a_distribution() -> None:
     nodes = Registry.standard()
     for format in (3, 4):
         for manifest in nodes.manifests_of(format).values():
@@ -74,13 +74,13 @@ def test_every_built_in_node_says_what_it_does_and_where_it_comes_from() -> None
             assert manifest.distribution == "btcore"
 
 
-def test_ports_that_exist_in_one_format_only_are_those_of_that_format() -> None:
+def test_ports_of_a_single_format_are_missing_in_the_other_format() -> None:
     nodes = Registry.standard()
     assert list(nodes.manifests_of(4)["Parallel"].ports) == ["success_count", "failure_count"]
     assert list(nodes.manifests_of(3)["Parallel"].ports) == ["success_threshold", "failure_threshold"]
 
 
-def test_a_new_registry_is_empty_and_two_registries_share_nothing() -> None:
+def test_new_registry_is_empty_and_registries_share_nothing() -> None:
     assert list(Registry()) == []
     one, other = Registry.standard(), Registry.standard()
     one.add(Wave)
@@ -101,19 +101,19 @@ def test_functions_and_classes_are_added_together_and_used_in_both_formats() -> 
     assert status_of("<Sequence><Wave/><Bow/></Sequence>", nodes) is Status.SUCCESS
 
 
-def test_an_id_may_be_given_when_it_is_added() -> None:
+def test_id_may_be_given_to_add() -> None:
     nodes = Registry.standard()
     nodes.add(bow, ID="Curtsey")
     assert "Bow" not in nodes
     assert status_of("<Curtsey/>", nodes) is Status.SUCCESS
 
 
-def test_one_id_names_one_thing() -> None:
+def test_id_for_several_nodes_is_refused() -> None:
     said = refused(Registry.standard().add, Wave, bow, ID="Both")
     assert said == "ID='Both' names one thing, but 2 are given"
 
 
-def test_an_id_that_is_taken_is_refused_and_both_places_are_named() -> None:
+def test_duplicate_id_is_refused_with_both_places() -> None:
     nodes = Registry.standard()
     nodes.add(bow)
     said = refused(nodes.add, Wave, ID="Bow")
@@ -123,13 +123,13 @@ def test_an_id_that_is_taken_is_refused_and_both_places_are_named() -> None:
     assert "replace(" in said
 
 
-def test_a_built_in_id_is_taken_too_in_whichever_format_it_is() -> None:
+def test_id_of_a_built_in_node_of_any_format_is_refused() -> None:
     assert "'Sequence' is registered twice" in refused(Registry.standard().add, Wave, ID="Sequence")
     assert "'SequenceStar' is registered twice" in refused(Registry.standard().add, Wave, ID="SequenceStar")
 
 
 @pytest.mark.parametrize("ID", ["two words", "a/b", "a:b", "<x>", "a.b", "tab\t", "del\x7f", "Root", "root"])
-def test_an_id_that_groot_can_not_show_is_refused(ID: str) -> None:
+def test_id_that_groot_cannot_show_is_refused(ID: str) -> None:
     assert f"'{ID}'" in refused(Registry.standard().add, bow, ID=ID)
 
 
@@ -141,17 +141,17 @@ def test_an_id_that_groot_can_not_show_is_refused(ID: str) -> None:
         (Path, "Path is not a node: derive it from StatefulAction"),
     ],
 )
-def test_what_is_no_node_is_refused(thing: object, said: str) -> None:
+def test_object_that_is_not_a_node_is_refused(thing: object, said: str) -> None:
     assert said in refused(Registry.standard().add, thing)
 
 
-def test_several_things_are_added_side_by_side() -> None:
+def test_list_of_nodes_is_refused_with_a_hint() -> None:
     assert "is neither a function nor a node class: nodes.add(first, second)" in refused(
         Registry.standard().add, [bow, Wave]
     )
 
 
-def test_an_action_that_lasts_needs_the_methods_that_its_ticks_call() -> None:
+def test_stateful_and_threaded_actions_require_their_methods() -> None:
     class Wait(StatefulAction):
         def on_start(self) -> Status:
             return Status.RUNNING
@@ -165,7 +165,7 @@ def test_an_action_that_lasts_needs_the_methods_that_its_ticks_call() -> None:
     assert "Think is a ThreadedAction, but does not implement work(self)" in refused(nodes.add, Think)
 
 
-def test_an_action_that_overrides_its_tick_needs_no_others() -> None:
+def test_action_that_overrides_its_tick_requires_no_other_method() -> None:
     class Odd(StatefulAction):
         def tick(self) -> Status:
             return Status.SUCCESS
@@ -179,7 +179,7 @@ class Gear(enum.Enum):
     LOW = 1
 
 
-WRONG: dict[str, tuple[Any, object, str]] = {
+INVALID_DEFAULTS: dict[str, tuple[Any, object, str]] = {
     "a text": (int, "abc", "takes int, but its default is 'abc': 'abc' is not an integer"),
     "a fraction": (int, 2.5, "takes int, but its default is 2.5: "),
     "a number for a text": (str, 5, "takes std::string, but its default is 5: it is not a text"),
@@ -187,9 +187,9 @@ WRONG: dict[str, tuple[Any, object, str]] = {
 }
 
 
-@pytest.mark.parametrize("case", WRONG)
-def test_a_default_that_its_port_can_not_hold_is_refused(case: str) -> None:
-    kind, default, said = WRONG[case]
+@pytest.mark.parametrize("case", INVALID_DEFAULTS)
+def test_default_that_its_port_cannot_hold_is_refused(case: str) -> None:
+    kind, default, said = INVALID_DEFAULTS[case]
 
     def leaf(x: Any = default) -> bool:
         return True
@@ -213,12 +213,12 @@ def test_a_default_may_be_a_value_its_text_an_entry_or_nothing(kind: Any, defaul
 
 @pytest.mark.parametrize("form", ["In", "Out", "InOut", "Put"])
 @pytest.mark.parametrize("written", [3, 2.5, ("int", "str")])
-def test_a_port_of_what_is_no_type_is_refused_where_it_is_written(form: str, written: object) -> None:
+def test_port_annotation_that_is_not_a_type_is_refused(form: str, written: object) -> None:
     with pytest.raises(TypeError, match=rf"{form}\[.*\] is not a type: write for example {form}\[float\]"):
         getattr(btcore, form)[written]
 
 
-def test_a_port_whose_name_only_format_3_takes_is_one_of_its_trees_alone() -> None:
+def test_port_name_valid_only_in_format_3_can_be_added_for_format_3() -> None:
     class Measure(SyncAction):
         @staticmethod
         def provided_ports() -> list[Port]:
@@ -239,7 +239,7 @@ def test_a_port_whose_name_only_format_3_takes_is_one_of_its_trees_alone() -> No
     assert "format=5 is not supported: use 3 or 4" in refused(nodes.add, Wave, format=5)
 
 
-def test_the_same_thing_twice_is_told_as_such() -> None:
+def test_adding_the_same_node_twice_is_refused() -> None:
     nodes = Registry.standard()
     nodes.add(bow)
     said = refused(nodes.add, bow)
@@ -247,39 +247,39 @@ def test_the_same_thing_twice_is_told_as_such() -> None:
     assert said.endswith("; add it once")
 
 
-def test_a_built_in_node_that_a_library_brings_again_is_the_same_thing_on_both_builds() -> None:
+def test_built_in_node_added_again_by_a_plugin_is_recognised() -> None:
     said = refused(Registry.standard().add_plugin, "btcore.nodes.manual_selector")
     assert said.startswith(
         "plugin 'btcore.nodes.manual_selector': 'ManualSelector' is registered already, from the same place"
     )
 
 
-def test_a_library_without_a_name_is_refused() -> None:
+def test_plugin_without_a_name_is_refused() -> None:
     assert refused(Registry.standard().add_plugin, " ").startswith("a plugin has no name")
 
 
-# --- what is loaded with it
+# --- loading with a registry
 
 
 @pytest.mark.parametrize("nodes", [[bow], Registry, "standard"])
-def test_only_a_registry_is_one(nodes: Any) -> None:
+def test_nodes_must_be_a_registry(nodes: Any) -> None:
     pattern = r"is not a Registry: nodes = Registry\.standard\(\); nodes\.add\(…\)"
     with pytest.raises(TypeError, match=pattern):
         btcore.loads('<root BTCPP_format="4"/>', nodes=nodes)
 
 
-def test_an_empty_registry_does_not_know_the_built_in_nodes() -> None:
+def test_empty_registry_lacks_the_built_in_nodes() -> None:
     with pytest.raises(btcore.UnknownNodeError, match=r"start with Registry\.standard\(\)"):
         status_of("<AlwaysSuccess/>", Registry())
 
 
 @pytest.mark.parametrize("resources", [Wave, 7, "robot"])
-def test_resources_are_a_list(resources: Any) -> None:
+def test_resources_must_be_a_list(resources: Any) -> None:
     with pytest.raises(TypeError, match=r"is not a list: write resources=\[…\]"):
         btcore.loads('<root BTCPP_format="4"/>', resources=resources)
 
 
-def test_what_was_refused_is_not_there() -> None:
+def test_refused_node_is_not_registered() -> None:
     nodes = Registry.standard()
     refused(nodes.add, bow, 7)
     assert "Bow" in nodes
@@ -290,7 +290,7 @@ def test_what_was_refused_is_not_there() -> None:
 # --- replacing and removing
 
 
-def test_replace_puts_a_thing_in_the_place_of_another() -> None:
+def test_replace_substitutes_a_node() -> None:
     def refuse() -> bool:
         return False
 
@@ -310,7 +310,7 @@ def test_a_built_in_node_can_be_replaced() -> None:
     assert status_of("<Sequence><AlwaysSuccess/></Sequence>", nodes) is Status.FAILURE
 
 
-def test_what_is_not_there_is_not_replaced_nor_removed_and_the_nearest_is_named() -> None:
+def test_unknown_id_cannot_be_replaced_or_removed_and_gets_a_suggestion() -> None:
     nodes = Registry.standard()
     assert (
         refused(nodes.remove, "Sequense") == "no node is registered as 'Sequense'; did you mean 'Sequence'?"
@@ -318,14 +318,14 @@ def test_what_is_not_there_is_not_replaced_nor_removed_and_the_nearest_is_named(
     assert "did you mean 'Fallback'?" in refused(nodes.replace, Falback=bow)
 
 
-def test_a_replacement_that_is_refused_leaves_what_was_there() -> None:
+def test_refused_replacement_keeps_the_old_node() -> None:
     nodes = Registry.standard()
     nodes.add(bow)
     refused(nodes.replace, Bow=7)
     assert status_of("<Bow/>", nodes) is Status.SUCCESS
 
 
-def test_what_was_removed_is_no_node_any_more() -> None:
+def test_removed_node_is_unknown() -> None:
     nodes = Registry.standard()
     nodes.add(bow)
     nodes.remove("Bow")
@@ -353,7 +353,7 @@ def test_a_type_with_a_text_form_may_be_written_in_the_xml() -> None:
     assert status_of('<IsAt pose="2.5"/>', nodes) is Status.SUCCESS
 
 
-def test_the_names_of_an_enum_are_known_to_ports_and_scripts() -> None:
+def test_enum_names_are_known_to_ports_and_scripts() -> None:
     class Gear(enum.Enum):
         PARK = 0
         DRIVE = 3
@@ -401,12 +401,12 @@ class _Private(SyncAction):
     pass
 '''
 
-MINE = {"FlagRaised", "Salute", "Linger"}
+LIBRARY_IDS = {"FlagRaised", "Salute", "Linger"}
 
 
 @pytest.fixture
 def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The file of a library that can be imported as `gestures`."""
+    """Provide the file of a library that can be imported as `gestures`."""
     file = tmp_path / "gestures.py"
     file.write_text(LIBRARY, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -415,14 +415,14 @@ def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         del sys.modules[name]
 
 
-def mine(nodes: Registry) -> set[str]:
+def added_ids(nodes: Registry) -> set[str]:
     return set(nodes.manifests) - set(Registry.standard().manifests)
 
 
-def test_a_library_is_found_by_the_name_of_its_module(library: Path) -> None:
+def test_plugin_is_found_by_its_module_name(library: Path) -> None:
     nodes = Registry.standard()
     nodes.add_plugin("gestures")
-    assert mine(nodes) == MINE
+    assert added_ids(nodes) == LIBRARY_IDS
     assert nodes.libraries == ["btcore", "gestures"]
     assert nodes.manifests["FlagRaised"].distribution == "gestures"
 
@@ -430,7 +430,7 @@ def test_a_library_is_found_by_the_name_of_its_module(library: Path) -> None:
 def test_add_plugin_accepts_a_file_path(library: Path) -> None:
     nodes = Registry.standard()
     nodes.add_plugin(library)
-    assert mine(nodes) == MINE
+    assert added_ids(nodes) == LIBRARY_IDS
     assert nodes.libraries == ["btcore", "gestures"]
     other = Registry.standard()
     other.add_plugin(str(library), name="my gestures")
@@ -442,19 +442,19 @@ def test_add_plugin_accepts_a_module(library: Path) -> None:
     exec("from btcore import Condition\nclass IsHandmade(Condition): pass", vars(module))
     nodes = Registry.standard()
     nodes.add_plugin(module)
-    assert mine(nodes) == {"IsHandmade"}
+    assert added_ids(nodes) == {"IsHandmade"}
 
 
-def test_what_a_library_imports_is_not_what_it_brings(library: Path) -> None:
+def test_imported_nodes_are_not_added_by_a_plugin(library: Path) -> None:
     library.with_name("gestures_more.py").write_text(
         "from gestures import *\nfrom gestures import flag_raised\n", encoding="utf-8"
     )
     nodes = Registry.standard()
     assert "plugin 'gestures_more': it has no nodes" in refused(nodes.add_plugin, "gestures_more")
-    assert mine(nodes) == set()
+    assert added_ids(nodes) == set()
 
 
-def test_a_library_may_register_its_nodes_itself(library: Path) -> None:
+def test_plugin_may_register_its_nodes_itself(library: Path) -> None:
     library.write_text(
         LIBRARY
         + "\ndef register(nodes):\n    nodes.add(Linger, ID='Pause')\n    nodes.add_enum({'RED': 1})\n",
@@ -462,12 +462,12 @@ def test_a_library_may_register_its_nodes_itself(library: Path) -> None:
     )
     nodes = Registry.standard()
     nodes.add_plugin("gestures")
-    assert mine(nodes) == {"Pause"}
+    assert added_ids(nodes) == {"Pause"}
     assert nodes.types.enums == {"RED": 1}
 
 
-def installed(home: Path, name: str, points: str) -> None:
-    """Make *home* look as if the distribution *name* was installed into it."""
+def install_metadata(home: Path, name: str, points: str) -> None:
+    """Create the metadata of the distribution *name* in *home*."""
     meta = home / f"{name}-1.0.dist-info"
     meta.mkdir()
     (meta / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n", encoding="utf-8")
@@ -475,16 +475,16 @@ def installed(home: Path, name: str, points: str) -> None:
 
 
 def test_add_plugins_finds_installed_entry_points(library: Path) -> None:
-    installed(library.parent, "polite-robot", "gestures = gestures")
+    install_metadata(library.parent, "polite-robot", "gestures = gestures")
     nodes = Registry.standard()
     nodes.add_plugins()
-    assert mine(nodes) >= MINE
+    assert added_ids(nodes) >= LIBRARY_IDS
     assert "polite-robot" in nodes.libraries
     assert nodes.manifests["Linger"].distribution == "polite-robot"
 
 
-def test_an_installed_library_gives_way_to_what_a_user_registers(library: Path) -> None:
-    installed(library.parent, "polite-robot", "gestures = gestures")
+def test_user_registration_overrides_an_installed_plugin(library: Path) -> None:
+    install_metadata(library.parent, "polite-robot", "gestures = gestures")
     nodes = Registry.standard()
     nodes.add_plugins()
 
@@ -498,8 +498,8 @@ def test_an_installed_library_gives_way_to_what_a_user_registers(library: Path) 
     assert "registered already" in refused(nodes.add, Linger)
 
 
-def test_a_tree_may_be_called_as_a_node_of_an_installed_library(library: Path) -> None:
-    installed(library.parent, "polite-robot", "gestures = gestures")
+def test_subtree_may_have_the_name_of_an_installed_node(library: Path) -> None:
+    install_metadata(library.parent, "polite-robot", "gestures = gestures")
     text = """<root BTCPP_format="4" main_tree_to_execute="Main">
         <BehaviorTree ID="Main"><SubTree ID="Linger"/></BehaviorTree>
         <BehaviorTree ID="Linger"><AlwaysSuccess/></BehaviorTree></root>"""
@@ -508,7 +508,7 @@ def test_a_tree_may_be_called_as_a_node_of_an_installed_library(library: Path) -
     assert btcore.loads(text, nodes=nodes).tick_once() is Status.SUCCESS
 
 
-def test_two_libraries_that_bring_the_same_id_are_both_named(library: Path) -> None:
+def test_two_plugins_with_the_same_id_are_both_named(library: Path) -> None:
     second = library.with_name("gestures_again.py")
     second.write_text(LIBRARY, encoding="utf-8")
     nodes = Registry.standard()
@@ -528,7 +528,7 @@ def test_two_libraries_that_bring_the_same_id_are_both_named(library: Path) -> N
         ("raise SystemExit(3)\n", 1, "SystemExit: 3"),
     ],
 )
-def test_a_library_that_raises_when_it_is_imported_is_named_with_the_line_and_what_it_raised(
+def test_plugin_that_raises_on_import_is_named_with_line_and_exception(
     text: str, place: int, cause: str, library: Path
 ) -> None:
     library.write_text(text, encoding="utf-8")
@@ -538,20 +538,20 @@ def test_a_library_that_raises_when_it_is_imported_is_named_with_the_line_and_wh
         assert cause in said
 
 
-def test_a_library_whose_register_raises_is_named_in_the_same_way(library: Path) -> None:
+def test_plugin_whose_register_raises_is_named(library: Path) -> None:
     library.write_text("def register(nodes):\n    return 1 / 0\n", encoding="utf-8")
     said = refused(Registry.standard().add_plugin, "gestures")
     assert said.startswith(f"plugin 'gestures' raised while its register() was called: {library}:2: ")
     assert "ZeroDivisionError" in said
 
 
-def test_a_library_with_a_leaf_that_can_not_be_registered_is_named(library: Path) -> None:
+def test_plugin_with_an_invalid_leaf_is_named(library: Path) -> None:
     library.write_text("from btcore import action\n@action\ndef drive(speed): ...\n", encoding="utf-8")
     said = refused(Registry.standard().add_plugin, "gestures")
     assert said.startswith("plugin 'gestures': parameter 'speed' of drive has no annotation")
 
 
-def test_a_library_that_is_not_there_is_named(library: Path) -> None:
+def test_missing_plugin_is_named(library: Path) -> None:
     assert "plugin 'gestured' is not found" in refused(Registry.standard().add_plugin, "gestured")
     missing = str(library.with_name("nothing.py"))
     assert refused(Registry.standard().add_plugin, missing) == (
@@ -561,32 +561,32 @@ def test_a_library_that_is_not_there_is_named(library: Path) -> None:
 
 def test_a_broken_entry_point_names_its_distribution(library: Path) -> None:
     library.write_text("raise ValueError('out of luck')\n", encoding="utf-8")
-    installed(library.parent, "broken-robot", "gestures = gestures")
+    install_metadata(library.parent, "broken-robot", "gestures = gestures")
     said = refused(Registry.standard().add_plugins)
     assert "broken-robot" in said
     assert "out of luck" in said
 
 
-def test_an_installed_library_that_lacks_a_module_is_left_out_and_told_of(library: Path) -> None:
+def test_installed_plugin_that_lacks_a_module_is_skipped_and_reported(library: Path) -> None:
     library.write_text("import no_such_camera\n", encoding="utf-8")
-    installed(library.parent, "seeing-robot", "gestures = gestures")
+    install_metadata(library.parent, "seeing-robot", "gestures = gestures")
     (told,) = [fault for fault in Registry.standard().add_plugins() if "seeing-robot" in str(fault)]
     assert "ModuleNotFoundError: No module named 'no_such_camera'" in str(told)
 
 
 def test_an_entry_point_may_name_a_function_of_a_module(library: Path) -> None:
     library.write_text(LIBRARY + "\ndef bring(nodes):\n    nodes.add(Linger, ID='Pause')\n", encoding="utf-8")
-    installed(library.parent, "polite-robot", "gestures = gestures:bring")
+    install_metadata(library.parent, "polite-robot", "gestures = gestures:bring")
     nodes = Registry.standard()
     nodes.add_plugins()
-    assert "Pause" in mine(nodes)
+    assert "Pause" in added_ids(nodes)
 
 
-def test_a_function_that_the_module_does_not_have_is_named(library: Path) -> None:
+def test_missing_register_function_is_named(library: Path) -> None:
     said = refused(Registry.standard().add_plugin, "gestures:brung")
     assert said == "plugin 'gestures': gestures has no function 'brung'"
 
 
-def test_the_classes_of_the_engine_are_no_nodes_of_their_own() -> None:
+def test_base_classes_of_the_engine_are_not_registered() -> None:
     for kind in (TreeNode, btcore.ControlNode, btcore.DecoratorNode, SyncAction, Condition):
         assert kind.__name__ not in Registry.standard()

@@ -1,4 +1,4 @@
-"""The scripting language: the rules that the recorded scripts don't cover."""
+"""The scripting language: rules that the recorded scripts do not cover."""
 
 import enum
 import math
@@ -32,7 +32,7 @@ def run(text, board=None, enums=None):
     return compile_script(text, ENUMS if enums is None else enums).run(board or Blackboard())
 
 
-def fault(text, board=None):
+def error_of(text, board=None):
     with pytest.raises(ScriptError) as caught:
         run(text, board)
     return caught.value
@@ -82,59 +82,59 @@ class TestTokens:
             "ä",
         ],
     )
-    def test_malformed_words_are_refused(self, text):
-        assert fault(text).column == 1
+    def test_malformed_tokens_are_refused(self, text):
+        assert error_of(text).column == 1
 
-    def test_a_dot_dot_may_follow_an_integer_at_once(self):
+    def test_dot_dot_may_follow_an_integer_directly(self):
         assert run("65..'a'") == "65a"
 
-    def test_white_space_is_space_tab_and_line_ends_alone(self):
+    def test_only_space_tab_and_line_ends_are_white_space(self):
         assert run("\t1\r\n + 1 ") == 2.0
-        fault("1\v+ 1")
+        error_of("1\v+ 1")
 
     def test_true_and_false_are_lower_case(self):
         assert run("true") == 1.0
-        assert fault("True").message.startswith("there is no variable 'True'")
+        assert error_of("True").message.startswith("there is no variable 'True'")
 
-    def test_an_at_sign_begins_a_name(self, board):
+    def test_name_may_begin_with_an_at_sign(self, board):
         inner = Blackboard(board)
         run("@x := 1", inner)
         assert board["x"] == 1
         board.local_entries()[""] = board.find("x")
         assert run("@@x", inner) == 1
-        assert fault("@@y", inner).message.startswith("there is no variable '@y'")
+        assert error_of("@@y", inner).message.startswith("there is no variable '@y'")
 
 
 class TestStatements:
-    def test_semicolons_between_are_optional_and_repeatable(self, board):
+    def test_semicolons_are_optional_and_repeatable(self, board):
         assert run("a:=1 b:=2;; ; a + b;", board) == 3.0
 
-    def test_the_value_is_the_last_statement_s(self, board):
+    def test_value_of_a_script_is_that_of_its_last_statement(self, board):
         assert run("1; 'two'", board) == "two"
 
     @pytest.mark.parametrize("text", ["", " \n\t"])
     def test_an_empty_script_is_refused(self, text):
-        assert "empty" in fault(text).message
+        assert "empty" in error_of(text).message
 
     @pytest.mark.parametrize("text", ["; a := 1", "(1", "1 +", ")", "1 ? 2", "a :=", ":= 1", "()", "1 ? : 2"])
-    def test_a_broken_one_is_refused_before_it_runs(self, text):
+    def test_broken_script_is_refused_before_it_runs(self, text):
         with pytest.raises(ScriptError):
             compile_script(text)
 
-    def test_the_place_of_a_fault_is_known(self):
-        broken = fault("a := 1;\n b := (2")
+    def test_error_contains_its_position(self):
+        broken = error_of("a := 1;\n b := (2")
         assert (broken.column, broken.width) == (17, 1)
         assert "to close the '(' in column 15" in broken.message
         assert str(broken).endswith("\n   2 |   b := (2\n     |          ^")
-        missing = fault("a := 1; a + wrong")
+        missing = error_of("a := 1; a + wrong")
         assert (missing.column, missing.width) == (13, 5)
 
-    def test_nesting_has_an_end(self):
+    def test_nesting_depth_is_limited(self):
         assert run("(" * 150 + "1" + ")" * 150) == 1
         for text in ("(" * 5000 + "1" + ")" * 5000, "1?1:" * 5000 + "1", "a:=" * 5000 + "1"):
-            assert "nested" in fault(text).message
+            assert "nested" in error_of(text).message
 
-    def test_a_long_row_of_operators_is_no_nesting(self):
+    def test_long_chain_of_operators_is_not_nesting(self):
         assert run("1" + "+1" * 5000) == 5001.0
         assert run("-" * 5000 + "1") == 1.0
         assert run("1" + "<=1" * 5000) == 1.0
@@ -167,87 +167,87 @@ class TestPrecedence:
             ("'a'..1+2", "error"),
         ],
     )
-    def test_of_operators(self, text, value):
+    def test_operator_precedence(self, text, value):
         if value == "error":
-            fault(text)
+            error_of(text)
         else:
             assert run(text) == value
 
-    def test_an_assignment_takes_all_that_follows(self, board):
+    def test_assignment_extends_to_the_end_of_the_statement(self, board):
         assert run("a:=b:=1+2", board) == 3.0
         assert board["a"] == board["b"] == 3.0
 
-    def test_an_assignment_ends_a_choice(self, board):
-        fault("true ? a := 1 : b := 2", board)
+    def test_assignment_after_the_colon_requires_parentheses(self, board):
+        error_of("true ? a := 1 : b := 2", board)
         assert run("true ? a := 1 : (b := 2)", board) == 1
         assert "b" not in board
 
 
 class TestEvaluation:
-    def test_arithmetic_is_in_doubles(self):
+    def test_arithmetic_uses_doubles(self):
         assert repr(run("1+2")) == "3.0"
         assert run("10/4") == 2.5
         assert run("1/0") == math.inf
         assert run("-1/0") == -math.inf
         assert math.isnan(run("0/0"))
 
-    def test_an_integer_of_more_than_53_bits_is_no_double(self, board):
+    def test_integer_of_more_than_53_bits_is_refused_in_arithmetic(self, board):
         board["n"] = 2**53
-        assert "too large" in fault("n + 1", board).message
+        assert "too large" in error_of("n + 1", board).message
         assert run("m := n", board) == 2**53
 
-    def test_texts_add_and_anything_joins(self):
+    def test_texts_can_be_added_and_joined_with_numbers(self):
         assert run("'a' + 'b'") == "ab"
         assert run("'a' .. 1 .. 1.5") == "a11.500000"
         assert run("1 .. 2") is None
-        fault("'a' + 1")
+        error_of("'a' + 1")
 
-    def test_bits_are_of_integers_or_integral_reals(self, board):
+    def test_bit_operators_require_integers_or_integral_reals(self, board):
         assert run("6 & 3.0") == 2.0
-        assert "needs integers" in fault("6 | 2.5").message
+        assert "needs integers" in error_of("6 | 2.5").message
         assert run("~(0/0)") == 2.0**63
-        assert "range" in fault("~1e300").message
+        assert "range" in error_of("~1e300").message
 
     def test_logic_evaluates_both_sides(self, board):
         run("false && (a := 1) || (b := 1)", board)
         assert board["a"] == board["b"] == 1
 
-    def test_logic_takes_0_and_1_of_the_integers_and_no_negative_real(self):
+    def test_logic_accepts_integers_0_and_1_and_no_negative_real(self):
         assert run("1.5 && 1") == 1.0
-        assert "needs bools" in fault("2 && 1").message
-        assert "negative" in fault("1 || -1").message
-        fault("'true' && true")
+        assert "needs bools" in error_of("2 && 1").message
+        assert "negative" in error_of("1 || -1").message
+        error_of("'true' && true")
 
-    def test_a_comparison_skips_what_follows_a_false_one(self, board):
+    def test_comparison_chain_stops_after_a_false_comparison(self, board):
         assert run("2 < 1 < (a := 1)", board) == 0.0
         assert "a" not in board
 
-    def test_numbers_are_equal_within_a_float_s_precision(self):
+    def test_numbers_are_equal_within_float_precision(self):
         assert run("1 == 1.0000001") == 1.0
         assert run("1 == 1.0000002") == 0.0
         assert run("1/0 == 1/0") == 0.0
 
-    def test_a_text_beside_a_number_is_read_as_one(self):
+    def test_text_is_converted_when_compared_with_a_number(self):
         assert run("'true' == 1") == 1.0
         assert run("'BLUE' > 2") == 1.0
         assert run("'2.5x' == 2.5") == 1.0
-        fault("'abc' == 1")
+        error_of("'abc' == 1")
 
-    def test_texts_compare_by_their_letters(self):
+    def test_texts_are_compared_alphabetically(self):
         assert run("'abc' < 'abd'") == 1.0
         assert run("'ab' >= 'abc'") == 0.0
 
-    def test_a_choice_needs_a_number_or_the_text_of_one(self):
+    def test_conditional_requires_a_number_or_a_numeric_text(self):
         assert run("'2' ? 1 : 0") == 1
         assert run("-1 ? 1 : 0") == 1
-        fault("'true' ? 1 : 0")
-        fault("'' ? 1 : 0")
+        error_of("'true' ? 1 : 0")
+        error_of("'' ? 1 : 0")
 
-    def test_only_the_side_chosen_is_evaluated(self, board):
+    def test_only_the_chosen_branch_is_evaluated(self, board):
         run("true ? 1 : (a := 1)", board)
         assert "a" not in board
 
-    def test_an_enum_name_hides_a_variable_for_reading(self, board):
+    def test_enum_name_hides_a_variable_when_read(self, board):
         assert run("RED := 7; RED", board) == 1.0
         assert board["RED"] == 7
 
@@ -257,45 +257,45 @@ class TestEvaluation:
         enums["LATE"] = 4
         assert program.run(board) == 4.0
 
-    def test_an_entry_without_a_value_is_no_operand(self, board):
+    def test_entry_without_a_value_cannot_be_an_operand(self, board):
         board.create("e", INT)
         assert run("e", board) is None
-        assert "before '+'" in fault("e + 1", board).message
-        assert "after '<'" in fault("1 < e", board).message
-        fault("-e", board)
-        fault("e ? 1 : 2", board)
-        fault("x := e", board)
+        assert "before '+'" in error_of("e + 1", board).message
+        assert "after '<'" in error_of("1 < e", board).message
+        error_of("-e", board)
+        error_of("e ? 1 : 2", board)
+        error_of("x := e", board)
 
-    def test_other_objects_only_pass_through(self, board):
+    def test_other_objects_can_only_be_copied(self, board):
         board["o"] = Opaque()
         assert run("p := o; p", board) is board["o"]
         for text in ("o + 1", "o == o", "!o", "o ? 1 : 2", "'a' .. o", "o += 1", "o := 1", "o := 'a'"):
-            assert "Opaque" in fault(text, board).message
+            assert "Opaque" in error_of(text, board).message
 
-    def test_a_missing_variable_is_named_with_the_nearest(self, board):
+    def test_missing_variable_raises_an_error_with_a_suggestion(self, board):
         board["battery"] = 1
-        assert fault("batery > 0", board).message.endswith("did you mean 'battery'?")
-        assert fault("1 + BLU", board).message.endswith("did you mean 'BLUE'?")
+        assert error_of("batery > 0", board).message.endswith("did you mean 'battery'?")
+        assert error_of("1 + BLU", board).message.endswith("did you mean 'BLUE'?")
 
 
 class TestAssignment:
-    def test_only_the_creating_one_makes_an_entry(self, board):
+    def test_only_the_declaring_assignment_creates_an_entry(self, board):
         for operator in ("=", "+=", "-=", "*=", "/="):
-            assert "':=' creates an entry" in fault(f"x {operator} 1", board).message
+            assert "':=' creates an entry" in error_of(f"x {operator} 1", board).message
         run("x := 1", board)
         assert board["x"] == 1
 
-    def test_an_entry_made_is_made_before_the_value_is_known(self, board):
-        fault("x := missing", board)
+    def test_entry_is_created_before_its_value_is_evaluated(self, board):
+        error_of("x := missing", board)
         assert board.find("x").value is None
 
-    def test_the_left_side_is_a_name(self, board):
+    def test_left_side_must_be_a_name(self, board):
         for text in ("1 := 2", "a + b := 2", "-a := 2", "'a' = 2"):
-            assert "name of an entry" in fault(text, board).message
+            assert "name of an entry" in error_of(text, board).message
         run("(a) := 2", board)
         assert board["a"] == 2
 
-    def test_every_assignment_counts_and_is_stamped(self, board):
+    def test_every_assignment_increments_the_sequence_id_and_sets_the_stamp(self, board):
         run("x := 1; x = 2; x += 3", board)
         assert (board.find("x").sequence_id, board.find("x").stamp) == (3, 5)
 
@@ -303,17 +303,17 @@ class TestAssignment:
         ("text", "value"),
         [("x := 1", 1), ("x := 1.0", 1.0), ("x := true", 1.0), ("x := 1 + 1", 2.0), ("x := RED", 1.0)],
     )
-    def test_the_first_value_decides_the_kind_of_number(self, board, text, value):
+    def test_first_value_sets_the_kind_of_number(self, board, text, value):
         run(text, board)
         assert type(board["x"]) is type(value)
         assert board["x"] == value
         assert not board.find("x").declared.strong
 
-    def test_an_integer_stays_one(self, board):
+    def test_integer_entry_stays_an_integer(self, board):
         assert repr(run("a := 1; a = 3.0; a", board)) == "3"
-        assert "cannot assign to 'a'" in fault("a = 2.5", board).message
+        assert "cannot assign to 'a'" in error_of("a = 2.5", board).message
         assert repr(run("a = 8; a /= 4; a", board)) == "2"
-        fault("a /= 3", board)
+        error_of("a /= 3", board)
         assert board["a"] == 2
 
     def test_small_integers_and_bools_are_not_checked(self, board):
@@ -324,28 +324,28 @@ class TestAssignment:
         board.set("u", 3, UINT8)
         assert run("u = 300", board) == 300
 
-    def test_an_unsigned_64_bit_entry_takes_no_negative_number(self, board):
+    def test_unsigned_64_bit_entry_refuses_negative_numbers(self, board):
         board.set("u", 3, UINT64)
-        fault("u = -1", board)
+        error_of("u = -1", board)
 
-    def test_a_text_is_converted_by_the_entry_s_type(self, board):
+    def test_text_is_converted_to_the_type_of_the_entry(self, board):
         board["i"] = 3
         board.set("v", [1], VECTOR_INT)
         assert run("i = '12'", board) == 12
         assert run("v = '1;2'", board) == [1, 2]
-        fault("i = 'abc'", board)
+        error_of("i = 'abc'", board)
 
-    def test_a_text_in_an_untyped_number_becomes_a_real(self, board):
+    def test_text_assigned_to_an_untyped_number_becomes_a_real(self, board):
         assert repr(run("a := 1; a = '7'", board)) == "7.0"
         assert run("a = 'true'", board) == 1.0
 
-    def test_a_number_does_not_become_a_text(self, board):
+    def test_number_cannot_be_assigned_to_a_text(self, board):
         board["s"] = "text"
         for text in ("s = 1", "s += 1", "s -= 'a'"):
-            fault(text, board)
+            error_of(text, board)
         assert run("s += 's'", board) == "texts"
 
-    def test_a_declared_entry_without_a_value_takes_any_first_number(self, board):
+    def test_declared_entry_without_a_value_accepts_any_first_number(self, board):
         board.create("i", INT)
         board.create("j", INT)
         board.create("s", STRING)
@@ -353,7 +353,7 @@ class TestAssignment:
         assert run("j := '2'", board) == 2
         assert run("s := 'a'", board) == "a"
         board.create("k", INT)
-        assert "has no value" in fault("k += 1", board).message
+        assert "has no value" in error_of("k += 1", board).message
 
     def test_an_enum_entry_keeps_its_enum(self, board):
         board["c"] = Colour.RED
@@ -361,15 +361,15 @@ class TestAssignment:
         assert run("c := BLUE", board) is Colour.BLUE
         assert run("c := 7", board) == 7
 
-    def test_remapping_and_the_root_apply(self, board):
+    def test_remapping_and_the_root_prefix_apply(self, board):
         inner = Blackboard(board)
         inner.remap("in", "out")
         run("in := 1; @g := 2; own := 3", inner)
         assert {key: entry.value for key, entry in board.local_entries().items()} == {"out": 1, "g": 2}
         assert inner["own"] == 3
 
-    def test_what_was_written_before_a_fault_stays(self, board):
-        fault("a := 1; b := missing", board)
+    def test_entries_written_before_an_error_are_kept(self, board):
+        error_of("a := 1; b := missing", board)
         assert board["a"] == 1
 
 
@@ -378,7 +378,7 @@ class TestTruth:
         ("value", "meant"),
         [(1.0, True), (0.0, False), (2.5, True), (math.nan, True), (1, True), (0, False), (True, True)],
     )
-    def test_of_numbers(self, value, meant):
+    def test_truth_of_numbers(self, value, meant):
         assert condition_result(value) is meant
 
     @pytest.mark.parametrize("value", [2, -1, -1.0, "true", "", None, [1]])

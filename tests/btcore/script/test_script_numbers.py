@@ -1,4 +1,4 @@
-"""Numbers in scripts are the original's doubles, whichever way the engine computes with them."""
+"""Numbers in scripts behave like the doubles of BehaviorTree.CPP in every implementation of the operators."""
 
 import enum
 import math
@@ -25,7 +25,7 @@ class Colour(enum.Enum):
 
 
 class Real(float):
-    """A float of somebody else's."""
+    """A user-defined subclass of float."""
 
 
 EDGES = [0, -0.0, 0.0, 1, -1, 2**31 - 1, 2**31, -(2**31), -(2**31) - 1, 2**53 - 1, 2**53, 2**53 + 1, 2**63]
@@ -36,7 +36,7 @@ VALUES = st.one_of(st.sampled_from([*EDGES, *OTHERS]), INTEGERS, st.floats())
 
 
 def outcome(compute: Any) -> tuple[str, object]:
-    """What *compute* returns, exactly (also the sign of zero), or that it raises."""
+    """Return the exact result of *compute*, including the sign of zero, or that it raises."""
     try:
         value = compute()
     except (ConversionError, ScriptError):
@@ -45,7 +45,7 @@ def outcome(compute: Any) -> tuple[str, object]:
 
 
 @given(VALUES, VALUES, st.sampled_from("+-*/"))
-def test_a_chain_computes_what_its_operator_does(left: object, right: object, sign: str) -> None:
+def test_operator_chain_gives_the_same_result_as_its_operator(left: object, right: object, sign: str) -> None:
     board = Blackboard()
     board["left"], board["right"] = left, right
     program = compile_script(f"left {sign} right")
@@ -54,14 +54,14 @@ def test_a_chain_computes_what_its_operator_does(left: object, right: object, si
 
 
 @pytest.mark.parametrize("value", EDGES)
-def test_what_is_quick_is_exact_and_what_is_not_says_nothing(value: Any) -> None:
+def test_quick_double_is_exact_or_nan(value: Any) -> None:
     quick = quick_double(value)
     assert math.isnan(quick) or (quick == value and math.copysign(1, quick) == math.copysign(1, value))
     if isinstance(value, float) or abs(value) < 2**31:
         assert math.isnan(quick) == (value != value)
 
 
-def test_a_bool_and_an_enum_count_as_numbers_and_all_else_as_nothing() -> None:
+def test_quick_double_accepts_bools_and_enums_and_gives_nan_otherwise() -> None:
     assert [quick_double(one) for one in (True, False, Level.HIGH, Real(0.25))] == [1.0, 0.0, 3.0, 0.25]
     assert all(math.isnan(quick_double(one)) for one in ("2", "", None, [1], Colour.RED))
 
@@ -70,7 +70,7 @@ LIMITS = [(MIN_INT64, MAX_INT64), (-128, 127), (0, 255), (0, 1), (-(2**31), 2**3
 
 
 @given(st.one_of(st.sampled_from(EDGES), st.integers(), st.floats()), st.sampled_from(LIMITS))
-def test_an_integer_is_what_is_whole_and_within_its_limits(number: Any, limits: tuple[int, int]) -> None:
+def test_as_int_accepts_whole_numbers_within_the_limits(number: Any, limits: tuple[int, int]) -> None:
     low, high = limits
     whole = isinstance(number, int) or (math.isfinite(number) and number == math.floor(number))
     if whole and low <= int(number) <= high:

@@ -95,7 +95,7 @@ def environment() -> dict[str, str]:
 
 @pytest.fixture(scope="session")
 def scheduler() -> Iterator[str]:
-    """The address of a Dask scheduler with two workers."""
+    """Start a Dask scheduler with two workers, and provide its address."""
     pytest.importorskip("distributed")
     with subprocess.Popen(
         [sys.executable, "-c", CLUSTER],
@@ -112,7 +112,7 @@ def scheduler() -> Iterator[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder, in which the test is, but for the node library things.py."""
+    """Change to an empty folder that contains only the node library things.py."""
     (tmp_path / "things.py").write_text(LIBRARY, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "110")
@@ -122,7 +122,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def tree(folder: Path) -> Callable[[str], str]:
-    """Write a tree into a file: the text is what stands inside of BehaviorTree."""
+    """Write a tree into a file; the argument is the content of its BehaviorTree."""
 
     def write(body: str) -> str:
         (folder / "tree.xml").write_text(
@@ -146,7 +146,7 @@ def sweep(folder: Path) -> Callable[..., Result]:
 
 @pytest.fixture
 def last_json() -> Callable[[Result], dict[str, Any]]:
-    """The JSON object in the last line of stdout."""
+    """Return the JSON object in the last line of stdout."""
 
     def read(result: Result) -> dict[str, Any]:
         data: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])

@@ -22,33 +22,33 @@ pytest.importorskip("distributed")
 
 Sweep = Callable[..., Result]
 Tree = Callable[[str], str]
-Told = Callable[[Result], dict[str, Any]]
+LastJson = Callable[[Result], dict[str, Any]]
 
 PATIENCE = 60.0  # s
 
 
-def rows(folder: str = "tree.sweep") -> list[dict[str, str]]:
-    """The table, as CSV has it."""
+def read_table(folder: str = "tree.sweep") -> list[dict[str, str]]:
+    """Return the read_table of results.csv."""
     with Path(folder, "results.csv").open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
 def journal(folder: str = "tree.sweep") -> list[int]:
-    """The numbers of the episodes in the journal, a line each."""
+    """Return the episode numbers in the journal, in order."""
     lines = Path(folder, "journal.jsonl").read_bytes().split(b"\n")[:-1]
     return [json.loads(line)["episode"] for line in lines]
 
 
-def until(holds: Callable[[], object]) -> None:
-    """Wait until it holds."""
+def wait_until(holds: Callable[[], object]) -> None:
+    """Wait for *holds* to return a true value."""
     end = time.monotonic() + PATIENCE
     while not holds():
         assert time.monotonic() < end, "it took too long"
         time.sleep(0.02)
 
 
-def test_episodes_are_what_run_does_and_the_replay_makes_them_again(
-    sweep: Sweep, tree: Tree, last_json: Told, scheduler: str
+def test_episodes_give_the_results_of_run_and_can_be_replayed(
+    sweep: Sweep, tree: Tree, last_json: LastJson, scheduler: str
 ) -> None:
     file = tree('<Sequence><Walk most="9"/><Lucky odds="{odds}"/></Sequence>')
     words = ["--seeds", "12", "--param", "bb.odds=0.2,0.9", "--scheduler", scheduler, "--json"]
@@ -60,7 +60,7 @@ def test_episodes_are_what_run_does_and_the_replay_makes_them_again(
     assert data["interval"][0] < data["rate"] < data["interval"][1]
     assert data["failing"][0]["node"] == "Lucky::3"
     assert data["failing"][0]["ended"] == len(data["failed"]) == 24 - data["succeeded"]
-    table = rows()
+    table = read_table()
     assert [int(row["episode"]) for row in table] == list(range(24))
     assert [row["seed"] for row in table[:4]] == ["0", "0", "1", "1"]
     for number in (0, 1, data["failed"][-1]["episode"]):
@@ -78,7 +78,7 @@ def test_episodes_are_what_run_does_and_the_replay_makes_them_again(
     assert last["replay"] in Path("tree.sweep/report.html").read_text(encoding="utf-8").replace("&#x27;", "'")
 
 
-def test_the_same_sweep_gives_the_same_table_to_the_byte(sweep: Sweep, tree: Tree, scheduler: str) -> None:
+def test_same_sweep_gives_an_identical_table(sweep: Sweep, tree: Tree, scheduler: str) -> None:
     file = tree('<Fallback><Lucky odds="0.1"/><Walk/></Fallback>')
     for suffix in ("csv", "parquet"):
         for folder in ("one", "other"):
@@ -88,8 +88,8 @@ def test_the_same_sweep_gives_the_same_table_to_the_byte(sweep: Sweep, tree: Tre
         assert one.read_bytes() == other.read_bytes()
 
 
-def test_a_leaf_that_raises_is_counted_and_nothing_of_what_it_prints_is_seen(
-    sweep: Sweep, tree: Tree, last_json: Told, scheduler: str
+def test_raising_leaf_is_counted_and_its_output_is_hidden(
+    sweep: Sweep, tree: Tree, last_json: LastJson, scheduler: str
 ) -> None:
     file = tree('<Explode when="{lit}"/>')
     words = ["--seeds", "2", "--param", "bb.lit=false,true", "--scheduler", scheduler, "--json"]
@@ -99,11 +99,11 @@ def test_a_leaf_that_raises_is_counted_and_nothing_of_what_it_prints_is_seen(
     assert last_json(result)["statuses"] == {"SUCCESS": 2, "RAISED": 2}
     (node,) = last_json(result)["failing"]
     assert (node["node"], node["ended"]) == ("Explode::1", 2)
-    assert {row["error"] for row in rows()} == {"", "ValueError: the fuse was lit"}
+    assert {row["error"] for row in read_table()} == {"", "ValueError: the fuse was lit"}
 
 
-def test_success_may_be_what_the_user_says_and_judging_anew_plays_nothing(
-    sweep: Sweep, tree: Tree, last_json: Told, scheduler: str
+def test_success_if_redefines_success_without_new_episodes(
+    sweep: Sweep, tree: Tree, last_json: LastJson, scheduler: str
 ) -> None:
     words = [tree("<Walk/>"), "--seeds", "10", "--scheduler", scheduler, "--json"]
     assert last_json(sweep(*words))["rate"] == 1.0
@@ -115,9 +115,7 @@ def test_success_may_be_what_the_user_says_and_judging_anew_plays_nothing(
     assert "did you mean 'ticks'?" in mistaken.stderr
 
 
-def test_a_setting_that_cannot_be_run_ends_the_sweep_with_its_sentence(
-    sweep: Sweep, tree: Tree, scheduler: str
-) -> None:
+def test_invalid_setting_ends_the_sweep_with_its_message(sweep: Sweep, tree: Tree, scheduler: str) -> None:
     file = tree('<Walk most="{most}"/>')
     result = sweep(file, "--seeds", "5", "--param", "bb.most=3,many", "--scheduler", scheduler)
     assert result.exit_code == 2
@@ -136,8 +134,8 @@ def test_a_folder_with_another_sweep_is_refused(sweep: Sweep, tree: Tree, schedu
     assert "the file tree.xml, which has changed since" in " ".join(changed.stderr.split())
 
 
-def test_the_episode_of_a_worker_that_dies_is_played_again(
-    sweep: Sweep, tree: Tree, last_json: Told, folder: Path, scheduler: str
+def test_episode_of_a_dead_worker_runs_again(
+    sweep: Sweep, tree: Tree, last_json: LastJson, folder: Path, scheduler: str
 ) -> None:
     file = tree(f'<Sequence><Die mark="{folder / "mark"}"/><Walk/></Sequence>')
     data = last_json(sweep(file, "--seeds", "8", "--scheduler", scheduler, "--json"))
@@ -146,19 +144,19 @@ def test_the_episode_of_a_worker_that_dies_is_played_again(
     assert sorted(journal()) == list(range(8))
 
 
-def test_an_episode_that_kills_its_workers_is_recorded_and_the_others_go_on(
-    sweep: Sweep, tree: Tree, last_json: Told, scheduler: str
+def test_episode_that_kills_its_workers_is_recorded_and_the_others_continue(
+    sweep: Sweep, tree: Tree, last_json: LastJson, scheduler: str
 ) -> None:
     file = tree('<Sequence><Die when="{deadly}"/><Walk/></Sequence>')
     words = ["--seeds", "3..3", "--param", "bb.deadly=false,true", "--attempts", "2"]
     result = sweep(file, *words, "--scheduler", scheduler, "--json")
     assert result.exit_code == 1, result.stderr
     assert last_json(result)["statuses"] == {"SUCCESS": 1, "KILLED": 1}
-    assert rows()[1]["error"] == "its worker died 2 times"
+    assert read_table()[1]["error"] == "its worker died 2 times"
 
 
-def started(*words: str) -> subprocess.Popen[str]:
-    """A sweep in a process of its own, and in a session of its own as from a terminal."""
+def start_sweep(*words: str) -> subprocess.Popen[str]:
+    """Start a sweep in its own process and session, as from a terminal."""
     from_root = str(Path(__file__).parents[3])
     paths = os.pathsep.join(filter(None, [from_root, os.environ.get("PYTHONPATH")]))
     return subprocess.Popen(
@@ -171,12 +169,12 @@ def started(*words: str) -> subprocess.Popen[str]:
     )
 
 
-def test_after_kill_9_no_worker_is_left_and_the_same_command_goes_on_without_loss(
-    sweep: Sweep, tree: Tree, last_json: Told, scheduler: str
+def test_killed_sweep_leaves_no_worker_and_the_same_command_continues_it(
+    sweep: Sweep, tree: Tree, last_json: LastJson, scheduler: str
 ) -> None:
     words = [tree("<Sequence><Toil/><Walk/></Sequence>"), "--seeds", "24", "--json"]
-    with started(*words, "--workers", "2") as process:
-        until(lambda: Path("tree.sweep/journal.jsonl").exists() and len(journal()) >= 3)
+    with start_sweep(*words, "--workers", "2") as process:
+        wait_until(lambda: Path("tree.sweep/journal.jsonl").exists() and len(journal()) >= 3)
         workers = psutil.Process(process.pid).children(recursive=True)
         process.kill()
     assert len(workers) >= 2
@@ -185,7 +183,7 @@ def test_after_kill_9_no_worker_is_left_and_the_same_command_goes_on_without_los
     before = journal()
     assert len(before) < 24
     with Path("tree.sweep/journal.jsonl").open("ab") as file:
-        file.write(b'{"episode":23,"code"')  # as a disk that is full, or a power cut, leaves it
+        file.write(b'{"episode":23,"code"')  # as a full disk or a power cut leaves the file
     result = sweep(*words, "--scheduler", scheduler)
     assert result.exit_code == 0, result.stderr
     assert journal()[: len(before)] == before
@@ -195,10 +193,10 @@ def test_after_kill_9_no_worker_is_left_and_the_same_command_goes_on_without_los
     assert Path("whole/results.csv").read_bytes() == Path("tree.sweep/results.csv").read_bytes()
 
 
-def test_ctrl_c_ends_in_order_and_says_how_to_go_on(tree: Tree, sweep: Sweep, scheduler: str) -> None:
+def test_ctrl_c_ends_the_sweep_and_prints_how_to_continue(tree: Tree, sweep: Sweep, scheduler: str) -> None:
     words = [tree('<Sequence><Toil seconds="0.1"/><Walk/></Sequence>'), "--seeds", "500"]
-    with started(*words, "--scheduler", scheduler) as process:
-        until(lambda: Path("tree.sweep/journal.jsonl").exists() and len(journal()) >= 2)
+    with start_sweep(*words, "--scheduler", scheduler) as process:
+        wait_until(lambda: Path("tree.sweep/journal.jsonl").exists() and len(journal()) >= 2)
         # While the sweep runs, its lock prevents other sweeps from writing to the folder.
         assert "is writing to 'tree.sweep'" in " ".join(sweep(*words).stderr.split())
         process.send_signal(signal.SIGINT)
@@ -206,4 +204,4 @@ def test_ctrl_c_ends_in_order_and_says_how_to_go_on(tree: Tree, sweep: Sweep, sc
     assert process.returncode == 130
     assert "Traceback" not in said
     assert "run the same command again to continue" in said
-    assert 2 <= len(rows()) == len(journal()) < 500
+    assert 2 <= len(read_table()) == len(journal()) < 500

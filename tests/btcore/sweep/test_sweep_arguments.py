@@ -49,7 +49,7 @@ def test_seeds_are_a_count_a_range_or_a_list(text: str, meant: tuple[int, ...]) 
         ("0..99999999999", "seeds exceed the limit of 10000000"),
     ],
 )
-def test_what_is_no_seed_is_told_of(text: str, said: str) -> None:
+def test_invalid_seeds_are_reported(text: str, said: str) -> None:
     with pytest.raises(click.UsageError, match=re.escape(said)):
         parameters.parse_seeds(text)
 
@@ -66,12 +66,12 @@ def test_what_is_no_seed_is_told_of(text: str, said: str) -> None:
         ("fault=,laser:5-9", ("", "laser:5-9")),
     ],
 )
-def test_the_values_of_a_parameter_are_a_list_with_ranges(text: str, meant: tuple[str, ...]) -> None:
+def test_parameter_values_are_a_list_with_ranges(text: str, meant: tuple[str, ...]) -> None:
     (values,) = parameters.parse_parameters([text], CHOICES).values()
     assert values == meant
 
 
-def test_several_parameters_make_a_grid_and_become_words_of_run() -> None:
+def test_several_parameters_make_a_grid_and_become_arguments_of_run() -> None:
     varied = parameters.parse_parameters(["bb.x=1..2", "fault=,laser:5-9", "wild=no,yes"], CHOICES)
     last_json = [parameters.setting_arguments(values, CHOICES) for values in parameters.settings(varied)]
     assert last_json == [
@@ -99,17 +99,17 @@ def test_several_parameters_make_a_grid_and_become_words_of_run() -> None:
         ("bb.=1", "the name of the entry is missing"),
     ],
 )
-def test_what_is_no_parameter_is_told_of(text: str, said: str) -> None:
+def test_invalid_parameter_is_reported(text: str, said: str) -> None:
     with pytest.raises(click.UsageError, match=re.escape(said)):
         parameters.parse_parameters([text], CHOICES)
 
 
-def test_a_parameter_given_twice_is_told_of() -> None:
+def test_parameter_given_twice_is_reported() -> None:
     with pytest.raises(click.UsageError, match="list all values in one --param"):
         parameters.parse_parameters(["battery=1", "battery=2"], CHOICES)
 
 
-def test_a_switch_takes_true_and_false_alone() -> None:
+def test_flag_accepts_only_true_and_false() -> None:
     with pytest.raises(click.UsageError, match="is a flag; use true or false"):
         parameters.setting_arguments({"wild": "perhaps"}, CHOICES)
 
@@ -134,7 +134,7 @@ def test_a_switch_takes_true_and_false_alone() -> None:
         ([], "--seeds"),
     ],
 )
-def test_a_mistake_on_the_command_line_exits_with_2_before_any_worker_starts(
+def test_usage_error_exits_with_2_before_any_worker_starts(
     sweep: Callable[..., Result], tree: Callable[[str], str], words: list[str], said: str
 ) -> None:
     result = sweep(tree("<AlwaysSuccess/>"), *words)
@@ -143,7 +143,7 @@ def test_a_mistake_on_the_command_line_exits_with_2_before_any_worker_starts(
 
 
 @pytest.mark.parametrize("module", ["distributed", "pyarrow"])
-def test_without_the_extra_it_says_what_to_install(
+def test_missing_extra_is_reported_with_the_install_command(
     sweep: Callable[..., Result],
     tree: Callable[[str], str],
     monkeypatch: pytest.MonkeyPatch,
@@ -159,14 +159,14 @@ def test_without_the_extra_it_says_what_to_install(
     assert not (folder / "tree.sweep").exists()
 
 
-def test_the_engine_and_its_command_line_do_without_the_extra() -> None:
+def test_engine_and_command_line_do_not_import_the_extra() -> None:
     guests = "{'dask', 'distributed', 'pyarrow'}"
     program = f"import sys; import btcore.cli.main, btcore.cli.run; print({guests} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
 
 
-def test_a_mistake_in_the_tree_is_shown_with_its_place(
+def test_error_in_the_tree_is_reported_with_a_suggestion(
     sweep: Callable[..., Result], tree: Callable[[str], str]
 ) -> None:
     result = sweep(tree("<AlwaysSucess/>"), "--seeds", "3")

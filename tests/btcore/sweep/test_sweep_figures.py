@@ -52,7 +52,7 @@ def test_a_row_is_flat_and_has_no_wall_time() -> None:
     }
 
 
-def test_rows_without_a_run_say_why() -> None:
+def test_rows_without_a_run_contain_the_reason() -> None:
     refused = table.row(SWEEP.episode(0), {"episode": 0, "code": 2, "report": None, "fault": "no room"}, None)
     broken = table.row(
         SWEEP.episode(0), {"episode": 0, "code": 70, "report": None, "fault": "KeyError: 1"}, None
@@ -74,7 +74,7 @@ def rows(count: int = 8) -> list[table.Row]:
     return found
 
 
-def test_csv_and_parquet_read_back_as_they_were_written(tmp_path: Path) -> None:
+def test_csv_and_parquet_are_read_back_as_written(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     names = table.columns(rows(), SWEEP)
     assert names[:4] == ["episode", "seed", "param.bb.x", "success"]
@@ -90,7 +90,7 @@ def test_csv_and_parquet_read_back_as_they_were_written(tmp_path: Path) -> None:
     assert lines[3]["failures"] == '{"a": 3}'
 
 
-def test_a_column_of_numbers_and_texts_holds_texts_in_parquet(tmp_path: Path) -> None:
+def test_mixed_column_is_stored_as_texts_in_parquet(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     table.write(tmp_path / "a.parquet", [{"x": 1, "y": 1}, {"x": "house", "y": 0.5}, {}], ["x", "y"])
     assert parquet.read_table(tmp_path / "a.parquet").to_pydict() == {
@@ -100,19 +100,19 @@ def test_a_column_of_numbers_and_texts_holds_texts_in_parquet(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("good", "count"), [(0, 1), (0, 20), (7, 10), (93, 100), (50, 50)])
-def test_the_interval_is_scipys(good: int, count: int) -> None:
+def test_wilson_interval_matches_scipy(good: int, count: int) -> None:
     stats = pytest.importorskip("scipy.stats")
     theirs = stats.binomtest(good, count).proportion_ci(0.95, "wilson")
     assert wilson(good, count) == pytest.approx((theirs.low, theirs.high))
 
 
-def test_of_no_episodes_nothing_is_known() -> None:
+def test_rate_of_no_episodes_is_unknown() -> None:
     assert wilson(0, 0) == (0.0, 1.0)
     assert math.isnan(SuccessRate(0, 0, 0.0, 1.0).share)
     assert charts.percent(math.nan) == "–"
 
 
-def test_rates_by_parameter_times_and_failing_nodes() -> None:
+def test_statistics_contain_rates_by_parameter_and_failing_nodes() -> None:
     found = compute_statistics(rows(), SWEEP)
     assert (found.rate.good, found.rate.count) == (6, 8)
     assert {value: (one.good, one.count) for value, one in found.by["bb.x"].items()} == {
@@ -135,7 +135,7 @@ def test_success_may_be_a_script_over_the_columns() -> None:
     assert not table.is_success(killed, compile_script("seed < 100"))
 
 
-def test_a_histogram_counts_everything() -> None:
+def test_histogram_counts_every_value() -> None:
     times = [(0.1 * number, number % 3 > 0) for number in range(100)]
     picture = charts.histogram(times, "s")
     titles = set(re.findall(r"<title>([^<]*)</title>", picture))
@@ -143,7 +143,7 @@ def test_a_histogram_counts_everything() -> None:
     assert sum(int(count) for title in titles for count in re.findall(r"(\d+) [✔✘]", title)) == 100
 
 
-def test_the_report_tells_of_what_was_varied_and_escapes_what_users_wrote() -> None:
+def test_report_names_varied_parameters_and_escapes_user_texts() -> None:
     found = compute_statistics(rows(), SWEEP)
     text = render_report(ReportData(SWEEP, found, "1 < 2 && '<b>' != ''", (0.5,) * 8))
     assert "75.0 %" in text

@@ -39,7 +39,7 @@ class Drive(SyncAction):
 
 @pytest.fixture
 def patrol() -> Callable[..., Harness]:
-    """The tree above in a harness; its leaves follow the entries given."""
+    """Return a function that builds the tree in a harness; its leaves follow the given entries."""
 
     def make(*entries: str) -> Harness:
         nodes = Registry.standard()

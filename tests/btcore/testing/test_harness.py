@@ -19,7 +19,7 @@ def document(body: str) -> str:
 # --- driving
 
 
-def test_a_tick_ticks_once_and_takes_no_time(patrol: Patrol) -> None:
+def test_tick_ticks_once_and_takes_no_time(patrol: Patrol) -> None:
     harness = patrol("S", "RRRRS")
     assert harness.tick() is Status.RUNNING
     assert harness.tick() is Status.RUNNING
@@ -27,7 +27,7 @@ def test_a_tick_ticks_once_and_takes_no_time(patrol: Patrol) -> None:
     assert (harness.tree.ticks, harness.tree.clock.now()) == (4, 0)
 
 
-def test_waiting_takes_time_and_ticks_nothing() -> None:
+def test_wait_advances_the_clock_without_ticking() -> None:
     harness = Harness.loads(document('<Sequence><Sleep msec="300"/><AlwaysSuccess/></Sequence>'))
     harness.tick()
     harness.wait(0.299)
@@ -38,7 +38,7 @@ def test_waiting_takes_time_and_ticks_nothing() -> None:
     assert harness.tree.clock.now() == 5_299_000_000
 
 
-def test_run_ticks_as_tick_while_running_does() -> None:
+def test_run_does_the_same_as_tick_while_running() -> None:
     text = document('<Sequence><Sleep msec="25"/><Delay delay_msec="7"><AlwaysSuccess/></Delay></Sequence>')
     harness = Harness.loads(text)
     other = btcore.loads(text, clock=btcore.SimClock())
@@ -47,7 +47,7 @@ def test_run_ticks_as_tick_while_running_does() -> None:
     assert harness.tree.ticks == other.ticks
 
 
-def test_a_run_that_does_not_end_fails_and_shows_the_tree() -> None:
+def test_run_that_does_not_end_fails_and_shows_the_tree() -> None:
     harness = Harness.loads(document('<Inverter><Sleep name="night" msec="90000"/></Inverter>'))
     with pytest.raises(AssertionError, match="still RUNNING after 60 s") as failed:
         harness.run(period=10)
@@ -56,14 +56,14 @@ def test_a_run_that_does_not_end_fails_and_shows_the_tree() -> None:
     assert harness.tree.clock.now() == 60_000_000_000
 
 
-def test_a_tree_that_wakes_itself_for_ever_fails_too() -> None:
+def test_tree_that_wakes_itself_forever_fails_too() -> None:
     harness = Harness.loads(document('<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>'))
     with pytest.raises(AssertionError, match="still RUNNING"):
         harness.run()
     assert harness.tree.clock.now() == 0
 
 
-def test_run_until_goes_on_over_the_end_of_the_tree() -> None:
+def test_run_until_continues_after_the_end_of_the_tree() -> None:
     harness = Harness.loads(document('<Script code="n := n + 1"/>'))
     harness.blackboard["n"] = 0
     harness.run_until(lambda: harness.blackboard["n"] == 5)
@@ -72,7 +72,7 @@ def test_run_until_goes_on_over_the_end_of_the_tree() -> None:
         harness.run_until(lambda: False, limit=2)
 
 
-def test_run_for_takes_as_long_as_it_says() -> None:
+def test_run_for_takes_the_given_time() -> None:
     harness = Harness.loads(document("<AlwaysFailure/>"))
     assert harness.run_for(1.0, period=0.25) is Status.FAILURE
     assert (harness.tree.ticks, harness.tree.clock.now()) == (5, 1_000_000_000)
@@ -91,13 +91,13 @@ def test_a_coroutine_sleeps_by_the_simulated_clock() -> None:
     assert harness.tree.clock.now() == 1_200_000_000_000
 
 
-def test_a_file_is_loaded_like_a_text(tmp_path: Path) -> None:
+def test_harness_loads_a_file(tmp_path: Path) -> None:
     file = tmp_path / "tree.xml"
     file.write_text(document("<AlwaysSuccess/>"), encoding="utf-8")
     assert Harness.load(file).run() is Status.SUCCESS
 
 
-def test_a_tree_on_the_systems_clock_is_refused() -> None:
+def test_tree_on_the_system_clock_is_refused() -> None:
     with pytest.raises(ValueError, match=r"load it with clock=SimClock\(\)"):
         Harness(btcore.loads(document("<AlwaysSuccess/>")))
 
@@ -105,7 +105,7 @@ def test_a_tree_on_the_systems_clock_is_refused() -> None:
 # --- reading
 
 
-def test_what_a_node_gave_in_the_last_tick_stays_readable_when_it_is_idle_again(patrol: Patrol) -> None:
+def test_result_stays_readable_when_the_node_is_idle_again(patrol: Patrol) -> None:
     harness = patrol("S")
     harness.tick()
     assert harness.status("back") is Status.IDLE
@@ -116,7 +116,7 @@ def test_what_a_node_gave_in_the_last_tick_stays_readable_when_it_is_idle_again(
     assert harness.result("back") is None
 
 
-def test_a_step_tells_the_changes_the_results_what_was_written_and_how_all_stand(patrol: Patrol) -> None:
+def test_step_contains_changes_results_written_entries_and_statuses(patrol: Patrol) -> None:
     harness = patrol("S", "S", "RF")
     harness.tick()
     step = harness.last
@@ -133,7 +133,7 @@ def test_a_step_tells_the_changes_the_results_what_was_written_and_how_all_stand
     assert str(step) == "tick 1, at 0 s: RUNNING"
 
 
-def test_a_node_that_runs_on_is_ticked_though_nothing_changes(patrol: Patrol) -> None:
+def test_node_that_stays_running_is_ticked_without_a_change(patrol: Patrol) -> None:
     harness = patrol("S", "RRRS", "S", "S")
     harness.tick(2)
     assert "round/out" in harness.last.results
@@ -141,7 +141,7 @@ def test_a_node_that_runs_on_is_ticked_though_nothing_changes(patrol: Patrol) ->
     assert harness.trace.results("out") == [Status.RUNNING, Status.RUNNING]
 
 
-def test_a_halt_between_ticks_is_a_step_of_its_own(patrol: Patrol) -> None:
+def test_halt_between_ticks_is_a_separate_step(patrol: Patrol) -> None:
     harness = patrol("S", "RRS")
     harness.wait(0.5)
     harness.tick()
@@ -152,7 +152,7 @@ def test_a_halt_between_ticks_is_a_step_of_its_own(patrol: Patrol) -> None:
     assert str(step) == "after a tick, at 0.5 s"
 
 
-def test_a_node_that_raises_ends_the_step_and_gave_nothing(patrol: Patrol) -> None:
+def test_node_that_raises_ends_the_step_without_a_result(patrol: Patrol) -> None:
     harness = patrol("S", "X")
     with pytest.raises(NodeExecutionError) as raised:
         harness.tick()
@@ -164,7 +164,7 @@ def test_a_node_that_raises_ends_the_step_and_gave_nothing(patrol: Patrol) -> No
     assert str(step) == "tick 1, at 0 s: raised round/out"
 
 
-def test_an_entry_that_is_removed_shows_as_none() -> None:
+def test_removed_entry_is_shown_as_none() -> None:
     board = Blackboard()
     board["b"] = 2
     text = document('<Sequence><Script code="a := 1"/><UnsetBlackboard key="b"/></Sequence>')
@@ -173,7 +173,7 @@ def test_an_entry_that_is_removed_shows_as_none() -> None:
     assert harness.last.written == {"a": 1, "b": None}
 
 
-def test_nodes_with_the_same_path_are_told_apart_by_their_number() -> None:
+def test_nodes_with_the_same_path_are_distinguished_by_number() -> None:
     harness = Harness.loads(
         document('<Sequence><AlwaysSuccess name="x"/><AlwaysSuccess name="x"/></Sequence>')
     )
@@ -182,7 +182,7 @@ def test_nodes_with_the_same_path_are_told_apart_by_their_number() -> None:
     assert harness.result("x#3") is Status.SUCCESS
 
 
-def test_a_trace_that_was_stopped_hears_no_more(patrol: Patrol) -> None:
+def test_unsubscribed_trace_records_nothing_more(patrol: Patrol) -> None:
     tree = patrol("S").tree
     trace = Trace(tree)
     tree.tick_once()

@@ -11,7 +11,7 @@ from btcore.testing import Harness, LeafPlanError, MockAction, MockCondition, Ou
 Patrol = Callable[..., Harness]
 
 
-def planned(body: str) -> Tree:
+def load_planned(body: str) -> Tree:
     return btcore.loads(
         f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>',
         nodes=with_mock_leaves(Registry.standard()),
@@ -20,13 +20,13 @@ def planned(body: str) -> Tree:
 
 
 def test_leaves_take_entries_in_the_order_in_which_they_start() -> None:
-    tree = planned("<Parallel><Act/><Ask/><Act/></Parallel>")
+    tree = load_planned("<Parallel><Act/><Ask/><Act/></Parallel>")
     plan = Outcomes("RS", "S", "RRF")
     assert plan.drive(tree, ticks=3) == [Status.RUNNING, Status.RUNNING, Status.FAILURE]
 
 
 def test_an_action_runs_for_every_r_and_then_ends() -> None:
-    assert Outcomes("RRS").drive(planned("<Act/>"), ticks=4) == [
+    assert Outcomes("RRS").drive(load_planned("<Act/>"), ticks=4) == [
         Status.RUNNING,
         Status.RUNNING,
         Status.SUCCESS,
@@ -34,42 +34,42 @@ def test_an_action_runs_for_every_r_and_then_ends() -> None:
     ]
 
 
-def test_a_condition_gives_the_last_letter_at_once() -> None:
-    assert Outcomes("RRF").drive(planned("<Ask/>"), ticks=2) == [Status.FAILURE, Status.FAILURE]
+def test_condition_returns_the_last_letter_immediately() -> None:
+    assert Outcomes("RRF").drive(load_planned("<Ask/>"), ticks=2) == [Status.FAILURE, Status.FAILURE]
 
 
 def test_a_condition_fails_where_an_action_is_skipped() -> None:
-    assert Outcomes("K").drive(planned("<Ask/>"), ticks=1) == [Status.FAILURE]
-    assert Outcomes("K").drive(planned("<Act/>"), ticks=1) == [Status.SKIPPED]
+    assert Outcomes("K").drive(load_planned("<Ask/>"), ticks=1) == [Status.FAILURE]
+    assert Outcomes("K").drive(load_planned("<Act/>"), ticks=1) == [Status.SKIPPED]
 
 
-def test_after_the_last_entry_comes_the_first() -> None:
-    results = Outcomes("S", "F", "K").drive(planned("<Act/>"), ticks=5)
+def test_entries_repeat_after_the_last_entry() -> None:
+    results = Outcomes("S", "F", "K").drive(load_planned("<Act/>"), ticks=5)
     assert [status.name for status in results] == ["SUCCESS", "FAILURE", "SKIPPED", "SUCCESS", "FAILURE"]
 
 
 def test_a_plan_may_raise() -> None:
     with pytest.raises(NodeExecutionError) as raised:
-        Outcomes("RX").drive(planned("<Act/>"))
+        Outcomes("RX").drive(load_planned("<Act/>"))
     assert isinstance(raised.value.cause, LeafPlanError)
 
 
-def test_without_a_plan_leaves_succeed() -> None:
-    assert planned("<Sequence><Act/><Ask/></Sequence>").tick_once() is Status.SUCCESS
+def test_leaves_succeed_without_a_plan() -> None:
+    assert load_planned("<Sequence><Act/><Ask/></Sequence>").tick_once() is Status.SUCCESS
 
 
-def test_driving_lets_time_pass_between_ticks() -> None:
-    tree = planned('<Sequence><Act/><Sleep msec="100"/></Sequence>')
+def test_drive_lets_time_pass_between_ticks() -> None:
+    tree = load_planned('<Sequence><Act/><Sleep msec="100"/></Sequence>')
     assert Outcomes("S").drive(tree, ticks=3, period=0.05)[-1] is Status.SUCCESS
 
 
-def test_a_plan_begins_anew_when_it_is_attached() -> None:
+def test_plan_restarts_when_it_is_attached() -> None:
     plan = Outcomes("S", "F")
-    assert plan.drive(planned("<Act/>"), ticks=1) == plan.drive(planned("<Act/>"), ticks=1)
+    assert plan.drive(load_planned("<Act/>"), ticks=1) == plan.drive(load_planned("<Act/>"), ticks=1)
 
 
 @pytest.mark.parametrize("entries", [(), ("",), ("R",), ("SS",), ("S", "RSF"), ("s",), ("RRZ",)])
-def test_what_is_no_plan_is_refused(entries: tuple[str, ...]) -> None:
+def test_invalid_plan_is_refused(entries: tuple[str, ...]) -> None:
     with pytest.raises(ValueError, match="a plan has entries such as"):
         Outcomes(*entries)
 
@@ -80,7 +80,7 @@ def test_plans_are_compared_and_shown_by_their_entries() -> None:
     assert len({Outcomes("S"), Outcomes("S")}) == 1
 
 
-# --- whose leaves
+# --- leaves of a registry
 
 
 class Arm:
@@ -112,7 +112,7 @@ def test_leaves_of_a_registry_follow_the_plan_and_need_no_resources() -> None:
     assert nodes.substitutions == {}
 
 
-def test_a_rule_that_is_there_already_stays() -> None:
+def test_existing_substitution_rule_is_kept() -> None:
     nodes = Registry.standard()
     nodes.add(holding)
     nodes.substitute("Holding", "AlwaysFailure")
@@ -121,7 +121,7 @@ def test_a_rule_that_is_there_already_stays() -> None:
     assert tree.tick_once() is Status.FAILURE
 
 
-def test_a_tree_whose_leaves_follow_no_plan_is_refused_with_advice() -> None:
+def test_tree_without_mock_leaves_is_refused_with_advice() -> None:
     nodes = Registry.standard()
     nodes.add(holding)
     text = (

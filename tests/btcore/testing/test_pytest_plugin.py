@@ -25,7 +25,7 @@ def drive() -> bool:
 
 
 def run(folder: Path, test: str, *options: str, without: str = "") -> subprocess.CompletedProcess[str]:
-    """Run pytest on *test*, with the plugin alone; modules named *without* can't be imported."""
+    """Run pytest on *test* with only the plugin; the module *without* cannot be imported."""
     (folder / "test_it.py").write_text(TREE + test, encoding="utf-8")
     if without:
         blocked = folder / "blocked"
@@ -51,7 +51,7 @@ def run(folder: Path, test: str, *options: str, without: str = "") -> subprocess
     )
 
 
-def test_the_fixtures_make_trees_on_a_simulated_clock(tmp_path: Path) -> None:
+def test_fixtures_build_trees_on_a_simulated_clock(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
@@ -82,7 +82,7 @@ def test_a_trace_follows_any_tree(registry, clock, trace):
     assert "3 passed" in done.stdout
 
 
-def test_a_failing_test_shows_what_happened_in_its_trees(tmp_path: Path) -> None:
+def test_failing_test_shows_the_trace_of_its_trees(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
@@ -110,7 +110,7 @@ def test_it_passes(registry, harness):
     assert "tree 'Main'" not in done.stdout
 
 
-def test_a_failing_property_prints_the_tree_that_it_shrank_to(tmp_path: Path) -> None:
+def test_failing_property_prints_the_shrunk_tree(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
@@ -131,7 +131,7 @@ def test_no_tree_has_an_inverter(tree, plan):
     assert lines[at + 2 : at + 5] == ["</Inverter>", "</BehaviorTree>", "</root>"]
 
 
-def test_it_works_where_hypothesis_is_not_installed(tmp_path: Path) -> None:
+def test_plugin_works_without_hypothesis(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
@@ -151,12 +151,12 @@ def test_a_strategy_says_what_it_needs():
     assert "2 passed" in done.stdout
 
 
-def test_it_imports_no_hypothesis_by_itself(tmp_path: Path) -> None:
+def test_plugin_does_not_import_hypothesis(tmp_path: Path) -> None:
     done = run(tmp_path, "\ndef test_it():\n    import sys\n    assert 'hypothesis' not in sys.modules\n")
     assert done.returncode == 0, done.stdout
 
 
-def test_a_users_fixture_of_the_same_name_goes_before_ours(tmp_path: Path) -> None:
+def test_user_fixture_overrides_the_plugin_fixture_of_the_same_name(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
@@ -173,7 +173,7 @@ def test_it(clock):
     assert done.returncode == 0, done.stdout
 
 
-def test_pytest_finds_it_by_its_entry_point() -> None:
+def test_pytest_finds_the_plugin_by_its_entry_point() -> None:
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))
     (module,) = project["project"]["entry-points"]["pytest11"].values()
     assert hasattr(importlib.import_module(module), "harness")

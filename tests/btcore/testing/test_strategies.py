@@ -37,7 +37,7 @@ SMALLEST = settings(
 def smallest(
     strategy: st.SearchStrategy[str], condition: Callable[[str], object], seed: int = 0
 ) -> list[str]:
-    """The tags of the smallest document that meets *condition*."""
+    """Return the tags of the smallest document that meets *condition*."""
     text = find(strategy, lambda text: bool(condition(text)), settings=SMALLEST, random=Random(seed))
     return [element.tag for element in ElementTree.fromstring(text).iter()][2:]
 
@@ -57,7 +57,7 @@ def tags(text: str) -> set[str]:
 # --- trees
 
 
-def test_the_smallest_tree_is_one_leaf() -> None:
+def test_smallest_tree_is_a_single_leaf() -> None:
     (leaf,) = smallest(xml_documents(), lambda _: True)
     assert leaf.startswith("Plan")
 
@@ -65,18 +65,18 @@ def test_the_smallest_tree_is_one_leaf() -> None:
 @pytest.mark.parametrize(
     "tag", ["Inverter", "Repeat", "Sequence", "ReactiveFallback", "Parallel", "TryCatch"]
 )
-def test_a_tree_shrinks_to_the_node_that_matters(tag: str) -> None:
+def test_tree_shrinks_to_the_required_node(tag: str) -> None:
     children = 2 if tag == "TryCatch" else 1
     for seed in range(4):
         found = smallest(xml_documents(max_nodes=40), lambda text: f"<{tag} " in text, seed)
         if len(found) == 1 + children:
-            break  # one search in twenty stops at a tree of a node or two more
+            break  # about one search in twenty stops at a slightly larger tree
     assert found[0] == tag
     assert len(found) == 1 + children
     assert all(other.startswith("Plan") for other in found[1:])
 
 
-def test_a_subtree_shrinks_away_unless_it_matters() -> None:
+def test_subtree_shrinks_away_unless_it_is_required() -> None:
     assert "SubTree" not in smallest(xml_documents(subtrees=3), lambda text: "<Inverter" in text)
     found = smallest(xml_documents(subtrees=3), lambda text: "<SubTree" in text)
     assert found[-3:] == ["SubTree", "BehaviorTree", found[-1]]
@@ -85,20 +85,20 @@ def test_a_subtree_shrinks_away_unless_it_matters() -> None:
 
 @RELAXED
 @given(xml_documents(max_nodes=12, max_depth=3))
-def test_a_tree_keeps_to_its_size_and_depth(text: str) -> None:
+def test_tree_respects_its_size_and_depth_limits(text: str) -> None:
     assert text.count(" name=") <= 12
     assert levels(text) <= 3
 
 
 @RELAXED
 @given(xml_documents(tags=["Sequence", "Inverter", "AlwaysSuccess"]))
-def test_only_chosen_nodes_occur(text: str) -> None:
+def test_only_chosen_tags_occur(text: str) -> None:
     assert tags(text) <= {"Sequence", "Inverter", "AlwaysSuccess"}
 
 
 @RELAXED
 @given(xml_documents(tags=["Fallback", "Sequence"]))
-def test_where_no_leaf_is_chosen_leaves_are_planned(text: str) -> None:
+def test_leaves_are_planned_if_no_leaf_is_chosen(text: str) -> None:
     assert tags(text) <= {"Fallback", "Sequence", "PlanAction", "PlanCondition", "PlanSync"}
 
 
@@ -115,7 +115,7 @@ def test_where_no_leaf_is_chosen_leaves_are_planned(text: str) -> None:
         ({"format": 3, "timed": True}, "Delay"),
     ],
 )
-def test_what_may_occur_does(options: dict[str, Any], tag: str) -> None:
+def test_every_allowed_tag_occurs(options: dict[str, Any], tag: str) -> None:
     assert tag in smallest(xml_documents(max_nodes=40, **options), lambda text: f"<{tag} " in text)
 
 
@@ -126,13 +126,13 @@ def test_conditions_of_every_kind_occur(key: str) -> None:
 
 @RELAXED
 @given(xml_documents(skipped=False, conditions=True))
-def test_without_skipping_nothing_skips(text: str) -> None:
+def test_skipped_false_generates_no_skips(text: str) -> None:
     assert not re.search(r'_skipIf|_while|RunOnce|plan="[^"]*K', text)
 
 
 @RELAXED
 @given(xml_documents(max_nodes=40, format=3, timed=True, subtrees=2))
-def test_documents_of_format_3_load_as_such(text: str) -> None:
+def test_documents_of_format_3_can_be_loaded(text: str) -> None:
     tree = btcore.loads(text, nodes=conformance_registry(), resources=[CallLog()], clock=SimClock())
     assert tree.format == 3
 
@@ -159,7 +159,7 @@ def test_a_failing_property_prints_the_smallest_tree_as_xml() -> None:
     assert "plan=Outcomes('" in notes
 
 
-# --- trees of one's own nodes
+# --- trees of user-defined nodes
 
 
 class Guarded(DecoratorNode):
@@ -201,7 +201,7 @@ OWN = own()
 
 @RELAXED
 @given(trees(nodes=OWN, tags=["Guarded", "Last", "Grab", "Sequence"]), outcomes())
-def test_nodes_of_ones_own_get_texts_for_their_ports(tree: Tree, plan: Outcomes) -> None:
+def test_user_nodes_get_texts_for_their_ports(tree: Tree, plan: Outcomes) -> None:
     plan.drive(tree, ticks=2)
     assert {node.id for node in tree} <= {"Guarded", "Last", "Grab", "Sequence"}
     for node in tree.find(Guarded):
@@ -216,11 +216,11 @@ def test_nodes_of_ones_own_get_texts_for_their_ports(tree: Tree, plan: Outcomes)
         ports={"Held": {"where": st.just("1+2j")}, "Guarded": {"mode": st.sampled_from(["hard", "soft"])}},
     )
 )
-def test_texts_for_ports_may_be_given(tree: Tree) -> None:
+def test_port_texts_may_be_given(tree: Tree) -> None:
     assert [node.get_input("where") for node in tree if node.id == "Held"] == [1 + 2j]
 
 
-def test_a_port_of_unknown_type_needs_a_text() -> None:
+def test_port_of_an_unknown_type_requires_a_text() -> None:
     with pytest.raises(InvalidArgument, match="the port 'where' of <Held>"):
         find(xml_documents(nodes=OWN, tags=["Held"]), lambda _: True)
 
@@ -233,7 +233,7 @@ def test_a_port_of_unknown_type_needs_a_text() -> None:
         ("Switch2", "cannot contain"),
     ],
 )
-def test_a_tag_that_nobody_can_grow_is_refused(tag: str, said: str) -> None:
+def test_tag_that_cannot_be_generated_is_refused(tag: str, said: str) -> None:
     with pytest.raises(InvalidArgument, match=said):
         find(xml_documents(nodes=OWN, tags=[tag]), lambda _: True)
 
@@ -243,12 +243,12 @@ def test_a_tag_that_nobody_can_grow_is_refused(tag: str, said: str) -> None:
 
 @RELAXED
 @given(outcomes())
-def test_a_plan_ends_every_start_and_neither_skips_nor_raises(plan: Outcomes) -> None:
+def test_plan_neither_skips_nor_raises_by_default(plan: Outcomes) -> None:
     assert 1 <= len(plan.entries) <= 12
     assert set("".join(plan.entries)) <= set("RSF")
 
 
-def test_a_plan_shrinks_to_one_success() -> None:
+def test_plan_shrinks_to_a_single_success() -> None:
     assert find(outcomes(skipped=True, raising=True), lambda _: True, settings=SMALLEST) == Outcomes("S")
 
 
@@ -259,7 +259,7 @@ def test_a_plan_may_skip_and_raise() -> None:
 
 @RELAXED
 @given(blackboards({"battery": st.floats(0, 1), "goal": str, "tries": int, "armed": bool, "gain": float}))
-def test_a_blackboard_holds_what_is_asked_for(board: Blackboard) -> None:
+def test_blackboard_contains_the_requested_entries(board: Blackboard) -> None:
     assert set(board) == {"battery", "goal", "tries", "armed", "gain"}
     assert {type(board[key]) for key in ("battery", "gain")} <= {float}
     assert board["armed"] in (True, False)

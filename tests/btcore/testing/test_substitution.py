@@ -68,7 +68,7 @@ def load(nodes: Registry, text: str = XML, blackboard: Blackboard | None = None)
     return btcore.loads(text, nodes=nodes, clock=SimClock(), blackboard=blackboard)
 
 
-# --- which nodes a rule is for
+# --- the nodes that a rule matches
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def load(nodes: Registry, text: str = XML, blackboard: Blackboard | None = None)
         ("PATROL/OUT", []),
     ],
 )
-def test_a_rule_is_for_an_id_a_name_or_a_path_with_wildcards(filter: str, replaced: list[str]) -> None:
+def test_rule_matches_an_id_a_name_or_a_path_with_wildcards(filter: str, replaced: list[str]) -> None:
     registry = Registry.standard()
     registry.add(charged, drive)
     registry.substitute(filter, TestNodeConfig())
@@ -98,7 +98,7 @@ def test_a_rule_is_for_an_id_a_name_or_a_path_with_wildcards(filter: str, replac
     assert [node.path for node in load(registry).find(TestNode)] == replaced
 
 
-def test_a_rule_that_meets_no_node_changes_nothing(nodes: Registry) -> None:
+def test_rule_that_matches_no_node_changes_nothing(nodes: Registry) -> None:
     nodes.substitute("Drive", "AlwaysFailure")
     before = [node.path for node in load(nodes)]
     nodes.substitute("nobody/*", TestNodeConfig())
@@ -107,26 +107,26 @@ def test_a_rule_that_meets_no_node_changes_nothing(nodes: Registry) -> None:
     assert tree.find(TestNode) == []
 
 
-def test_the_first_rule_that_applies_wins(nodes: Registry) -> None:
+def test_first_matching_rule_applies(nodes: Registry) -> None:
     nodes.substitute("home", TestNodeConfig(return_status=Status.FAILURE))
     nodes.substitute("Drive", TestNodeConfig())
     assert load(nodes).tick_once() is Status.FAILURE
 
 
-def test_a_filter_given_again_gets_another_rule(nodes: Registry) -> None:
+def test_new_rule_replaces_the_rule_of_the_same_filter(nodes: Registry) -> None:
     nodes.substitute("Drive", TestNodeConfig(return_status=Status.FAILURE))
     nodes.substitute("Drive", TestNodeConfig())
     assert load(nodes).tick_once() is Status.SUCCESS
 
 
-def test_a_registry_without_its_rules_makes_the_real_nodes_again(nodes: Registry) -> None:
+def test_cleared_rules_restore_the_real_nodes(nodes: Registry) -> None:
     nodes.substitute("Drive", TestNodeConfig())
     nodes.substitutions.clear()
     with pytest.raises(TreeError, match="Motors"):
         load(nodes)
 
 
-def test_a_copy_of_a_registry_has_rules_of_its_own(nodes: Registry) -> None:
+def test_registry_copy_has_its_own_rules(nodes: Registry) -> None:
     other = nodes.copy()
     other.substitute("Drive", TestNodeConfig())
     other.remove("Charged")
@@ -137,10 +137,10 @@ def test_a_copy_of_a_registry_has_rules_of_its_own(nodes: Registry) -> None:
     assert "Charged" in nodes
 
 
-# --- what a node keeps
+# --- what a substituted node keeps
 
 
-def test_the_node_keeps_its_id_name_path_ports_and_conditions(nodes: Registry) -> None:
+def test_substituted_node_keeps_its_id_name_path_ports_and_conditions(nodes: Registry) -> None:
     nodes.substitute("Drive", TestNodeConfig())
     tree = load(nodes)
     home = tree.node("home")
@@ -152,7 +152,7 @@ def test_the_node_keeps_its_id_name_path_ports_and_conditions(nodes: Registry) -
     assert tree.blackboard["arrived"] == 1
 
 
-def test_a_function_or_a_class_may_take_the_place_and_reads_the_same_ports(nodes: Registry) -> None:
+def test_function_or_class_may_substitute_and_reads_the_same_ports(nodes: Registry) -> None:
     speeds: list[float] = []
 
     @action
@@ -177,7 +177,7 @@ def test_a_function_or_a_class_may_take_the_place_and_reads_the_same_ports(nodes
     assert "Pretend" not in nodes
 
 
-def test_a_control_node_in_the_place_of_another_takes_its_children(nodes: Registry) -> None:
+def test_substituted_control_node_keeps_the_children(nodes: Registry) -> None:
     class Backwards(ControlNode):
         def tick(self) -> Status:
             return self.children[-1].execute_tick()
@@ -191,7 +191,7 @@ def test_a_control_node_in_the_place_of_another_takes_its_children(nodes: Regist
     assert tree.node("try").id == "Fallback"
 
 
-def test_what_is_below_a_node_that_a_leaf_replaces_is_not_made_issue_934(nodes: Registry) -> None:
+def test_children_of_a_node_replaced_by_a_leaf_are_not_built_issue_934(nodes: Registry) -> None:
     nodes.substitute("patrol", TestNodeConfig())
     nodes.substitute("home", "AlwaysSuccess")
     tree = load(nodes)
@@ -200,7 +200,7 @@ def test_what_is_below_a_node_that_a_leaf_replaces_is_not_made_issue_934(nodes: 
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_format_3_has_rules_too() -> None:
+def test_rules_apply_in_format_3_too() -> None:
     nodes = Registry.standard()
     nodes.add(charged)
     nodes.substitute("charged", TestNodeConfig(return_status=Status.FAILURE))
@@ -208,7 +208,7 @@ def test_format_3_has_rules_too() -> None:
     assert tree.tick_once() is Status.FAILURE
 
 
-def test_a_rule_that_names_no_registered_node_refuses_the_tree_at_the_place(nodes: Registry) -> None:
+def test_rule_with_an_unknown_node_is_refused_at_the_replaced_node(nodes: Registry) -> None:
     nodes.substitute("patrol/*", "AlwaysSucess")
     with pytest.raises(TreeError) as refused:
         load(nodes)
@@ -231,7 +231,7 @@ def test_a_rule_that_names_no_registered_node_refuses_the_tree_at_the_place(node
         ("home", "SubTree", "which needs exactly one child"),
     ],
 )
-def test_a_rule_whose_node_wants_other_children_refuses_the_tree(
+def test_rule_whose_node_requires_other_children_is_refused(
     nodes: Registry, filter: str, by: str, said: str
 ) -> None:
     nodes.substitute(filter, by)
@@ -241,7 +241,7 @@ def test_a_rule_whose_node_wants_other_children_refuses_the_tree(
     assert said in str(refused.value)
 
 
-def test_what_is_no_node_can_stand_in_for_none(nodes: Registry) -> None:
+def test_object_that_is_not_a_node_cannot_substitute(nodes: Registry) -> None:
     with pytest.raises(RegistrationError, match="3 is neither a function nor a node class"):
         nodes.substitute("Drive", 3)
 
@@ -249,7 +249,7 @@ def test_what_is_no_node_can_stand_in_for_none(nodes: Registry) -> None:
 # --- TestNode
 
 
-def a_test_node(settings: TestNodeConfig, attributes: str = "") -> Tree:
+def load_test_node(settings: TestNodeConfig, attributes: str = "") -> Tree:
     nodes = Registry.standard()
     nodes.substitute("leaf", settings)
     xml = f'<AlwaysSuccess name="leaf" {attributes}/>'
@@ -257,23 +257,23 @@ def a_test_node(settings: TestNodeConfig, attributes: str = "") -> Tree:
 
 
 @pytest.mark.parametrize("status", [Status.SUCCESS, Status.FAILURE, Status.SKIPPED, Status.RUNNING])
-def test_without_delay_the_result_comes_in_the_first_tick(status: Status) -> None:
-    assert a_test_node(TestNodeConfig(return_status=status)).tick_exactly_once() is status
+def test_result_without_delay_comes_in_the_first_tick(status: Status) -> None:
+    assert load_test_node(TestNodeConfig(return_status=status)).tick_exactly_once() is status
 
 
-def test_idle_is_no_result() -> None:
+def test_idle_is_refused_as_a_result() -> None:
     with pytest.raises(ValueError, match="cannot be IDLE"):
         TestNodeConfig(return_status=Status.IDLE)
 
 
-def test_with_a_delay_it_runs_until_then_and_wakes_the_tree() -> None:
-    tree = a_test_node(TestNodeConfig(return_status=Status.FAILURE, async_delay=250))
+def test_delayed_node_runs_until_its_delay_and_wakes_the_tree() -> None:
+    tree = load_test_node(TestNodeConfig(return_status=Status.FAILURE, async_delay=250))
     assert tree.tick_while_running(period=10.0) is Status.FAILURE
     assert (tree.ticks, tree.clock.now()) == (2, 250_000_000)
 
 
-def test_halted_it_waits_no_more_and_begins_anew() -> None:
-    tree = a_test_node(TestNodeConfig(async_delay=250))
+def test_halted_delay_is_cancelled_and_restarts() -> None:
+    tree = load_test_node(TestNodeConfig(async_delay=250))
     tree.tick_once()
     tree.sleep(0.2)
     tree.halt()
@@ -285,23 +285,23 @@ def test_halted_it_waits_no_more_and_begins_anew() -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_the_script_of_its_result_then_the_last_one_run_at_the_end() -> None:
+def test_result_script_and_post_script_run_at_the_end() -> None:
     settings = TestNodeConfig(
         success_script="said := 'yes'",
         failure_script="said := 'no'",
         post_script="after := said",
         async_delay=10,
     )
-    tree = a_test_node(settings)
+    tree = load_test_node(settings)
     tree.tick_once()
     assert "said" not in tree.blackboard
     assert tree.tick_while_running() is Status.SUCCESS
     assert (tree.blackboard["said"], tree.blackboard["after"]) == ("yes", "yes")
 
 
-def test_a_failure_runs_the_other_script() -> None:
+def test_failure_runs_the_failure_script() -> None:
     settings = TestNodeConfig(Status.FAILURE, success_script="said := 'yes'", failure_script="said := 'no'")
-    tree = a_test_node(settings)
+    tree = load_test_node(settings)
     tree.tick_once()
     assert tree.blackboard["said"] == "no"
 
@@ -317,32 +317,32 @@ def test_a_failure_runs_the_other_script() -> None:
         ("level < 5 ? FAILURE : SUCCESS", Status.FAILURE),
     ],
 )
-def test_a_script_may_tell_the_result_issue_995(script: str, status: Status) -> None:
-    tree = a_test_node(TestNodeConfig(return_status_script=script))
+def test_script_may_decide_the_result_issue_995(script: str, status: Status) -> None:
+    tree = load_test_node(TestNodeConfig(return_status_script=script))
     tree.blackboard["level"] = 4
     assert tree.tick_once() is status
 
 
 @pytest.mark.parametrize("script", ["'MAYBE'", "7", "2.5"])
-def test_a_script_that_tells_no_status_is_an_error_that_lists_them(script: str) -> None:
+def test_script_result_that_is_not_a_status_raises(script: str) -> None:
     with pytest.raises(NodeExecutionError, match="IDLE, RUNNING, SUCCESS, FAILURE or SKIPPED"):
-        a_test_node(TestNodeConfig(return_status_script=script)).tick_once()
+        load_test_node(TestNodeConfig(return_status_script=script)).tick_once()
 
 
-def test_a_function_may_tell_the_result_and_goes_before_the_rest() -> None:
+def test_complete_func_decides_the_result_before_the_script() -> None:
     answers = iter([Status.RUNNING, Status.FAILURE])
     settings = TestNodeConfig(return_status_script="SUCCESS", complete_func=lambda: next(answers))
-    tree = a_test_node(settings)
+    tree = load_test_node(settings)
     assert [tree.tick_exactly_once(), tree.tick_exactly_once()] == [Status.RUNNING, Status.FAILURE]
 
 
-def test_a_script_with_a_mistake_refuses_the_tree_and_says_which() -> None:
+def test_invalid_script_is_refused_and_named() -> None:
     with pytest.raises(TreeError, match=r"post_script of the TestNode for 'leaf'"):
-        a_test_node(TestNodeConfig(post_script="a := := 1"))
+        load_test_node(TestNodeConfig(post_script="a := := 1"))
 
 
-def test_the_nodes_own_conditions_still_count() -> None:
-    tree = a_test_node(TestNodeConfig(return_status=Status.FAILURE), '_successIf="true" _post="done := 1"')
+def test_conditions_of_the_node_still_apply() -> None:
+    tree = load_test_node(TestNodeConfig(return_status=Status.FAILURE), '_successIf="true" _post="done := 1"')
     assert tree.tick_once() is Status.SUCCESS
     assert tree.blackboard["done"] == 1
 
@@ -350,7 +350,7 @@ def test_the_nodes_own_conditions_still_count() -> None:
 # --- JSON
 
 
-def test_rules_from_json(nodes: Registry, tmp_path: Path) -> None:
+def test_rules_are_loaded_from_json(nodes: Registry, tmp_path: Path) -> None:
     rules = {
         "TestNodeConfigs": {
             "slow": {"return_status": "SUCCESS", "async_delay": 2000, "post_script": "slept := 1"},
@@ -412,7 +412,7 @@ def test_a_configuration_may_have_the_name_of_a_registered_node_issue_927(nodes:
         ),
     ],
 )
-def test_what_is_wrong_with_the_json_is_said(nodes: Registry, text: str, said: str) -> None:
+def test_errors_in_the_json_are_reported(nodes: Registry, text: str, said: str) -> None:
     with pytest.raises(SubstitutionError) as refused:
         load_substitution_rules(nodes, text)
     assert said in str(refused.value)

@@ -23,7 +23,7 @@ def message(failed: pytest.ExceptionInfo[AssertionError]) -> list[str]:
     return str(failed.value).splitlines()
 
 
-def test_a_node_that_was_ticked_ran(patrol: Patrol) -> None:
+def test_ticked_node_ran(patrol: Patrol) -> None:
     harness = patrol("S", "RS")
     harness.tick()
     assert_ran(harness, "BatteryOk", "out")
@@ -55,7 +55,7 @@ def test_the_message_shows_the_ticks_and_the_tree(patrol: Patrol) -> None:
     ]
 
 
-def test_a_long_story_is_cut_to_its_end(patrol: Patrol) -> None:
+def test_long_trace_is_cut_to_its_last_steps(patrol: Patrol) -> None:
     harness = patrol("S", "R" * 20 + "S")
     harness.tick(9)
     with pytest.raises(AssertionError, match="never ran in 9 ticks\n4 steps before\ntick 5"):
@@ -73,7 +73,7 @@ def test_a_node_that_was_only_skipped_did_not_run() -> None:
         assert_ran(harness, "a")
 
 
-def test_a_node_that_ran_against_the_expectation_is_shown_at_its_first_tick(patrol: Patrol) -> None:
+def test_unexpected_node_is_shown_at_its_first_tick(patrol: Patrol) -> None:
     harness = patrol("F", "S", "RRRS")
     harness.tick(3)
     with pytest.raises(AssertionError) as failed:
@@ -81,7 +81,7 @@ def test_a_node_that_ran_against_the_expectation_is_shown_at_its_first_tick(patr
     assert message(failed)[:2] == ["'out' ran, first in tick 2", "tick 2, at 0 s: RUNNING"]
 
 
-def test_nodes_begin_in_an_order(patrol: Patrol) -> None:
+def test_assert_order_compares_the_order_of_starts(patrol: Patrol) -> None:
     harness = patrol("S")
     harness.tick()
     assert_order(harness, "BatteryOk", "out", "note", "back")
@@ -91,14 +91,14 @@ def test_nodes_begin_in_an_order(patrol: Patrol) -> None:
         assert_order(harness, "back", "out")
 
 
-def test_a_node_that_never_began_is_in_no_order(patrol: Patrol) -> None:
+def test_assert_order_fails_for_a_node_that_never_ran(patrol: Patrol) -> None:
     harness = patrol("S", "F")
     harness.tick()
     with pytest.raises(AssertionError, match="'round/back' never ran"):
         assert_order(harness, "out", "back")
 
 
-def test_the_results_of_a_node_are_those_of_all_its_ticks(patrol: Patrol) -> None:
+def test_assert_results_compares_the_results_of_all_ticks(patrol: Patrol) -> None:
     harness = patrol("S", "RS", "S", "F")
     harness.tick(2)
     assert_results(harness, "out", [Status.RUNNING, Status.SUCCESS])
@@ -106,7 +106,7 @@ def test_the_results_of_a_node_are_those_of_all_its_ticks(patrol: Patrol) -> Non
         assert_results(harness, "out", [])
 
 
-def test_a_node_that_was_halted_while_it_ran(patrol: Patrol) -> None:
+def test_assert_halted_requires_a_halted_running_node(patrol: Patrol) -> None:
     harness = patrol("S", "RRRS", "F")
     harness.tick()
     with pytest.raises(AssertionError, match="'out' was never halted in 1 tick"):
@@ -124,7 +124,7 @@ def test_a_halt_by_the_test_counts_without_another_tick(patrol: Patrol) -> None:
     assert_halted(harness, "out")
 
 
-def test_nodes_that_run_together_are_named_with_the_tick() -> None:
+def test_assert_never_running_together_names_the_nodes_and_the_tick() -> None:
     harness = Harness.loads(
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Parallel>'
         '<Sleep name="a" msec="50"/><Sleep name="b" msec="20"/><AlwaysSuccess/>'
@@ -136,7 +136,7 @@ def test_nodes_that_run_together_are_named_with_the_tick() -> None:
         assert_never_running_together(harness, "a", "b")
 
 
-def test_how_the_tree_ended(patrol: Patrol) -> None:
+def test_assert_ended_compares_the_last_status(patrol: Patrol) -> None:
     harness = patrol("S", "F")
     with pytest.raises(AssertionError, match="was never ticked"):
         assert_ended(harness, Status.FAILURE)
@@ -147,7 +147,7 @@ def test_how_the_tree_ended(patrol: Patrol) -> None:
         assert_ended(harness, Status.SUCCESS)
 
 
-def test_a_name_that_no_node_has_is_a_mistake_in_the_test(patrol: Patrol) -> None:
+def test_unknown_node_name_is_an_error_in_the_test(patrol: Patrol) -> None:
     harness = patrol("S")
     with pytest.raises(BtcoreError, match="no node 'bak'; did you mean 'back'"):
         assert_ran(harness, "bak")

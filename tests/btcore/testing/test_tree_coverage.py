@@ -29,7 +29,7 @@ def test_nothing_ran_before_a_tick(tree: Tree) -> None:
     assert not any(one.ran for one in coverage.all_nodes)
 
 
-def test_the_report_shows_every_node_with_what_was_seen_of_it(tree: Tree) -> None:
+def test_report_shows_every_node_with_its_results(tree: Tree) -> None:
     coverage = Coverage()
     coverage.watch(tree)
     tick(tree, "F")
@@ -47,7 +47,7 @@ def test_the_report_shows_every_node_with_what_was_seen_of_it(tree: Tree) -> Non
     ]
 
 
-def test_what_runs_again_adds_up_also_in_another_instance(patrol: Patrol) -> None:
+def test_coverage_adds_up_over_several_trees(patrol: Patrol) -> None:
     coverage = Coverage()
     for entries in (("F",), ("S",), ("S", "F"), ("S", "S", "F")):
         tree = patrol().tree if not entries else patrol(*entries).tree
@@ -58,7 +58,7 @@ def test_what_runs_again_adds_up_also_in_another_instance(patrol: Patrol) -> Non
     assert len(coverage.all_nodes) == 7
 
 
-def test_a_node_that_ends_in_one_way_only_misses_no_other(tree: Tree) -> None:
+def test_node_with_a_single_possible_result_misses_no_other(tree: Tree) -> None:
     coverage = Coverage()
     coverage.watch(tree)
     tick(tree, "S")
@@ -67,7 +67,7 @@ def test_a_node_that_ends_in_one_way_only_misses_no_other(tree: Tree) -> None:
     assert seen["round/out"].missing_results == [Status.FAILURE]
 
 
-def test_a_tree_in_which_too_little_was_seen_fails_with_the_report(tree: Tree) -> None:
+def test_insufficient_coverage_fails_with_the_report(tree: Tree) -> None:
     coverage = Coverage()
     coverage.watch(tree)
     tick(tree, "S", "F")
@@ -82,7 +82,7 @@ def test_a_tree_in_which_too_little_was_seen_fails_with_the_report(tree: Tree) -
     assert said.endswith(coverage.report())
 
 
-def test_a_node_that_raised_was_not_running(tree: Tree) -> None:
+def test_node_that_raised_has_no_result(tree: Tree) -> None:
     coverage = Coverage()
     coverage.watch(tree)
     with pytest.raises(NodeExecutionError):
@@ -103,7 +103,7 @@ def test_a_node_that_was_only_skipped_did_not_run() -> None:
     assert coverage.report().splitlines()[1] == "   · K  AlwaysSuccess 'a'  (never ran)"
 
 
-def test_without_a_tree_there_is_nothing_to_miss() -> None:
+def test_coverage_without_a_tree_is_complete() -> None:
     coverage = Coverage()
     coverage.require(nodes=1.0, results=1.0)
     assert coverage.report() == "nodes 100%, results 100%"

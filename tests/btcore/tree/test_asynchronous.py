@@ -1,4 +1,4 @@
-"""Leaves in threads and under asyncio: both end when the tree is halted."""
+"""Leaves in threads and under asyncio; both end when the tree is halted."""
 
 import asyncio
 import threading
@@ -19,7 +19,7 @@ def tree_of(xml: str, *leaves: object, clock: btcore.Clock | None = None) -> btc
     )
 
 
-def test_a_leaf_awaits_what_asyncio_offers() -> None:
+def test_leaf_can_await_asyncio_functions() -> None:
     done = []
 
     @action
@@ -31,7 +31,7 @@ def test_a_leaf_awaits_what_asyncio_offers() -> None:
     assert done == ["page"]
 
 
-def test_the_event_loop_goes_on_while_the_tree_waits() -> None:
+def test_event_loop_continues_while_the_tree_waits() -> None:
     @action
     async def wait() -> bool:
         await sleep(0.05)
@@ -49,8 +49,8 @@ def test_the_event_loop_goes_on_while_the_tree_waits() -> None:
     assert asyncio.run(both()) > 3
 
 
-def test_the_end_of_what_is_awaited_wakes_the_tree() -> None:
-    """With a period of an hour the test would not end otherwise."""
+def test_completed_awaitable_wakes_the_tree() -> None:
+    """Without the wake-up the test would time out, since the period is an hour."""
 
     @action
     async def fetch() -> bool:
@@ -61,7 +61,7 @@ def test_the_end_of_what_is_awaited_wakes_the_tree() -> None:
     assert asyncio.run(asyncio.wait_for(tree_of("<Fetch/>", fetch).run(period=3600), 20)) is Status.SUCCESS
 
 
-def test_without_an_event_loop_awaiting_asyncio_is_an_error_that_says_what_to_do() -> None:
+def test_awaiting_asyncio_without_an_event_loop_raises_an_error_with_advice() -> None:
     @action
     async def fetch() -> bool:
         await asyncio.sleep(1)
@@ -73,7 +73,7 @@ def test_without_an_event_loop_awaiting_asyncio_is_an_error_that_says_what_to_do
     assert tree.root.status is Status.IDLE
 
 
-def test_halting_cancels_what_is_awaited_and_runs_finally() -> None:
+def test_halting_cancels_the_awaited_call_and_runs_finally() -> None:
     trace = []
 
     @action
@@ -109,7 +109,7 @@ def test_a_simulated_clock_jumps_under_asyncio_too() -> None:
     assert clock.now() == 3_660_000_000_000
 
 
-def test_a_threaded_action_works_beside_the_tree_and_wakes_it() -> None:
+def test_threaded_action_runs_beside_the_tree_and_wakes_it() -> None:
     here = threading.current_thread()
 
     class Work(ThreadedAction):
@@ -139,7 +139,7 @@ def test_halting_a_threaded_action_waits_for_its_thread() -> None:
     assert tree.root.status is Status.IDLE
 
 
-def test_what_a_thread_raises_is_raised_by_the_next_tick() -> None:
+def test_exception_in_a_thread_is_raised_by_the_next_tick() -> None:
     class Work(ThreadedAction):
         def work(self) -> bool:
             raise ValueError("no arm")
@@ -151,7 +151,7 @@ def test_what_a_thread_raises_is_raised_by_the_next_tick() -> None:
         tree.tick_while_running(period=3600)
 
 
-def test_the_tick_that_a_thread_wakes_finds_its_result_even_if_the_thread_has_not_ended() -> None:
+def test_tick_woken_by_a_thread_finds_its_result_before_the_thread_ends() -> None:
     told, release = threading.Event(), threading.Event()
 
     class Held(ThreadedAction):

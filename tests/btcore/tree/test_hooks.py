@@ -32,7 +32,7 @@ def body_of(xml: str) -> str:
 
 
 class Bench:
-    """A tree whose leaves note that they were ticked, and the statuses that an observer saw."""
+    """A tree whose leaves record their ticks, and the statuses that an observer received."""
 
     def __init__(self) -> None:
         self.worked: list[str] = []
@@ -91,7 +91,7 @@ class Ticking:
         return self.status
 
 
-def until(true: Callable[[], object]) -> None:
+def wait_until_true(true: Callable[[], object]) -> None:
     deadline = time.monotonic() + 10
     while not true():
         assert time.monotonic() < deadline, "not within 10 s"
@@ -112,7 +112,7 @@ def ticking() -> Iterator[Callable[[btcore.Tree], Ticking]]:
         one.end()
 
 
-def test_a_status_before_the_tick_takes_its_place(bench: Bench) -> None:
+def test_status_injected_before_the_tick_replaces_the_tick(bench: Bench) -> None:
     bench.inject("first", Status.FAILURE)
     assert bench.tree.tick_once() is Status.SUCCESS
     assert bench.worked == []
@@ -124,7 +124,7 @@ def test_a_status_before_the_tick_takes_its_place(bench: Bench) -> None:
     ]
 
 
-def test_a_status_after_the_tick_takes_the_results_place(bench: Bench) -> None:
+def test_status_injected_after_the_tick_replaces_the_result(bench: Bench) -> None:
     bench.inject("second", Status.FAILURE, HookPosition.POST)
     assert bench.tree.tick_once() is Status.SUCCESS
     assert bench.worked == ["first", "second"]
@@ -134,7 +134,7 @@ def test_a_status_after_the_tick_takes_the_results_place(bench: Bench) -> None:
 
 @pytest.mark.parametrize("status", [Status.SKIPPED, Status.RUNNING, Status.IDLE])
 @pytest.mark.parametrize("position", list(HookPosition))
-def test_only_success_and_failure_replace_anything(
+def test_only_success_and_failure_can_be_injected(
     bench: Bench, status: Status, position: HookPosition
 ) -> None:
     bench.inject("first", status, position)
@@ -142,7 +142,7 @@ def test_only_success_and_failure_replace_anything(
     assert bench.worked == ["first", "second"]
 
 
-def test_a_hook_fires_once_if_told_so_and_is_gone(bench: Bench) -> None:
+def test_hook_with_once_fires_once_and_is_removed(bench: Bench) -> None:
     bench.inject("first", Status.FAILURE, once=True)
     bench.tree.tick_once()
     assert bench.tree.hooks.all() == []
@@ -150,13 +150,13 @@ def test_a_hook_fires_once_if_told_so_and_is_gone(bench: Bench) -> None:
     assert bench.worked == ["first", "second"]
 
 
-def test_a_hook_that_is_not_enabled_does_nothing(bench: Bench) -> None:
+def test_disabled_hook_does_nothing(bench: Bench) -> None:
     bench.inject("first", Status.FAILURE, enabled=False)
     bench.tree.tick_once()
     assert bench.worked == ["first", "second"]
 
 
-def test_a_pre_condition_decides_before_a_hook_does() -> None:
+def test_pre_condition_takes_precedence_over_a_hook() -> None:
     tree = tree_of(body_of('<AlwaysSuccess _failureIf="true"/>'))
     tree.hooks.insert(Hook(1, HookPosition.PRE, HookMode.REPLACE, Status.SUCCESS))
     assert tree.tick_once() is Status.FAILURE
@@ -164,7 +164,7 @@ def test_a_pre_condition_decides_before_a_hook_does() -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_post_conditions_follow_an_injected_status_but_not_an_overridden_one() -> None:
+def test_post_conditions_follow_a_pre_hook_status_but_not_a_post_hook_status() -> None:
     tree = tree_of(body_of('<AlwaysSuccess _onFailure="said := 1" _onSuccess="said := 2"/>'))
     tree.hooks.insert(Hook(1, HookPosition.PRE, HookMode.REPLACE, Status.FAILURE))
     tree.tick_once()
@@ -204,21 +204,21 @@ def test_a_running_node_can_be_ended_before_and_after_its_tick() -> None:
     assert calls == ["start", "start"]
 
 
-def test_a_hook_for_a_node_that_is_not_there_is_refused(bench: Bench) -> None:
+def test_hook_for_an_unknown_node_is_refused(bench: Bench) -> None:
     assert not bench.tree.hooks.insert(Hook(999))
     assert not bench.tree.hooks.unlock(1)
     assert not bench.tree.hooks.remove(1)
     assert bench.tree.hooks.all() == []
 
 
-def test_hooks_are_listed_those_before_a_tick_first(bench: Bench) -> None:
+def test_hooks_are_listed_with_pre_hooks_first(bench: Bench) -> None:
     bench.inject("first", Status.FAILURE, HookPosition.POST)
     bench.inject("second", Status.SUCCESS)
     places = [(hook.uid, hook.position) for hook in bench.tree.hooks.all()]
     assert places == [(bench.uid("second"), HookPosition.PRE), (bench.uid("first"), HookPosition.POST)]
 
 
-def test_a_node_without_hooks_is_as_it_was(bench: Bench) -> None:
+def test_removed_hook_leaves_the_node_unchanged(bench: Bench) -> None:
     node = bench.tree.node("first")
     bench.inject("first", Status.FAILURE)
     bench.tree.hooks.remove(node.uid)
@@ -226,7 +226,7 @@ def test_a_node_without_hooks_is_as_it_was(bench: Bench) -> None:
     assert bench.worked == ["first", "second"]
 
 
-def test_a_count_of_ticks_goes_on_beside_hooks(bench: Bench) -> None:
+def test_tick_counts_continue_beside_hooks(bench: Bench) -> None:
     tally = bench.tree.node("first").count_ticks()
     bench.inject("first", Status.FAILURE, once=True)
     bench.tree.tick_once()
@@ -241,7 +241,7 @@ def test_two_trees_have_their_own_hooks() -> None:
     assert other.worked == ["first", "second"]
 
 
-def test_callbacks_of_ones_own_are_asked_before_and_after_a_tick(bench: Bench) -> None:
+def test_user_callbacks_are_called_before_and_after_a_tick(bench: Bench) -> None:
     asked: list[object] = []
     node = bench.tree.node("first")
 
@@ -270,7 +270,7 @@ def test_a_breakpoint_stops_the_tick_until_it_is_unlocked(bench: Bench, ticking:
     uid = bench.uid("second")
     bench.tree.hooks.insert(Hook(uid))
     run = ticking(bench.tree)
-    until(run.stands)
+    wait_until_true(run.stands)
     assert bench.worked == ["first"]
     assert fired == [uid]
     assert bench.tree.hooks.unlock(uid)
@@ -279,13 +279,11 @@ def test_a_breakpoint_stops_the_tick_until_it_is_unlocked(bench: Bench, ticking:
     assert len(bench.tree.hooks.all()) == 1
 
 
-def test_the_unlocking_says_what_the_status_is_and_may_take_the_breakpoint_away(
-    bench: Bench, ticking: type[Ticking]
-) -> None:
+def test_unlock_sets_the_status_and_may_remove_the_breakpoint(bench: Bench, ticking: type[Ticking]) -> None:
     uid = bench.uid("second")
     bench.tree.hooks.insert(Hook(uid, HookPosition.POST))
     run = ticking(bench.tree)
-    until(run.stands)
+    wait_until_true(run.stands)
     bench.tree.hooks.unlock(uid, HookPosition.POST, Status.FAILURE, remove_when_done=True)
     run.end()
     assert bench.worked == ["first", "second"]
@@ -293,27 +291,25 @@ def test_the_unlocking_says_what_the_status_is_and_may_take_the_breakpoint_away(
     assert bench.tree.hooks.all() == []
 
 
-def test_an_unlocking_that_comes_early_lets_the_next_tick_pass_once(
-    bench: Bench, ticking: type[Ticking]
-) -> None:
+def test_early_unlock_lets_the_next_tick_pass_once(bench: Bench, ticking: type[Ticking]) -> None:
     uid = bench.uid("first")
     bench.tree.hooks.insert(Hook(uid))
     bench.tree.hooks.unlock(uid)
     assert bench.tree.tick_once() is Status.SUCCESS
     run = ticking(bench.tree)
-    until(run.stands)
+    wait_until_true(run.stands)
     bench.tree.hooks.unlock(uid)
     run.end()
 
 
 @pytest.mark.parametrize("way", ["remove", "remove_all", "disable", "ignore_breakpoints", "insert disabled"])
-def test_what_ends_a_breakpoint_lets_the_tick_go_on_as_if_it_was_never_there(
+def test_ending_a_breakpoint_continues_the_tick_unchanged(
     bench: Bench, ticking: type[Ticking], way: str
 ) -> None:
     hooks, uid = bench.tree.hooks, bench.uid("first")
     hooks.insert(Hook(uid, desired_status=Status.FAILURE))
     run = ticking(bench.tree)
-    until(run.stands)
+    wait_until_true(run.stands)
     if way == "remove":
         hooks.remove(uid)
     elif way == "remove_all":
@@ -328,13 +324,11 @@ def test_what_ends_a_breakpoint_lets_the_tick_go_on_as_if_it_was_never_there(
     assert bench.worked == ["first", "second"]
 
 
-def test_a_breakpoint_that_becomes_a_replacement_goes_on_with_its_status(
-    bench: Bench, ticking: type[Ticking]
-) -> None:
+def test_breakpoint_turned_into_a_replacement_uses_its_status(bench: Bench, ticking: type[Ticking]) -> None:
     uid = bench.uid("first")
     bench.tree.hooks.insert(Hook(uid))
     run = ticking(bench.tree)
-    until(run.stands)
+    wait_until_true(run.stands)
     bench.inject("first", Status.FAILURE)
     run.end()
     assert bench.worked == []
@@ -350,7 +344,7 @@ def test_disabled_hooks_work_again_when_enabled(bench: Bench) -> None:
     assert bench.worked == ["first", "second"]
 
 
-def test_a_time_out_above_a_breakpoint_strikes_after_it() -> None:
+def test_timeout_above_a_breakpoint_fires_after_it() -> None:
     halted = []
 
     class Lasting(StatefulAction):
@@ -366,16 +360,16 @@ def test_a_time_out_above_a_breakpoint_strikes_after_it() -> None:
     tree = tree_of(body_of('<Timeout msec="100"><Lasting/></Timeout>'), Lasting)
     tree.hooks.insert(Hook(2))
     run = Ticking(tree)
-    until(run.stands)
+    wait_until_true(run.stands)
     assert isinstance(tree.clock, SimClock)
     tree.clock.wait_until(tree.clock.now() + 10**9, threading.Event())
     tree.hooks.remove(2)
-    assert run.end() is Status.FAILURE  # the time that is over asks for another tick at once
+    assert run.end() is Status.FAILURE  # the expired limit requests another tick immediately
     assert halted == ["Lasting"]
 
 
-def test_hooks_come_and_go_while_the_tree_ticks() -> None:
-    """Nothing is lost: in the end the tree works as if there had been none."""
+def test_hooks_may_be_inserted_and_removed_while_the_tree_ticks() -> None:
+    """No hook is left over: in the end the tree works as without hooks."""
     bench = Bench()
     stop = threading.Event()
 
@@ -402,8 +396,8 @@ def test_hooks_come_and_go_while_the_tree_ticks() -> None:
 # --- under an event loop
 
 
-async def soon(true: Callable[[], object]) -> int:
-    """Wait until *true*; returns how often the event loop went round meanwhile."""
+async def async_wait_until_true(true: Callable[[], object]) -> int:
+    """Wait for *true* to return a true value; return the number of turns of the event loop meanwhile."""
     deadline = time.monotonic() + 10
     turns = 0
     while not true():
@@ -414,7 +408,7 @@ async def soon(true: Callable[[], object]) -> int:
 
 
 @pytest.mark.parametrize("debug", [False, True])
-def test_under_an_event_loop_a_breakpoint_is_awaited(debug: bool) -> None:
+def test_event_loop_keeps_running_at_a_breakpoint(debug: bool) -> None:
     steps: list[str] = []
 
     @action
@@ -429,7 +423,7 @@ def test_under_an_event_loop_a_breakpoint_is_awaited(debug: bool) -> None:
 
     async def main() -> None:
         run = asyncio.ensure_future(tree.run(period=0.001))
-        await soon(lambda: any(hook.waiting for hook in tree.hooks.all()))
+        await async_wait_until_true(lambda: any(hook.waiting for hook in tree.hooks.all()))
         assert steps == ["fetch", "fetched"]
         for _ in range(10):
             await asyncio.sleep(0)
@@ -443,7 +437,7 @@ def test_under_an_event_loop_a_breakpoint_is_awaited(debug: bool) -> None:
     assert not [one for one in threading.enumerate() if one.name == "btcore-tick"]
 
 
-def test_an_event_loop_that_is_cancelled_at_a_breakpoint_halts_the_tree() -> None:
+def test_cancelled_run_at_a_breakpoint_halts_the_tree() -> None:
     trace: list[str] = []
 
     @action
@@ -460,7 +454,7 @@ def test_an_event_loop_that_is_cancelled_at_a_breakpoint_halts_the_tree() -> Non
 
     async def main() -> None:
         run = asyncio.ensure_future(tree.run())
-        await soon(lambda: any(hook.waiting for hook in tree.hooks.all()))
+        await async_wait_until_true(lambda: any(hook.waiting for hook in tree.hooks.all()))
         run.cancel()
         with pytest.raises(asyncio.CancelledError):
             await run
@@ -471,7 +465,7 @@ def test_an_event_loop_that_is_cancelled_at_a_breakpoint_halts_the_tree() -> Non
     assert not [one for one in threading.enumerate() if one.name == "btcore-tick"]
 
 
-def test_a_breakpoint_set_within_a_tick_never_stops_the_loop_itself() -> None:
+def test_breakpoint_set_within_a_tick_does_not_block_the_event_loop() -> None:
     stops: list[int] = []
 
     @action
@@ -491,7 +485,7 @@ def test_a_breakpoint_set_within_a_tick_never_stops_the_loop_itself() -> None:
 
     async def main() -> None:
         run = asyncio.ensure_future(tree.run())
-        await soon(lambda: any(hook.waiting for hook in tree.hooks.all()))
+        await async_wait_until_true(lambda: any(hook.waiting for hook in tree.hooks.all()))
         tree.hooks.remove_all()
         assert await asyncio.wait_for(run, 10) is Status.SUCCESS
 
@@ -508,7 +502,7 @@ def test_an_error_in_the_tick_thread_is_raised_by_run() -> None:
 
     async def main() -> None:
         run = asyncio.ensure_future(tree.run())
-        await soon(lambda: any(hook.waiting for hook in tree.hooks.all()))
+        await async_wait_until_true(lambda: any(hook.waiting for hook in tree.hooks.all()))
         tree.hooks.unlock(1)
         with pytest.raises(btcore.NodeExecutionError, match="boom"):
             await run

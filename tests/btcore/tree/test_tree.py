@@ -1,4 +1,4 @@
-"""Ticking, halting, waiting and looking into a tree."""
+"""Ticking, halting, waiting and inspecting a tree."""
 
 import threading
 import time
@@ -20,7 +20,7 @@ THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 # --- ticking
 
 
-def test_an_asynchronous_sequence_takes_a_tick_for_each_child_but_all_in_one_step(make_tree: Grow) -> None:
+def test_async_sequence_takes_a_tick_per_child_but_a_single_tick_once(make_tree: Grow) -> None:
     tree = make_tree(f"<AsyncSequence>{THREE}</AsyncSequence>")
     assert tree.tick_exactly_once() is Status.RUNNING
     assert [child.status for child in tree.root.children].count(Status.SUCCESS) == 1
@@ -29,14 +29,14 @@ def test_an_asynchronous_sequence_takes_a_tick_for_each_child_but_all_in_one_ste
     assert tree.ticks == 3
 
 
-def test_tick_once_ticks_again_only_while_the_root_runs(make_tree: Grow) -> None:
+def test_tick_once_repeats_only_while_the_root_is_running(make_tree: Grow) -> None:
     tree = make_tree('<Sequence><PlanSync plan="S"/></Sequence>')
     tree.wake()
     assert tree.tick_once() is Status.SUCCESS
     assert tree.ticks == 1
 
 
-def test_tick_once_takes_the_wake_up_and_tick_exactly_once_leaves_it(make_tree: Grow) -> None:
+def test_tick_once_consumes_the_wake_up_and_tick_exactly_once_keeps_it(make_tree: Grow) -> None:
     tree = make_tree('<PlanAction plan="RRRR"/>')
     tree.wake()
     tree.tick_exactly_once()
@@ -54,7 +54,7 @@ def test_a_completed_root_is_idle_and_the_tree_keeps_its_result(make_tree: Grow)
     assert (tree.tick_once(), tree.root.status, tree.status) == (Status.FAILURE, Status.IDLE, Status.FAILURE)
 
 
-def test_skipped_ends_every_way_of_ticking(make_tree: Grow) -> None:
+def test_skipped_ends_every_tick_method(make_tree: Grow) -> None:
     tree = make_tree('<AlwaysSuccess _skipIf="true"/>')
     assert tree.tick_exactly_once() is Status.SKIPPED
     assert tree.tick_once() is Status.SKIPPED
@@ -62,7 +62,7 @@ def test_skipped_ends_every_way_of_ticking(make_tree: Grow) -> None:
     assert tree.root.status is Status.IDLE
 
 
-def test_a_sequence_whose_children_were_all_skipped_returns_skipped_and_stays_running(
+def test_sequence_with_only_skipped_children_returns_skipped_and_stays_running(
     make_tree: Grow,
 ) -> None:
     tree = make_tree('<Sequence><AlwaysSuccess _skipIf="true"/></Sequence>')
@@ -74,14 +74,14 @@ def test_a_sequence_whose_children_were_all_skipped_returns_skipped_and_stays_ru
 
 
 class Works:
-    """How long each tick takes (s)."""
+    """The duration of each tick (s)."""
 
     def __init__(self, durations: list[float]) -> None:
         self.durations = list(durations)
 
 
 class Moments(StatefulAction):
-    """Notes the time of every tick (ms), works for a while, and succeeds at last."""
+    """Records the time of every tick (ms), works for a while, and succeeds in the end."""
 
     def __init__(self, clock: SimClock, works: Works) -> None:
         self.clock = clock
@@ -108,21 +108,21 @@ def moments(clock: SimClock, works: list[float], period: float) -> list[float]:
     return tree.find(Moments)[0].at
 
 
-def test_the_first_clock_among_the_resources_is_the_trees(clock: SimClock) -> None:
+def test_first_clock_resource_is_the_clock_of_the_tree(clock: SimClock) -> None:
     assert moments(clock, [0.0], 0.01) == [0.0, 10.0]
     assert clock.now() == 10_000_000
 
 
-def test_without_any_the_tree_has_the_systems_clock() -> None:
+def test_tree_without_a_clock_resource_uses_the_system_clock() -> None:
     xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
     assert isinstance(btcore.loads(xml).clock, SystemClock)
 
 
-def test_ticks_come_every_period_from_the_first_whatever_they_take(clock: SimClock) -> None:
+def test_ticks_come_every_period_regardless_of_their_duration(clock: SimClock) -> None:
     assert moments(clock, [0.004, 0.009, 0.0, 0.01], 0.01) == [0.0, 10.0, 20.0, 30.0, 40.0]
 
 
-def test_a_late_tick_moves_the_next_ones_and_none_is_made_up_for(clock: SimClock) -> None:
+def test_late_tick_delays_the_following_ticks_and_none_is_made_up(clock: SimClock) -> None:
     assert moments(clock, [0.0, 0.035, 0.0, 0.0], 0.01) == [0.0, 10.0, 45.0, 55.0, 65.0]
 
 
@@ -131,17 +131,15 @@ def test_many_periods_do_not_drift(clock: SimClock) -> None:
     assert at[-1] == pytest.approx(3000 * 1000 / 30, abs=0.01)
 
 
-def test_a_simulated_clock_starts_where_it_is_told(make_tree: Grow) -> None:
+def test_simulated_clock_starts_at_its_given_time(make_tree: Grow) -> None:
     assert moments(SimClock(5_000_000_000), [0.0], 0.5) == [5000.0, 5500.0]
 
 
-def test_with_a_period_of_zero_it_never_sleeps(clock: SimClock) -> None:
+def test_period_of_zero_never_sleeps(clock: SimClock) -> None:
     assert moments(clock, [0.0, 0.0, 0.0], 0.0) == [0.0] * 4
 
 
-def test_a_node_that_waits_for_a_moment_is_ticked_then_and_the_period_goes_on(
-    make_tree: Grow, clock: SimClock
-) -> None:
+def test_waiting_node_is_ticked_on_time_and_the_period_continues(make_tree: Grow, clock: SimClock) -> None:
     ticked: list[int] = []
 
     class Watch(btcore.Observer):
@@ -154,7 +152,7 @@ def test_a_node_that_waits_for_a_moment_is_ticked_then_and_the_period_goes_on(
     assert ticked == [0, 10, 20, 25, 30, 40, 45]
 
 
-def test_sleep_lets_time_pass_and_tells_whether_it_was_woken(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_lets_time_pass_and_returns_whether_it_was_woken(make_tree: Grow, clock: SimClock) -> None:
     tree = make_tree("<AlwaysSuccess/>")
     assert tree.sleep(2.5) is False
     assert clock.now() == 2_500_000_000
@@ -164,7 +162,7 @@ def test_sleep_lets_time_pass_and_tells_whether_it_was_woken(make_tree: Grow, cl
     assert tree.sleep(2.5) is False
 
 
-def test_another_thread_wakes_a_tree_that_sleeps() -> None:
+def test_another_thread_wakes_a_sleeping_tree() -> None:
     xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
     tree = btcore.loads(xml)
     woken: list[bool] = []
@@ -189,7 +187,7 @@ def test_another_thread_ends_the_wait_between_two_ticks() -> None:
     assert result == [Status.SUCCESS]
 
 
-def test_the_systems_clock_waits_for_the_moment() -> None:
+def test_system_clock_waits_until_the_deadline() -> None:
     xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sleep msec="30"/></BehaviorTree></root>'
     tree = btcore.loads(xml)
     before = time.monotonic()
@@ -207,7 +205,7 @@ COUNTS = (
 
 
 @pytest.mark.parametrize("ticks", [0, 1, 2])
-def test_a_halt_runs_on_halted_of_every_node_and_twice_that_of_the_root(ticks: int, make_tree: Grow) -> None:
+def test_halt_runs_on_halted_of_every_node_and_twice_for_the_root(ticks: int, make_tree: Grow) -> None:
     tree = make_tree(COUNTS, blackboard=counter())
     for _ in range(ticks):
         tree.tick_exactly_once()
@@ -257,18 +255,18 @@ def test_a_halted_tree_starts_again(make_tree: Grow, journal: CallLog) -> None:
     assert journal.take() == ["a:start", "b:start"]
 
 
-def test_a_tree_is_a_context_that_halts_it(make_tree: Grow, journal: CallLog) -> None:
+def test_tree_is_a_context_manager_that_halts_it(make_tree: Grow, journal: CallLog) -> None:
     with make_tree('<PlanAction name="a" plan="R"/>') as tree:
         tree.tick_once()
     assert journal.calls == ["a:start", "a:halted"]
 
 
-# --- looking
+# --- inspecting
 
 SUBTREES = '<BehaviorTree ID="Sub"><Sequence name="again"><PlanSync plan="S"/></Sequence></BehaviorTree>'
 
 
-def test_paths_and_numbers_are_those_of_the_original(make_tree: Grow) -> None:
+def test_paths_and_uids_match_behaviortree_cpp(make_tree: Grow) -> None:
     tree = make_tree(
         '<Sequence><SubTree ID="Sub" name="inst"/><SubTree ID="Sub"/><AlwaysSuccess name="nm"/></Sequence>',
         others=SUBTREES,
@@ -288,7 +286,7 @@ def test_paths_and_numbers_are_those_of_the_original(make_tree: Grow) -> None:
     assert tree.subtrees[1].root is tree.nodes[2]
 
 
-def test_a_node_is_found_by_its_path_and_by_its_name_if_only_one_has_it(make_tree: Grow) -> None:
+def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: Grow) -> None:
     tree = make_tree(
         '<Sequence><SubTree ID="Sub" name="inst"/><AlwaysSuccess name="nm"/></Sequence>', others=SUBTREES
     )
@@ -297,13 +295,13 @@ def test_a_node_is_found_by_its_path_and_by_its_name_if_only_one_has_it(make_tre
     assert tree.node("Sequence::1") is tree.root
 
 
-def test_a_path_that_is_not_there_is_named_with_the_nearest(make_tree: Grow) -> None:
+def test_unknown_path_raises_an_error_with_a_suggestion(make_tree: Grow) -> None:
     tree = make_tree('<Sequence><AlwaysSuccess name="wave"/></Sequence>')
     with pytest.raises(BtcoreError, match=r"the tree has no node 'wawe'; did you mean 'wave'\?"):
         tree.node("wawe")
 
 
-def test_where_two_nodes_have_a_path_their_number_tells_them_apart(make_tree: Grow) -> None:
+def test_nodes_with_the_same_path_are_distinguished_by_number(make_tree: Grow) -> None:
     tree = make_tree('<Sequence><PlanSync name="p" plan="S"/><PlanSync name="p" plan="S"/></Sequence>')
     assert list(tree.nodes_by_path()) == ["Sequence::1", "p#2", "p#3"]
     assert tree.node("p#3") is tree.nodes[2]
@@ -320,7 +318,7 @@ def test_nodes_are_found_by_their_type_in_pre_order(make_tree: Grow) -> None:
     assert tree.find(SystemClock) == []  # type: ignore[type-var]
 
 
-def test_a_tree_counts_what_its_nodes_did_from_the_moment_it_is_asked_to(make_tree: Grow) -> None:
+def test_count_ticks_counts_from_the_first_call(make_tree: Grow) -> None:
     tree = make_tree(
         '<ReactiveSequence name="r"><PlanCondition name="c" plan="SSF"/><PlanAction name="a" plan="RR"/>'
         '<PlanSync name="k" plan="K"/></ReactiveSequence>'
@@ -335,7 +333,7 @@ def test_a_tree_counts_what_its_nodes_did_from_the_moment_it_is_asked_to(make_tr
     assert tree.ticks == 3
 
 
-def test_a_tick_that_a_condition_answered_counts_with_its_result(make_tree: Grow) -> None:
+def test_tick_decided_by_a_condition_counts_with_its_result(make_tree: Grow) -> None:
     tree = make_tree('<AlwaysSuccess name="a" _skipIf="true"/>')
     count = tree.count_ticks()["a"]
     tree.tick_once()
@@ -366,13 +364,13 @@ def test_two_trees_may_share_a_blackboard(make_tree: Grow) -> None:
     assert writer.blackboard["x"] == 42
 
 
-def test_the_types_of_a_filled_blackboard_count_when_the_tree_is_made(make_tree: Grow) -> None:
+def test_types_of_a_given_blackboard_are_checked_when_the_tree_is_built(make_tree: Grow) -> None:
     shared = Blackboard()
     shared["plan"] = 7
     with pytest.raises(btcore.TreeError, match="plan"):
         make_tree('<PlanSync plan="{plan}"/>', blackboard=shared)
 
 
-def test_a_deep_tree_has_room_to_tick(make_tree: Grow) -> None:
+def test_deep_tree_can_be_ticked(make_tree: Grow) -> None:
     tree = make_tree("<Inverter>" * 200 + "<AlwaysSuccess/>" + "</Inverter>" * 200)
     assert tree.tick_once() is Status.SUCCESS

@@ -1,4 +1,4 @@
-"""Wake-ups: from any thread, taken once, and never lost."""
+"""Wake-ups: from any thread, consumed once, and never lost."""
 
 import asyncio
 import threading
@@ -14,11 +14,11 @@ from btcore.engine.context import TreeContext
 
 Grow = Callable[..., Tree]
 
-SOON = 30.0  # seconds of patience with a busy machine
+SOON = 30.0  # s, long enough for a busy machine
 
 
 class Lasting(StatefulAction):
-    """Runs until it was ticked as often as *ticks* says, which the test sets."""
+    """Runs until its tick number *ticks*, which the test sets."""
 
     ticks = 10**9
     seen = 0
@@ -31,7 +31,7 @@ class Lasting(StatefulAction):
         return Status.RUNNING if self.seen < self.ticks else Status.SUCCESS
 
 
-def test_one_that_comes_before_a_wait_ends_it_at_once_and_counts_once(clock: SimClock) -> None:
+def test_wake_up_before_a_wait_ends_it_immediately_and_counts_once(clock: SimClock) -> None:
     context = TreeContext(clock)
     context.wake_up()
     context.wake_up()
@@ -41,7 +41,7 @@ def test_one_that_comes_before_a_wait_ends_it_at_once_and_counts_once(clock: Sim
     assert clock.now() == NS_PER_S
 
 
-def test_one_that_was_taken_ends_no_wait(clock: SimClock) -> None:
+def test_consumed_wake_up_ends_no_wait(clock: SimClock) -> None:
     context = TreeContext(clock)
     context.wake_up()
     assert context.take_wake_up() is True
@@ -50,19 +50,19 @@ def test_one_that_was_taken_ends_no_wait(clock: SimClock) -> None:
     assert clock.now() == 7
 
 
-def test_one_that_comes_within_a_wait_of_another_clock_is_told() -> None:
+def test_wake_up_during_a_wait_of_another_clock_is_reported() -> None:
     class Stepping(SimClock):
         def wait_until(self, deadline: int, wake: threading.Event) -> bool:
             self.advance(1.0)
             context.wake_up()
-            return False  # it came too late for the clock to see
+            return False  # too late for the clock to notice
 
     context = TreeContext(Stepping())
     assert context.wait_until(NS_PER_S) is True
     assert context.take_wake_up() is False
 
 
-def test_a_deadline_that_passed_is_a_wake_up_once(clock: SimClock) -> None:
+def test_passed_deadline_is_a_single_wake_up(clock: SimClock) -> None:
     context = TreeContext(clock)
     context.deadlines[3] = NS_PER_S
     assert context.take_wake_up() is False
@@ -71,7 +71,7 @@ def test_a_deadline_that_passed_is_a_wake_up_once(clock: SimClock) -> None:
     assert context.wait_until(2 * NS_PER_S) is False
 
 
-def test_dozing_ends_at_once_when_woken_already_whatever_the_clock(clock: SimClock) -> None:
+def test_doze_ends_immediately_after_a_wake_up_with_any_clock(clock: SimClock) -> None:
     context = TreeContext(clock)
     context.wake_up()
     started = time.monotonic()
@@ -80,16 +80,16 @@ def test_dozing_ends_at_once_when_woken_already_whatever_the_clock(clock: SimClo
     assert (context.take_wake_up(), clock.now()) == (False, 0)
 
 
-def test_none_of_many_from_other_threads_is_lost(make_tree: Grow) -> None:
+def test_no_wake_up_of_another_thread_is_lost(make_tree: Grow) -> None:
     tree = btcore.loads(
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Lasting/></BehaviorTree></root>',
-        nodes=_with_lasting(),
+        nodes=_registry_with_lasting(),
     )
     leaf = tree.find(Lasting)[0]
     leaf.ticks = 2000
     driver = threading.Thread(target=lambda: tree.tick_while_running(period=SOON * 100), daemon=True)
     driver.start()
-    # Each is sent when the one before was answered: a single lost one would leave both waiting.
+    # Each wake-up is sent after the previous answer: a lost wake-up would leave both threads waiting.
     end = time.monotonic() + SOON
     while driver.is_alive() and time.monotonic() < end:
         seen = leaf.seen
@@ -114,10 +114,10 @@ def test_a_leaf_that_wakes_its_tree_is_ticked_again_in_the_same_step(make_tree: 
 
 
 @pytest.mark.parametrize("simulated", [True, False])
-def test_another_thread_wakes_a_tree_that_an_event_loop_runs(simulated: bool) -> None:
+def test_another_thread_wakes_a_tree_in_an_event_loop(simulated: bool) -> None:
     tree = btcore.loads(
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Lasting/></BehaviorTree></root>',
-        nodes=_with_lasting(),
+        nodes=_registry_with_lasting(),
         clock=SimClock() if simulated else None,
     )
     leaf = tree.find(Lasting)[0]
@@ -136,10 +136,10 @@ def test_another_thread_wakes_a_tree_that_an_event_loop_runs(simulated: bool) ->
         done.set()
         waker.join()
     assert (status, leaf.seen) == (Status.SUCCESS, 50)
-    tree.wake()  # by nobody's loop: no error
+    tree.wake()  # no event loop is running: no error
 
 
-def _with_lasting() -> btcore.Registry:
+def _registry_with_lasting() -> btcore.Registry:
     nodes = btcore.Registry.standard()
     nodes.add(Lasting)
     return nodes

@@ -1,4 +1,4 @@
-"""Text ⇄ values: the rules that the recorded conversions don't cover."""
+"""Text ⇄ values: rules that the recorded conversions do not cover."""
 
 import enum
 import math
@@ -52,7 +52,7 @@ class Opaque:
     pass
 
 
-def refused(kind, text, format=4):
+def conversion_error(kind, text, format=4):
     with pytest.raises(ConversionError) as caught:
         kind.from_text(text, format)
     return str(caught.value)
@@ -60,25 +60,25 @@ def refused(kind, text, format=4):
 
 class TestTextToValue:
     def test_an_integer_of_five_thousand_digits_is_out_of_range(self):
-        assert "out of range" in refused(INT64, "9" * 5000)
+        assert "out of range" in conversion_error(INT64, "9" * 5000)
         assert INT.from_text("0" * 5000 + "7") == 7
 
-    def test_digits_of_other_scripts_are_no_digits(self):
-        refused(INT, "٣")
-        refused(DOUBLE, "٣")
+    def test_digits_of_other_scripts_are_refused(self):
+        conversion_error(INT, "٣")
+        conversion_error(DOUBLE, "٣")
 
-    def test_a_minus_sign_before_zero_is_fine_but_for_64_unsigned_bits(self):
+    def test_minus_sign_before_zero_is_refused_only_for_uint64(self):
         assert UINT.from_text("-0.5") == 0
-        refused(UINT64, "-0")
+        conversion_error(UINT64, "-0")
 
-    def test_a_real_too_close_to_zero_is_out_of_range_as_one_too_large_is(self):
+    def test_real_too_close_to_zero_or_too_large_is_out_of_range(self):
         for kind, text in [(DOUBLE, "1e-400"), (DOUBLE, "-1e400"), (FLOAT, "1e-50"), (FLOAT, "3.5e38")]:
-            assert "out of range" in refused(kind, text)
+            assert "out of range" in conversion_error(kind, text)
         assert DOUBLE.from_text("0e-400") == 0.0
         assert DOUBLE.from_text("4.9e-324") == 5e-324
 
-    def test_a_float_is_rounded_once_from_the_digits(self):
-        # Just above the midpoint of two floats, by less than a double can tell.
+    def test_float_is_rounded_only_once_from_the_digits(self):
+        # Just above the midpoint of two floats, by less than the precision of a double.
         above = "1.00000005960464477539062500000000000000000001"
         assert float(above) == 1.000000059604644775390625
         assert FLOAT.from_text(above) == 1.00000011920928955078125
@@ -88,17 +88,17 @@ class TestTextToValue:
     def test_infinity_is_read_in_any_case(self, text):
         assert DOUBLE.from_text(text) == math.inf
 
-    def test_an_error_names_the_text_and_what_is_wanted(self):
-        assert refused(INT, "abc") == "'abc' is not an integer"
-        assert refused(INT8, "128") == "'128' is out of range: -128 to 127"
-        assert refused(BOOL, "yes") == "'yes' is not a valid bool; use true, false, 1 or 0"
-        assert "SKIPPED" in refused(NODE_STATUS, "Success")
+    def test_error_names_the_text_and_the_expected_values(self):
+        assert conversion_error(INT, "abc") == "'abc' is not an integer"
+        assert conversion_error(INT8, "128") == "'128' is out of range: -128 to 127"
+        assert conversion_error(BOOL, "yes") == "'yes' is not a valid bool; use true, false, 1 or 0"
+        assert "SKIPPED" in conversion_error(NODE_STATUS, "Success")
 
-    def test_a_vector_ends_with_its_last_item_or_a_semicolon(self):
+    def test_vector_may_end_with_an_item_or_a_semicolon(self):
         assert VECTOR_INT.from_text("") == []
         assert VECTOR_INT.from_text("1;2;") == [1, 2]
         assert VECTOR_STRING.from_text("a; b") == ["a", " b"]
-        refused(VECTOR_INT, "1;;2")
+        conversion_error(VECTOR_INT, "1;;2")
 
     @pytest.mark.parametrize(
         ("kind", "text", "value"),
@@ -129,20 +129,20 @@ class TestTextToValue:
             (VECTOR_STRING, "json:" + "[" * 100_000),
         ],
     )
-    def test_a_json_array_of_something_else_is_refused(self, kind, text):
-        refused(kind, text)
+    def test_json_array_of_a_wrong_type_is_refused(self, kind, text):
+        conversion_error(kind, text)
 
     def test_a_direction_is_capitalised_or_in_upper_case(self):
         assert PORT_DIRECTION.from_text("InOut") is PortDirection.INOUT
         assert PORT_DIRECTION.from_text("OUTPUT") is PortDirection.OUTPUT
-        refused(PORT_DIRECTION, "input")
+        conversion_error(PORT_DIRECTION, "input")
 
 
 class TestFormat3:
-    def test_integers_may_have_spaces_and_a_plus_sign_before_them(self):
+    def test_integers_may_have_leading_spaces_and_a_plus_sign(self):
         assert INT.from_text(" \t+42abc", 3) == 42
-        refused(INT, "2147483648", 3)
-        refused(INT, "", 3)
+        conversion_error(INT, "2147483648", 3)
+        conversion_error(INT, "", 3)
 
     def test_unsigned_integers_wrap(self):
         assert UINT.from_text("-1", 3) == 2**32 - 1
@@ -152,14 +152,14 @@ class TestFormat3:
     def test_reals_may_be_hexadecimal(self):
         assert DOUBLE.from_text(" +0x1.8p1", 3) == 3.0
         assert DOUBLE.from_text("0x10", 3) == 16.0
-        refused(DOUBLE, "1e400", 3)
+        conversion_error(DOUBLE, "1e400", 3)
 
-    def test_items_of_vectors_that_are_no_numbers_are_zero(self):
+    def test_invalid_vector_items_become_zero(self):
         assert VECTOR_INT.from_text("1;x;;4294967297", 3) == [1, 0, 0, 1]
         assert VECTOR_DOUBLE.from_text("1.5;x", 3) == [1.5, 0.0]
 
-    def test_there_is_no_skipped_and_no_json(self):
-        refused(NODE_STATUS, "SKIPPED", 3)
+    def test_skipped_and_json_are_not_supported(self):
+        conversion_error(NODE_STATUS, "SKIPPED", 3)
         assert VECTOR_INT.from_text("json:[1]", 3) == [0]
 
 
@@ -188,7 +188,7 @@ class TestCast:
             (VECTOR_INT, (1, 2), [1, 2]),
         ],
     )
-    def test_what_fits(self, kind, value, expected):
+    def test_fitting_values_are_cast(self, kind, value, expected):
         found = kind.cast(value)
         assert found == expected
         assert type(found) is type(expected)
@@ -217,11 +217,11 @@ class TestCast:
             (ANY, None),
         ],
     )
-    def test_what_does_not(self, kind, value):
+    def test_other_values_are_refused(self, kind, value):
         with pytest.raises(ConversionError):
             kind.cast(value)
 
-    def test_a_list_that_fits_is_not_copied(self):
+    def test_list_of_the_right_type_is_not_copied(self):
         items = [1.0, 2.0]
         assert VECTOR_DOUBLE.cast(items) is items
 
@@ -246,10 +246,10 @@ class TestTypes:
             (UINT, UINT),
         ],
     )
-    def test_of_an_annotation(self, annotation, kind):
+    def test_type_of_an_annotation(self, annotation, kind):
         assert TypeRegistry().of(annotation) is kind
 
-    def test_the_names_are_those_of_c_plus_plus(self):
+    def test_type_names_are_those_of_c_plus_plus(self):
         types = TypeRegistry()
         for name in ["int", "unsigned int", "long", "double", "std::string", "std::vector<bool>"]:
             assert types.named(name).name == name
@@ -258,7 +258,7 @@ class TestTypes:
         assert not ANY_VALUE.strong
         assert types.named("nothing") is None
 
-    def test_an_annotation_always_means_the_same_type(self):
+    def test_same_annotation_gives_the_same_type(self):
         types = TypeRegistry()
         assert types.of(Opaque) is types.of(Opaque)
         assert types.of(Colour) is types.of(Colour)
@@ -270,9 +270,9 @@ class TestTypes:
         assert kind.from_text("1") is Colour.RED
         assert kind.cast(3.0) is Colour.BLUE
         assert kind.to_text(Colour.RED) == "RED"
-        assert refused(kind, "GREEN") == "'GREEN' is not a member of Colour; use RED or BLUE"
-        refused(kind, "2")
-        refused(kind, "1x")
+        assert conversion_error(kind, "GREEN") == "'GREEN' is not a member of Colour; use RED or BLUE"
+        conversion_error(kind, "2")
+        conversion_error(kind, "1x")
 
     def test_enum_names_are_known_to_scripts_once_registered(self):
         types = TypeRegistry()
@@ -280,7 +280,7 @@ class TestTypes:
         types.add_enum({"UP": 1})
         assert types.enums == {"RED": 1, "BLUE": 3, "UP": 1}
 
-    def test_one_enum_name_is_one_number(self):
+    def test_enum_name_cannot_have_two_numbers(self):
         types = TypeRegistry()
         types.add_enum(Colour)
         types.add_enum({"RED": 1})
@@ -295,32 +295,32 @@ class TestTypes:
         assert types.of(complex) is kind
         assert kind.from_text("1+2j") == 1 + 2j
         assert kind.to_text(1j) == "1j"
-        assert refused(kind, "x").startswith("'x' is not a valid std::complex: ")
+        assert conversion_error(kind, "x").startswith("'x' is not a valid std::complex: ")
         with pytest.raises(RegistrationError, match="text form already"):
             types.add(complex, complex)
         with pytest.raises(RegistrationError, match="text form already"):
             types.add(int, int)
 
-    def test_two_registries_know_different_things(self):
+    def test_registries_are_independent(self):
         first, second = TypeRegistry(), TypeRegistry()
         first.add(complex, complex)
         first.add_enum(Colour)
-        assert refused(second.of(complex), "1j")
+        assert conversion_error(second.of(complex), "1j")
         assert second.enums == {}
 
     def test_a_class_without_a_text_form_has_no_literal(self):
-        assert "no text form" in refused(TypeRegistry().of(Opaque), "x")
+        assert "no text form" in conversion_error(TypeRegistry().of(Opaque), "x")
 
     def test_a_dataclass_is_read_from_json(self):
         kind = TypeRegistry().of(Point)
         assert kind.from_text('json:{"__type": "Point", "x": 1, "y": 2.5}') == Point(1, 2.5)
         assert kind.from_text(to_text(Point(1.0, 2.0))) == Point(1.0, 2.0)
-        refused(kind, 'json:{"z": 1}')
-        refused(kind, "json:[1]")
-        refused(kind, "1;2")
+        conversion_error(kind, 'json:{"z": 1}')
+        conversion_error(kind, "json:[1]")
+        conversion_error(kind, "1;2")
 
 
-class TestTheTypeOfAValue:
+class TestTypeOfAValue:
     @pytest.mark.parametrize(
         ("value", "kind"),
         [
@@ -341,12 +341,12 @@ class TestTheTypeOfAValue:
     def test_the_type_follows_the_value(self, value, kind):
         assert type_of(value) is kind
 
-    def test_of_an_object_is_its_class(self):
+    def test_type_of_an_object_is_its_class(self):
         assert type_of(Opaque()).same(TypeRegistry().of(Opaque))
         assert not type_of(Opaque()).same(type_of(Point(1, 2)))
         assert type_of(Colour.RED).same(TypeRegistry().of(Colour))
 
-    def test_no_entry_holds_more_than_64_bits(self):
+    def test_integer_of_more_than_64_bits_is_refused(self):
         with pytest.raises(BlackboardError, match="at most 64 bits"):
             type_of(2**64)
 
@@ -369,7 +369,7 @@ class TestValueToText:
             (["é"], 'json:["é"]'),
         ],
     )
-    def test_is_that_of_the_original(self, value, text):
+    def test_text_matches_behaviortree_cpp(self, value, text):
         assert to_text(value) == text
 
     @pytest.mark.parametrize("value", [None, Opaque()])
@@ -400,7 +400,7 @@ def test_a_constant_of_a_subtree_is_a_whole_number_or_a_text(text, value):
     assert type(found) is type(value)
 
 
-def test_an_enum_is_read_by_a_registered_name_then_by_number_then_by_the_users_converter() -> None:
+def test_enum_text_is_tried_as_registered_name_number_and_converter() -> None:
     types = TypeRegistry()
     types.add_enum({"STOP": 1})
     light = types.add(
@@ -416,7 +416,7 @@ def test_an_enum_is_read_by_a_registered_name_then_by_number_then_by_the_users_c
         light.from_text("#NONE")
 
 
-def test_a_type_may_get_its_converters_after_a_leaf_has_asked_for_it() -> None:
+def test_converter_may_be_added_after_the_type_was_requested() -> None:
     class Pose:
         def __init__(self, x: float) -> None:
             self.x = x

@@ -1,4 +1,4 @@
-"""What these tests share: palettes of leaves, and ways to ask what is said of a document."""
+"""Fixtures of the XML tests: registries of leaves, and functions that check documents."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import Protocol
@@ -63,7 +63,7 @@ def palette() -> Registry:
 
 
 class Checker:
-    """Asks the validator about a main tree with *body*, and *more* trees beside it."""
+    """Validates a document with *body* in its main tree and *more* as further trees."""
 
     def __init__(self, palette: Registry) -> None:
         self.palette = palette
@@ -82,7 +82,7 @@ class Checker:
         return validate_document(parse_text(text, "t.xml"), nodes=self.palette, given=given)
 
     def __call__(self, body: str, more: str = "", format: int = 4, given: Collection[str] = ()) -> str:
-        """All that is said, as a user reads it."""
+        """Return all diagnostics as a user reads them."""
         return "".join(f"{one}\n" for one in self.found(body, more, format, given))
 
 
@@ -91,7 +91,7 @@ def check(palette: Registry) -> Checker:
     return Checker(palette)
 
 
-# --- trees that can't be made
+# --- trees with errors
 
 
 class Robot:
@@ -130,7 +130,7 @@ class Broken(SyncAction):
 
 @pytest.fixture
 def nodes() -> Registry:
-    """Leaves to make mistakes with."""
+    """Return a registry of leaves for trees with errors."""
     made = Registry.standard()
     made.add(turn, lift, Broken)
     for ID, thing in {"Drive": drive, "Say": hello}.items():
@@ -140,7 +140,7 @@ def nodes() -> Registry:
 
 @pytest.fixture
 def document() -> Callable[..., str]:
-    """Writes a document with *body* as its main tree, *others* beside it, and *root* in its first tag."""
+    """Return a function that writes a document; *root* holds the attributes of its root element."""
 
     def write(
         body: str,
@@ -159,7 +159,7 @@ def document() -> Callable[..., str]:
 def tree_error(
     nodes: Registry, document: Callable[..., str]
 ) -> Callable[[str | tuple[object, ...]], TreeError]:
-    """What is raised for a document: its text, or what the fixture *document* writes it from."""
+    """Return a function that returns a document's error; it takes a text or arguments of *document*."""
 
     def make(source: str | tuple[object, ...]) -> TreeError:
         text = source if isinstance(source, str) else document(*source)

@@ -1,4 +1,4 @@
-"""From XML to nodes: who is who, under which path, with which ports, on which blackboard."""
+"""From XML to nodes: their numbers, paths, ports and blackboards."""
 
 import gc
 from pathlib import Path
@@ -21,7 +21,7 @@ def drive(speed: In[float], robot: Robot) -> bool:
     return speed > 0
 
 
-def made(body: str, more: str = "", root: str = 'BTCPP_format="4"', **options: object) -> Tree:
+def load_tree(body: str, more: str = "", root: str = 'BTCPP_format="4"', **options: object) -> Tree:
     text = (
         f'<root {root} main_tree_to_execute="Main"><BehaviorTree ID="Main">{body}</BehaviorTree>{more}</root>'
     )
@@ -45,8 +45,8 @@ NESTED = (
 )
 
 
-def test_numbers_descend_into_a_subtree_before_its_next_sibling() -> None:
-    tree = made(*NESTED)
+def test_uids_descend_into_a_subtree_before_its_next_sibling() -> None:
+    tree = load_tree(*NESTED)
     assert [(node.uid, node.name, node.path) for node in tree] == [
         (1, "Sequence", "Sequence::1"),
         (2, "a/b c.d", "a/b c.d"),
@@ -61,13 +61,13 @@ def test_numbers_descend_into_a_subtree_before_its_next_sibling() -> None:
 
 
 def test_subtrees_are_listed_in_order_of_creation() -> None:
-    tree = made(*NESTED)
+    tree = load_tree(*NESTED)
     found = [(one.id, one.path, [node.uid for node in one.nodes]) for one in tree.subtrees]
     assert found == [("Main", "", [1, 2, 3, 6, 9]), ("Sub", "inst", [4, 5]), ("Sub", "Sub::6", [7, 8])]
 
 
-def test_in_format_3_the_node_of_a_subtree_is_called_as_its_tree_and_paths_are_those_of_format_4() -> None:
-    tree = made('<Sequence><SubTree ID="Sub" name="inst"/></Sequence>', sub("<AlwaysSuccess/>"), root="")
+def test_in_format_3_a_subtree_node_and_its_path_are_named_like_its_tree() -> None:
+    tree = load_tree('<Sequence><SubTree ID="Sub" name="inst"/></Sequence>', sub("<AlwaysSuccess/>"), root="")
     assert [(node.name, node.path) for node in tree] == [
         ("Sequence", "Sequence::1"),
         ("Sub", "Sub::2"),
@@ -76,7 +76,7 @@ def test_in_format_3_the_node_of_a_subtree_is_called_as_its_tree_and_paths_are_t
     assert tree.format == 3
 
 
-def test_a_node_knows_its_place_in_the_file(tmp_path: Path) -> None:
+def test_node_has_its_position_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / "t.xml"
     tags = [
         '<root BTCPP_format="4">',
@@ -89,22 +89,22 @@ def test_a_node_knows_its_place_in_the_file(tmp_path: Path) -> None:
     assert [node.config.where for node in load(path)] == [f"{path}:3", f"{path}:5"]
 
 
-# --- which tree, which format
+# --- choice of tree and format
 
 
-def test_the_tree_that_is_asked_for_is_made() -> None:
-    assert made("<AlwaysSuccess/>", sub("<AlwaysFailure/>"), tree="Sub").root.id == "AlwaysFailure"
+def test_tree_option_selects_the_tree() -> None:
+    assert load_tree("<AlwaysSuccess/>", sub("<AlwaysFailure/>"), tree="Sub").root.id == "AlwaysFailure"
 
 
-def test_the_only_tree_needs_no_name() -> None:
+def test_only_tree_needs_no_id() -> None:
     tree = loads('<root BTCPP_format="4"><BehaviorTree><AlwaysSuccess/></BehaviorTree></root>')
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_a_document_that_names_no_format_is_of_format_3_unless_told_otherwise() -> None:
-    assert made("<AlwaysSuccess/>", root="").format == 3
-    assert made("<Script code='a := 1'/>", root="", format=4).format == 4
-    assert made("<SequenceStar><AlwaysSuccess/></SequenceStar>", format=3).root.id == "SequenceStar"
+def test_document_without_a_format_has_format_3_by_default() -> None:
+    assert load_tree("<AlwaysSuccess/>", root="").format == 3
+    assert load_tree("<Script code='a := 1'/>", root="", format=4).format == 4
+    assert load_tree("<SequenceStar><AlwaysSuccess/></SequenceStar>", format=3).root.id == "SequenceStar"
 
 
 # --- tags and attributes
@@ -113,37 +113,37 @@ def test_a_document_that_names_no_format_is_of_format_3_unless_told_otherwise() 
 @pytest.mark.parametrize("tag", ["Action", "Condition", "Control", "Decorator"])
 def test_in_format_4_an_explicit_tag_may_name_any_category(tag: str) -> None:
     inverted = f'<{tag} ID="Inverter"><AlwaysFailure/></{tag}>'
-    tree = made(f'<ReactiveSequence><{tag} ID="AlwaysSuccess"/>{inverted}</ReactiveSequence>')
+    tree = load_tree(f'<ReactiveSequence><{tag} ID="AlwaysSuccess"/>{inverted}</ReactiveSequence>')
     assert tree.tick_once() is Status.SUCCESS
 
 
 def test_format_3_accepts_the_empty_attributes_that_groot_1_writes() -> None:
-    tree = made(
+    tree = load_tree(
         '<Sequence><AlwaysSuccess/><Repeat num_cycles=""><AlwaysSuccess/></Repeat></Sequence>', root=""
     )
     assert tree.root.id == "Sequence"
     with pytest.raises(TreeError, match="E202"):
-        made('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>')
+        load_tree('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>')
 
 
-def test_attributes_with_an_underscore_are_kept_and_mean_nothing_in_format_4() -> None:
-    node = made('<AlwaysSuccess _uid="7" _note="mine" _skipIf="false"/>').root
+def test_attributes_with_an_underscore_are_kept_without_effect_in_format_4() -> None:
+    node = load_tree('<AlwaysSuccess _uid="7" _note="mine" _skipIf="false"/>').root
     assert node.config.attributes == {"_uid": "7", "_note": "mine"}
     assert node.config.scripts == {"_skipIf": "false"}
     with pytest.raises(TreeError, match="E201"):
-        made('<AlwaysSuccess _note="mine"/>', root="")
+        load_tree('<AlwaysSuccess _note="mine"/>', root="")
 
 
 def test_defaults_are_filled_in() -> None:
-    node = made("<Parallel><AlwaysSuccess/></Parallel>").root
+    node = load_tree("<Parallel><AlwaysSuccess/></Parallel>").root
     assert {key: port.text for key, port in node.config.inputs.items()} == {
         "success_count": "-1",
         "failure_count": "1",
     }
 
 
-def test_a_bare_less_than_reaches_the_script() -> None:
-    tree = made('<Script code="a := 1 < 2 && 3 < 4"/>')
+def test_unescaped_less_than_reaches_the_script() -> None:
+    tree = load_tree('<Script code="a := 1 < 2 && 3 < 4"/>')
     tree.tick_once()
     assert tree.blackboard["a"] == 1
 
@@ -155,8 +155,8 @@ def inner(tree: Tree) -> Blackboard:
     return tree.subtrees[1].blackboard
 
 
-def test_in_format_4_braces_remap_and_all_else_is_a_constant() -> None:
-    tree = made(
+def test_in_format_4_braces_remap_and_other_values_are_constants() -> None:
+    tree = load_tree(
         '<SubTree ID="Sub" key="{outer}" same="{=}" n="42" big="5000000000" x="1e3" text="1;2" flag="true"/>',
         sub('<Script code="key := 1; same := 2; own := 3"/>'),
     )
@@ -173,42 +173,42 @@ def test_in_format_4_braces_remap_and_all_else_is_a_constant() -> None:
     ]
 
 
-def test_autoremap_shares_every_name_but_the_private_ones_and_the_constants() -> None:
-    tree = made(
+def test_autoremap_shares_every_key_except_private_keys_and_constants() -> None:
+    tree = load_tree(
         '<SubTree ID="Sub" _autoremap="true" n="1"/>', sub('<Script code="a := 1; _b := 2; n := 3"/>')
     )
     tree.tick_once()
     assert sorted(tree.blackboard) == ["a"]
 
 
-def test_the_model_of_a_subtree_fills_its_defaults_in() -> None:
+def test_model_of_a_subtree_provides_defaults() -> None:
     models = """<TreeNodesModel><SubTree ID="Sub">
       <input_port name="n" default="7"/><inout_port name="out" default="{result}"/>
     </SubTree></TreeNodesModel>"""
-    tree = made('<SubTree ID="Sub"/>', sub('<Script code="out := n"/>') + models)
+    tree = load_tree('<SubTree ID="Sub"/>', sub('<Script code="out := n"/>') + models)
     tree.tick_once()
     assert tree.blackboard["result"] == 7
 
 
-def test_in_format_3_a_subtree_is_isolated_and_names_outer_keys_without_braces() -> None:
+def test_in_format_3_a_subtree_is_isolated_and_remaps_keys_without_braces() -> None:
     body = '<SetBlackboard value="1" output_key="key"/>'
-    tree = made('<SubTree ID="Sub" key="outer"/>', sub(body), root="")
+    tree = load_tree('<SubTree ID="Sub" key="outer"/>', sub(body), root="")
     tree.tick_once()
     assert sorted(tree.blackboard) == ["outer"]
 
 
 def test_in_format_3_a_blackboard_may_be_shared() -> None:
     body = '<SetBlackboard value="1" output_key="key"/>'
-    tree = made('<SubTree ID="Sub" __shared_blackboard="true"/>', sub(body), root="")
+    tree = load_tree('<SubTree ID="Sub" __shared_blackboard="true"/>', sub(body), root="")
     tree.tick_once()
     assert inner(tree) is tree.blackboard
     assert sorted(tree.blackboard) == ["key"]
 
 
-def test_subtree_plus_takes_constants_and_maps_the_keys_of_the_inner_ports() -> None:
+def test_subtree_plus_takes_constants_and_remaps_inner_keys() -> None:
     body = '<SetBlackboard value="{in}" output_key="{name}"/>'
     more = sub(f"<Sequence>{body}</Sequence>")
-    outer = made('<SubTreePlus ID="Sub" in="hello" name="{word}" __autoremap="true"/>', more, root="")
+    outer = load_tree('<SubTreePlus ID="Sub" in="hello" name="{word}" __autoremap="true"/>', more, root="")
     board = inner(outer)
     assert board["in"] == "hello"
     outer.blackboard["word"] = "greeting"
@@ -216,7 +216,7 @@ def test_subtree_plus_takes_constants_and_maps_the_keys_of_the_inner_ports() -> 
     assert board["greeting"] == "hello"
 
 
-def test_subtrees_may_call_each_other_some_thousand_levels_deep() -> None:
+def test_subtrees_may_be_nested_thousands_of_levels_deep() -> None:
     levels = 3000
     calls = [sub(f'<SubTree ID="T{n + 1}" name="s"/>', f"T{n}") for n in range(levels)]
     tree = loads(root_of(*calls, sub("<AlwaysSuccess/>", f"T{levels}"), main="T0"))
@@ -227,7 +227,7 @@ def test_subtrees_may_call_each_other_some_thousand_levels_deep() -> None:
 # --- files
 
 
-def test_an_included_file_is_looked_for_beside_the_one_that_names_it(tmp_path: Path) -> None:
+def test_included_file_is_searched_beside_the_including_file(tmp_path: Path) -> None:
     (tmp_path / "lib").mkdir()
     (tmp_path / "lib" / "a.xml").write_text(root_of('<include path="b.xml"/>', sub("<AlwaysSuccess/>", "A")))
     (tmp_path / "lib" / "b.xml").write_text(root_of(sub("<AlwaysFailure/>", "B")))
@@ -246,7 +246,7 @@ def test_a_package_is_found_by_the_resolver(tmp_path: Path) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-# --- what is handed in
+# --- arguments of the loader
 
 
 @pytest.fixture
@@ -256,23 +256,23 @@ def nodes() -> Registry:
     return registry
 
 
-def test_resources_fill_what_leaves_ask_for(nodes: Registry) -> None:
-    tree = made('<Drive speed="1.5"/>', nodes=nodes, resources=[SimClock(), Robot()])
+def test_resources_are_passed_to_leaves(nodes: Registry) -> None:
+    tree = load_tree('<Drive speed="1.5"/>', nodes=nodes, resources=[SimClock(), Robot()])
     assert tree.tick_once() is Status.SUCCESS
     assert isinstance(tree.clock, SimClock)
 
 
-def test_what_a_tree_asks_for_is_known_before_it_is_made(nodes: Registry, tmp_path: Path) -> None:
+def test_required_resources_are_known_before_the_tree_is_built(nodes: Registry, tmp_path: Path) -> None:
     path = tmp_path / "t.xml"
     path.write_text(root_of(sub("<AlwaysSuccess/>", "M"), sub('<Drive speed="1"/>', "D")))
     assert required_resources(path, nodes=nodes) == []
     assert required_resources(path, nodes=nodes, tree="D") == [Robot]
 
 
-def test_one_blackboard_may_serve_two_trees() -> None:
+def test_two_trees_may_share_a_blackboard() -> None:
     board = Blackboard()
-    made("<Script code='a := 1'/>", blackboard=board).tick_once()
-    second = made("<ScriptCondition code='a == 1'/>", blackboard=board)
+    load_tree("<Script code='a := 1'/>", blackboard=board).tick_once()
+    second = load_tree("<ScriptCondition code='a == 1'/>", blackboard=board)
     assert second.tick_once() is Status.SUCCESS
 
 
@@ -285,7 +285,7 @@ def test_loading_leaves_the_garbage_collector_as_it_was(enabled: bool, frozen: b
         if frozen:
             gc.freeze()
         count = gc.get_freeze_count()
-        made("<AlwaysSuccess/>")
+        load_tree("<AlwaysSuccess/>")
         assert gc.isenabled() is enabled
         assert gc.get_freeze_count() == count
     finally:

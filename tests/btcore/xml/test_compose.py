@@ -1,4 +1,4 @@
-"""Trees built in code: the same as trees written in XML, with mistakes told at the lines of the code."""
+"""Trees built in code: equal to trees written in XML, with errors reported at the lines of the code."""
 
 import enum
 import inspect
@@ -57,7 +57,7 @@ def b(nodes: Registry) -> Builder:
     return Builder(nodes)
 
 
-def test_a_tree_in_code_is_printed_as_one_would_write_it(b: Builder) -> None:
+def test_built_tree_is_written_as_readable_xml(b: Builder) -> None:
     look = b.Sequence(b.Measure(distance=blackboard_key("d")), b.Near(distance="{d}", limit=0.8), name="look")
     assert b.xml(b.Fallback(look, b.Repeat(b.AlwaysFailure(), num_cycles=3)), "Watch") == (
         '<root BTCPP_format="4" main_tree_to_execute="Watch">\n'
@@ -76,7 +76,7 @@ def test_a_tree_in_code_is_printed_as_one_would_write_it(b: Builder) -> None:
     )
 
 
-def test_without_a_registry_it_is_that_of_the_built_in_nodes() -> None:
+def test_builder_without_a_registry_uses_the_built_in_nodes() -> None:
     b = btcore.Builder()
     main = b.Sequence(
         b.Script(code="n := 1"), b.Repeat(b.AlwaysSuccess(), num_cycles=btcore.blackboard_key("n"))
@@ -84,7 +84,7 @@ def test_without_a_registry_it_is_that_of_the_built_in_nodes() -> None:
     assert b.build(main, clock=SimClock()).tick_while_running() is Status.SUCCESS
 
 
-def test_both_ways_make_one_tree(b: Builder, nodes: Registry) -> None:
+def test_built_tree_equals_the_loaded_tree(b: Builder, nodes: Registry) -> None:
     main = b.Sequence(
         b.SubTree("Look", d="{distance}", _autoremap=True), b.Sleep(msec=50), _skipIf="a < b && c"
     )
@@ -94,30 +94,30 @@ def test_both_ways_make_one_tree(b: Builder, nodes: Registry) -> None:
     assert tree_to_xml(built) == tree_to_xml(loaded)
 
 
-def test_values_are_written_as_the_port_reads_them(b: Builder) -> None:
+def test_values_are_written_in_the_text_form_of_the_port(b: Builder) -> None:
     twig = b.Shift(gear=Gear.HIGH, steps=[1, 2], quiet=True)
     assert twig.attributes == {"gear": "HIGH", "steps": "1;2", "quiet": "true"}
     assert b.build(twig).tick_exactly_once() is Status.SUCCESS
 
 
-def test_a_word_that_python_has_takes_an_underscore(b: Builder) -> None:
+def test_python_keyword_takes_a_trailing_underscore(b: Builder) -> None:
     twig = b.Precondition(b.AlwaysFailure(), if_="false", else_=Status.SUCCESS)
     assert twig.attributes == {"if": "false", "else": "SUCCESS"}
     assert b.build(twig).tick_exactly_once() is Status.SUCCESS
 
 
-def test_the_function_itself_names_its_node(b: Builder) -> None:
+def test_function_can_name_its_node(b: Builder) -> None:
     assert b.node(near, distance=0.5).id == "Near"
     assert b["Near"](distance=0.5).id == "Near"
 
 
-def test_a_twig_may_stand_in_several_places(b: Builder) -> None:
+def test_node_spec_may_be_used_in_several_places(b: Builder) -> None:
     look = b.Measure(distance="{d}")
     tree = b.build(b.Sequence(look, look))
     assert [node.path for node in tree] == ["Sequence::1", "Measure::2", "Measure::3"]
 
 
-def test_what_stands_in_texts_is_escaped(b: Builder) -> None:
+def test_special_characters_are_escaped(b: Builder) -> None:
     text = b.xml(b.Script(code="a := 'x' .. \"<&\n\"", name="<é>"))
     script = next(parse_text(text).root.iter("Script"))
     assert (script.get("code"), script.get("name")) == ("a := 'x' .. \"<&\n\"", "<é>")
@@ -130,7 +130,7 @@ def this_line() -> int:
     return int(frame.f_back.f_lineno)
 
 
-def test_a_mistake_is_told_at_the_line_of_the_code_with_all_others(b: Builder) -> None:
+def test_all_errors_are_reported_with_the_lines_of_the_code(b: Builder) -> None:
     start = this_line()
     main = b.Sequence(
         b.Near(distnace=1),
@@ -146,14 +146,14 @@ def test_a_mistake_is_told_at_the_line_of_the_code_with_all_others(b: Builder) -
     ]
 
 
-def test_a_node_says_which_line_of_the_code_made_it(b: Builder) -> None:
+def test_runtime_error_names_the_line_of_the_code(b: Builder) -> None:
     tree = b.build(b.Sequence(b.Near(distance="{never}")))
     line = this_line() - 1
     with pytest.raises(btcore.NodeExecutionError, match=rf"test_compose\.py:{line}: node 'Near::2'"):
         tree.tick_exactly_once()
 
 
-def test_an_unknown_node_is_refused_at_once(b: Builder) -> None:
+def test_unknown_node_is_refused_immediately(b: Builder) -> None:
     with pytest.raises(
         UnknownNodeError, match=r"test_compose\.py:\d+: E101 unknown node Sequnce\n +did you mean Sequence"
     ):
@@ -162,7 +162,7 @@ def test_an_unknown_node_is_refused_at_once(b: Builder) -> None:
         b.node(print)
 
 
-def test_a_child_that_is_no_node_and_a_value_without_a_text_are_refused(b: Builder) -> None:
+def test_invalid_child_and_invalid_value_are_refused(b: Builder) -> None:
     with pytest.raises(TreeError, match="invalid child 3 of <Near>"):
         b.Near(3)
     value = "<object object at 0x[0-9a-f]+>"
@@ -177,7 +177,7 @@ def chain(b: Builder, levels: int) -> NodeSpec:
     return twig
 
 
-def test_a_tree_in_code_may_be_two_thousand_levels_deep(b: Builder) -> None:
+def test_built_tree_may_be_two_thousand_levels_deep(b: Builder) -> None:
     tree = b.build(chain(b, 2_000))
     assert len(tree.nodes) == 2_000
     assert tree.tick_exactly_once() is Status.FAILURE
@@ -186,6 +186,6 @@ def test_a_tree_in_code_may_be_two_thousand_levels_deep(b: Builder) -> None:
         b.build(chain(b, 2_001))
 
 
-def test_a_file_may_not(b: Builder) -> None:
+def test_loaded_tree_may_be_only_256_levels_deep(b: Builder) -> None:
     with pytest.raises(TreeError, match="E006 elements are nested more than 256 deep"):
         btcore.loads(b.xml(chain(b, 257)))

@@ -1,4 +1,4 @@
-"""Who writes and who reads each entry: across subtrees, remappings, constants and scripts."""
+"""Writers and readers of each entry: across subtrees, remappings, constants and scripts."""
 
 from dataclasses import asdict
 
@@ -50,41 +50,41 @@ def places(row: DataflowRow) -> tuple[list[str], list[str]]:
     )
 
 
-def test_an_entry_is_followed_through_remappings_to_where_it_lives() -> None:
+def test_entry_is_followed_through_remappings_to_its_scope() -> None:
     row = table()["/goal"]
     assert places(row) == (["Find place"], ["there/drive goal", "keep value"])
     assert [one.key for one in row.readers] == ["target", "goal"]
     assert row.type == "std::string"
 
 
-def test_autoremap_leads_outside_but_for_private_names() -> None:
+def test_autoremap_uses_the_outer_scope_except_for_private_keys() -> None:
     rows = table()
     assert places(rows["/target"]) == ([], ["home/drive goal"])
     assert places(rows["home/_done"]) == (["home/drive _onSuccess"], [])
     assert places(rows["there/_done"]) == (["there/drive _onSuccess"], [])
 
 
-def test_a_constant_is_written_inside_by_the_subtree_node() -> None:
+def test_subtree_node_writes_a_constant_into_the_inner_scope() -> None:
     assert places(table()["there/reach"]) == (["there reach"], ["there/drive reach"])
     assert places(table()["/reach"]) == ([], ["home/drive reach"])
 
 
-def test_scripts_read_and_write() -> None:
+def test_scripts_are_readers_and_writers() -> None:
     rows = table()
     assert places(rows["/rounds"]) == (["count code"], ["count code"])  # "+=" does both
     assert places(rows["/step"]) == ([], ["count code"])
     assert places(rows["/battery"]) == ([], ["Sequence _skipIf"])
 
 
-def test_an_at_sign_means_the_outermost_blackboard() -> None:
+def test_at_sign_addresses_the_root_blackboard() -> None:
     assert places(table()["/cry"]) == (["there/drive shout", "home/drive shout"], [])
 
 
-def test_set_blackboard_writes_the_entry_that_it_names() -> None:
+def test_set_blackboard_writes_its_output_key() -> None:
     assert places(table()["/last"])[0] == ["keep output_key"]
 
 
-def test_rows_come_sorted_and_as_plain_data_with_lines() -> None:
+def test_rows_are_sorted_and_exported_as_plain_data_with_lines() -> None:
     data = [asdict(row) for row in table().values()]
     names = [(row["scope"], row["key"]) for row in data]
     assert names == sorted(names)

@@ -1,4 +1,4 @@
-"""Elements are read in one pass where nothing in a text is unusual, and always as libxml2 reads them."""
+"""Elements are read by expat where nothing in a text is unusual, always with the result of libxml2."""
 
 from pathlib import Path
 from typing import Any
@@ -67,7 +67,7 @@ def shape(element: Element) -> Any:
 
 
 @given(st.lists(st.sampled_from(PIECES), max_size=12), st.booleans())
-def test_what_is_read_plainly_is_what_libxml2_reads(pieces: list[str], whole: bool) -> None:
+def test_expat_reads_the_same_as_libxml2(pieces: list[str], whole: bool) -> None:
     text = "".join(pieces)
     data = (f"<root>{text}</root>" if whole else text).encode()
     plain = parse_with_expat(data)
@@ -75,13 +75,13 @@ def test_what_is_read_plainly_is_what_libxml2_reads(pieces: list[str], whole: bo
 
 
 @pytest.mark.parametrize("piece", PIECES)
-def test_each_oddity_alone_is_read_as_libxml2_reads_it(piece: str) -> None:
+def test_each_piece_alone_is_read_the_same_as_by_libxml2(piece: str) -> None:
     for data in (piece.encode(), f"{piece}<root/>".encode(), f"<root>{piece}</root>".encode()):
         plain = parse_with_expat(data)
         assert plain is None or shape(plain) == shape(parse_with_libxml2(data))
 
 
-def test_the_trees_that_come_with_btcore_are_read_plainly() -> None:
+def test_bundled_trees_are_read_by_expat() -> None:
     files = sorted((Path(__file__).parents[3] / "trees").rglob("*.xml"))
     assert files
     for file in files:
@@ -90,7 +90,7 @@ def test_the_trees_that_come_with_btcore_are_read_plainly() -> None:
         assert shape(plain) == shape(parse_with_libxml2(file.read_bytes()))
 
 
-def test_a_plain_element_knows_the_line_in_which_its_tag_begins() -> None:
+def test_element_has_the_line_where_its_tag_begins() -> None:
     plain = parse_with_expat(
         b"<?xml version='1.0'?>\n<root\n  x='1'>\n\n  <a/><b\n/>\r\n<c>\r<d/></c></root>"
     )
@@ -98,7 +98,7 @@ def test_a_plain_element_knows_the_line_in_which_its_tag_begins() -> None:
     assert {one.tag: one.line for one in plain.iter()} == {"root": 2, "a": 5, "b": 5, "c": 7, "d": 8}
 
 
-def test_what_is_nested_very_deep_is_left_to_libxml2() -> None:
+def test_deep_nesting_is_left_to_libxml2() -> None:
     assert parse_with_expat(b"<a>" * 1_900 + b"</a>" * 1_900) is not None
     assert parse_with_expat(b"<a>" * 2_100 + b"</a>" * 2_100) is None
 

@@ -1,4 +1,4 @@
-"""docs/errors.md describes the codes of the table, and every example gives its code."""
+"""docs/errors.md describes every code of the table, and every example produces its code."""
 
 import ast
 import pickle
@@ -21,11 +21,11 @@ PARAGRAPHS = dict(
     re.findall(r"^### ([EW][0-9]{3}) · [^\n]+\n(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL)
 )
 EXAMPLES = re.findall(r"^```xml ([EW][0-9]{3})\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-# They need a file that can't be read, other bytes, a very large tree, a leaf's own code, or a batch.
+# These require a file that cannot be read, other bytes, a very large tree, a leaf's own code, or a batch.
 WITHOUT_EXAMPLE = {"E003", "E004", "E006", "E115", "E117", "E118", "E120"}
 
 
-def test_the_page_has_the_codes_and_summaries_of_the_table_and_no_others() -> None:
+def test_page_lists_exactly_the_codes_and_summaries_of_the_table() -> None:
     table = {code: code.summary for code in ALL_CODES if not code.startswith("C")}
     assert re.findall(r"^### ([EW][0-9]{3}) · ([^\n]+)$", PAGE, re.MULTILINE) == list(table.items())
 
@@ -38,7 +38,7 @@ def test_a_code_links_to_its_heading() -> None:
     assert {anchor for _, anchor in links} < anchors
 
 
-def test_the_letter_of_a_code_tells_its_severity() -> None:
+def test_letter_of_a_code_defines_its_severity() -> None:
     severities = {
         "E": {"error"},
         "W": {"warning"},
@@ -50,7 +50,7 @@ def test_the_letter_of_a_code_tells_its_severity() -> None:
         assert {code.severity for code in ALL_CODES if code.startswith(prefix)} == expected
 
 
-def test_codes_are_unique_and_survive_a_copy() -> None:
+def test_codes_are_unique_and_can_be_pickled() -> None:
     assert len(set(ALL_CODES)) == len(ALL_CODES)
     copied = pickle.loads(pickle.dumps(ALL_CODES[0]))
     assert (copied, copied.severity, copied.summary) == (
@@ -75,7 +75,7 @@ def test_every_code_is_used_and_comes_from_the_table() -> None:
 
 
 @pytest.mark.parametrize("code", HEADINGS)
-def test_a_code_has_a_paragraph(code: str) -> None:
+def test_every_code_has_a_paragraph(code: str) -> None:
     prose = PARAGRAPHS[code].split("```")[0].strip()
     assert len(prose) > 30
     assert prose.endswith((".", ".)"))
@@ -86,7 +86,7 @@ def test_every_code_that_can_be_shown_has_an_example() -> None:
 
 
 @pytest.mark.parametrize(("code", "example"), EXAMPLES, ids=[code for code, _ in EXAMPLES])
-def test_an_example_gives_its_code(code: str, example: str) -> None:
+def test_example_produces_its_code(code: str, example: str) -> None:
     text = example
     if example.strip() and not re.match(r"<(root|!DOCTYPE|BehaviorTree)", example):
         text = (
@@ -98,5 +98,5 @@ def test_an_example_gives_its_code(code: str, example: str) -> None:
         found = [one.code for one in validate_document(parse_text(text), nodes=nodes)]
     except TreeError as tree_error:
         found = [one.code for one in tree_error.diagnostics]
-    # A missing file is what W107 is told beside.
+    # W107 is reported together with a missing file.
     assert set(found) == ({code, "E007"} if code == "W107" else {code})

@@ -1,4 +1,4 @@
-"""What a tree that can't be made says of its nodes, trees and files: the whole message, as users read it."""
+"""Errors in nodes, trees and files: the whole message, as users read it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -163,7 +163,7 @@ CASES = {
              |                      ^^^^
         """,
     ),
-    "a main tree that is not there": (
+    "a missing main tree": (
         ("<Say/>", {}, 'BTCPP_format="4" main_tree_to_execute="Mian"'),
         TreeError,
         """
@@ -173,7 +173,7 @@ CASES = {
               did you mean 'Main'?
         """,
     ),
-    "several trees and no main one": (
+    "several trees without a main tree": (
         ("<Say/>", {"Other": "<AlwaysSuccess/>"}, 'BTCPP_format="4"'),
         TreeError,
         """
@@ -193,7 +193,7 @@ CASES = {
               a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>
         """,
     ),
-    "a document of something else": (
+    "a document with another root element": (
         "<svg/>",
         XmlSyntaxError,
         """
@@ -213,7 +213,7 @@ CASES = {
               did you mean <root>? XML is case-sensitive
         """,
     ),
-    "a format that is not known": (
+    "an unknown format": (
         ("<Say/>", {}, 'BTCPP_format="5"'),
         XmlSyntaxError,
         """
@@ -223,7 +223,7 @@ CASES = {
               write BTCPP_format="4", or "3" for a tree of Groot 1
         """,
     ),
-    "a tree that is called as a node": (
+    "a tree named like a node": (
         ("<Say/>", {"Drive": "<AlwaysSuccess/>"}),
         TreeError,
         """
@@ -295,14 +295,14 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_message(case: str, nodes: Registry, tree_error: Refused) -> None:
+def test_error_message(case: str, nodes: Registry, tree_error: Refused) -> None:
     source, kind, said = CASES[case]
     fault = tree_error(source)
     assert str(fault) == dedent(said).strip("\n").replace("SEARCHED", searched(nodes))
     assert type(fault) is kind
 
 
-def test_all_faults_are_told_at_once_in_the_order_of_the_text(nodes: Registry, document: Write) -> None:
+def test_all_errors_are_reported_together_in_document_order(nodes: Registry, document: Write) -> None:
     text = document(
         '<Sequence>\n<Drvie/>\n<Drive sped="1" speed="fast"/>\n<Inverter _skipIf="1 +"/>\n</Sequence>',
         {"Unused": "<Nonsense/>"},
@@ -314,7 +314,7 @@ def test_all_faults_are_told_at_once_in_the_order_of_the_text(nodes: Registry, d
     ]  # fmt: skip
 
 
-def test_trees_that_grow_beyond_all_bounds_are_refused_at_once(nodes: Registry, document: Write) -> None:
+def test_exponentially_growing_trees_are_refused(nodes: Registry, document: Write) -> None:
     doubling = {
         f"T{n}": f'<Sequence><SubTree ID="T{n + 1}"/><SubTree ID="T{n + 1}"/></Sequence>' for n in range(60)
     }
@@ -328,7 +328,7 @@ def test_trees_that_grow_beyond_all_bounds_are_refused_at_once(nodes: Registry, 
 # --- warnings
 
 
-def test_two_trees_of_a_name_in_format_4_the_later_one_counts(nodes: Registry, document: Write) -> None:
+def test_in_format_4_the_later_of_two_trees_with_one_id_is_used(nodes: Registry, document: Write) -> None:
     text = document("<AlwaysFailure/>", {"Main": "<AlwaysSuccess/>"})
     assert build(parse_text(text), nodes).root.id == "AlwaysSuccess"
     assert [str(one) for one in analyse_document(parse_text(text, "t.xml"), nodes).diagnostics.warnings] == [
@@ -342,7 +342,7 @@ def test_two_trees_of_a_name_in_format_4_the_later_one_counts(nodes: Registry, d
     ]
 
 
-def test_two_trees_of_a_name_in_format_3_the_first_one_counts(nodes: Registry, document: Write) -> None:
+def test_in_format_3_the_first_of_two_trees_with_one_id_is_used(nodes: Registry, document: Write) -> None:
     text = document("<AlwaysFailure/>", {"Main": "<AlwaysSuccess/>"}, 'main_tree_to_execute="Main"')
     assert build(parse_text(text), nodes).root.id == "AlwaysFailure"
     (warning,) = analyse_document(parse_text(text, "t.xml"), nodes).diagnostics.warnings
@@ -361,7 +361,7 @@ def test_the_obsolete_root_element_of_groot_1_is_skipped(nodes: Registry, docume
 # --- files that include files
 
 
-def test_files_that_include_each_other(tmp_path: Path, nodes: Registry) -> None:
+def test_files_that_include_each_other_are_refused(tmp_path: Path, nodes: Registry) -> None:
     (tmp_path / "a.xml").write_text('<root BTCPP_format="4"><include path="b.xml"/></root>')
     (tmp_path / "b.xml").write_text('<root BTCPP_format="4">\n  <include path="a.xml"/>\n</root>')
     with pytest.raises(XmlSyntaxError) as caught:
@@ -373,9 +373,7 @@ def test_files_that_include_each_other(tmp_path: Path, nodes: Registry) -> None:
     )
 
 
-def test_a_fault_in_an_included_file_names_that_file(
-    tmp_path: Path, nodes: Registry, document: Write
-) -> None:
+def test_error_in_an_included_file_names_that_file(tmp_path: Path, nodes: Registry, document: Write) -> None:
     (tmp_path / "lib").mkdir()
     (tmp_path / "lib" / "charge.xml").write_text(
         '<root BTCPP_format="4">\n  <BehaviorTree ID="Charge"><Sya/></BehaviorTree>\n</root>'

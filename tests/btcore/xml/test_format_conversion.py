@@ -1,4 +1,4 @@
-"""Format 3 becomes format 4: what is rewritten, what is said about it, and what stays to the byte."""
+"""Conversion of format 3 into format 4: rewrites, reported changes, and text that stays byte for byte."""
 
 import gzip
 import json
@@ -22,11 +22,11 @@ THREE = "<AlwaysSuccess/>" * 3
 
 
 def changes_meaning(one: Diagnostic) -> bool:
-    """Whether format 4 does something differently, or leaves it to the user."""
+    """Return whether format 4 behaves differently, or requires a manual step."""
     return one.code.startswith(("C2", "C3"))
 
 
-def converted(body: str, *, others: str = "", nodes: Registry = NODES) -> Conversion:
+def convert_body(body: str, *, others: str = "", nodes: Registry = NODES) -> Conversion:
     text = f'<root><BehaviorTree ID="Main">{body}</BehaviorTree>{others}</root>'
     return convert(parse_text(text), nodes)
 
@@ -41,12 +41,12 @@ def codes(result: Conversion) -> list[str]:
     return [one.code for one in result.changes]
 
 
-def recorded() -> list[dict[str, Any]]:
+def recorded_cases() -> list[dict[str, Any]]:
     with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
         return [json.loads(line) for line in lines]
 
 
-# --- what is rewritten
+# --- rewrites
 
 
 @pytest.mark.parametrize(
@@ -86,8 +86,8 @@ def recorded() -> list[dict[str, Any]]:
         ),
     ],
 )
-def test_nodes_and_ports_are_written_as_format_4_has_them(old: str, new: str) -> None:
-    assert body_of(converted(old)) == new
+def test_nodes_and_ports_are_rewritten_for_format_4(old: str, new: str) -> None:
+    assert body_of(convert_body(old)) == new
 
 
 @pytest.mark.parametrize(
@@ -105,8 +105,8 @@ def test_nodes_and_ports_are_written_as_format_4_has_them(old: str, new: str) ->
         ('<SubTreePlus ID="Sub" a="${k}" b="text"/>', '<SubTree ID="Sub" a="{k}" b="text"/>'),
     ],
 )
-def test_calls_of_trees_are_connected_as_format_4_does(old: str, new: str) -> None:
-    result = converted(old, others='<BehaviorTree ID="Sub"><AlwaysSuccess/></BehaviorTree>')
+def test_subtree_calls_are_rewritten_for_format_4(old: str, new: str) -> None:
+    result = convert_body(old, others='<BehaviorTree ID="Sub"><AlwaysSuccess/></BehaviorTree>')
     assert body_of(result) == new
     assert result.remaining == []
 
@@ -122,21 +122,21 @@ def test_calls_of_trees_are_connected_as_format_4_does(old: str, new: str) -> No
 )
 def test_a_blackboard_check_becomes_a_precondition(check: str, precondition: str) -> None:
     name = "BlackboardCheck" + check.split()[0]
-    result = converted(f"<BlackboardCheck{check}><AlwaysSuccess/></{name}>")
+    result = convert_body(f"<BlackboardCheck{check}><AlwaysSuccess/></{name}>")
     assert body_of(result) == f"<Precondition {precondition}><AlwaysSuccess/></Precondition>"
     assert "C211" in codes(result)
 
 
 @pytest.mark.parametrize("key", ["a.b", "@a", "two words"])
-def test_a_comparison_that_no_script_can_say_is_left_and_told(key: str) -> None:
+def test_comparison_that_no_script_can_express_is_kept_and_reported(key: str) -> None:
     body = f'<BlackboardCheckInt value_A="{{{key}}}" value_B="1"><AlwaysSuccess/></BlackboardCheckInt>'
-    result = converted(body)
+    result = convert_body(body)
     assert body_of(result) == body
     assert "C301" in codes(result)
     assert [one.code for one in result.remaining] == ["E101"]
 
 
-# --- what is said
+# --- reported changes
 
 
 @pytest.mark.parametrize(
@@ -159,8 +159,8 @@ def test_a_comparison_that_no_script_can_say_is_left_and_told(key: str) -> None:
         ('<Repeat num_cycles=""><AlwaysSuccess/></Repeat>', "C214"),
     ],
 )
-def test_what_means_something_else_is_told_with_its_place(body: str, code: str) -> None:
-    result = converted(body, others='<BehaviorTree ID="Main2"><AlwaysSuccess/></BehaviorTree>')
+def test_new_meaning_is_reported_with_its_position(body: str, code: str) -> None:
+    result = convert_body(body, others='<BehaviorTree ID="Main2"><AlwaysSuccess/></BehaviorTree>')
     told = [one for one in result.changes if one.code == code]
     assert len(told) >= 1
     assert all(changes_meaning(one) and one.line == 1 and one.column > 1 and one.source for one in told)
@@ -176,54 +176,54 @@ def test_what_means_something_else_is_told_with_its_place(body: str, code: str) 
         '<SubTreePlus ID="Main2" x="text" y="{z}"/>',
     ],
 )
-def test_what_means_the_same_is_not_told_as_a_change_of_meaning(body: str) -> None:
-    result = converted(body, others='<BehaviorTree ID="Main2"><AlwaysSuccess/></BehaviorTree>')
+def test_same_meaning_is_not_reported_as_a_change_of_meaning(body: str) -> None:
+    result = convert_body(body, others='<BehaviorTree ID="Main2"><AlwaysSuccess/></BehaviorTree>')
     assert [one for one in result.changes if changes_meaning(one)] == []
 
 
-def test_two_calls_of_one_name_lose_the_second_for_format_4_refuses_it() -> None:
-    result = converted(
+def test_second_of_two_calls_with_the_same_name_loses_its_name() -> None:
+    result = convert_body(
         '<Sequence><SubTree ID="S" name="n"/><SubTree ID="S" name="n"/></Sequence>',
         others='<BehaviorTree ID="S"><AlwaysSuccess/></BehaviorTree>',
     )
     assert body_of(result) == '<Sequence><SubTree ID="S" name="n"/><SubTree ID="S"/></Sequence>'
 
 
-def test_the_later_of_two_trees_of_one_id_counts_in_format_4() -> None:
+def test_use_of_the_later_tree_with_the_same_id_is_reported() -> None:
     others = '<BehaviorTree ID="S"><AlwaysSuccess/></BehaviorTree>' * 2
-    assert "C213" in codes(converted('<SubTree ID="S"/>', others=others))
+    assert "C213" in codes(convert_body('<SubTree ID="S"/>', others=others))
 
 
-def test_what_format_4_refuses_is_told_as_its_errors() -> None:
-    result = converted("<ReactiveSequence/>")
+def test_constructs_refused_by_format_4_are_reported_as_errors() -> None:
+    result = convert_body("<ReactiveSequence/>")
     assert [one.code for one in result.remaining] == ["E104"]
 
 
-def test_a_node_that_nobody_knows_is_converted_as_far_as_it_goes() -> None:
-    result = converted('<Sequence><Action ID="Move" goal="${g}" speed=""/></Sequence>')
+def test_unknown_node_is_converted_as_far_as_possible() -> None:
+    result = convert_body('<Sequence><Action ID="Move" goal="${g}" speed=""/></Sequence>')
     assert body_of(result) == '<Sequence><Action ID="Move" goal="{g}" speed=""/></Sequence>'
     assert result.remaining == []
 
 
-def test_a_node_of_the_users_that_is_called_as_one_of_format_4_is_told() -> None:
-    assert "C301" in codes(converted('<Action ID="Sleep" msec="5"/>'))
+def test_user_node_named_like_a_format_4_node_is_reported() -> None:
+    assert "C301" in codes(convert_body('<Action ID="Sleep" msec="5"/>'))
 
 
-def test_an_included_file_is_not_touched_but_told() -> None:
+def test_included_file_is_not_changed_but_reported() -> None:
     text = '<root><include path="other.xml"/><BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree></root>'
     assert "C301" in codes(convert(parse_text(text), NODES))
 
 
 @pytest.mark.parametrize("text", ["<roots/>", '<root BTCPP_format="5"/>'])
-def test_what_is_of_neither_format_is_refused(text: str) -> None:
+def test_document_of_neither_format_is_refused(text: str) -> None:
     with pytest.raises(TreeError):
         convert(parse_text(text), NODES)
 
 
-# --- what stays
+# --- unchanged text
 
 
-def test_comments_layout_order_and_quotes_stay() -> None:
+def test_comments_layout_order_and_quotes_are_kept() -> None:
     text = (
         "<?xml version='1.0'?>\r\n<!-- <SequenceStar> by Groot -->\r\n"
         "<root  main_tree_to_execute='Main'>\r\n\t<BehaviorTree ID=\"Main\" >\r\n"
@@ -236,7 +236,7 @@ def test_comments_layout_order_and_quotes_stay() -> None:
     ).replace("\t<SequenceStar", "\t<SequenceWithMemory").replace("</SequenceStar", "</SequenceWithMemory")
 
 
-def test_the_model_of_a_subtree_is_one_in_format_4_too() -> None:
+def test_model_of_a_subtree_plus_becomes_a_model_of_a_subtree() -> None:
     text = (
         '<root><BehaviorTree ID="A"><SubTreePlus ID="B" x="{y}"/></BehaviorTree>'
         '<BehaviorTree ID="B"><AlwaysSuccess/></BehaviorTree>'
@@ -249,19 +249,19 @@ def test_the_model_of_a_subtree_is_one_in_format_4_too() -> None:
     ]
 
 
-def test_format_4_is_given_back_as_it_is() -> None:
+def test_format_4_is_returned_unchanged() -> None:
     text = '<root BTCPP_format="4"><BehaviorTree ID="A"><SequenceStar/></BehaviorTree></root>'
     assert convert(parse_text(text), NODES) == Conversion(text, [], [])
 
 
 GAPS = st.sampled_from([" ", "  ", "\n    ", "\t", "\r\n"])
 BETWEEN = st.sampled_from(["", "\n", "<!-- <Repeat> é -->", "  ", "<?note <SubTree?>", "\n\n\t"])
-CASES = recorded()
+CASES = recorded_cases()
 
 
 @settings(max_examples=200, deadline=None)
 @given(case=st.sampled_from(CASES), data=st.data())
-def test_whatever_the_layout_only_tags_are_touched_and_a_second_time_changes_nothing(
+def test_only_tags_are_changed_and_a_second_conversion_changes_nothing(
     case: dict[str, Any], data: st.DataObject
 ) -> None:
     def spread(tag: re.Match[str]) -> str:
@@ -278,10 +278,10 @@ def test_whatever_the_layout_only_tags_are_touched_and_a_second_time_changes_not
     assert convert(parse_text(result.text), NODES).text == result.text
 
 
-# --- what it does
+# --- behaviour
 
 
-def test_recorded_trees_load_as_format_4_and_tick_the_same_unless_a_change_is_told() -> None:
+def test_recorded_trees_tick_the_same_in_format_4_unless_a_change_is_reported() -> None:
     alike = 0
     for case in CASES:
         # Format 3 calls a SubTree node by its tree's ID, whatever its name.

@@ -1,4 +1,4 @@
-"""Documents that include others."""
+"""Documents that include other documents."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from btcore.xml.read.document import parse_file
 
 
 def write(path: Path, *trees: str, include: str = "", main: str = "") -> Path:
-    """A document of *trees*, each `ID=element`, in the file *path*."""
+    """Write a document of *trees*, each `ID=element`, into the file *path*."""
     named = "".join(
         f'<BehaviorTree ID="{ID}">{element}</BehaviorTree>'
         for ID, _, element in (tree.partition("=") for tree in trees)
@@ -21,7 +21,7 @@ def write(path: Path, *trees: str, include: str = "", main: str = "") -> Path:
     return path
 
 
-def test_what_is_included_comes_first_so_that_a_later_tree_of_the_same_id_counts(tmp_path: Path) -> None:
+def test_later_tree_replaces_an_included_tree_with_the_same_id(tmp_path: Path) -> None:
     write(tmp_path / "a.xml", "A=<AlwaysFailure/>")
     main = write(
         tmp_path / "m.xml",
@@ -33,7 +33,7 @@ def test_what_is_included_comes_first_so_that_a_later_tree_of_the_same_id_counts
     assert load(main).tick_once() is Status.SUCCESS
 
 
-def test_an_include_of_an_include_is_looked_for_beside_the_file_that_names_it(tmp_path: Path) -> None:
+def test_nested_include_is_searched_beside_the_including_file(tmp_path: Path) -> None:
     write(tmp_path / "one" / "two" / "c.xml", "C=<AlwaysFailure/>")
     write(tmp_path / "one" / "b.xml", 'B=<SubTree ID="C"/>', include='<include path="two/c.xml"/>')
     main = write(tmp_path / "m.xml", 'M=<SubTree ID="B"/>', include='<include path="one/b.xml"/>')
@@ -42,7 +42,7 @@ def test_an_include_of_an_include_is_looked_for_beside_the_file_that_names_it(tm
     assert tree.tick_once() is Status.FAILURE
 
 
-def test_the_includes_of_a_text_are_looked_for_in_the_current_folder(
+def test_includes_of_a_text_are_searched_in_the_current_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "lib" / "a.xml", "A=<AlwaysFailure/>")
@@ -51,7 +51,7 @@ def test_the_includes_of_a_text_are_looked_for_in_the_current_folder(
     assert loads(text, tree="A").tick_once() is Status.FAILURE
 
 
-def test_the_main_tree_is_named_by_the_document_that_is_loaded_and_not_by_an_included_one(
+def test_main_tree_of_an_included_document_is_ignored(
     tmp_path: Path,
 ) -> None:
     write(tmp_path / "a.xml", "A=<AlwaysFailure/>", "B=<AlwaysFailure/>", main="A")
@@ -64,7 +64,7 @@ def test_the_main_tree_is_named_by_the_document_that_is_loaded_and_not_by_an_inc
     assert load(alone).id == "M"
 
 
-def test_an_include_without_a_path_is_a_fault_with_its_place(tmp_path: Path) -> None:
+def test_include_without_a_path_is_reported_with_its_position(tmp_path: Path) -> None:
     main = write(tmp_path / "m.xml", "M=<AlwaysSuccess/>", include="\n  <include/>")
     with pytest.raises(TreeError) as caught:
         load(main)
@@ -72,7 +72,7 @@ def test_an_include_without_a_path_is_a_fault_with_its_place(tmp_path: Path) -> 
     assert (fault.code, fault.line, fault.column) == ("E007", 2, 3)
 
 
-def test_a_package_is_ignored_with_a_warning_where_the_path_is_absolute(tmp_path: Path) -> None:
+def test_package_with_an_absolute_path_is_ignored_with_a_warning(tmp_path: Path) -> None:
     other = write(tmp_path / "elsewhere" / "a.xml", "A=<AlwaysFailure/>")
     include = f'<include ros_pkg="nav" path="{other}"/>'
     main = write(tmp_path / "m.xml", 'M=<SubTree ID="A"/>', include=include, main="M")
@@ -80,7 +80,7 @@ def test_a_package_is_ignored_with_a_warning_where_the_path_is_absolute(tmp_path
     assert [one.code for one in validate_document(parse_file(main), nodes=Registry.standard())] == ["W107"]
 
 
-def test_a_package_that_the_resolver_does_not_know_is_a_fault(tmp_path: Path) -> None:
+def test_unknown_package_is_refused(tmp_path: Path) -> None:
     main = write(tmp_path / "m.xml", "M=<AlwaysSuccess/>", include='<include ros_pkg="nav" path="a.xml"/>')
     with pytest.raises(TreeError, match="unknown ROS package 'nav'"):
         load(main, packages=lambda name: None)

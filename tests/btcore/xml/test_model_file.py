@@ -1,4 +1,4 @@
-"""A palette without code: trees whose leaves are C++ are checked, and run with planned leaves."""
+"""Models without code: trees with C++ leaves are checked, and run with planned leaves."""
 
 from pathlib import Path
 
@@ -59,7 +59,7 @@ def test_the_models_of_a_file_become_nodes_with_their_ports(models: Path) -> Non
     assert nodes.manifests["Guard"].ports["count"].type.name == "unsigned int"
 
 
-def test_names_and_defaults_that_only_the_code_understands_are_no_mistakes(tmp_path: Path) -> None:
+def test_names_and_defaults_that_only_cpp_understands_are_accepted(tmp_path: Path) -> None:
     path = tmp_path / "palette.xml"
     path.write_text(
         '<root><TreeNodesModel><Action ID="Scan"><input_port name="laser.range" type="double"/>'
@@ -67,7 +67,7 @@ def test_names_and_defaults_that_only_the_code_understands_are_no_mistakes(tmp_p
     )
     nodes = Registry.standard()
     add_models(nodes, path)
-    # BehaviorTree.CPP 3 takes any name of a port, and 4 can't have such a node.
+    # BehaviorTree.CPP 3 accepts any port name; BehaviorTree.CPP 4 cannot have such a port.
     assert list(nodes.manifests_of(3)["Scan"].ports) == ["laser.range", "times"]
     assert list(nodes.manifests_of(4)["Scan"].ports) == ["times"]
     body = '<BehaviorTree ID="Main"><Scan laser.range="0.5"/></BehaviorTree>'
@@ -81,14 +81,14 @@ def test_an_explicit_tag_of_format_3_may_have_any_port() -> None:
     assert list(nodes.manifests_of(3)["Scan"].ports) == ["laser.range"]
 
 
-def test_what_is_registered_stays_as_it_is(models: Path) -> None:
+def test_registered_node_is_not_replaced_by_a_model(models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
     assert nodes.manifests["Sequence"].type is NodeType.CONTROL
     assert add_models(nodes, models) == []
 
 
-def test_what_btcore_exports_as_models_can_be_read_back(tmp_path: Path, models: Path) -> None:
+def test_exported_models_can_be_read_back(tmp_path: Path, models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
     path = tmp_path / "export.xml"
@@ -98,7 +98,7 @@ def test_what_btcore_exports_as_models_can_be_read_back(tmp_path: Path, models: 
     assert write_models(again.manifests.values()) == write_models(nodes.manifests.values())
 
 
-def test_a_tree_of_such_nodes_is_checked_as_any_other(tmp_path: Path, models: Path) -> None:
+def test_tree_of_modelled_nodes_is_checked_like_any_other(tmp_path: Path, models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
     good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
@@ -111,7 +111,7 @@ def test_a_tree_of_such_nodes_is_checked_as_any_other(tmp_path: Path, models: Pa
     ]
 
 
-def test_a_stand_in_succeeds_at_once_or_does_as_planned(models: Path) -> None:
+def test_stub_succeeds_immediately_or_follows_its_plan(models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
     assert btcore.loads(TREE, nodes=nodes).tick_exactly_once() is Status.SUCCESS
@@ -120,7 +120,7 @@ def test_a_stand_in_succeeds_at_once_or_does_as_planned(models: Path) -> None:
     assert [tree.tick_exactly_once().name for _ in range(4)] == ["RUNNING", "FAILURE", "FAILURE", "RUNNING"]
 
 
-def test_a_plan_of_other_letters_is_told_when_it_is_due(models: Path) -> None:
+def test_invalid_letter_of_a_plan_raises_when_it_is_reached(models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
     tree = btcore.loads(TREE, nodes=nodes, resources=[StubPlans({"Move": "RX"})])
@@ -129,7 +129,7 @@ def test_a_plan_of_other_letters_is_told_when_it_is_due(models: Path) -> None:
         tree.tick_exactly_once()
 
 
-def test_a_file_of_trees_brings_its_own_models_and_its_explicit_tags(tmp_path: Path) -> None:
+def test_file_of_trees_provides_its_models_and_its_explicit_tags(tmp_path: Path) -> None:
     path = tmp_path / "groot1.xml"
     path.write_text(
         """<root><BehaviorTree ID="A"><Sequence>
@@ -149,7 +149,7 @@ def test_a_file_of_trees_brings_its_own_models_and_its_explicit_tags(tmp_path: P
     assert btcore.load(path, nodes=nodes).tick_exactly_once() is Status.SUCCESS
 
 
-def test_a_compact_tag_that_no_model_has_stays_a_mistake() -> None:
+def test_compact_tag_without_a_model_stays_unknown() -> None:
     nodes = Registry.standard()
     text = '<root BTCPP_format="4"><BehaviorTree ID="A"><Sequense/></BehaviorTree></root>'
     assert add_explicit_nodes(nodes, [parse_text(text)]) == []
@@ -164,7 +164,7 @@ def test_a_compact_tag_that_no_model_has_stays_a_mistake() -> None:
         ('<root><TreeNodesModel><Action ID="a b"/></TreeNodesModel></root>', "'a b' can't be the ID"),
     ],
 )
-def test_a_file_that_is_no_palette_is_told(tmp_path: Path, text: str, said: str) -> None:
+def test_file_without_valid_models_is_refused(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "odd.xml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(TreeError, match=said):
@@ -194,13 +194,13 @@ def project(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_project_is_its_documents_and_its_models(project: Path) -> None:
+def test_project_contains_its_documents_and_its_models(project: Path) -> None:
     nodes = Registry.standard()
     assert add_models(nodes, project) == ["Push"]
     assert btcore.load(project, nodes=nodes, tree="Main").tick_exactly_once() is Status.SUCCESS
 
 
-def test_a_project_that_names_a_missing_file_says_where(project: Path) -> None:
+def test_missing_file_of_a_project_is_reported_with_its_position(project: Path) -> None:
     (project.parent / "trees" / "open.xml").unlink()
     with pytest.raises(TreeError, match=r"robot\.btproj:4:\d+: E007 the included file"):
         add_models(Registry.standard(), project)

@@ -1,4 +1,4 @@
-"""A tree as an SVG: everything is in it, nothing overlaps, and a browser needs nothing else."""
+"""A tree as an SVG: it is complete, nothing overlaps, and a browser needs no other file."""
 
 import re
 from itertools import combinations
@@ -52,28 +52,28 @@ def test_names_ids_numbers_ports_and_scripts_are_written(drawing: etree._Element
         assert port in joined
 
 
-def test_a_default_that_nobody_wrote_is_not_drawn(drawing: etree._Element) -> None:
+def test_default_value_is_not_drawn(drawing: etree._Element) -> None:
     assert "failure_count" not in "\n".join(words(drawing))
 
 
-def test_the_picture_stands_for_itself() -> None:
+def test_svg_references_no_other_resource() -> None:
     assert not re.search(r"href|url\(|@import|<script|<image", svg(TEXT))
 
 
-def test_a_subtree_has_a_frame_around_its_content_alone(drawing: etree._Element) -> None:
+def test_frame_of_a_subtree_encloses_only_its_content(drawing: etree._Element) -> None:
     frames = [one for one in drawing.iter(f"{SVG}rect") if one.get("class") == "frame"]
     assert len(frames) == 1
     inside = [name for name, box in cards(drawing).items() if within(box, rectangle(frames[0]))]
     assert sorted(inside) == ["AlwaysFailure", "Inverter"]
 
 
-def test_a_tree_that_is_too_wide_grows_to_the_right() -> None:
+def test_wide_tree_is_drawn_to_the_right() -> None:
     many = "".join(f'<AlwaysSuccess name="the step with the number {number}"/>' for number in range(30))
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>{many}</Sequence></BehaviorTree></root>'
     assert float(etree.fromstring(svg(text).encode()).get("width") or 0) < 1000
 
 
-def test_a_long_text_is_cut_in_the_card_and_whole_under_the_mouse() -> None:
+def test_long_text_is_cut_in_the_card_and_complete_in_the_tooltip() -> None:
     code = "a := " + " + ".join(["1"] * 60)
     text = f'<root BTCPP_format="4"><BehaviorTree ID="A"><Script code="{code}"/></BehaviorTree></root>'
     drawing = etree.fromstring(svg(text).encode())
@@ -110,13 +110,13 @@ def cards(drawing: etree._Element) -> dict[str, Rectangle]:
     return found
 
 
-def test_no_card_covers_another(drawing: etree._Element) -> None:
+def test_cards_do_not_overlap(drawing: etree._Element) -> None:
     placed = cards(drawing)
     assert len(placed) == 8
     assert all(apart(one, other) for one, other in combinations(placed.values(), 2))
 
 
-# --- the layout by itself
+# --- the layout
 
 SIZES = st.floats(1, 200)
 BOXES = st.recursive(
@@ -141,7 +141,7 @@ def below(box: LayoutBox) -> list[LayoutBox]:
 
 @settings(max_examples=300, deadline=None)
 @given(BOXES)
-def test_boxes_stand_apart_parents_over_the_middle_and_frames_hold_what_is_theirs(root: LayoutBox) -> None:
+def test_layout_separates_boxes_centres_parents_and_encloses_frames(root: LayoutBox) -> None:
     breadth, depth = layout_tree(root, Spacing(siblings=5, levels=20, frame=6))
     boxes = [root, *below(root)]
     slack = 1e-6

@@ -1,4 +1,4 @@
-"""What is said of ports, scripts and leaves that don't fit: the whole message, as a user reads it."""
+"""Errors in ports, scripts and leaves: the whole message, as a user reads it."""
 
 from collections.abc import Callable
 from textwrap import dedent
@@ -35,7 +35,7 @@ CASES = {
               its parameter 'angle: float' is a resource; did you mean angle: In[float]?
         """,
     ),
-    "a parameter that is not marked, and nobody gives": (
+    "a parameter that is not marked as a port and has no value": (
         ("<Turn/>",),
         TreeError,
         """
@@ -44,7 +44,7 @@ CASES = {
              |      ^^^^^
         """,  # noqa: E501
     ),
-    "a resource by which nothing can be found": (
+    "a resource of a type that cannot be looked up": (
         ("<Lift/>",),
         TreeError,
         """
@@ -120,7 +120,7 @@ CASES = {
              |      ^^^^^^^
         """,
     ),
-    "a leaf that nobody gives its robot": (
+    "a leaf without its robot": (
         ('<Drive speed="1"/>',),
         TreeError,
         """
@@ -129,7 +129,7 @@ CASES = {
              |      ^^^^^^
         """,
     ),
-    "a leaf that raises while it is made": (
+    "a leaf that raises while it is created": (
         ("<Broken/>",),
         TreeError,
         """
@@ -138,7 +138,7 @@ CASES = {
              |      ^^^^^^^
         """,
     ),
-    "two SubTrees of one name": (
+    "two SubTrees with the same name": (
         (
             '<Sequence><SubTree ID="A" name="a"/><SubTree ID="A" name="a"/></Sequence>',
             {"A": "<AlwaysSuccess/>"},
@@ -151,7 +151,7 @@ CASES = {
               give them different names, or remove the names
         """,
     ),
-    "a port that a subtree's model demands": (
+    "a port that a subtree's model requires": (
         (
             '<SubTree ID="A"/>',
             '<BehaviorTree ID="A"><Say/></BehaviorTree>'
@@ -187,21 +187,19 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_message(case: str, tree_error: Refused) -> None:
+def test_error_message(case: str, tree_error: Refused) -> None:
     source, kind, said = CASES[case]
     fault = tree_error(source)
     assert str(fault) == dedent(said).strip("\n")
     assert type(fault) is kind
 
 
-def test_what_is_wrong_in_an_unused_tree_beyond_its_shape_does_not_refuse_the_main_one(
-    nodes: Registry, document: Write
-) -> None:
+def test_port_error_in_an_unused_tree_does_not_refuse_the_main_tree(nodes: Registry, document: Write) -> None:
     text = document("<Say/>", {"Unused": '<Say txt="1"/>'})
     assert build(parse_text(text), nodes).id == "Main"
 
 
-def test_an_entry_of_a_given_blackboard_counts(nodes: Registry, document: Write) -> None:
+def test_type_of_an_entry_on_a_given_blackboard_is_checked(nodes: Registry, document: Write) -> None:
     blackboard = Blackboard()
     blackboard["n"] = True
     text = document('<Repeat num_cycles="{n}"><Say/></Repeat>')

@@ -1,4 +1,4 @@
-"""A place in a message is that of the text as its author wrote it: line and column from 1, in characters."""
+"""Positions in messages refer to the text as written: line and column from 1, in characters."""
 
 import pytest
 
@@ -51,7 +51,7 @@ def test_elements_attributes_and_values_are_found(
     assert (found.line, found.column, meant) == place
 
 
-def test_a_character_of_a_value_is_found_behind_references(document: Document) -> None:
+def test_character_of_a_value_is_found_after_entity_references(document: Document) -> None:
     value = "a < b && c"
     element = next(document.root.iter("A"))
     for number, char in enumerate(value, 1):
@@ -71,7 +71,7 @@ def test_the_line_of_an_element_is_where_its_tag_begins(document: Document) -> N
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_lines_end_as_files_of_any_system_end_them(end: str) -> None:
+def test_lines_may_end_with_any_line_ending(end: str) -> None:
     text = end.join(["<root>", "  <A/>", "  <B x='1'/>", "</root>"])
     document = parse_text(text)
     found = document.source_map.span(next(document.root.iter("B")), "x")
@@ -79,5 +79,5 @@ def test_lines_end_as_files_of_any_system_end_them(end: str) -> None:
     assert (found.line, found.column, found.source) == (3, 9, "  <B x='1'/>")
 
 
-def test_the_end_of_a_text_is_a_place_too() -> None:
+def test_end_of_a_text_is_a_valid_position() -> None:
     assert span_at("ab\n", 3) == (2, 1, 1, "")

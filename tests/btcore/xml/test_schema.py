@@ -1,4 +1,4 @@
-"""The XML schema of the palette: it takes what loads, and refuses what an editor should underline."""
+"""The XML schema: it accepts trees that can be loaded, and refuses errors that an editor should underline."""
 
 import enum
 import gzip
@@ -58,7 +58,7 @@ def test_every_recorded_tree_is_valid(name: str, format: int) -> None:
             assert schema.validate(etree.fromstring(case["xml"])), (case["id"], schema.error_log.last_error)
 
 
-def test_what_a_running_tree_is_written_as_is_valid(schema: etree.XMLSchema) -> None:
+def test_xml_of_a_running_tree_is_valid(schema: etree.XMLSchema) -> None:
     nodes = conformance_registry()
     nodes.add(drive)
     text = (
@@ -85,7 +85,7 @@ def test_what_a_running_tree_is_written_as_is_valid(schema: etree.XMLSchema) -> 
         '<Switch2 variable="{v}" case_1="a"><AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/></Switch2>',
     ],
 )
-def test_what_can_be_loaded_is_taken(schema: etree.XMLSchema, body: str) -> None:
+def test_loadable_tree_is_valid(schema: etree.XMLSchema, body: str) -> None:
     assert accepts(schema, body), schema.error_log.last_error
 
 
@@ -110,11 +110,11 @@ def test_what_can_be_loaded_is_taken(schema: etree.XMLSchema, body: str) -> None
         "<Action/>",
     ],
 )
-def test_what_an_editor_should_underline_is_refused(schema: etree.XMLSchema, body: str) -> None:
+def test_invalid_tree_is_refused(schema: etree.XMLSchema, body: str) -> None:
     assert not accepts(schema, body)
 
 
-def test_each_format_asks_for_its_own_number() -> None:
+def test_each_format_requires_its_own_format_number() -> None:
     body = '<BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree>'
     nodes = Registry.standard()
     for format, root, valid in [(4, "4", True), (4, "3", False), (3, "3", True), (3, "4", False)]:
@@ -125,7 +125,7 @@ def test_each_format_asks_for_its_own_number() -> None:
     assert not schema_of(nodes, 4).validate(bare)
 
 
-def test_editors_can_show_what_nodes_and_ports_mean() -> None:
+def test_schema_documents_nodes_and_ports() -> None:
     nodes = Registry.standard()
     nodes.add(drive)
     schema = etree.fromstring(write_schema(nodes).encode())
@@ -135,7 +135,7 @@ def test_editors_can_show_what_nodes_and_ports_mean() -> None:
     assert "input, double, default '0.500000'" in shown
 
 
-def test_an_id_that_can_not_be_a_tag_is_left_out() -> None:
+def test_id_that_cannot_be_a_tag_is_omitted() -> None:
     nodes = Registry.standard()
     nodes.add(drive, ID="2fast")
     assert "2fast" not in write_schema(nodes)

@@ -1,4 +1,4 @@
-"""A document is read as BehaviorTree.CPP's XML library reads it; what is no XML is refused with its place."""
+"""Documents are read as by the XML library of BehaviorTree.CPP; invalid XML is refused with its position."""
 
 from pathlib import Path
 from textwrap import dedent
@@ -20,7 +20,7 @@ def message(text: str) -> str:
     return dedent(text).strip("\n")
 
 
-# --- what is read leniently
+# --- lenient reading
 
 
 @pytest.mark.parametrize(
@@ -39,12 +39,12 @@ def message(text: str) -> str:
         ('code=""', ""),
     ],
 )
-def test_an_attribute_value_is_the_text_that_its_author_meant(written: str, value: str) -> None:
+def test_attribute_value_is_the_intended_text(written: str, value: str) -> None:
     document = parse_text(f"<root><Script {written}/></root>")
     assert document.root.children[0].get("code") == value
 
 
-def test_what_was_read_leniently_is_a_warning_that_shows_the_escaped_form() -> None:
+def test_lenient_reading_warns_with_the_escaped_form() -> None:
     document = parse_text(
         '<root>\n  <Script name="s" code="a < b && c" x="fine &amp; well"/>\n</root>', "t.xml"
     )
@@ -64,22 +64,22 @@ def test_a_well_formed_document_has_no_warnings() -> None:
     assert parse_text('<root><A x="a &lt; b\nc"/></root>').warnings == []
 
 
-def test_comments_instructions_and_character_data_may_hold_anything() -> None:
+def test_comments_instructions_and_cdata_may_contain_anything() -> None:
     document = parse_text('<!-- <a x="<> --><root><?pi <x y="&?><![CDATA[<b z="<"]]><A x="<"/></root>')
     assert document.root.children[0].tag is not None
     assert [child.tag for child in document.root.children] == ["A"]
     assert len(document.warnings) == 1
 
 
-def test_an_encoding_that_is_declared_does_not_matter_to_a_text() -> None:
+def test_declared_encoding_is_ignored_for_a_text() -> None:
     assert parse_text('<?xml version="1.0" encoding="ISO-8859-1"?><root n="é"/>').root.get("n") == "é"
 
 
-def test_a_document_type_that_only_names_the_root_is_harmless() -> None:
+def test_doctype_that_only_names_the_root_is_accepted() -> None:
     assert parse_text("<!DOCTYPE root><root/>").root.tag == "root"
 
 
-# --- what is no XML
+# --- invalid XML
 
 
 @pytest.mark.parametrize(
@@ -181,19 +181,19 @@ def test_a_document_type_that_only_names_the_root_is_harmless() -> None:
         ),
     ],
 )
-def test_what_is_not_xml_is_refused_with_its_place(text: str, said: str) -> None:
+def test_invalid_xml_is_refused_with_its_position(text: str, said: str) -> None:
     assert tree_error(text) == message(said)
 
 
-def test_places_are_those_of_the_original_though_characters_before_were_escaped() -> None:
+def test_positions_refer_to_the_original_text_after_escaping() -> None:
     text = '<root>\n<A x="a < b & c && d"/><B y=1/>\n</root>'
     assert tree_error(text).startswith("t.xml:2:29: E002 an attribute's value must be in quotes")
 
 
-# --- what is hostile
+# --- hostile documents
 
 
-def test_a_bomb_of_entities_is_refused_unread() -> None:
+def test_entity_bomb_is_refused_without_expansion() -> None:
     bomb = '<!DOCTYPE root [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>\n<root x="&b;"/>'
     assert tree_error(bomb) == message(
         """
@@ -221,14 +221,14 @@ def test_elements_nested_too_deep_are_refused() -> None:
 
 
 @pytest.mark.parametrize("piece", ["<", "<!--", "<a ", '<a x="', "</a", "<![CDATA[", "<?", "&", "<a>"])
-def test_rubbish_of_any_length_is_refused_at_once(piece: str) -> None:
+def test_long_garbage_is_refused_quickly(piece: str) -> None:
     assert "E002" in tree_error(piece * 50_000)
 
 
-# --- what is no file
+# --- invalid files
 
 
-def test_a_file_that_is_missing(tmp_path: Path) -> None:
+def test_missing_file_is_reported_with_a_suggestion(tmp_path: Path) -> None:
     (tmp_path / "patrolling.xml").write_text("<root/>")
     with pytest.raises(XmlSyntaxError) as caught:
         parse_file(tmp_path / "patroling.xml")
@@ -237,7 +237,7 @@ def test_a_file_that_is_missing(tmp_path: Path) -> None:
     )
 
 
-def test_a_text_where_a_path_is_wanted_and_the_other_way_round() -> None:
+def test_xml_text_instead_of_a_path_and_vice_versa_is_reported() -> None:
     with pytest.raises(XmlSyntaxError) as caught:
         btcore.load('<root BTCPP_format="4"/>')
     assert str(caught.value) == (
@@ -248,7 +248,7 @@ def test_a_text_where_a_path_is_wanted_and_the_other_way_round() -> None:
         btcore.loads("trees/patrol.xml")
 
 
-def test_a_folder(tmp_path: Path) -> None:
+def test_folder_is_reported_with_its_files(tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text("<root/>")
     with pytest.raises(XmlSyntaxError) as caught:
         parse_file(tmp_path)
@@ -257,7 +257,7 @@ def test_a_folder(tmp_path: Path) -> None:
     )
 
 
-def test_a_file_that_is_not_utf_8(tmp_path: Path) -> None:
+def test_file_that_is_not_utf_8_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "latin.xml"
     path.write_bytes("<root>\n  <A n='é'/></root>".encode("latin-1"))
     with pytest.raises(XmlSyntaxError) as caught:
@@ -265,7 +265,7 @@ def test_a_file_that_is_not_utf_8(tmp_path: Path) -> None:
     assert str(caught.value).startswith(f"{path}:2:9: E004 the byte 0xE9 is not valid UTF-8\n")
 
 
-def test_a_file_of_utf_16(tmp_path: Path) -> None:
+def test_utf_16_file_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "wide.xml"
     path.write_bytes("<root/>".encode("utf-16"))
     with pytest.raises(XmlSyntaxError) as caught:
@@ -275,7 +275,7 @@ def test_a_file_of_utf_16(tmp_path: Path) -> None:
     )
 
 
-def test_a_byte_order_mark_of_utf_8_is_no_fault(tmp_path: Path) -> None:
+def test_utf_8_byte_order_mark_is_accepted(tmp_path: Path) -> None:
     path = tmp_path / "marked.xml"
     path.write_bytes(b"\xef\xbb\xbf<root/>")
     assert parse_file(path).root.tag == "root"

@@ -1,4 +1,4 @@
-"""Warnings about the shape of trees: children that are never reached, or halt each other; unused trees."""
+"""Warnings about structure: children that are never reached or that halt each other, and unused trees."""
 
 from collections.abc import Callable
 from textwrap import dedent
@@ -13,7 +13,7 @@ Check = Callable[..., str]
 
 
 def children(node: str, *of: str) -> str:
-    """*node* with a child a line: they stand in lines 4, 5, 6 …"""
+    """Return *node* with one child per line; the children stand in lines 4, 5, 6 …"""
     return "\n      ".join((f"<{node}>", *of)) + f"\n    </{node.split()[0]}>"
 
 
@@ -21,7 +21,7 @@ def tree(ID: str, body: str = "<AlwaysSuccess/>") -> str:
     return f'  <BehaviorTree ID="{ID}">\n    {body}\n  </BehaviorTree>\n'
 
 
-def said(text: str) -> str:
+def dedented(text: str) -> str:
     return dedent(text).lstrip("\n")
 
 
@@ -56,8 +56,8 @@ def said(text: str) -> str:
          "the children before it never fail"),
     ],
 )  # fmt: skip
-def test_a_child_that_no_tick_gets_to(check: Check, body: str, line: int, tag: str, why: str) -> None:
-    assert check(body, given=["x"]) == said(
+def test_unreachable_child_is_reported(check: Check, body: str, line: int, tag: str, why: str) -> None:
+    assert check(body, given=["x"]) == dedented(
         f"""
         t.xml:{line}:7: W105 <{tag}> is never ticked: {why}
            {line} |        <{tag}/>
@@ -85,11 +85,11 @@ def test_a_child_that_no_tick_gets_to(check: Check, body: str, line: int, tag: s
         children("Fallback", '<Timeout msec="5"><Sleep msec="9"/></Timeout>', "<Drive/>"),
     ],
 )  # fmt: skip
-def test_a_child_that_may_be_reached(check: Check, body: str) -> None:
+def test_reachable_child_is_not_reported(check: Check, body: str) -> None:
     assert check(body) == ""
 
 
-def test_what_a_subtree_may_result_in_counts(check: Check) -> None:
+def test_possible_results_of_a_subtree_are_considered(check: Check) -> None:
     body = children("Sequence", '<SubTree ID="Doomed"/>', "<Drive/>")
     assert check(body, tree("Doomed", "<AlwaysFailure/>")).startswith(
         't.xml:5:7: W105 <Drive> is never ticked: <SubTree ID="Doomed"> before it (line 4) never succ'
@@ -97,7 +97,7 @@ def test_what_a_subtree_may_result_in_counts(check: Check) -> None:
     assert check(body, tree("Doomed", "<BatteryOk/>")) == ""
 
 
-def test_nothing_is_certain_of_a_node_that_was_replaced(check: Check, palette: Registry) -> None:
+def test_replaced_built_in_node_has_unknown_results(check: Check, palette: Registry) -> None:
     class AlwaysFailure(SyncAction):
         def tick(self) -> Status:
             return Status.SUCCESS
@@ -106,7 +106,7 @@ def test_nothing_is_certain_of_a_node_that_was_replaced(check: Check, palette: R
     assert check(children("Sequence", "<AlwaysFailure/>", "<Drive/>")) == ""
 
 
-# --- E119: children that the first tick refuses
+# --- E119: numbers of children that fail at the first tick
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_nothing_is_certain_of_a_node_that_was_replaced(check: Check, palette: R
          "<Parallel> has 1 child, too few for 3 successes"),
     ],
 )  # fmt: skip
-def test_children_that_only_the_first_tick_refuses_are_an_error_and_do_not_keep_the_tree_from_loading(
+def test_wrong_number_of_children_is_an_error_but_the_tree_can_be_loaded(
     check: Any, palette: Registry, document: Callable[..., str], body: str, has: str
 ) -> None:
     told = [one for one in check.found(body) if one.is_error]
@@ -134,7 +134,7 @@ def test_children_that_only_the_first_tick_refuses_are_an_error_and_do_not_keep_
         tree.tick_once()
 
 
-def test_in_format_3_a_while_has_both_branches_and_a_control_node_may_be_empty(check: Any) -> None:
+def test_in_format_3_while_do_else_needs_both_branches_and_reactive_may_be_empty(check: Any) -> None:
     while_do = children("WhileDoElse", "<BatteryOk/>", "<Drive/>")
     assert [one.message for one in check.found(while_do, format=3)] == [
         "<WhileDoElse> has 2 children; it needs 3: a condition, and two branches"
@@ -155,15 +155,15 @@ def test_in_format_3_a_while_has_both_branches_and_a_control_node_may_be_empty(c
         '<Sequence><Script code="n := 9"/><Parallel success_count="{n}"><Drive/></Parallel></Sequence>',
     ],
 )
-def test_as_many_children_as_the_node_takes(check: Check, body: str) -> None:
+def test_correct_number_of_children_is_not_reported(check: Check, body: str) -> None:
     assert check(body) == ""
 
 
 # --- W108: text between elements
 
 
-def test_text_between_elements_is_told_of_at_its_place(check: Check) -> None:
-    assert check("<Sequence>\n  first  charge <!-- a comment --><Drive/></Sequence>") == said(
+def test_text_between_elements_is_reported_at_its_position(check: Check) -> None:
+    assert check("<Sequence>\n  first  charge <!-- a comment --><Drive/></Sequence>") == dedented(
         """
         t.xml:4:3: W108 the text 'first charge' between the elements of a tree is ignored
            4 |    first  charge <!-- a comment --><Drive/></Sequence>
@@ -173,7 +173,7 @@ def test_text_between_elements_is_told_of_at_its_place(check: Check) -> None:
     )
 
 
-def test_comments_and_the_descriptions_of_models_are_no_loose_text(check: Check) -> None:
+def test_comments_and_model_descriptions_are_not_reported_as_text(check: Check) -> None:
     model = '<TreeNodesModel><Action ID="Say"><input_port name="text">what to say</input_port></Action>'
     more = f"<!-- loose > text -->{model}</TreeNodesModel>\n"
     assert check("<Drive _skipIf=\"1 &gt; 2 &amp;&amp; 'a>b' == 'c'\"/>", more) == ""
@@ -182,8 +182,8 @@ def test_comments_and_the_descriptions_of_models_are_no_loose_text(check: Check)
 # --- W106: asynchronous children of reactive nodes
 
 
-def test_a_reactive_node_with_two_asynchronous_children(check: Check) -> None:
-    assert check(children("ReactiveSequence", "<BatteryOk/>", "<Drive/>", "<Grasp/>")) == said(
+def test_second_asynchronous_child_of_a_reactive_node_is_reported(check: Check) -> None:
+    assert check(children("ReactiveSequence", "<BatteryOk/>", "<Drive/>", "<Grasp/>")) == dedented(
         """
         t.xml:6:7: W106 <Grasp> is a second asynchronous child of <ReactiveSequence>: each tick begins with <Drive> (line 5), which halts <Grasp> unless it completes at once
            6 |        <Grasp/>
@@ -210,7 +210,7 @@ def test_a_reactive_node_with_two_asynchronous_children(check: Check) -> None:
         ("ReactiveSequence", "<Drive/>", '<SubTree ID="Inner"/>', 5),
     ],
 )
-def test_what_takes_its_time_is_asynchronous(
+def test_nodes_that_may_run_are_asynchronous(
     check: Check, node: str, first: str, second: str, line_of_second: int
 ) -> None:
     found = check(children(node, first, second), tree("Inner", "<Grasp/>") if "Inner" in second else "")
@@ -224,9 +224,9 @@ def test_what_takes_its_time_is_asynchronous(
     [
         children("ReactiveSequence", "<BatteryOk/>", "<Drive/>"),
         children("ReactiveSequence", "<Drive/>", "<BatteryOk/>"),
-        # A priority list: while the battery holds, the first child fails at once.
+        # A priority list: the first child may fail immediately, before <Drive> starts.
         children("ReactiveFallback", "<Sequence><BatteryOk/><Drive/></Sequence>", "<Grasp/>"),
-        # Once it was charged, the first child succeeds at once.
+        # The first child may succeed immediately, without <Drive>.
         children("ReactiveSequence", "<Fallback><BatteryOk/><Drive/></Fallback>", "<Grasp/>"),
         children("ReactiveSequence", '<Drive _successIf="true"/>', "<Grasp/>"),
         children("ReactiveSequence", "<RunOnce><Drive/></RunOnce>", "<Grasp/>"),
@@ -234,11 +234,11 @@ def test_what_takes_its_time_is_asynchronous(
         children("Sequence", "<Drive/>", "<Grasp/>"),
     ],
 )
-def test_reactive_nodes_that_are_fine(check: Check, body: str) -> None:
+def test_valid_reactive_nodes_are_not_reported(check: Check, body: str) -> None:
     assert check(body) == ""
 
 
-def test_an_asynchronous_leaf_may_say_that_it_ends_at_once(check: Check, palette: Registry) -> None:
+def test_asynchronous_leaf_may_declare_that_it_may_complete_on_start(check: Check, palette: Registry) -> None:
     class WaitForScan(StatefulAction):
         may_complete_on_start = True
 
@@ -256,8 +256,8 @@ def test_an_asynchronous_leaf_may_say_that_it_ends_at_once(check: Check, palette
 # --- W104: unused trees
 
 
-def test_a_tree_that_is_never_used(check: Check) -> None:
-    assert check("<AlwaysSuccess/>", tree("Left")) == said(
+def test_unused_tree_is_reported(check: Check) -> None:
+    assert check("<AlwaysSuccess/>", tree("Left")) == dedented(
         """
         t.xml:5:21: W104 the tree 'Left' is unused: 'Main' doesn't call it, directly or indirectly
            5 |    <BehaviorTree ID="Left">
@@ -267,16 +267,16 @@ def test_a_tree_that_is_never_used(check: Check) -> None:
     )
 
 
-def test_of_unused_trees_that_call_each_other_the_first_is_named(check: Check) -> None:
+def test_first_of_unused_trees_that_call_each_other_is_reported(check: Check) -> None:
     found = check("<AlwaysSuccess/>", tree("Left", '<SubTree ID="Right"/>') + tree("Right"))
     assert [line for line in found.splitlines() if "W104" in line] == [
         "t.xml:5:21: W104 the tree 'Left' is unused: 'Main' doesn't call it, directly or indirectly"
     ]
 
 
-def test_trees_that_are_called_are_used(check: Check) -> None:
+def test_called_trees_are_not_reported(check: Check) -> None:
     assert check('<SubTree ID="Left"/>', tree("Left", '<SubTree ID="Right"/>') + tree("Right")) == ""
 
 
-def test_a_library_of_trees_is_fine(check: Any) -> None:
+def test_library_of_trees_is_not_reported(check: Any) -> None:
     assert check.found_in(f'<root BTCPP_format="4">\n{tree("A")}{tree("B")}</root>') == []

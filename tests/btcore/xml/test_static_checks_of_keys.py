@@ -1,4 +1,4 @@
-"""Warnings about keys: read and never written, handed over in vain, of a type that refuses a value."""
+"""Warnings about keys: read but never written, passed without effect, of a type that refuses a value."""
 
 from collections.abc import Callable
 from textwrap import dedent
@@ -19,11 +19,11 @@ def tree(ID: str, body: str) -> str:
 
 
 def children(*of: str) -> str:
-    """A Sequence with a child a line: they stand in lines 4, 5, 6 …"""
+    """Return a Sequence with one child per line; the children stand in lines 4, 5, 6 …"""
     return "\n      ".join(("<Sequence>", *of)) + "\n    </Sequence>"
 
 
-def said(text: str) -> str:
+def dedented(text: str) -> str:
     return dedent(text).lstrip("\n")
 
 
@@ -70,7 +70,7 @@ CASES = {
               write it first, or fill the blackboard before the first tick: tree.blackboard["done"] = …
         """,
     ),
-    "perhaps an enum": (
+    "a possible enum member": (
         children('<Script code="state := READY"/>'),
         "",
         """
@@ -80,7 +80,7 @@ CASES = {
               if it is the name of an enum member, register the enum with nodes.add_enum(…); else write it first, or fill the blackboard before the first tick: tree.blackboard["READY"] = …
         """,  # noqa: E501 - a hint is one line
     ),
-    "known to the calling tree alone": (
+    "known only to the calling tree": (
         children('<Look found="{door}"/>', '<SubTree ID="Inner"/>'),
         tree("Inner", '<Say text="{door}"/>'),
         """
@@ -100,7 +100,7 @@ CASES = {
               {x} must hold the name of the entry to write; to write the entry x itself, use output_key="x"
         """,
     ),
-    "assigned to, and made by nothing": (
+    "assigned to but never created": (
         '<Script code="x += 1"/>',
         "",
         """
@@ -110,7 +110,7 @@ CASES = {
               to create it, write x := …; or fill the blackboard before the first tick: tree.blackboard["x"] = …
         """,  # noqa: E501 - a message is one line
     ),
-    "handed over in vain": (
+    "passed without effect": (
         children('<Look found="{door}"/>', '<SubTree ID="Inner" dor="{door}" door="x"/>'),
         tree("Inner", '<Say text="{door}"/>'),
         """
@@ -130,7 +130,7 @@ CASES = {
               its keys are 'x'
         """,
     ),
-    "handed over under a name that is mistyped": (
+    "passed under a mistyped name": (
         '<SubTree ID="Inner" gate="open" dor="shut"/>',
         tree("Inner", '<Script code="gate := door"/>'),
         """
@@ -198,18 +198,18 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_what_is_said_of_a_key(check: Check, name: str) -> None:
+def test_warning_about_a_key(check: Check, name: str) -> None:
     body, more, expected = CASES[name]
-    assert check(body, more) == said(expected)
+    assert check(body, more) == dedented(expected)
 
 
 RAISING = [
     "read by a port",
     "read by a script",
-    "perhaps an enum",
-    "known to the calling tree alone",
+    "a possible enum member",
+    "known only to the calling tree",
     "braces around the key of a SetBlackboard",
-    "assigned to, and made by nothing",
+    "assigned to but never created",
     "an entry that is a text",
     "an entry that is a text, in the calling tree",
     "a script's text for a number",
@@ -219,7 +219,7 @@ RAISING = [
 
 
 @pytest.mark.parametrize("name", RAISING)
-def test_what_is_warned_of_happens(palette: Registry, name: str) -> None:
+def test_tree_with_a_warning_raises_when_ticked(palette: Registry, name: str) -> None:
     body, more, _ = CASES[name]
     text = (
         f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">'
@@ -234,9 +234,9 @@ def test_what_is_warned_of_happens(palette: Registry, name: str) -> None:
 FINE = {
     "written by a port": children('<Look found="{door}"/>', '<Say text="{door}"/>'),
     "written later": children('<Say text="{door}" _skipIf="true"/>', '<Look found="{door}"/>'),
-    "made by a script": children('<Script code="n := 3; n += 1"/>', REPEAT),
-    "made by the script of a condition": children('<AlwaysSuccess _onSuccess="n := 3"/>', REPEAT),
-    "made by a port, and assigned to": children('<Count start="1" result="{n}"/>', '<Script code="n = 2"/>'),
+    "created by a script": children('<Script code="n := 3; n += 1"/>', REPEAT),
+    "created by the script of a condition": children('<AlwaysSuccess _onSuccess="n := 3"/>', REPEAT),
+    "created by a port, assigned to": children('<Count start="1" result="{n}"/>', '<Script code="n = 2"/>'),
     "set by name": children('<SetBlackboard value="3" output_key="n"/>', REPEAT),
     "written under the port's own name": children('<Look found="{=}"/>', '<Say text="{found}"/>'),
     "written by a loop": '<LoopInt queue="1;2" value="{n}"><Script code="m := n"/></LoopInt>',
@@ -247,7 +247,7 @@ FINE = {
 
 
 @pytest.mark.parametrize("name", FINE)
-def test_keys_that_are_fine(check: Check, name: str) -> None:
+def test_valid_keys_are_not_reported(check: Check, name: str) -> None:
     assert check(FINE[name]) == ""
 
 
@@ -263,27 +263,27 @@ def test_keys_that_are_fine(check: Check, name: str) -> None:
         ('<SubTree ID="Inner" word="{door}"/>', '<SubTree ID="Deep" _autoremap="true"/>'),
     ],
 )
-def test_keys_that_are_handed_over(check: Check, call: str, inner: str) -> None:
+def test_keys_passed_to_subtrees_are_not_reported(check: Check, call: str, inner: str) -> None:
     deep = tree("Deep", '<Say text="{word}"/>') if "Deep" in inner else ""
     assert check(children('<Look found="{door}"/>', call), tree("Inner", inner) + deep) == ""
 
 
-def test_a_key_that_a_subtree_writes_is_known_to_its_caller(check: Check) -> None:
+def test_key_written_by_a_subtree_is_known_to_its_caller(check: Check) -> None:
     body = children('<SubTree ID="Inner" place="{door}"/>', '<Say text="{door}"/>')
     assert check(body, tree("Inner", '<Look found="{place}"/>')) == ""
 
 
-def test_keys_that_the_blackboard_comes_with(check: Check) -> None:
+def test_given_keys_are_not_reported(check: Check) -> None:
     body = children('<Say text="{goal}"/>', '<Script code="x += 1"/>')
     assert check(body, given=["goal", "x"]) == ""
     assert "W201" in check(body, given=["x"])
 
 
-def test_a_script_on_the_blackboard_must_be_there_at_load(check: Check) -> None:
-    # What the script writes isn't known, so nothing is said of {door}.
+def test_script_on_the_blackboard_must_exist_when_the_tree_is_built(check: Check) -> None:
+    # The writes of the script are unknown, so {door} is not reported.
     body = children('<Script code="{code}"/>', '<Say text="{door}"/>')
     assert check(body, given=["code"]) == ""
-    assert check(body) == said(
+    assert check(body) == dedented(
         """
         t.xml:4:21: W201 <Script> reads its script from {code}, which is empty when the tree is built
            4 |        <Script code="{code}"/>
@@ -293,8 +293,8 @@ def test_a_script_on_the_blackboard_must_be_there_at_load(check: Check) -> None:
     )
 
 
-def test_a_subtree_knows_nothing_of_what_the_main_blackboard_comes_with(check: Check) -> None:
-    assert check('<SubTree ID="Inner"/>', tree("Inner", '<Say text="{goal}"/>'), given=["goal"]) == said(
+def test_given_keys_are_unknown_in_a_subtree(check: Check) -> None:
+    assert check('<SubTree ID="Inner"/>', tree("Inner", '<Say text="{goal}"/>'), given=["goal"]) == dedented(
         """
         t.xml:6:16: W201 the port 'text' of <Say> reads {goal}, which is never written
            6 |      <Say text="{goal}"/>
@@ -304,7 +304,7 @@ def test_a_subtree_knows_nothing_of_what_the_main_blackboard_comes_with(check: C
     )
 
 
-def test_a_tree_with_a_model_is_handed_its_ports(check: Any) -> None:
+def test_subtree_model_provides_its_ports(check: Any) -> None:
     text = (
         '<root BTCPP_format="4">'
         '<TreeNodesModel><SubTree ID="Greet"><input_port name="who"/></SubTree></TreeNodesModel>'
@@ -316,14 +316,14 @@ def test_a_tree_with_a_model_is_handed_its_ports(check: Any) -> None:
     ]
 
 
-def test_a_tree_that_is_called_twice_is_told_of_once(check: Any) -> None:
+def test_tree_that_is_called_twice_is_reported_once(check: Any) -> None:
     found = check.found(
         children('<SubTree ID="Inner"/>', '<SubTree ID="Inner"/>'), tree("Inner", '<Say text="{door}"/>')
     )
     assert [one.code for one in found] == ["W201"]
 
 
-def test_a_tree_that_is_called_twice_is_told_of_the_call_that_lacks_a_key(check: Check) -> None:
+def test_warning_names_the_call_that_lacks_a_key(check: Check) -> None:
     body = children('<SubTree ID="Inner" door="shut"/>', '<SubTree ID="Inner"/>')
     assert "in the SubTree of 'Inner' in line 5 write door=" in check(
         body, tree("Inner", '<Say text="{door}"/>')
@@ -333,9 +333,9 @@ def test_a_tree_that_is_called_twice_is_told_of_the_call_that_lacks_a_key(check:
 # --- format 3
 
 
-def test_braces_in_a_subtree_of_format_3(check: Check) -> None:
+def test_braces_in_a_subtree_of_format_3_are_reported(check: Check) -> None:
     body = children('<Look found="{door}"/>', '<SubTree ID="Inner" door="{door}"/>')
-    assert check(body, tree("Inner", '<Say text="{door}"/>'), format=3) == said(
+    assert check(body, tree("Inner", '<Say text="{door}"/>'), format=3) == dedented(
         """
         t.xml:5:33: W205 in format 3 <SubTree ID="Inner"> takes keys without braces: 'door' has no effect
            5 |        <SubTree ID="Inner" door="{door}"/>
@@ -354,12 +354,12 @@ def test_braces_in_a_subtree_of_format_3(check: Check) -> None:
         '<SubTree ID="Inner" __shared_blackboard="true"/>',
     ],
 )
-def test_keys_that_are_handed_over_in_format_3(check: Check, call: str) -> None:
+def test_keys_passed_in_format_3_are_not_reported(check: Check, call: str) -> None:
     body = children('<Look found="{door}"/>', call)
     assert check(body, tree("Inner", '<Say text="{door}"/>'), format=3) == ""
 
 
-def test_a_key_that_is_not_handed_over_in_format_3(check: Check) -> None:
+def test_key_not_passed_in_format_3_is_reported(check: Check) -> None:
     found = check(
         children('<Look found="{door}"/>', '<SubTree ID="Inner"/>'),
         tree("Inner", '<Say text="{door}"/>'),

@@ -1,4 +1,4 @@
-"""Warnings about texts: missing ports, numbers read in part, braces that lack, scripts that raise."""
+"""Warnings about texts: missing ports, numbers read in part, missing braces, scripts that raise."""
 
 from collections.abc import Callable
 from textwrap import dedent
@@ -12,7 +12,7 @@ from btcore.clock import SimClock
 Check = Callable[..., str]
 
 
-def said(text: str) -> str:
+def dedented(text: str) -> str:
     return dedent(text).lstrip("\n")
 
 
@@ -28,7 +28,7 @@ CASES = {
               write text="…"
         """,
     ),
-    "a leaf without its ports, one of them written": (
+    "a leaf without its ports, including an output": (
         "<Count/>",
         """
         t.xml:3:5: W202 the ports 'start' and 'result' of <Count> are missing and have no default
@@ -100,7 +100,7 @@ CASES = {
               write true without quotes
         """,
     ),
-    "a script that can't be worked out": (
+    "a script that cannot be evaluated": (
         "<Script code=\"a := 'x' * 2\"/>",
         """
         t.xml:3:28: W207 the script in 'code' of <Script> always raises: '*' does not support the text 'x' and the number 2
@@ -125,7 +125,7 @@ CASES = {
               to compare, write x == …
         """,
     ),
-    "a brace that lacks": (
+    "a missing brace": (
         '<Say text="{door"/>',
         """
         t.xml:3:16: W210 the port 'text' of <Say> is the text '{door', not an entry
@@ -156,25 +156,25 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_what_is_said_of_a_text(check: Check, name: str) -> None:
+def test_warning_about_a_text(check: Check, name: str) -> None:
     body, expected = CASES[name]
-    assert check(body, given=["x", "a"]) == said(expected)
+    assert check(body, given=["x", "a"]) == dedented(expected)
 
 
 RAISING = [
     "a leaf without its port",
-    "a leaf without its ports, one of them written",
+    "a leaf without its ports, including an output",
     "a built-in node without its port",
     "a condition that is a number",
     "a condition that is a text",
-    "a script that can't be worked out",
+    "a script that cannot be evaluated",
     "a script that assigns to a comparison",
     "an output without braces",
 ]
 
 
 @pytest.mark.parametrize("name", RAISING)
-def test_what_is_warned_of_happens(palette: Registry, name: str) -> None:
+def test_tree_with_a_warning_raises_when_ticked(palette: Registry, name: str) -> None:
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{CASES[name][0]}</BehaviorTree></root>'
     made = btcore.loads(text, nodes=palette, clock=SimClock())
     made.blackboard["a"] = 1
@@ -214,7 +214,7 @@ def test_what_is_warned_of_happens(palette: Registry, name: str) -> None:
         "<Script code=\"n := 'a' + 'b'\"/>",
     ],
 )
-def test_texts_that_are_fine(check: Check, body: str) -> None:
+def test_valid_texts_are_not_reported(check: Check, body: str) -> None:
     assert check(body, given=["x"]) == ""
 
 
@@ -227,17 +227,17 @@ def test_texts_that_are_fine(check: Check, body: str) -> None:
         '<Say text="${x}"/>',
     ],
 )
-def test_texts_that_are_fine_in_format_3(check: Check, body: str) -> None:
+def test_valid_texts_are_not_reported_in_format_3(check: Check, body: str) -> None:
     assert check(body, format=3, given=["x"]) == ""
 
 
-def test_a_fraction_for_an_integer_in_format_3(check: Check) -> None:
+def test_fraction_for_an_integer_is_reported_in_format_3(check: Check) -> None:
     assert "only '3' of '3.7' is read" in check(f'<Repeat num_cycles="3.7">{REPEAT}', format=3)
 
 
-def test_a_subtrees_constant_with_half_a_pointer(check: Check) -> None:
+def test_constant_with_a_missing_brace_is_reported(check: Check) -> None:
     more = '  <BehaviorTree ID="Inner"><Say text="{word}"/></BehaviorTree>\n'
-    assert check('<SubTree ID="Inner" word="door}"/>', more) == said(
+    assert check('<SubTree ID="Inner" word="door}"/>', more) == dedented(
         """
         t.xml:3:31: W210 'word' of <SubTree ID="Inner"> is the text 'door}', not an entry
            3 |      <SubTree ID="Inner" word="door}"/>
@@ -247,14 +247,14 @@ def test_a_subtrees_constant_with_half_a_pointer(check: Check) -> None:
     )
 
 
-# --- E202 in format 3, whose loader takes every text
+# --- E202 in format 3, whose loader accepts every text
 
 
-def test_what_a_leaf_of_format_3_will_not_be_able_to_read_is_an_error(
+def test_text_that_a_leaf_of_format_3_cannot_read_is_an_error(
     check: Check, palette: Registry, document: Callable[..., str]
 ) -> None:
     body = '<Repeat num_cycles="many"><AlwaysSuccess/></Repeat>'
-    assert check(body, format=3) == said(
+    assert check(body, format=3) == dedented(
         """
         t.xml:3:25: E202 the port 'num_cycles' of <Repeat> has the type int: 'many' is not an integer
            3 |      <Repeat num_cycles="many"><AlwaysSuccess/></Repeat>
@@ -267,11 +267,11 @@ def test_what_a_leaf_of_format_3_will_not_be_able_to_read_is_an_error(
         tree.tick_once()
 
 
-def test_texts_that_format_3_reads_otherwise_are_no_error(check: Check) -> None:
+def test_texts_valid_only_in_format_3_are_not_reported(check: Check) -> None:
     assert check('<BatteryOk minimum=" +0x1p-1"/>', format=3) == ""
 
 
-def test_the_keys_are_looked_at_all_the_same(check: Check) -> None:
+def test_keys_are_checked_after_an_error_too(check: Check) -> None:
     body = '<Sequence><BatteryOk minimum="low"/><Say text="{nobody}"/></Sequence>'
     assert [line[:4] for line in check(body, format=3).split() if line[:2] in ("E2", "W2")] == [
         "E202",

@@ -1,4 +1,4 @@
-"""The validator on thousands of documents whose behaviour was recorded from the C++ engines."""
+"""The validator on thousands of documents whose behaviour was recorded with the C++ engines."""
 
 import re
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ MUTATED = ["v4_mutated", "v3_mutated"]
 Case = dict[str, Any]
 
 
-def checked(case: Case) -> list[Diagnostic]:
+def diagnostics_of(case: Case) -> list[Diagnostic]:
     try:
         document = parse_text(case["xml"])
     except TreeError as tree_error:
@@ -34,13 +34,13 @@ def checked(case: Case) -> list[Diagnostic]:
 
 
 @cache
-def validated(name: str) -> list[tuple[Case, list[Diagnostic]]]:
-    """The cases in the file *name*, with what the validator says of each."""
-    return [(case, checked(case)) for case in read_cases(DATA / f"{name}.jsonl.gz")]
+def validated_cases(name: str) -> list[tuple[Case, list[Diagnostic]]]:
+    """Return the cases of the file *name*, each with the diagnostics of the validator."""
+    return [(case, diagnostics_of(case)) for case in read_cases(DATA / f"{name}.jsonl.gz")]
 
 
 def names_of(xml: str, found: list[Diagnostic], code: str) -> Iterator[str]:
-    """The names of the nodes that the diagnostics of *code* point at; the documents are one line each."""
+    """Yield the names of the nodes that diagnostics of *code* point at; each document is a single line."""
     for one in found:
         named = re.match(r'<\w+ [^>]*?name="(\w+)"', xml[one.column - 1 :])
         if one.code == code and one.line == 1 and named:
@@ -48,9 +48,9 @@ def names_of(xml: str, found: list[Diagnostic], code: str) -> Iterator[str]:
 
 
 @pytest.mark.parametrize(("name", "least"), [("v4_control", 40), ("v4_full", 50), ("v3_full", 100)])
-def test_what_is_never_ticked_never_was(name: str, least: int) -> None:
+def test_node_reported_as_never_ticked_was_never_ticked(name: str, least: int) -> None:
     told = 0
-    for case, found in validated(name):
+    for case, found in validated_cases(name):
         for node in names_of(case["xml"], found, "W105"):
             told += 1
             for tick in case["expect"].get("ticks", ()):
@@ -60,24 +60,24 @@ def test_what_is_never_ticked_never_was(name: str, least: int) -> None:
 
 
 @pytest.mark.parametrize("name", WHOLE)
-def test_what_can_be_run_has_no_errors(name: str) -> None:
-    for case, found in validated(name):
+def test_tree_that_can_be_run_has_no_errors(name: str) -> None:
+    for case, found in validated_cases(name):
         if "load_error" not in case["expect"]:
             assert [one for one in found if one.is_error] == [], case["id"]
 
 
 @pytest.mark.parametrize("name", MUTATED)
-def test_the_errors_are_those_of_the_loader(name: str) -> None:
+def test_errors_include_those_of_the_loader(name: str) -> None:
     tree_error = 0
     for case in read_cases(DATA / f"{name}.jsonl.gz"):
-        found = [str(one) for one in checked(case) if one.is_error]
+        found = [str(one) for one in diagnostics_of(case) if one.is_error]
         try:
             btcore.loads(
                 case["xml"], nodes=NODES, tree=case.get("tree"), format=case["format"], resources=[CallLog()]
             )
         except TreeError as fault:
             tree_error += 1
-            # Without a main tree a document is a library, and the blackboard may come with a script.
+            # Without a main tree a document is a library; a script may be given on the blackboard.
             loader = {
                 str(one)
                 for one in fault.diagnostics

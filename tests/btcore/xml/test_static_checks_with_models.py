@@ -1,4 +1,4 @@
-"""Trees whose leaves are C++, known by their models alone: only what is certain is said of them."""
+"""Trees with C++ leaves that are known only by their models: only certain errors are reported."""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -54,7 +54,7 @@ class Files:
         add_models(self.nodes, folder / "palette.xml")
         self.tree = folder / "navigate.xml"
 
-    def said_of(self, text: str, given: Collection[str] = ()) -> list[str]:
+    def diagnostics_of(self, text: str, given: Collection[str] = ()) -> list[str]:
         self.tree.write_text(text, encoding="utf-8")
         found = validate_document(parse_file(self.tree), nodes=self.nodes, given=given)
         return [f"{one.line}:{one.column}: {one.code} {one.message}" for one in found]
@@ -66,10 +66,10 @@ def files(tmp_path: Path) -> Files:
 
 
 def test_a_navigation_tree_lacks_only_its_goal(files: Files) -> None:
-    assert files.said_of(NAVIGATE) == [
+    assert files.diagnostics_of(NAVIGATE) == [
         "6:40: W201 the port 'goal' of <Plan> reads {goal}, which is never written"
     ]
-    assert files.said_of(NAVIGATE, given=["goal"]) == []
+    assert files.diagnostics_of(NAVIGATE, given=["goal"]) == []
 
 
 @pytest.mark.parametrize(
@@ -97,12 +97,12 @@ def test_a_navigation_tree_lacks_only_its_goal(files: Files) -> None:
         ),
     ],
 )
-def test_the_ports_of_a_model_are_looked_at(files: Files, written: str, instead: str, said: str) -> None:
-    assert said in files.said_of(NAVIGATE.replace(written, instead), given=["goal"])
+def test_ports_of_a_model_are_checked(files: Files, written: str, instead: str, said: str) -> None:
+    assert said in files.diagnostics_of(NAVIGATE.replace(written, instead), given=["goal"])
 
 
-def test_what_a_model_can_not_tell_is_left_open(files: Files) -> None:
-    # Neither whether <Plan> lasts, nor whether <Clear> needs its service, nor what <GoalMoved> may give.
+def test_properties_unknown_from_a_model_are_not_reported(files: Files) -> None:
+    # Unknown: whether <Plan> lasts, whether <Clear> requires its service, what <GoalMoved> may return.
     body = "<ReactiveSequence><Plan/><GoalMoved/><Follow/></ReactiveSequence>"
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
-    assert files.said_of(text) == []
+    assert files.diagnostics_of(text) == []

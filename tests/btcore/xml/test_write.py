@@ -1,4 +1,4 @@
-"""A tree, written as XML, is byte for byte what BehaviorTree.CPP writes but for the texts of descriptions."""
+"""A tree written as XML matches BehaviorTree.CPP byte for byte, except for the texts of descriptions."""
 
 from pathlib import Path
 
@@ -48,7 +48,7 @@ SOURCE = """
   </BehaviorTree>
 </root>
 """
-# What BehaviorTree.CPP 4.10 answers for that tree, to the byte.
+# The answer of BehaviorTree.CPP 4.10 for that tree, byte for byte.
 TREES = """<root BTCPP_format="4">
     <BehaviorTree ID="Main" _fullpath="">
         <Sequence name="root_seq" _uid="1">
@@ -78,11 +78,11 @@ def nodes() -> Registry:
     return made
 
 
-def test_the_trees_are_those_of_the_original(nodes: Registry) -> None:
+def test_trees_match_those_of_behaviortree_cpp(nodes: Registry) -> None:
     assert tree_to_xml(loads(SOURCE, nodes=nodes)).startswith(TREES)
 
 
-def test_the_models_are_sorted_and_have_the_types_of_cpp(nodes: Registry) -> None:
+def test_models_are_sorted_and_have_the_types_of_cpp(nodes: Registry) -> None:
     text = tree_to_xml(loads(SOURCE, nodes=nodes))
     assert (
         '        <Action ID="Count">\n'
@@ -97,7 +97,7 @@ def test_the_models_are_sorted_and_have_the_types_of_cpp(nodes: Registry) -> Non
     assert text.endswith("    </TreeNodesModel>\n</root>\n")
 
 
-def test_without_metadata_and_built_in_models(nodes: Registry) -> None:
+def test_metadata_and_built_in_models_can_be_omitted(nodes: Registry) -> None:
     text = tree_to_xml(loads(SOURCE, nodes=nodes), metadata=False, builtin_models=False)
     assert "_uid" not in text
     assert '<SubTree ID="Sub" lim="7" mode="fast" target="{val}"/>' in text
@@ -107,14 +107,14 @@ def test_without_metadata_and_built_in_models(nodes: Registry) -> None:
     assert [model.get("ID") for model in models] == ["Count"]
 
 
-def test_what_is_written_can_be_loaded_again(nodes: Registry) -> None:
+def test_written_tree_can_be_loaded_again(nodes: Registry) -> None:
     first = loads(SOURCE, nodes=nodes)
     text = tree_to_xml(first)
     again = loads(text, nodes=nodes, tree="Main")
     assert [(node.id, node.name) for node in again] == [(node.id, node.name) for node in first]
 
 
-def test_texts_with_quotes_brackets_and_line_breaks_survive(nodes: Registry) -> None:
+def test_texts_with_quotes_brackets_and_line_breaks_are_kept(nodes: Registry) -> None:
     script = "a := 'x';\n\tb := a == 'y' &amp;&amp; 1 &lt; 2"
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main"><Script code="{script}"/></BehaviorTree></root>'
     tree = loads(text, nodes=nodes)
@@ -132,7 +132,7 @@ def test_a_subtree_of_format_3_is_written_with_braces(nodes: Registry) -> None:
     assert '<SubTree ID="Sub" _fullpath="Sub::1" _uid="1" inner="{outer}"/>' in written
 
 
-def test_a_palette_for_groot(nodes: Registry, tmp_path: Path) -> None:
+def test_models_are_written_for_groot(nodes: Registry, tmp_path: Path) -> None:
     written = write_models([nodes.manifests["Count"], nodes.manifests["Sleep"]])
     assert written.startswith('<root BTCPP_format="4">\n    <TreeNodesModel>\n        <Action ID="Count">\n')
     assert write_models([nodes.manifests["Count"]], format=3) == (

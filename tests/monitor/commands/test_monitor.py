@@ -1,4 +1,4 @@
-"""``btcore monitor`` on the command line: what it does, and what it says to mistakes."""
+"""``btcore monitor`` on the command line: its outputs, and its error messages."""
 
 import json
 import os
@@ -50,7 +50,7 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
         (["--screenshot", "x.png", "--size", "big"], "'big' is not a size: use WIDTHxHEIGHT"),
     ],
 )
-def test_a_mistake_is_one_sentence_and_exit_code_2(arguments, said):
+def test_a_usage_error_is_reported_with_exit_code_2(arguments, said):
     nowhere_to_show = {"DISPLAY": None, "WAYLAND_DISPLAY": None}
     result = CliRunner().invoke(monitor_command, arguments, prog_name="btcore monitor", env=nowhere_to_show)
     assert result.exit_code == 2
@@ -59,14 +59,14 @@ def test_a_mistake_is_one_sentence_and_exit_code_2(arguments, said):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
-def test_without_a_display_it_says_what_to_do():
+def test_the_error_without_a_display_lists_the_alternatives():
     result = monitor("127.0.0.1:1")
     assert result.returncode == 2
     assert "there is no display here" in result.stderr
     assert all(option in result.stderr for option in ("--serve-web", "--save", "--screenshot"))
 
 
-def test_without_rerun_it_says_how_to_get_it():
+def test_the_error_without_rerun_names_the_package_to_install():
     code = (
         "import sys, importlib.abc\n"
         "class Hidden(importlib.abc.MetaPathFinder):\n"
@@ -88,7 +88,7 @@ def test_without_rerun_it_says_how_to_get_it():
     assert "Traceback" not in result.stderr
 
 
-def test_help_is_there_before_rerun_is_imported():
+def test_help_is_printed_without_importing_rerun():
     code = (
         "import sys\nfrom btcore_monitor.commands.monitor import monitor\n"
         "try: monitor(['--help'])\n"
@@ -102,7 +102,7 @@ def test_help_is_there_before_rerun_is_imported():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the processor time from /proc")
-def test_waiting_for_a_robot_costs_next_to_nothing_and_ends_when_asked(tmp_path):
+def test_waiting_for_a_robot_takes_little_processor_time_and_ends_at_sigint(tmp_path):
     process = subprocess.Popen(
         [
             sys.executable,
@@ -173,7 +173,7 @@ def test_a_thousand_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tm
     assert (ended[condition, 2], ended[condition, 3]) == (counts["success"], counts["failure"])
 
 
-def test_a_file_that_is_no_recording_is_said_at_once(tmp_path):
+def test_a_file_that_is_not_a_recording_is_reported(tmp_path):
     junk = tmp_path / "junk.rrd"
     junk.write_text("junk")
     command = [sys.executable, "-m", "btcore_monitor", str(junk), "--screenshot", str(tmp_path / "junk.png")]

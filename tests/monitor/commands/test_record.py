@@ -1,4 +1,4 @@
-"""`btcore record`: a running robot, by the wire, in files that are whole."""
+"""`btcore record`: recording a running robot over the network in complete files."""
 
 import functools
 import signal
@@ -36,7 +36,7 @@ WALL = 1_700_000_000 * 10**9
 
 @pytest.fixture
 def record(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Starts ``btcore record …``."""
+    """Return a function that starts ``btcore record …``."""
     return functools.partial(command, "record")
 
 
@@ -72,7 +72,7 @@ def _numbers(path: Path) -> Iterator[int]:
                 yield number
 
 
-def test_ctrl_c_leaves_whole_files(endless, record, tmp_path: Path, until) -> None:
+def test_ctrl_c_leaves_complete_files(endless, record, tmp_path: Path, until) -> None:
     with serve(endless, groot2=0, grace=0) as publisher:
         recorder = record(publisher.address, "-o", "run.btlog", "-o", "run.db3")
         assert publisher.wait_for_clients(1, 60)
@@ -89,7 +89,7 @@ def test_ctrl_c_leaves_whole_files(endless, record, tmp_path: Path, until) -> No
     assert sorted(one.name for one in tmp_path.iterdir()) == ["run.btlog", "run.db3"]
 
 
-def test_a_robot_that_only_speaks_groot_2_is_recorded_and_what_is_missing_is_said(
+def test_a_robot_with_only_groot_2_is_recorded_and_missing_data_is_reported(
     sample, record, tmp_path: Path, until
 ) -> None:
     path = tmp_path / "run.btlog"
@@ -107,9 +107,7 @@ def test_a_robot_that_only_speaks_groot_2_is_recorded_and_what_is_missing_is_sai
     assert recording.xml == tree_to_xml(sample)
 
 
-def test_a_robot_that_only_speaks_groot_1_is_recorded_in_every_file(
-    endless, record, tmp_path: Path, until
-) -> None:
+def test_a_robot_with_only_groot_1_is_recorded_in_every_file(endless, record, tmp_path: Path, until) -> None:
     pytest.importorskip("rerun")
     names = ("run.btlog", "run.db3", "run.rrd")
     with (
@@ -119,7 +117,7 @@ def test_a_robot_that_only_speaks_groot_1_is_recorded_in_every_file(
         assert publisher.groot1 is not None
         address = f"127.0.0.1:{publisher.groot1 + 1}"
         recorder = record(address, *(part for name in names for part in ("-o", name)))
-        # Groot 1's protocol doesn't tell the tree's name.
+        # Groot 1's protocol does not contain the tree's name.
         until(lambda: "record: recording '" in recorder.stderr_text, "the tree")
         assert "by Groot 1's protocol" in recorder.stderr_text
         for _ in range(50):
@@ -141,7 +139,7 @@ def test_a_robot_that_only_speaks_groot_1_is_recorded_in_every_file(
     )
 
 
-def test_with_no_record_a_robots_buffer_is_left_to_its_owner(sample, record, tmp_path: Path, until) -> None:
+def test_no_record_leaves_the_robots_buffer_to_another_client(sample, record, tmp_path: Path, until) -> None:
     with (
         serve(sample, groot2=0, scene=False) as publisher,
         Groot2Client(parse_address(publisher.address)) as owner,
@@ -160,7 +158,7 @@ def test_with_no_record_a_robots_buffer_is_left_to_its_owner(sample, record, tmp
     assert "short changes are not seen" in gap.reason
 
 
-def test_a_recording_for_the_viewer_looks_as_asked_for(endless, record, tmp_path: Path) -> None:
+def test_display_options_apply_to_a_recording_for_the_viewer(endless, record, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     with serve(endless, groot2=0) as publisher:
         look = ["--find", "nothing*", "--palette", "colour-blind", "--log-level", "info"]
@@ -195,7 +193,9 @@ def _lines(path: Path) -> Iterator[str]:
         (["127.0.0.1:9", "-o", "a.btlog", "--duration", "0.1"], "no tree was seen at 127.0.0.1:9"),
     ],
 )
-def test_a_mistake_is_a_sentence_and_exit_code_2(record, tmp_path: Path, arguments, said: str) -> None:
+def test_an_error_is_reported_with_exit_code_2_and_leaves_no_file(
+    record, tmp_path: Path, arguments, said: str
+) -> None:
     recorder = record(*arguments)
     assert recorder.end() == 2
     assert said.casefold() in recorder.stderr_text.casefold()
@@ -203,9 +203,9 @@ def test_a_mistake_is_a_sentence_and_exit_code_2(record, tmp_path: Path, argumen
     assert list(tmp_path.iterdir()) == []
 
 
-# --- the log writer alone: what no real robot does on demand
+# --- the log writer alone: events that a real robot does not produce on demand
 
-PICTURE = ObservedTree(
+TREE = ObservedTree(
     "a" * 32,
     "Main",
     (
@@ -227,9 +227,9 @@ def logs(tmp_path: Path) -> list[Path]:
     return [tmp_path / "run.btlog", tmp_path / "run.db3"]
 
 
-def test_a_gap_of_numbers_is_marked_and_how_nodes_are_found_after_it(logs: list[Path]) -> None:
+def test_a_gap_is_marked_and_status_changes_within_it_are_added(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeSeen(PICTURE, 0, WALL, {}))
+    book.show(TreeSeen(TREE, 0, WALL, {}))
     book.show(changed(1, 0, 1, 0, 1))
     book.show(changed(2, 1, 2, 0, 1))
     book.show(TransitionsLost(3, 8))
@@ -249,14 +249,14 @@ def test_a_gap_of_numbers_is_marked_and_how_nodes_are_found_after_it(logs: list[
     assert (book.transitions, book.gaps) == (4, 1)
 
 
-def test_a_robot_that_was_away_and_one_that_ran_before_are_marked(logs: list[Path]) -> None:
+def test_a_lost_connection_and_an_earlier_start_are_marked_as_gaps(logs: list[Path]) -> None:
     book = LogWriter(logs)
     sampled = DataSource(
         "Groot 2, sampled", {"ticks": "not sent", "transitions": "short changes are not seen"}
     )
-    book.show(TreeSeen(PICTURE, 0, WALL, {1: 1}, numbered=False, source=sampled))
+    book.show(TreeSeen(TREE, 0, WALL, {1: 1}, numbered=False, source=sampled))
     book.show(ConnectionChanged("lost", "no answer for 3 s"))
-    book.show(TreeSeen(PICTURE, 5 * MS, WALL, {1: 2}, numbered=False))
+    book.show(TreeSeen(TREE, 5 * MS, WALL, {1: 2}, numbered=False))
     book.close()
     assert [gap.reason for gap in read_log(logs[0]).gaps] == [
         "short changes are not seen",
@@ -268,9 +268,9 @@ def test_a_robot_that_was_away_and_one_that_ran_before_are_marked(logs: list[Pat
         assert read_log(log).gaps[-1] == (1, "the robot was away: no answer for 3 s")
 
 
-def test_what_went_unseen_is_marked_where_it_is_a_transition(logs: list[Path]) -> None:
+def test_missed_transitions_are_marked_as_a_gap_and_other_missed_data_is_not(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeSeen(PICTURE, 0, WALL, {}, numbered=False))
+    book.show(TreeSeen(TREE, 0, WALL, {}, numbered=False))
     book.show(changed(1, 1, 2, 0, 1))
     book.show(DataMissed(2 * MS, WALL, MS, "blackboard", "not asked for"))
     book.show(DataMissed(2 * MS, WALL, MS, "transitions", "the robot's buffer ran over"))
@@ -281,20 +281,20 @@ def test_what_went_unseen_is_marked_where_it_is_a_transition(logs: list[Path]) -
         assert [change[1:] for change in read_log(log).transitions] == [(2, 0, 1), (2, 1, 2), (2, 2, 0)]
 
 
-def test_what_the_robot_no_longer_remembers_is_marked(logs: list[Path]) -> None:
+def test_transitions_before_the_recording_are_marked_as_a_gap(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeSeen(PICTURE, 0, WALL, {}))
+    book.show(TreeSeen(TREE, 0, WALL, {}))
     book.show(changed(500, 1, 2, 0, 1))
     book.show(changed(501, 2, 2, 1, 2))
     book.close()
     assert read_log(logs[0]).gaps == ((0, "the transitions up to 499 were before the recording"),)
 
 
-def test_another_tree_gets_files_of_its_own(logs: list[Path]) -> None:
+def test_another_tree_is_written_to_separate_files(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeSeen(PICTURE, 0, WALL, {}))
+    book.show(TreeSeen(TREE, 0, WALL, {}))
     book.show(changed(1, 0, 1, 0, 1))
-    other = ObservedTree("b" * 32, "Main", PICTURE.nodes, PICTURE.subtrees)
+    other = ObservedTree("b" * 32, "Main", TREE.nodes, TREE.subtrees)
     book.show(TreeSeen(other, 0, WALL, {}))
     book.show(changed(1, 0, 2, 0, 2))
     book.close()
@@ -302,21 +302,21 @@ def test_another_tree_gets_files_of_its_own(logs: list[Path]) -> None:
     assert [read_log(file).transitions[0].uid for file in book.files] == [1, 1, 2, 2]
 
 
-def test_a_tree_that_came_without_xml_is_written_as_one(logs: list[Path]) -> None:
-    again = read_fulltree(write_fulltree(PICTURE), PICTURE.tree_id)
-    assert again == PICTURE
-    nodes = parse_nodes(write_fulltree(PICTURE), "here")
-    assert [node.path for node in nodes.values()] == [node.path for node in PICTURE.nodes]
+def test_a_tree_received_without_xml_is_written_as_xml(logs: list[Path]) -> None:
+    again = read_fulltree(write_fulltree(TREE), TREE.tree_id)
+    assert again == TREE
+    nodes = parse_nodes(write_fulltree(TREE), "here")
+    assert [node.path for node in nodes.values()] == [node.path for node in TREE.nodes]
 
 
-def test_a_tree_that_came_with_xml_is_written_byte_for_byte(sample) -> None:
+def test_a_tree_received_with_xml_is_written_byte_for_byte(sample) -> None:
     xml = tree_to_xml(sample).encode()
     assert write_fulltree(read_fulltree(xml, "0" * 32)) == xml
 
 
-def test_stamps_are_the_trees_time_on_the_wall_where_it_was_met(tmp_path: Path) -> None:
+def test_stamps_are_the_first_wall_time_plus_the_trees_elapsed_time(tmp_path: Path) -> None:
     book = LogWriter([tmp_path / "run.btlog"])
-    book.show(TreeSeen(PICTURE, 100 * MS, WALL, {}))
+    book.show(TreeSeen(TREE, 100 * MS, WALL, {}))
     book.show(StatusChanged(1, 350 * MS, WALL + 2 * MS, 1, 1, 0, 1))  # a run faster than real time
     book.close()
     recording = read_btlog(tmp_path / "run.btlog")

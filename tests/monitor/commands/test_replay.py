@@ -18,7 +18,7 @@ from btcore_monitor.wire.fulltree import read_fulltree
 
 CAPTURES = Path(__file__).parents[2] / "btcore" / "logs" / "captures"
 LOGS = [CAPTURES / name for name in ("v4_sample.btlog", "v4_sample.db3", "v3_sample.fbl")]
-EACH = pytest.mark.parametrize("log", LOGS, ids=lambda path: path.suffix[1:])
+EACH_LOG = pytest.mark.parametrize("log", LOGS, ids=lambda path: path.suffix[1:])
 
 Replay = Callable[..., Result]
 
@@ -37,8 +37,8 @@ def parts(text: str) -> list[tuple[str, str, str]]:
     return [(path, old, new) for _, path, old, _, new in words]
 
 
-@EACH
-def test_a_line_a_transition(replay: Replay, log: Path) -> None:
+@EACH_LOG
+def test_text_has_a_line_for_each_transition(replay: Replay, log: Path) -> None:
     recording = read_log(log)
     result = replay(log, "--text")
     assert result.exit_code == 0, result.output
@@ -58,7 +58,7 @@ def test_times_count_from_the_start_of_the_log(replay: Replay) -> None:
     assert lines[5].split() == ["0.305341", "cnt", "RUNNING", "→", "SUCCESS"]
 
 
-def test_a_time_and_nodes_can_be_picked(replay: Replay) -> None:
+def test_options_select_a_time_span_and_nodes(replay: Replay) -> None:
     result = replay(LOGS[2], "--text", "--from", "0.3", "--to", "0.31", "--node", "Sub*", "--node", "cnt")
     assert [path for path, _, _ in parts(result.stdout)] == [
         "cnt",
@@ -85,7 +85,7 @@ def test_a_time_and_nodes_can_be_picked(replay: Replay) -> None:
         (["--screenshot", "nowhere/x.png"], "there is no folder"),
     ],
 )
-def test_a_mistake_is_a_sentence_and_exit_code_2(replay: Replay, options: list[str], said: str) -> None:
+def test_a_usage_error_is_reported_with_exit_code_2(replay: Replay, options: list[str], said: str) -> None:
     result = replay(LOGS[0], *options)
     assert result.exit_code == 2
     assert said in result.stderr
@@ -93,13 +93,13 @@ def test_a_mistake_is_a_sentence_and_exit_code_2(replay: Replay, options: list[s
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
-def test_without_a_display_it_says_what_to_do(replay: Replay) -> None:
+def test_the_error_without_a_display_lists_the_alternatives(replay: Replay) -> None:
     result = replay(LOGS[0])
     assert result.exit_code == 2
     assert all(one in result.stderr for one in ("no display", "--serve-web", "--save", "--text"))
 
 
-def test_a_log_that_is_cut_off_is_shown_up_to_the_cut(replay: Replay, tmp_path: Path) -> None:
+def test_a_truncated_log_is_shown_up_to_the_truncation(replay: Replay, tmp_path: Path) -> None:
     (tmp_path / "cut.btlog").write_bytes(LOGS[0].read_bytes()[:-5])
     result = replay("cut.btlog", "--text")
     assert result.exit_code == 0
@@ -109,7 +109,7 @@ def test_a_log_that_is_cut_off_is_shown_up_to_the_cut(replay: Replay, tmp_path: 
     assert "56 transitions are read" in result.stderr
 
 
-def test_a_gap_stands_where_it_was(replay: Replay, tmp_path: Path) -> None:
+def test_a_gap_is_shown_at_its_position(replay: Replay, tmp_path: Path) -> None:
     (tmp_path / "run.btlog").write_bytes(LOGS[0].read_bytes())
     (tmp_path / "run.btlog.gaps").write_text("2 the transitions 3 to 9 are lost\n")
     lines = replay("run.btlog", "--text").stdout.splitlines()
@@ -127,7 +127,7 @@ def recorded(path: Path) -> list[tuple[int, int, int, int]]:
     return sorted(rows)
 
 
-@EACH
+@EACH_LOG
 def test_the_recording_for_the_viewer_has_every_transition(replay: Replay, tmp_path: Path, log: Path) -> None:
     result = replay(log, "--save", "run.rrd")
     assert result.exit_code == 0, result.output
@@ -137,7 +137,7 @@ def test_the_recording_for_the_viewer_has_every_transition(replay: Replay, tmp_p
     ]
 
 
-def test_a_part_begins_as_the_nodes_stood_then() -> None:
+def test_a_part_of_a_log_starts_with_the_statuses_at_its_beginning() -> None:
     recording = read_log(LOGS[0])
     seen, *rest = events(recording, range(5, 8))
     assert isinstance(seen, TreeSeen)
@@ -146,7 +146,7 @@ def test_a_part_begins_as_the_nodes_stood_then() -> None:
     assert set(seen.source.unavailable) == {"ticks", "exceptions", "blackboard"}
 
 
-def test_the_cut_and_gaps_are_shown_as_unseen(tmp_path: Path) -> None:
+def test_truncation_and_gaps_are_reported_as_missed_data(tmp_path: Path) -> None:
     (tmp_path / "run.btlog").write_bytes(LOGS[0].read_bytes()[:-5])
     (tmp_path / "run.btlog.gaps").write_text("2 the transitions 3 to 9 are lost\n")
     recording = read_log(tmp_path / "run.btlog")
@@ -173,7 +173,7 @@ def test_the_observed_tree_of_a_format_3_log_has_ports_and_subtrees() -> None:
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rerun_cli") is None, reason="the viewer is not installed")
-def test_a_picture_needs_no_display(tmp_path: Path) -> None:
+def test_a_screenshot_needs_no_display(tmp_path: Path) -> None:
     picture = tmp_path / "run.png"
     command = [sys.executable, "-m", "btcore", "replay", str(LOGS[0]), "--screenshot", str(picture)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
@@ -183,11 +183,11 @@ def test_a_picture_needs_no_display(tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_what_changes_within_a_tick_is_drawn_at_once(replay: Replay, tmp_path: Path) -> None:
+def test_changes_within_a_tick_are_drawn_together(replay: Replay, tmp_path: Path) -> None:
     replay(LOGS[2], "--save", "run.rrd")
     drawn = sum(
         len(chunk.to_record_batch())
         for chunk in RrdReader(tmp_path / "run.rrd").stream()
         if chunk.entity_path == "/tree/pills" and not chunk.is_static
     )
-    assert drawn == 4  # as it stood at first, and after each of the three ticks that the listing shows
+    assert drawn == 4  # the first state, and the state after each of the log's three ticks

@@ -1,4 +1,4 @@
-"""A bump-and-go robot without the robot: the events that one would send; and recordings, read back."""
+"""Fixtures: the events that a bump-and-go robot would send, and the contents of recordings."""
 
 import math
 from collections import defaultdict
@@ -213,5 +213,5 @@ def _big_tree(count: int) -> ObservedTree:
 
 @pytest.fixture
 def big_tree():
-    """``big_tree(count)``: a tree of so many nodes, in subtrees of ten."""
+    """``big_tree(count)``: a tree of *count* nodes, in subtrees of ten."""
     return _big_tree

@@ -1,4 +1,4 @@
-"""Trees too big for a window: subtrees folded, lanes of what ran, nodes found by name."""
+"""Trees too big for a window: folded subtrees, lanes of running leaves, and search by name."""
 
 from btcore_monitor.events import ExceptionRaised, StatusChanged, TreeSeen
 from btcore_monitor.screen.style import GROOT
@@ -9,8 +9,8 @@ IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 SECOND = 10**9
 
 
-def going(tree, *steps):
-    """The tree, and (time in s, uid, status) after one another."""
+def tree_events(tree, *steps):
+    """Return the events of *tree* and of *steps*, which are (time in s, uid, status)."""
     events = [TreeSeen(tree, 0, 0, {})]
     status: dict[int, int] = {}
     for number, (seconds, uid, new) in enumerate(steps, start=1):
@@ -34,13 +34,13 @@ def colours(recording, tree, origin, t):
 
 
 def drawn(recording, origin, part, component, t):
-    """What the subtrees' entities of that *part* have at *t*, together."""
+    """Return the values that the entities of *part* in all subtrees have at *t*."""
     entities = {entity for entity, _ in recording.rows if entity.startswith(f"/{origin}/")}
     rows = [recording.at(entity, component, t) for entity in sorted(entities) if entity.endswith(f"/{part}")]
     return [one for row in rows for one in row]
 
 
-def test_folding_leaves_so_many_nodes_as_can_be_read_and_all_of_the_main_tree(big_tree):
+def test_folding_keeps_the_main_tree_and_no_more_nodes_than_are_readable(big_tree):
     tree = big_tree(400)
     small = fold_subtrees(tree)
     assert len(small.nodes) <= FOLDED_AT_MOST
@@ -58,16 +58,14 @@ def test_a_main_tree_of_too_many_nodes_is_not_cut(big_tree):
     assert len(small.nodes) == len([node for node in tree.nodes if node.subtree == ""])
 
 
-def test_a_big_tree_is_drawn_folded_and_whole_and_a_folded_subtree_runs_with_its_content(
-    big_tree, tmp_path, recorded
-):
+def test_a_big_tree_is_drawn_folded_and_unfolded_with_its_running_nodes(big_tree, tmp_path, recorded):
     tree = big_tree(400)
     small = fold_subtrees(tree)
     task = next(node for node in small.nodes if node.kind == "subtree" and not node.children)
     steps = tree.by_uid[tree.by_uid[task.uid].children[0]]
     path = [tree.root.uid, task.uid, steps.uid, steps.children[0]]
     recording = recorded(
-        going(tree, *((1 + at / 10, uid, RUNNING) for at, uid in enumerate(path))), tmp_path / "run.rrd"
+        tree_events(tree, *((1 + at / 10, uid, RUNNING) for at, uid in enumerate(path))), tmp_path / "run.rrd"
     )
     painted = colours(recording, small, "folded", 2 * SECOND)
     assert len(painted) == len(small.nodes)
@@ -82,7 +80,7 @@ def test_a_tree_that_fits_is_drawn_once(run, tmp_path, recorded):
     assert not [entity for entity, _ in recording.rows if entity.startswith("/folded")]
 
 
-def test_lanes_of_a_big_tree_name_the_subtree_and_the_leaves_at_work(big_tree, tmp_path, recorded):
+def test_lanes_of_a_big_tree_name_the_subtree_and_the_running_leaves(big_tree, tmp_path, recorded):
     tree = big_tree(400)
     first, second, third = (named(tree, name) for name in ("Leaf3", "Leaf4", "Leaf5"))
     task = named(tree, "Task1")
@@ -94,7 +92,7 @@ def test_lanes_of_a_big_tree_name_the_subtree_and_the_leaves_at_work(big_tree, t
         (4.0, third.uid, RUNNING),
         (5.0, task.uid, SUCCESS),
     ]
-    recording = recorded(going(tree, *steps), tmp_path / "run.rrd")
+    recording = recorded(tree_events(tree, *steps), tmp_path / "run.rrd")
 
     def lane(name, seconds):
         return recording.at(f"/{name}", "StateChange:state", round(seconds * SECOND))[0]
@@ -120,7 +118,7 @@ def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run):
     assert found("x") == []
 
 
-def test_found_nodes_stand_out_and_have_the_lanes(run, tmp_path, recorded):
+def test_found_nodes_are_highlighted_and_have_the_lanes(run, tmp_path, recorded):
     recording = recorded(run(70), tmp_path / "run.rrd", find=["escape", "Turn", "nowhere"])
     halos = recording.of("/tree/found", "LineStrips2D:strips")[0][1]
     pills = recording.of("/tree/pills", "LineStrips2D:strips") or recording.of(
@@ -133,7 +131,7 @@ def test_found_nodes_stand_out_and_have_the_lanes(run, tmp_path, recorded):
     assert any("no node's name or path matches 'nowhere'" in line for line in lines)
 
 
-def test_a_node_that_raised_is_ringed_until_it_runs_again(run, tmp_path, recorded):
+def test_a_node_that_raised_is_marked_until_it_runs_again(run, tmp_path, recorded):
     forward, path = 8, "Forward"
     events = run(50)  # Forward is reset at 4.1 s and idle since
     t = events[-2].t
@@ -149,7 +147,7 @@ def test_a_node_that_raised_is_ringed_until_it_runs_again(run, tmp_path, recorde
     assert recording.of("/tree/raised", "LineStrips2D:strips")[-1][1] == []
 
 
-def test_what_raised_last_stays_in_the_panel_of_what_runs_now(run, tmp_path, recorded):
+def test_the_last_exception_stays_in_the_running_panel(run, tmp_path, recorded):
     events = run(50)
     message = "/a/t.xml:7: node 'avoid' <Avoid> raised while ticking: Fault: no laser\n  bumpgo\n    avoid"
     events.append(ExceptionRaised(6 * SECOND, 0, "avoid|x", message))
@@ -158,7 +156,7 @@ def test_what_raised_last_stays_in_the_panel_of_what_runs_now(run, tmp_path, rec
     assert said.startswith("**avoid¦x** raised at 6.00 s: Fault: no laser\n\n| runs |")
 
 
-def test_an_error_inside_a_folded_subtree_rings_the_subtree(big_tree, tmp_path, recorded):
+def test_an_exception_inside_a_folded_subtree_marks_the_subtree(big_tree, tmp_path, recorded):
     tree = big_tree(400)
     small = fold_subtrees(tree)
     leaf = tree.nodes[-1]

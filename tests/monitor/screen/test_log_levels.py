@@ -1,4 +1,4 @@
-"""The log of transitions: every line has a level, and the viewer shows those that are asked for."""
+"""The log of transitions: every line has a level, and the viewer shows the selected levels."""
 
 import pytest
 from rerun.chunk import RrdReader
@@ -17,7 +17,7 @@ from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
-PICTURE = ObservedTree("a" * 32, "T", (ObservedNode(1, "Go", "Go", "action", "Go"),), {"": "T"})
+TREE = ObservedTree("a" * 32, "T", (ObservedNode(1, "Go", "Go", "action", "Go"),), {"": "T"})
 
 
 def events() -> list:
@@ -26,7 +26,7 @@ def events() -> list:
         StatusChanged(number, number, number, number, 1, *step) for number, step in enumerate(steps, start=1)
     ]
     return [
-        TreeSeen(PICTURE, 0, 0, {1: 0}),
+        TreeSeen(TREE, 0, 0, {1: 0}),
         *changes,
         TransitionsLost(6, 7),
         ExceptionRaised(9, 9, "Go", "no"),
@@ -51,7 +51,7 @@ def test_levels_rise_from_idle_to_exceptions(tmp_path, recorded):
 @pytest.mark.parametrize(
     ("level", "shown"), [("TRACE", None), ("WARN", ["WARN", "ERROR"]), ("ERROR", ["ERROR"])]
 )
-def test_the_window_shows_the_levels_asked_for_and_the_recording_has_them_all(level, shown, tmp_path, read):
+def test_the_window_shows_the_selected_levels_and_the_recording_has_all(level, shown, tmp_path, read):
     path = tmp_path / "x.rrd"
     screen = RobotView(RecordingSinks(save=path), level=level)
     for event in events():
@@ -69,5 +69,5 @@ def test_the_window_shows_the_levels_asked_for_and_the_recording_has_them_all(le
     assert len(read(path).of("/log", "TextLog:text")) == 7
 
 
-def test_the_command_line_names_the_levels_that_there_are():
+def test_the_command_line_lists_all_levels():
     assert [level.upper() for level in LOG_LEVELS] == list(LEVELS)

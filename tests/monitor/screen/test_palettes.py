@@ -1,4 +1,4 @@
-"""Statuses are told apart by colour, by people with any kind of colour vision."""
+"""Statuses have distinguishable colours for people with any kind of colour vision."""
 
 import itertools
 
@@ -29,8 +29,8 @@ VISION = {
         [0.004733, 0.691367, 0.3039],
     ],
 }
-TELLS_APART = 20.0
-"""ΔE in CIE Lab: ten times the difference that is just seen side by side."""
+DISTINGUISHABLE = 20.0
+"""ΔE in CIE Lab: ten times the just noticeable difference."""
 
 
 def linear(colour: int) -> np.ndarray:
@@ -53,22 +53,22 @@ def distance(one: int, other: int, vision: str) -> float:
 
 @pytest.mark.parametrize("vision", VISION)
 @pytest.mark.parametrize("paint", ["fill", "rim", "ink"])
-def test_every_eye_tells_the_statuses_of_the_colour_blind_palette_apart(vision, paint):
+def test_statuses_of_the_colour_blind_palette_differ_for_every_vision(vision, paint):
     colours = getattr(COLOUR_BLIND, paint)[:5]
     near = {
         pair: distance(colours[pair[0]], colours[pair[1]], vision)
         for pair in itertools.combinations(range(5), 2)
     }
-    assert min(near.values()) > TELLS_APART, near
+    assert min(near.values()) > DISTINGUISHABLE, near
 
 
-def test_groots_green_and_red_are_what_the_other_palette_is_for():
+def test_the_colour_blind_palette_separates_results_better_than_groots():
     apart = [distance(one.fill[SUCCESS], one.fill[FAILURE], "deutan") for one in (GROOT, COLOUR_BLIND)]
     assert apart[1] > 2 * apart[0]
 
 
 @pytest.mark.parametrize("palette", PALETTES.values(), ids=PALETTES)
-def test_names_are_read_on_every_pill(palette):
+def test_names_are_readable_on_every_pill(palette):
     """At least 2:1 by WCAG's contrast, for letters that are drawn bold."""
     white = float(linear(palette.text) @ [0.2126, 0.7152, 0.0722])
     for colour in [*palette.fill, palette.busy]:
@@ -76,11 +76,11 @@ def test_names_are_read_on_every_pill(palette):
         assert (white + 0.05) / (dark + 0.05) > 2.0, hex(colour)
 
 
-def test_the_command_line_names_the_palettes_that_there_are():
+def test_the_command_line_lists_all_palettes():
     assert tuple(PALETTES) == NAMES
 
 
-def test_the_tree_the_lanes_and_the_log_are_in_the_palette(run, tmp_path, recorded):
+def test_the_tree_and_the_log_use_the_palette(run, tmp_path, recorded):
     events = run(70)
     recording = recorded(events, tmp_path / "run.rrd", palette=COLOUR_BLIND)
     pills = recording.at("/tree/pills", "LineStrips2D:colors", 4_500_000_000)

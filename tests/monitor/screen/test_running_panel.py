@@ -1,4 +1,4 @@
-"""What runs now, in words."""
+"""The panel that lists the running leaves."""
 
 import pytest
 
@@ -17,9 +17,9 @@ NODES = (
 
 @pytest.fixture
 def told(recorded, tmp_path):
-    """``told({second: [(uid, status), …]}, notes)``: what stands there at the end of each second."""
+    """``panel({second: [(uid, status), …]}, notes)``: the panel's text at the end of each second."""
 
-    def said(ticks: dict[int, list[tuple[int, int]]], notes: dict[str, str] | None = None) -> dict[int, str]:
+    def texts(ticks: dict[int, list[tuple[int, int]]], notes: dict[str, str] | None = None) -> dict[int, str]:
         tree = ObservedTree("a" * 32, "Main", NODES, {"": "Main"})
         events = [TreeSeen(tree, 0, 0, {node.uid: IDLE for node in NODES})]
         events += [SceneMoving(0, 0, MovingScene(notes=notes or {}))]
@@ -35,30 +35,30 @@ def told(recorded, tmp_path):
         recording = recorded(events, tmp_path / "run.rrd")
         return {second: recording.at("/now", "TextDocument:text", second * SECOND)[0] for second in ticks}
 
-    return said
+    return texts
 
 
-def test_of_namesakes_ports_say_which_one_runs(told):
+def test_ports_distinguish_running_nodes_with_the_same_name(told):
     now = told({1: [(1, RUNNING), (3, RUNNING)], 2: [(3, FAILURE), (4, RUNNING)]})
     assert "| runs | **Move {dock}** |" in now[1]
     assert "| runs | **Move {next}** |" in now[2]
 
 
-def test_a_leaf_that_failed_tells_why_another_runs(told):
+def test_a_leaf_that_failed_is_listed_for_one_tick(told):
     now = told({1: [(1, RUNNING), (2, SUCCESS)], 2: [(2, FAILURE), (2, IDLE), (3, RUNNING)], 3: []})
     assert "failed" not in now[1]
     assert "| failed | **Charged** |" in now[2]
-    assert "failed" not in now[3], "said in the tick before"
+    assert "failed" not in now[3], "listed in the tick before"
 
 
-def test_a_tree_that_is_halted_after_its_last_tick_runs_nothing(told):
+def test_a_tree_that_is_halted_after_its_last_tick_lists_no_running_leaf(told):
     now = told({1: [(1, RUNNING), (3, RUNNING)], 2: [(3, IDLE), (1, IDLE)]})
     assert "| runs | **Move {dock}** |" in now[1]
     assert "| runs | – |" in now[2]
     assert "| root | IDLE |" in now[2]
 
 
-def test_a_long_note_stands_below_the_table_where_it_is_wrapped(told):
+def test_a_long_note_is_below_the_table_where_it_can_wrap(told):
     way = "(-10.6, -12.2), 19.9 m to go, 2 recoveries"
     (now,) = told({1: [(1, RUNNING)]}, {"localisation": "sure", "goal": way}).values()
     assert "| localisation | sure |" in now

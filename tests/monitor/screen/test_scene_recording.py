@@ -1,4 +1,4 @@
-"""A robot that navigates, on the screen: what the scene's events become in the file."""
+"""The scene of a navigating robot: how its events are written to the recording."""
 
 from dataclasses import replace
 
@@ -56,7 +56,7 @@ STATIC = StaticScene(
 
 @pytest.fixture
 def show(run, recorded, tmp_path):
-    """``show({second: what moved, …})``: the recording of that."""
+    """``show({second: changes, …})``: the recording of these changes."""
 
     def made(moved: dict[float, dict], static: StaticScene = STATIC):
         seen = next(event for event in run(1) if isinstance(event, TreeSeen))
@@ -75,7 +75,7 @@ def colours(recording, name: str, t: float) -> np.ndarray:
     return np.array(data, dtype=np.uint8).reshape(size["height"], size["width"], 4)
 
 
-def test_the_map_lies_where_it_belongs_and_what_nobody_knows_is_not_painted(show):
+def test_the_map_is_at_its_origin_and_unknown_cells_are_transparent(show):
     recording = show({0.0: {}})
     painted = colours(recording, "map", 0.0)
     assert painted[1, 1, 3] == 255  # occupied, in the lowest row, which is an image's last
@@ -86,13 +86,13 @@ def test_the_map_lies_where_it_belongs_and_what_nobody_knows_is_not_painted(show
     assert recording.at("/scene/grids/map", "GridMap:cell_size", 0) == [0.5]
 
 
-def test_a_costmap_is_painted_anew_when_it_is_told_of_and_stays_until_then(show):
+def test_a_costmap_is_painted_and_stays_until_the_next_costmap(show):
     costs = grid("local_costmap", "costs", [[0, 1, 252], [253, 254, 255]], (0.0, 0.0), frame="odom")
     later = grid("local_costmap", "costs", [[0, 0, 0], [0, 0, 0]], (3.0, 0.0), frame="odom")
     recording = show({1.0: {"grids": [costs]}, 5.0: {"grids": [later]}})
     below, above = colours(recording, "local_costmap", 4.9)[::-1]
     assert below[0, 3] == above[2, 3] == 0  # free, and unknown
-    assert below[1, 2] > below[1, 0]  # cheap is blue, dear is red
+    assert below[1, 2] > below[1, 0]  # low costs are blue, high costs are red
     assert below[2, 0] > below[2, 2]
     assert above[0].tolist()[:3] == [0, 225, 225]  # inscribed: cyan
     assert above[1].tolist()[:3] == [255, 0, 220]  # lethal: magenta
@@ -114,7 +114,7 @@ def test_places_and_keep_outs_are_drawn_once(show):
     assert (min(xs), max(xs), min(ys), max(ys)) == (0.0, 1.0, 0.0, 0.5)
 
 
-def test_a_path_is_a_line_until_there_is_none(show):
+def test_a_path_is_a_line_until_an_empty_path_arrives(show):
     path = rows("path", "path", (0, 0, 0), (1, 0, 0), (1, 1, 1.5))
     recording = show({1.0: {"poses": [path]}, 2.0: {}, 3.0: {"poses": [rows("path", "path")]}})
     told = recording.of("/scene/poses/path", "LineStrips3D:strips")
@@ -125,7 +125,7 @@ def test_a_path_is_a_line_until_there_is_none(show):
 
 
 @pytest.mark.parametrize(("kind", "strips"), [("cloud", 1), ("goal", 3), ("estimate", 2), ("odometry", 2)])
-def test_each_kind_of_pose_has_its_shape_where_it_is_and_heads_where_it_looks(show, kind, strips):
+def test_each_kind_of_pose_has_its_shape_at_its_position_and_heading(show, kind, strips):
     recording = show({1.0: {"poses": [rows("it", kind, (2.0, 3.0, np.pi / 2))]}})
     drawn = recording.of("/scene/poses/it", "LineStrips3D:strips")[0][1]
     assert len(drawn) == strips
@@ -136,13 +136,13 @@ def test_each_kind_of_pose_has_its_shape_where_it_is_and_heads_where_it_looks(sh
     assert furthest[1] > 3.0
 
 
-def test_poses_that_stay_take_no_row(show):
+def test_unchanged_poses_are_not_written_again(show):
     goal = {"poses": [rows("goal", "goal", (1, 2, 0))]}
     recording = show({1.0: goal, 2.0: goal, 3.0: goal})
     assert len(recording.of("/scene/poses/goal", "LineStrips3D:strips")) == 1
 
 
-def test_arrows_are_there_as_long_as_they_are_told_of(show):
+def test_arrows_stay_until_a_list_without_them(show):
     push = Arrow(name="push", frame="base_link", start=(0, 0, 0), end=(1, 2, 0), color=(255, 0, 0, 255))
     pull = replace(push, name="pull", end=(0, 1, 0))
     recording = show({1.0: {"arrows": [push, pull]}, 2.0: {"arrows": [push]}, 3.0: {}, 4.0: {"arrows": []}})
@@ -153,13 +153,13 @@ def test_arrows_are_there_as_long_as_they_are_told_of(show):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("count", [1, 3, 4])
-def test_names_of_places_have_one_colour_however_many_there_are(show, count):
+def test_names_of_any_number_of_places_have_the_text_colour(show, count):
     places = [Place(name=f"wp{at}", position=(at, 0.0, 0.0)) for at in range(count)]
     recording = show({0.0: {}}, replace(STATIC, places=places))
     assert recording.of("/scene/places", "Points3D:colors")[0][1] == [GROOT.text] * count
 
 
-def test_a_robot_without_a_footprint_has_one_on_the_floor_below_its_base_link(show):
+def test_a_robot_without_a_footprint_gets_a_footprint_below_its_base_link(show):
     at = [Frame("base_link", "map", (1.0, 2.0, 0.25), UPRIGHT)]
     recording = show({1.0: {"frames": at}, 2.0: {"frames": at}})
     footprint = "/scene/frames/base_footprint"
@@ -167,7 +167,7 @@ def test_a_robot_without_a_footprint_has_one_on_the_floor_below_its_base_link(sh
     assert recording.of(footprint, "Transform3D:parent_frame")[0][1] == ["base_link"]
 
 
-def test_a_footprint_that_is_told_of_is_where_it_is_told(show):
+def test_a_footprint_in_the_scene_replaces_the_default_footprint(show):
     link = Frame("base_link", "map", (1.0, 2.0, 0.25), UPRIGHT)
     own = Frame("base_footprint", "map", (5.0, 6.0, 0.0), UPRIGHT)
     footprint = show({1.0: {"frames": [link]}, 2.0: {"frames": [own]}}).of
@@ -185,7 +185,7 @@ def test_jitter_is_ignored_and_slow_motion_is_recorded(show):
     assert [t // SECOND for t, _ in rows] == [1, 8, 10]
 
 
-def test_boxes_found_in_space_are_there_as_long_as_they_are_told_of(show):
+def test_bounding_boxes_stay_until_a_list_without_them(show):
     table = BoundingBox(name="table", frame="map", position=(1, 2, 0.5), size=(2, 1, 1))
     turned = replace(table, frame="odom", quaternion=(0, 0, 1, 0), color=(1, 2, 3, 255))
     recording = show({1.0: {"boxes": [table, turned]}, 2.0: {"boxes": [table]}, 3.0: {}, 4.0: {"boxes": []}})
@@ -198,7 +198,7 @@ def test_boxes_found_in_space_are_there_as_long_as_they_are_told_of(show):
 
 
 @pytest.mark.parametrize(("kind", "archetype"), [("jpeg", "EncodedImage"), ("rgb8", "Image")])
-def test_a_picture_that_no_other_follows_fades_and_says_when_it_was_taken(show, kind, archetype):
+def test_a_picture_without_a_successor_fades_and_shows_its_time(show, kind, archetype):
     picture = Picture(name="camera", size=(2, 1), format=kind, data=b"\x01\x02\x03\x04\x05\x06")
     taken = {0.5: {"pictures": [picture]}, 1.0: {"pictures": [picture]}, 5.0: {"pictures": [picture]}}
     recording = show({at / 2: {} for at in range(1, 12)} | taken)
@@ -208,7 +208,7 @@ def test_a_picture_that_no_other_follows_fades_and_says_when_it_was_taken(show, 
     assert [(t, values) for t, values in words] == [(2.5 * SECOND, ["as of 1.0 s"]), (5 * SECOND, [])]
 
 
-def test_pictures_come_with_what_was_found_in_them(show):
+def test_pictures_are_recorded_with_their_detections(show):
     jpeg = Picture(name="camera", size=(32, 24), format="jpeg", data=b"\xff\xd8 and so on")
     raw = Picture(name="camera", size=(2, 1), format="rgb8", data=b"\x01\x02\x03\x04\x05\x06")
     found = Detection(picture="camera", name="object", box=(10, 4, 6, 8))
@@ -226,14 +226,14 @@ def test_pictures_come_with_what_was_found_in_them(show):
     assert recording.of("/camera/detections", "Boxes2D:half_sizes")[0][1] == [[3.0, 4.0]]
 
 
-def test_the_pyramid_of_sight_is_as_wide_as_the_lens(show):
+def test_the_camera_frustum_is_as_wide_as_the_field_of_view(show):
     strips = show({0.0: {}}).of("/scene/sight/camera", "LineStrips3D:strips")[0][1]
     rim = np.array(strips[0])
     assert np.ptp(rim[:, 0]) / rim[0, 2] == pytest.approx(32 / 30)
     assert len(strips) == 5
 
 
-def test_the_battery_is_a_curve_and_the_robot_says_how_it_stands(run, recorded, tmp_path):
+def test_the_battery_is_a_curve_and_notes_are_in_the_running_panel(run, recorded, tmp_path):
     events = run(3)
     t = events[-2].t
     moved = SceneMoving(t, t, MovingScene(battery=77.5, notes={"localisation": "sure"}))

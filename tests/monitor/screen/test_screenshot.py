@@ -1,4 +1,4 @@
-"""Pictures without a display, looked at pixel by pixel."""
+"""Screenshots without a display, checked by their pixels."""
 
 import io
 import os
@@ -19,7 +19,7 @@ TREE = "Behavior tree"
 
 @pytest.fixture(scope="module")
 def vulkan(tmp_path_factory):
-    """Skips where no picture can be drawn; CI has a driver, and skips nothing."""
+    """Skip the test where no picture can be drawn; CI has a driver, and skips nothing."""
     folder = tmp_path_factory.mktemp("probe")
     path = folder / "empty.rrd"
     screen = RobotView(RecordingSinks(save=path))
@@ -80,7 +80,7 @@ def close(seen: tuple[int, int, int], wanted: int) -> bool:
     return all(abs(one - other) <= 6 for one, other in zip(seen, rgb(wanted), strict=True))
 
 
-def test_pills_stand_where_the_layout_says_in_the_colours_of_the_moment(vulkan, recording, tmp_path):
+def test_pills_are_at_the_places_of_the_layout_in_their_current_colours(vulkan, recording, tmp_path):
     path, view = recording
     wanted = {
         2.0: {"bumpgo": GROOT.busy, "Forward": GROOT.fill[RUNNING], "Back": GROOT.fill[IDLE]},
@@ -94,7 +94,7 @@ def test_pills_stand_where_the_layout_says_in_the_colours_of_the_moment(vulkan, 
             assert close(picture.at(name), colour), (t, name, picture.at(name), rgb(colour))
 
 
-def test_the_whole_window_has_the_size_asked_for(vulkan, recording, tmp_path):
+def test_the_whole_window_has_the_requested_size(vulkan, recording, tmp_path):
     path, _ = recording
     screenshot(path, tmp_path / "window.png", t=4.5, size=(1280, 800))
     with Image.open(tmp_path / "window.png") as image:
@@ -119,12 +119,12 @@ def test_the_laser_and_the_trail_are_in_the_scene(vulkan, recording, tmp_path):
         assert (np.abs(pixels - rgb(colour)).max(axis=1) <= 6).sum() > 20
 
 
-def test_a_view_that_is_not_there_is_named_with_those_that_are(vulkan, recording, tmp_path):
+def test_an_unknown_view_is_reported_with_the_existing_views(vulkan, recording, tmp_path):
     path, _ = recording
     with pytest.raises(ScreenError, match=r"no view 'Camera'.*Blackboard.*Transitions"):
         screenshot(path, tmp_path / "none.png", view="Camera")
 
 
-def test_a_recording_that_is_not_there_is_said(tmp_path):
+def test_a_missing_recording_is_reported(tmp_path):
     with pytest.raises(ScreenError, match=r"there is no recording .*nowhere\.rrd"):
         screenshot(tmp_path / "nowhere.rrd", tmp_path / "none.png")

@@ -1,4 +1,4 @@
-"""Several robots in one window: side by side, one time, one file; and nothing of one in another's place."""
+"""Several robots in one window: side by side, with one timeline and one file, and separate entities."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ def blueprint(path: Path) -> dict[str, list]:
 
 
 def shown(path: Path, *runs: tuple[str, list]) -> SharedWindow:
-    """Each run's events in a slot of its own, in turns."""
+    """Show each run's events in its own slot, alternating between the runs."""
     together = SharedWindow(RecordingSinks(save=path), [label for label, _ in runs])
     screens = [RobotView(slot) for slot in together.slots]
     for turn in range(max(len(events) for _, events in runs)):
@@ -51,7 +51,7 @@ def seen(tree_id: str, name: str, t: int, wall: int) -> TreeSeen:
     return TreeSeen(ObservedTree(tree_id * 32, name, nodes, {"": name}), t, wall, {1: 0, 2: 0})
 
 
-def test_all_robots_are_in_one_file_and_each_has_its_place(run, read, tmp_path):
+def test_all_robots_are_in_one_file_and_each_has_its_own_entities(run, read, tmp_path):
     path = tmp_path / "two.rrd"
     together = shown(path, ("arm 1", run(30)), ("robot.local", run(60, tree_id="b" * 32)))
     assert together.files == [path]
@@ -61,7 +61,7 @@ def test_all_robots_are_in_one_file_and_each_has_its_place(run, read, tmp_path):
     assert {entity.split("/")[1] for entity, _ in rows.rows} == {"arm_1", "robot_local", "__properties"}
 
 
-def test_frames_of_one_name_are_two_frames(run, read, tmp_path):
+def test_frames_with_the_same_name_stay_separate(run, read, tmp_path):
     path = tmp_path / "two.rrd"
     shown(path, ("a", run(3)), ("b", run(3, tree_id="b" * 32)))
     rows = read(path)
@@ -81,7 +81,7 @@ def test_frames_of_one_name_are_two_frames(run, read, tmp_path):
     assert {name.split("/")[0] for name in named} == {"a", "b"}
 
 
-def test_the_window_has_all_side_by_side_a_tab_for_each_and_goes_by_the_wall(run, tmp_path):
+def test_the_window_has_an_overview_a_tab_for_each_robot_and_the_wall_time(run, tmp_path):
     path = tmp_path / "two.rrd"
     shown(path, ("arm", run(3, scene=False)), ("base", run(3, scene=False, tree_id="b" * 32)))
     window = blueprint(path)
@@ -94,7 +94,7 @@ def test_the_window_has_all_side_by_side_a_tab_for_each_and_goes_by_the_wall(run
     assert {origin.split("/")[0] for origin in origins} <= {"arm", "base", ""}
 
 
-def test_a_robot_that_restarts_gets_another_place_and_its_earlier_tree_a_tab(read, tmp_path):
+def test_a_restarted_robot_gets_new_entities_and_a_tab_for_its_earlier_tree(read, tmp_path):
     path = tmp_path / "two.rrd"
     before = [seen("a", "Old", 0, SECOND), StatusChanged(1, SECOND, 2 * SECOND, 1, 2, 0, 1)]
     after = [seen("c", "New", 0, 3 * SECOND), StatusChanged(1, SECOND, 4 * SECOND, 1, 2, 0, 2)]
@@ -107,7 +107,7 @@ def test_a_robot_that_restarts_gets_another_place_and_its_earlier_tree_a_tab(rea
     assert tabs == {"All robots", "arm · New", "base · Base", "arm · Old, earlier"}
 
 
-def test_robots_that_would_have_the_same_place_have_two(read, tmp_path):
+def test_labels_with_the_same_entity_name_get_separate_entities(read, tmp_path):
     path = tmp_path / "two.rrd"
     shown(path, ("a.b", [seen("a", "T", 0, 0)]), ("a:b", [seen("b", "T", 0, 0)]))
     assert {f"/{place}/tree/edges" for place in ("a_b", "a_b_2")} <= {entity for entity, _ in read(path).rows}

@@ -10,10 +10,10 @@ from btcore_monitor.screen.font import elide, glyph, placed, strokes_of, width_o
 from btcore_monitor.screen.symbols import symbol
 
 BOX = glyph("漢")
-"""What stands for a character that has no letter here."""
+"""The glyph of a character that the font does not have."""
 
 
-def test_every_printable_character_of_ascii_has_a_letter_of_its_own():
+def test_every_printable_character_of_ascii_has_its_own_glyph():
     seen = set()
     for character in string.printable.strip():
         letter = glyph(character)
@@ -22,7 +22,7 @@ def test_every_printable_character_of_ascii_has_a_letter_of_its_own():
     assert len(seen) == len(string.printable.strip())
 
 
-def test_accents_stand_on_their_letters():
+def test_accented_letters_have_the_width_of_their_plain_letters():
     for accented, plain in (("é", "e"), ("Å", "A"), ("ü", "u"), ("ç", "c"), ("ñ", "n"), ("ï", "i")):
         assert glyph(accented) != BOX
         assert glyph(accented)[0] == glyph(plain)[0]
@@ -62,7 +62,7 @@ def test_an_elided_name_fits_and_keeps_both_ends(text, room):
         ("ForceSuccess", "ForceFailure"),
     ],
 )
-def test_kinds_are_told_apart_by_their_symbols(pair):
+def test_similar_kinds_have_different_symbols(pair):
     one, other = pair
     assert symbol(one, "control") != symbol(other, "control")
 

@@ -1,4 +1,4 @@
-"""How a tree is drawn: what is written in its pills, how its entities stand, and its legend."""
+"""How a tree is drawn: the texts of its pills, its entities, and its legend."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ NESTED = observed_tree(
 )
 
 
-def noted(one: ObservedNode, whole: ObservedTree | None = None) -> str:
+def note_of(one: ObservedNode, whole: ObservedTree | None = None) -> str:
     whole = whole or observed_tree(one)
     return captions(whole, whole, noted=True)[one.uid].note
 
@@ -50,15 +50,15 @@ def noted(one: ObservedNode, whole: ObservedTree | None = None) -> str:
         (node(1, "Sleep", ports={"msec": "", "_skipIf": "x"}), ""),
     ],
 )
-def test_below_a_name_stand_the_id_if_it_is_another_and_the_ports(made, note):
-    assert noted(made) == note
+def test_the_note_has_the_ports_and_the_id_if_it_differs_from_the_name(made, note):
+    assert note_of(made) == note
 
 
-def test_a_subtree_says_which_tree_it_is():
-    assert noted(NESTED.nodes[1], NESTED) == "DriveSomewhere"
+def test_the_note_of_a_subtree_names_its_tree():
+    assert note_of(NESTED.nodes[1], NESTED) == "DriveSomewhere"
 
 
-def test_what_is_too_long_is_shortened_and_the_name_keeps_both_its_ends():
+def test_long_texts_are_shortened_and_a_name_keeps_both_ends():
     long = node(1, "WouldThisVeryLongAndUnusualNameBeLegible", ports={"path": "x" * 80})
     written = captions(observed_tree(long), observed_tree(long), noted=True)[1]
     assert len(written.name) == NAME_ROOM
@@ -68,7 +68,7 @@ def test_what_is_too_long_is_shortened_and_the_name_keeps_both_its_ends():
     assert written.note.endswith("…")
 
 
-def test_a_small_tree_has_notes_and_one_that_is_too_small_to_read_them_has_none():
+def test_a_tree_has_notes_unless_they_would_be_too_small_to_read():
     few = observed_tree(node(1, "Sleep", ports={"msec": "500"}))
     many = observed_tree(
         node(1, "Root", children=range(2, 62)),
@@ -78,7 +78,7 @@ def test_a_small_tree_has_notes_and_one_that_is_too_small_to_read_them_has_none(
     assert TreeView(RowBuffer(rr.RecordingStream("test")), many, GROOT, ROOM).captions[2].note == ""
 
 
-def test_every_subtree_has_a_branch_and_every_node_is_in_one(big_tree):
+def test_every_node_is_in_a_branch_and_the_number_of_branches_is_limited(big_tree):
     assert split_by_subtree(NESTED) == {"": [0, 1, 4], "Drive": [2, 3]}
     big = big_tree(1000)
     parts = split_by_subtree(big)
@@ -87,7 +87,7 @@ def test_every_subtree_has_a_branch_and_every_node_is_in_one(big_tree):
     assert split_by_subtree(big, most=1) == {"": list(range(1000))}
 
 
-def test_subtrees_inside_one_without_a_branch_are_drawn_with_what_is_around_them():
+def test_subtrees_beyond_the_limit_belong_to_the_branch_around_them():
     inner = observed_tree(
         node(1, "A", children=(2,), id="SubTree", kind="subtree", path="A"),
         node(2, "B", 1, (3,), id="SubTree", kind="subtree", path="A/B", subtree="A"),
@@ -96,7 +96,7 @@ def test_subtrees_inside_one_without_a_branch_are_drawn_with_what_is_around_them
     assert split_by_subtree(inner, most=2) == {"": [0], "A": [1, 2]}
 
 
-def test_entities_stand_as_nodes_do_and_keep_off_the_parts_of_the_drawing(big_tree):
+def test_entities_follow_the_subtrees_and_avoid_the_names_of_drawing_parts(big_tree):
     assert node_entities(NESTED, "tree") == [
         "tree/Root.1",
         "tree/Drive",
@@ -110,7 +110,7 @@ def test_entities_stand_as_nodes_do_and_keep_off_the_parts_of_the_drawing(big_tr
     assert node_entities(odd, "tree") == ["tree/Is_it", "tree/Is_it.2"]
 
 
-def test_all_of_a_subtree_is_below_its_entity_so_that_hiding_it_folds_the_subtree(recorded, tmp_path):
+def test_all_parts_of_a_subtree_are_below_its_entity(recorded, tmp_path):
     recording = recorded([TreeSeen(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     entities = {entity for entity, _ in recording.rows if entity.startswith("/tree/Drive/")}
     shown = {"frames", "edges", "path", "rims", "pills", "badges", "ink", "raised"}
@@ -121,7 +121,7 @@ def test_all_of_a_subtree_is_below_its_entity_so_that_hiding_it_folds_the_subtre
     assert shown <= set(PARTS)
 
 
-def test_an_entity_of_a_node_says_what_it_is_and_has_the_pill_s_place(recorded, tmp_path):
+def test_the_entity_of_a_node_describes_it_and_has_the_place_of_its_pill(recorded, tmp_path):
     one = observed_tree(node(1, "nap", id="Sleep", path="nap", ports={"msec": "500"}))
     recording = recorded([TreeSeen(one, 0, 0, {})], tmp_path / "run.rrd")
     assert recording.of("/tree/nap", "node")[0][1] == ['Sleep  nap  msec="500"']
@@ -129,14 +129,14 @@ def test_an_entity_of_a_node_says_what_it_is_and_has_the_pill_s_place(recorded, 
     assert recording.of("/tree/nap", "LineStrips2D:strips")[0][1] == pill
 
 
-def test_nodes_of_a_big_tree_are_found_by_name_and_cost_the_viewer_nothing(big_tree, recorded, tmp_path):
+def test_nodes_of_a_big_tree_have_entities_that_draw_nothing(big_tree, recorded, tmp_path):
     recording = recorded([TreeSeen(big_tree(BIG + 10), 0, 0, {})], tmp_path / "run.rrd")
     named = [entity for entity, component in recording.rows if component == "node"]
     assert len(named) == BIG + 10
     assert not [entity for entity in named if recording.of(entity, "LineStrips2D:strips")]
 
 
-def test_the_legend_is_in_view_and_in_the_colours_of_the_palette(recorded, tmp_path):
+def test_the_legend_is_below_the_tree_in_the_colours_of_the_palette(recorded, tmp_path):
     recording = recorded([TreeSeen(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     colours = set(recording.of("/tree/legend", "LineStrips2D:colors")[0][1])
     assert {int(one) for one in GROOT.fill[:5]} | {GROOT.raised} <= colours
@@ -147,9 +147,7 @@ def test_the_legend_is_in_view_and_in_the_colours_of_the_palette(recorded, tmp_p
 
 
 @pytest.mark.parametrize("count", [1, 5, 60, 400])
-def test_the_tree_is_in_view_with_the_legend_below_it_and_a_single_node_does_not_fill_the_window(
-    big_tree, count
-):
+def test_the_view_contains_the_tree_and_does_not_magnify_small_trees(big_tree, count):
     view = TreeView(RowBuffer(rr.RecordingStream("test")), big_tree(count), GROOT, ROOM)
     x0, y0, x1, y1 = view.bounds()
     width, height = view.layout.size
@@ -159,7 +157,7 @@ def test_the_tree_is_in_view_with_the_legend_below_it_and_a_single_node_does_not
     assert x1 - x0 > ROOM[0] / 1.4
 
 
-def test_lanes_of_namesakes_are_told_apart_by_their_ports():
+def test_lanes_of_nodes_with_the_same_name_differ_by_their_ports():
     drives = [
         node(1, "Move", ports={"goal": "{home}"}),
         node(2, "Move", ports={"goal": "{shop}"}),
@@ -177,5 +175,5 @@ def test_lanes_of_namesakes_are_told_apart_by_their_ports():
         ("division by zero", "division by zero"),
     ],
 )
-def test_an_error_is_told_without_its_place(message, said):
+def test_an_error_is_shortened_to_its_message(message, said):
     assert brief(message) == said

@@ -1,4 +1,4 @@
-"""Where the nodes of a tree go."""
+"""The layout of a tree's nodes."""
 
 import itertools
 import random
@@ -11,11 +11,11 @@ from btcore_monitor.screen.layout import Box, Layout, lay_out
 
 HEIGHT = 42.0
 PROTOTYPE = {100: (2849, 1976), 1000: (12151, 7438)}
-"""The throw-away prototype's sizes: what a layout has to fit into."""
+"""The sizes of the prototype's layouts, which a layout must not exceed."""
 
 
 def tree_of(parents: list[int], widths: list[float], framed: set[int] = frozenset()) -> list[Box]:
-    """Boxes in depth-first order from the parent of each node but the root."""
+    """Return boxes in depth-first order; *parents* has the parent of each node except the root."""
     children: list[list[int]] = [[] for _ in range(len(parents) + 1)]
     for node, parent in enumerate(parents, start=1):
         children[parent].append(node)
@@ -140,7 +140,7 @@ def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect):
 
 @settings(deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
-def test_everything_is_within_the_size_and_the_same_boxes_give_the_same_layout(boxes, aspect):
+def test_a_layout_stays_within_its_size_and_is_deterministic(boxes, aspect):
     layout = lay_out(boxes, HEIGHT, aspect)
     width, height = layout.size
     for x0, y0, x1, y1 in pills(layout):
@@ -149,7 +149,7 @@ def test_everything_is_within_the_size_and_the_same_boxes_give_the_same_layout(b
     assert lay_out(boxes, HEIGHT, aspect) == layout
 
 
-def test_a_small_tree_is_drawn_as_on_paper_one_row_a_level_and_parents_in_the_middle():
+def test_a_small_tree_has_a_row_for_each_level_and_centred_parents():
     boxes = [Box(120, (1, 4)), Box(100, (2, 3)), Box(90, ()), Box(90, ()), Box(110, ())]
     places = lay_out(boxes, HEIGHT).places
     assert places[2].y == places[3].y > places[1].y == places[4].y > places[0].y
@@ -157,14 +157,14 @@ def test_a_small_tree_is_drawn_as_on_paper_one_row_a_level_and_parents_in_the_mi
     assert places[1].centre == (places[2].centre + places[3].centre) / 2
 
 
-def test_a_parent_stands_right_above_a_child_that_is_nearly_in_the_middle():
+def test_a_parent_is_directly_above_a_child_that_is_nearly_in_the_middle():
     boxes = [Box(150, (1, 2, 3)), Box(100, ()), Box(90, ()), Box(112, ())]
     layout = lay_out(boxes, HEIGHT)
     assert layout.places[0].centre == layout.places[2].centre
     assert len(layout.edges[2]) == 2
 
 
-def test_big_trees_fit_the_windows_that_the_prototypes_filled():
+def test_big_trees_are_no_larger_than_the_prototypes_layouts():
     for count, (width, height) in PROTOTYPE.items():
         layouts = [lay_out(random_tree(count, seed), HEIGHT, width / height) for seed in range(5)]
         needed = sorted(max(one.size[0] / width, one.size[1] / height) for one in layouts)
@@ -182,7 +182,7 @@ def test_a_chain_and_a_broom_of_any_length_are_laid_out(count):
     assert count < 30 or 0.4 < width / height < 6.0
 
 
-def test_four_times_the_nodes_take_not_much_more_than_four_times_as_long():
+def test_the_time_of_a_layout_grows_about_linearly_with_the_nodes():
     def seconds(count: int) -> float:
         boxes = random_tree(count)
         best = float("inf")
@@ -195,7 +195,7 @@ def test_four_times_the_nodes_take_not_much_more_than_four_times_as_long():
     assert seconds(2000) < 10 * seconds(500)
 
 
-def test_an_only_child_stands_under_its_parent_however_big_the_tree_is():
+def test_an_only_child_is_below_its_parent_in_a_big_tree():
     boxes = random_tree(300)
     places = lay_out(boxes, HEIGHT).places
     lonely = [(at, box.children[0]) for at, box in enumerate(boxes) if len(box.children) == 1]
@@ -206,7 +206,7 @@ def test_an_only_child_stands_under_its_parent_however_big_the_tree_is():
         assert places[parent].x < places[child].x + places[child].width
 
 
-def test_what_hangs_from_a_spine_begins_there_and_not_in_the_middle_of_what_is_below_it():
+def test_children_in_a_column_and_an_only_child_below_share_their_left_edge():
     boxes = [
         Box(120, (1, 2, 3, 4)),
         *[Box(120, ())] * 3,

@@ -1,4 +1,4 @@
-"""The web viewer's page is passed on from this machine, and from nowhere else."""
+"""The page server forwards the web viewer's files from this machine only."""
 
 import http.client
 import threading
@@ -12,7 +12,7 @@ PAGE = b'<html><head><link rel="x" href="https://elsewhere.org/font"></head><can
 
 
 class Sdk(BaseHTTPRequestHandler):
-    """What the SDK would serve."""
+    """A server of the files that the SDK would serve."""
 
     def do_GET(self) -> None:
         found = self.path.startswith("/")
@@ -27,7 +27,7 @@ class Sdk(BaseHTTPRequestHandler):
 
 @pytest.fixture
 def fetched():
-    """``fetched(path)``: status and body of what the page server answers."""
+    """``fetched(path)``: status and body of the page server's response."""
     port = free_port()
     with HTTPServer(("127.0.0.1", 0), Sdk) as sdk:
         thread = threading.Thread(target=sdk.serve_forever)
@@ -49,7 +49,7 @@ def fetched():
         thread.join()
 
 
-def test_a_proxy_in_the_environment_is_not_asked_for_what_is_on_this_machine(fetched, monkeypatch):
+def test_local_files_are_served_without_the_proxy_of_the_environment(fetched, monkeypatch):
     monkeypatch.setenv("http_proxy", "http://127.0.0.1:1")
     status, page = fetched("/")
     assert status == 200
@@ -59,5 +59,5 @@ def test_a_proxy_in_the_environment_is_not_asked_for_what_is_on_this_machine(fet
 
 
 @pytest.mark.parametrize("path", ["@elsewhere.org/", "99/", "http://elsewhere.org/"])
-def test_a_path_leads_nowhere_else(fetched, path):
+def test_a_path_that_names_another_host_is_refused(fetched, path):
     assert fetched(path)[0] == 404

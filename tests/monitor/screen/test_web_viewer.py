@@ -1,4 +1,4 @@
-"""``--serve-web``: the viewer in a browser, which needs nothing from elsewhere; seen in headless Chromium."""
+"""``--serve-web``: the viewer in a browser, without files from other hosts; tested in headless Chromium."""
 
 import io
 import re
@@ -29,7 +29,7 @@ TREE = """
 SOFTWARE = ["--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader"]
 SOFTWARE += ["--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 WITHIN = 100
-"""s; software drawing on a busy machine takes its time."""
+"""A timeout (s): drawing in software on a busy machine is slow."""
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def tree_file(tmp_path: Path) -> Path:
 
 
 def address_of(command: Any) -> str:
-    """The address that *command* names, once it has."""
+    """Wait for the address that *command* prints, and return it."""
     return str(command.wait_for(r"look at (http://\S+?);?\s")[1])
 
 
@@ -49,7 +49,7 @@ def fetched(url: str) -> bytes:
         return bytes(answer.read())
 
 
-def test_the_page_is_served_with_all_that_it_needs_and_names_nothing_elsewhere(command):
+def test_the_page_is_served_with_all_its_files_and_without_external_links(command):
     port = free_port()
     replay = command("replay", LOG, "--serve-web", port)
     url = address_of(replay)
@@ -65,7 +65,7 @@ def test_the_page_is_served_with_all_that_it_needs_and_names_nothing_elsewhere(c
     assert replay.end(signal.SIGINT) == 0, replay.stderr_text
 
 
-def test_a_taken_port_is_named(command):
+def test_a_port_in_use_is_reported(command):
     port = free_port()
     first = command("replay", LOG, "--serve-web", port)
     address_of(first)
@@ -80,7 +80,7 @@ def test_two_viewers_have_a_relay_each(command):
     assert len({page.rpartition("%3A")[2] for page in pages}) == 2
 
 
-def test_a_run_that_is_over_stays_in_the_browser_until_ctrl_c(command, tree_file):
+def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file):
     run = command("run", tree_file, "--fast", "--duration", "1", "--serve-web", free_port())
     run.wait_for("the run is over; the viewer for browsers stays open until Ctrl-C")
     assert b"<canvas" in fetched(address_of(run))
@@ -89,7 +89,7 @@ def test_a_run_that_is_over_stays_in_the_browser_until_ctrl_c(command, tree_file
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_run_that_is_interrupted_takes_the_viewer_with_it(command, tree_file, number):
+def test_an_interrupted_run_closes_the_viewer(command, tree_file, number):
     run = command("run", tree_file, "--serve-web", free_port())
     run.wait_for("by btcore's scene channel")
     page = address_of(run)
@@ -100,7 +100,7 @@ def test_a_run_that_is_interrupted_takes_the_viewer_with_it(command, tree_file, 
 
 @pytest.fixture
 def browser():
-    """Chromium without a window; skips where there is none."""
+    """Chromium without a window; skip the test if it is not installed."""
     sync_api = pytest.importorskip("playwright.sync_api")
     places = [shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")]
     with sync_api.sync_playwright() as playwright:

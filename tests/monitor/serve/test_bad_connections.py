@@ -1,4 +1,4 @@
-"""What isn't even ZeroMQ, or no request of any shape, ends that connection and nothing else."""
+"""Data that is not ZeroMQ, or not a request, affects its own connection only."""
 
 import random
 import socket
@@ -15,18 +15,18 @@ JUNK = {
     "zeros": b"\0" * 5000,
     "noise": random.Random(7).randbytes(20_000),
     "a greeting and noise": GREETING + random.Random(8).randbytes(2000),
-    "a frame that says it is huge": GREETING + b"\x02" + (1 << 62).to_bytes(8, "big"),
+    "a frame with a huge length": GREETING + b"\x02" + (1 << 62).to_bytes(8, "big"),
 }
 
 
 def ports(publisher: Publisher) -> list[int]:
-    """All that it listens at."""
+    """Return the ports that *publisher* listens at."""
     assert publisher.groot1 is not None
     return [*range(publisher.port, publisher.port + 3), publisher.groot1, publisher.groot1 + 1]
 
 
 @pytest.mark.parametrize("name", JUNK)
-def test_junk_at_any_port_leaves_both_protocols_at_work(name, endless, no_threads_left):
+def test_both_protocols_work_after_junk_at_any_port(name, endless, no_threads_left):
     with serve(endless, groot2=0, groot1=0) as publisher, zmq.Context() as context:
         for port in ports(publisher):
             with socket.create_connection(("127.0.0.1", port), timeout=5) as junk:
@@ -41,8 +41,8 @@ def test_junk_at_any_port_leaves_both_protocols_at_work(name, endless, no_thread
                 assert len(asking.recv_multipart()[-1]) > 0
 
 
-def test_a_request_without_the_frame_that_parts_it_is_dropped(endless, no_threads_left):
-    """A REP socket takes no request that lacks the empty frame; the next one is answered."""
+def test_a_request_without_the_empty_delimiter_frame_is_dropped(endless, no_threads_left):
+    """A REP socket drops a request without the empty frame, and the next request is answered."""
     with serve(endless, groot2=0, groot1=0) as publisher, zmq.Context() as context:
         assert publisher.groot1 is not None
         for port, question in ((publisher.port, b"\x02S1234"), (publisher.groot1 + 1, b"any")):

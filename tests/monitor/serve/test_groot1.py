@@ -45,7 +45,7 @@ TABLES = {"node": NODE, "remap": REMAP, "model": MODEL, "port": PORT}
 
 
 def number(data: bytes, place: int, kind: str) -> int:
-    # Readers in C++ take numbers where they are: each has to be aligned.
+    # Readers in C++ access numbers in place: each number has to be aligned.
     assert place % struct.calcsize(f"<{kind}") == 0, f"a number of kind {kind} at byte {place}"
     return struct.unpack_from(f"<{kind}", data, place)[0]
 
@@ -103,7 +103,7 @@ class Message:
 
 @dataclass
 class Window:
-    """What Groot 1 does: a SUB socket, and a REQ socket of its own for every question."""
+    """A client like Groot 1: a SUB socket, and a new REQ socket for every request."""
 
     publisher: Publisher
     context: "zmq.Context[zmq.Socket[bytes]]"
@@ -142,7 +142,7 @@ def window() -> Iterator[Callable[..., Window]]:
         assert links.poll(5_000)
         news.disable_monitor()
         made = Window(publisher, context, news)
-        made.ask()  # by now the publisher has had a turn to take the subscription in
+        made.ask()  # after the reply, the publisher has processed the subscription
         return made
 
     yield window
@@ -172,7 +172,7 @@ NESTED = """
 
 @pytest.fixture
 def nested() -> btcore.Tree:
-    """With nodes that Groot 1 doesn't know, ports of all directions, an empty name and texts beyond ASCII."""
+    """A tree with nodes unknown to Groot 1, ports of all directions, an empty name and non-ASCII texts."""
     nodes = Registry.standard()
 
     class Look(btcore.Condition):
@@ -197,12 +197,12 @@ def nested() -> btcore.Tree:
 
 @pytest.fixture(params=["sample", "sample3", "nested"])
 def flat(request, window) -> dict[str, Any]:
-    """The tree that is answered for one tree and another."""
+    """The tree in the publisher's reply, for each of several trees."""
     with serve(request.getfixturevalue(request.param), groot1=0) as publisher:
         return window(publisher).tree()
 
 
-def test_the_reply_is_not_empty_and_every_vector_and_string_is_there(flat):
+def test_the_reply_is_not_empty_and_has_every_vector_and_string(flat):
     assert flat["nodes"]
     assert flat["node_models"]
     for node in flat["nodes"]:
@@ -222,7 +222,7 @@ def test_every_node_has_a_model_of_its_registration_name_and_type(flat):
         assert (kind in (1, 2)) == (not node["children_uid"])
 
 
-def test_the_first_node_is_the_root_and_all_stand_depth_first_from_left_to_right(flat):
+def test_the_first_node_is_the_root_and_the_order_is_depth_first(flat):
     nodes = {node["uid"]: node for node in flat["nodes"]}
     order = []
     waiting = [flat["root_uid"]]
@@ -257,7 +257,7 @@ def test_every_port_that_is_sent_is_declared_by_its_model(flat):
         assert {one["port_name"] for one in node["port_remaps"]} <= declared[node["registration_name"]]
 
 
-def test_nodes_that_groot1_does_not_know_have_their_ports_and_types(nested, window):
+def test_nodes_unknown_to_groot1_have_their_ports_and_types(nested, window):
     with serve(nested, groot1=0) as publisher:
         flat = window(publisher).tree()
     models = {model["registration_name"]: model for model in flat["node_models"]}
@@ -306,7 +306,7 @@ def test_every_uid_of_a_message_is_in_the_tree_and_all_nodes_have_a_status(endle
             assert {uid for uid, *_ in message.steps} <= set(uids)
 
 
-def test_another_tree_in_its_place_has_other_uids_so_that_groot1_asks_again(endless, sample, window):
+def test_a_replaced_tree_has_new_uids_so_that_groot1_requests_it(endless, sample, window):
     with serve(endless, groot1=0) as publisher:
         groot = window(publisher)
         before = groot.tree()
@@ -328,7 +328,7 @@ def test_another_tree_in_its_place_has_other_uids_so_that_groot1_asks_again(endl
 # What the original sends.
 
 
-def test_the_tree_is_the_originals(sample3, window):
+def test_the_tree_equals_the_originals(sample3, window):
     original = tree_in((CAPTURES / "v3_behaviortree.flatbuffer.bin").read_bytes())
     with serve(sample3, groot1=0) as publisher:
         ours = window(publisher).tree()
@@ -350,17 +350,17 @@ def test_the_tree_is_the_originals(sample3, window):
     assert signatures[0] == signatures[1]
 
 
-def test_updates_are_the_originals_bytes(sample3):
+def test_updates_equal_the_originals_bytes(sample3):
     """Tick by tick, with the original's times."""
     captured = [(CAPTURES / f"v3_pub_{number}.bin").read_bytes() for number in (1, 2, 3)]
     server = Groot1Server(sample3)
     heard: list[Transition] = []
 
-    class Hearing(btcore.Observer):
+    class Recorder(btcore.Observer):
         def transition(self, change: Transition) -> None:
             heard.append(change)
 
-    sample3.subscribe(Hearing())
+    sample3.subscribe(Recorder())
     for frame in captured:
         stamps = [(one[0] * 1_000_000 + one[1]) * 1_000 for one in Message.read(frame).changes]
         while len(heard) < len(stamps):
@@ -385,7 +385,7 @@ def test_two_thousand_random_requests_are_answered_with_the_tree(sample, window)
         groot = window(publisher)
         tree = groot.ask()
         assert publisher.groot1 is not None
-        # One socket for all questions, as making one takes longer than asking.
+        # One socket for all requests, because creating a socket takes longer than a request.
         with groot.context.socket(zmq.REQ) as socket:
             socket.setsockopt(zmq.LINGER, 0)
             socket.connect(f"tcp://127.0.0.1:{publisher.groot1 + 1}")
@@ -404,7 +404,7 @@ def test_two_thousand_random_requests_are_answered_with_the_tree(sample, window)
         assert groot.next().steps
 
 
-def test_the_tree_tells_how_its_nodes_stand_now(sample, window):
+def test_the_tree_has_the_current_statuses_of_its_nodes(sample, window):
     with serve(sample, groot1=0) as publisher:
         groot = window(publisher)
         assert {node["status"] for node in groot.tree()["nodes"]} == {0}
@@ -414,7 +414,7 @@ def test_the_tree_tells_how_its_nodes_stand_now(sample, window):
         ]
 
 
-def test_transitions_come_with_the_time_of_day(endless, window):
+def test_transitions_have_the_time_of_day(endless, window):
     with serve(endless, groot1=0) as publisher:
         groot = window(publisher)
         before = time.time_ns() // 1000
@@ -424,7 +424,7 @@ def test_transitions_come_with_the_time_of_day(endless, window):
     assert stamps == sorted(stamps)
 
 
-def test_the_statuses_of_an_update_are_those_at_the_end_of_the_one_before(endless, window):
+def test_an_update_has_the_statuses_at_the_end_of_the_previous_update(endless, window):
     with serve(endless, groot1=0) as publisher:
         groot = window(publisher)
         known = {node.uid: 0 for node in endless.nodes}
@@ -444,7 +444,7 @@ def change_of(tree: btcore.Tree, number: int, status: Status) -> StampedTransiti
     return StampedTransition(Transition(number, 0, 1, tree.root.uid, Status.IDLE, status), number)
 
 
-def test_an_update_waits_for_its_time_from_the_first_transition_on(endless):
+def test_an_update_is_sent_one_period_after_its_first_transition(endless):
     server = Groot1Server(endless, rate=25)
     assert server.update(100.0) is None, "nothing happened, so nothing is sent"
     server.add_transition(change_of(endless, 1, Status.RUNNING), 100.0)
@@ -456,7 +456,7 @@ def test_an_update_waits_for_its_time_from_the_first_transition_on(endless):
     assert server.update(200.0) is None
 
 
-def test_however_fast_the_tree_the_rate_is_kept(endless):
+def test_a_fast_tree_does_not_exceed_the_update_rate(endless):
     server = Groot1Server(endless, rate=25)
     sent = []
     for millisecond in range(1000):
@@ -478,7 +478,7 @@ def test_the_last_transitions_are_sent_before_the_end(sample, window):
     assert groot.next().steps == [(1, 0, 1), (2, 0, 2), (3, 0, 1), (4, 0, 3), (5, 0, 1)]
 
 
-def test_a_publisher_that_lost_transitions_sends_what_makes_it_right(endless):
+def test_a_publisher_that_lost_transitions_sends_corrections(endless):
     server = Groot1Server(endless)
     server.add_transition(change_of(endless, 1, Status.RUNNING), 0.0)
     server.correct({1: 2, 2: 1, 3: 0}, 5_000, 0.0)
@@ -487,7 +487,7 @@ def test_a_publisher_that_lost_transitions_sends_what_makes_it_right(endless):
     assert Message.read(frame).steps == [(1, 0, 1), (1, 1, 2), (2, 0, 1)]
 
 
-def test_uids_begin_again_where_they_would_not_fit_into_16_bits(endless):
+def test_uids_start_again_at_1_when_they_would_exceed_16_bits(endless):
     count = len(endless.nodes)
     last = Groot1Server(endless, offset=0xFFFF - count)
     assert [one["uid"] for one in tree_in(last.answer())["nodes"]][-1] == last.end == 0xFFFF
@@ -498,7 +498,7 @@ def test_uids_begin_again_where_they_would_not_fit_into_16_bits(endless):
 # Ports.
 
 
-def test_groot1_alone_has_the_scene_channel_two_ports_behind_its_requests(sample):
+def test_groot1_alone_has_the_scene_channel_two_ports_above_its_requests(sample):
     with serve(sample, groot1=0) as publisher:
         assert publisher.groot1 is not None
         assert publisher.port == publisher.groot1 + 1
@@ -509,7 +509,7 @@ def test_groot1_alone_has_the_scene_channel_two_ports_behind_its_requests(sample
                 other.bind(f"tcp://127.0.0.1:{publisher.port + 2}")
 
 
-def test_both_are_served_at_once(sample, window):
+def test_both_protocols_are_served_at_once(sample, window):
     with serve(sample, groot2=0, groot1=0) as publisher:
         groot = window(publisher)
         assert groot.tree()["nodes"][0]["instance_name"] == "root_seq"
@@ -521,7 +521,7 @@ def test_both_are_served_at_once(sample, window):
 
 
 @pytest.mark.parametrize("offset", [0, 1, 3])
-def test_a_taken_port_is_named_and_the_others_are_given_back(sample, offset):
+def test_a_port_in_use_is_reported_and_the_other_ports_are_released(sample, offset):
     with serve(sample, groot1=0) as publisher:
         first = publisher.groot1
     with zmq.Context() as context, context.socket(zmq.REP) as other:
@@ -532,7 +532,7 @@ def test_a_taken_port_is_named_and_the_others_are_given_back(sample, offset):
         assert publisher.groot1 == first
 
 
-def test_a_taken_port_beside_groot2_gives_groot2s_ports_back(sample):
+def test_a_groot1_port_in_use_releases_groot2s_ports(sample):
     with serve(sample, groot2=0, groot1=0) as both:
         groot2, groot1 = both.port, both.groot1
     with zmq.Context() as context, context.socket(zmq.REP) as other:
@@ -545,11 +545,11 @@ def test_a_taken_port_beside_groot2_gives_groot2s_ports_back(sample):
 
 
 @pytest.mark.parametrize("groot1", [1666, 1667, 1668, 1669])
-def test_ports_that_meet_are_refused_before_anything_is_opened(sample, groot1):
+def test_overlapping_ports_are_refused_before_anything_is_opened(sample, groot1):
     with pytest.raises(ServeError, match=r"needs the ports 1667 to 1669 and Groot 1 needs .* such as 2666"):
         serve(sample, groot2=1667, groot1=groot1)
 
 
-def test_a_port_without_room_behind_it_is_out_of_range(sample):
+def test_a_port_without_free_ports_above_it_is_out_of_range(sample):
     with pytest.raises(ServeError, match="choose one from 1 to 65532"):
         serve(sample, groot1=65533)

@@ -27,7 +27,7 @@ CAPTURES = Path(__file__).parents[1] / "captures"
 
 @dataclass
 class Window:
-    """What Groot 2's window does: a REQ socket."""
+    """A client like Groot 2's window: a REQ socket."""
 
     publisher: Publisher
     socket: "zmq.Socket[bytes]"
@@ -38,7 +38,7 @@ class Window:
         return self.socket.recv_multipart()
 
     def ask(self, kind: str, body: bytes | None = None) -> bytes:
-        """The second frame of the reply, whose header is checked on the way."""
+        """Check the header of the reply, and return its second frame."""
         unique = os.urandom(4)
         reply = self.send(b"\x02" + kind.encode() + unique, *([] if body is None else [body]))
         assert len(reply[0]) == 22, reply
@@ -83,7 +83,7 @@ class Windows:
         return Window(publisher, socket)
 
 
-def test_statuses_are_the_originals_bytes_before_during_and_after(sample, window):
+def test_statuses_equal_the_originals_bytes_before_during_and_after_a_run(sample, window):
     with serve(sample, groot2=0) as publisher:
         groot = window(publisher)
         assert groot.ask("S") == captured("v4_status_before_first_tick")
@@ -94,7 +94,7 @@ def test_statuses_are_the_originals_bytes_before_during_and_after(sample, window
         assert groot.ask("S") == captured("v4_status_after_completion")
 
 
-def test_blackboards_are_the_originals_bytes(sample, window):
+def test_blackboards_equal_the_originals_bytes(sample, window):
     with serve(sample, groot2=0) as publisher:
         groot = window(publisher)
         assert groot.ask("B", b"Main;Sub::6") == captured("v4_blackboard_before_first_tick")
@@ -105,7 +105,7 @@ def test_blackboards_are_the_originals_bytes(sample, window):
         assert groot.ask("B", b"Main;Sub::6") == captured("v4_blackboard_after")
 
 
-def test_recorded_transitions_are_the_originals_and_reading_empties_the_buffer(sample, window):
+def test_recorded_transitions_equal_the_originals_and_are_read_once(sample, window):
     original = captured("v4_get_transitions")
     with serve(sample, groot2=0) as publisher:
         groot = window(publisher)
@@ -127,7 +127,7 @@ def test_recorded_transitions_are_the_originals_and_reading_empties_the_buffer(s
     assert int(start) + offsets[-1] <= time.time_ns() // 1000
 
 
-def test_stop_keeps_what_is_recorded_and_start_forgets_it(sample, window):
+def test_stop_keeps_the_recording_and_start_clears_it(sample, window):
     with serve(sample, groot2=0) as publisher:
         groot = window(publisher)
         groot.ask("r", b"start")
@@ -142,7 +142,7 @@ def test_stop_keeps_what_is_recorded_and_start_forgets_it(sample, window):
         assert groot.transitions() == []
 
 
-def test_a_recording_keeps_the_last_thousand(endless, window):
+def test_a_recording_keeps_the_last_thousand_transitions(endless, window):
     with serve(endless, groot2=0) as publisher:
         groot = window(publisher)
         groot.ask("r", b"start")
@@ -151,7 +151,7 @@ def test_a_recording_keeps_the_last_thousand(endless, window):
         assert len(groot.transitions()) == 1000
 
 
-def test_a_halted_node_is_11_and_transitions_to_idle_are_recorded_plain(sample, window):
+def test_a_halted_node_has_10_plus_its_last_status_but_is_recorded_as_idle(sample, window):
     with serve(sample, groot2=0) as publisher:
         groot = window(publisher)
         sample.tick_exactly_once()
@@ -163,7 +163,7 @@ def test_a_halted_node_is_11_and_transitions_to_idle_are_recorded_plain(sample, 
         assert {status for _, _, status in groot.transitions()} == {0}
 
 
-def test_the_full_tree_shows_the_nodes_of_the_captured_one(sample, window):
+def test_the_full_tree_equals_the_captured_tree(sample, window):
     with serve(sample, groot2=0) as publisher:
         xml = window(publisher).ask("T")
     ours = read_fulltree(xml, publisher.tree_id)
@@ -171,7 +171,7 @@ def test_the_full_tree_shows_the_nodes_of_the_captured_one(sample, window):
     assert ours == original
 
 
-def test_the_tree_id_is_a_random_uuid_that_lasts_as_long_as_the_publisher(sample, window):
+def test_the_tree_id_is_a_new_random_uuid_for_each_publisher(sample, window):
     with serve(sample, groot2=0) as first:
         identity = uuid.UUID(first.tree_id)
         assert (identity.version, identity.variant) == (4, uuid.RFC_4122)
@@ -199,7 +199,7 @@ def test_the_tree_id_is_a_random_uuid_that_lasts_as_long_as_the_publisher(sample
         ([b"\x02X\x01\x02\x03\x04"], "hooks are disabled"),
     ],
 )
-def test_what_cannot_be_answered_gets_an_error_of_two_frames(sample, window, frames, sentence):
+def test_an_invalid_request_gets_an_error_of_two_frames(sample, window, frames, sentence):
     with serve(sample, groot2=0) as publisher:
         assert window(publisher).send(*frames) == [b"error", sentence.encode()]
 
@@ -211,14 +211,14 @@ def test_the_protocol_byte_is_not_checked_and_extra_frames_are_ignored(sample, w
         assert reply[1] == captured("v4_status_before_first_tick")
 
 
-def test_no_names_are_answered_with_nil(sample, window):
+def test_a_request_without_a_known_blackboard_is_answered_with_nil(sample, window):
     with serve(sample, groot2=0) as publisher:
         groot = window(publisher)
         assert groot.ask("B", b"") == b"\xc0"
         assert groot.ask("B", b"nope;;\xff") == b"\xc0"
 
 
-def test_a_thousand_random_requests_leave_the_publisher_alive(sample, window):
+def test_the_publisher_survives_a_thousand_random_requests(sample, window):
     with serve(sample, groot2=0) as publisher:
         groot = window(publisher)
         letters = st.sampled_from(list(b"TSBIRNUDAXrtZ\x00"))
@@ -239,7 +239,7 @@ def test_a_thousand_random_requests_leave_the_publisher_alive(sample, window):
 
 @pytest.fixture
 def writing() -> Iterator[btcore.Tree]:
-    """A tree that ticks as fast as it can on a thread of its own, and rewrites its blackboard meanwhile."""
+    """A tree that ticks as fast as it can on its own thread, and writes its blackboard in each tick."""
     turns = [0]
 
     @btcore.action
@@ -270,7 +270,7 @@ def writing() -> Iterator[btcore.Tree]:
     assert turns[0] > 100
 
 
-def test_blackboards_are_whole_while_the_tree_writes_them(writing, window):
+def test_blackboards_are_consistent_while_the_tree_writes_them(writing, window):
     with serve(writing, groot2=0) as publisher:
         groot = window(publisher)
         for _ in range(30):
@@ -278,14 +278,14 @@ def test_blackboards_are_whole_while_the_tree_writes_them(writing, window):
             assert len(set(board["row"])) <= 1
 
 
-def test_blackboards_can_be_read_beside_a_ticking_tree(writing):
+def test_the_tracker_can_read_blackboards_while_the_tree_ticks(writing):
     tracker = BlackboardTracker(writing)
     for _ in range(500):
         board = tracker.read_now()[""]
         assert len(set(board.get("row", []))) <= 1
 
 
-def test_a_tree_that_does_not_tick_shows_what_is_written_from_outside(sample, window):
+def test_values_written_from_outside_are_shown_without_a_tick(sample, window):
     with serve(sample, groot2=0) as publisher:
         groot = window(publisher)
         sample.blackboard["x"] = 7
@@ -301,7 +301,7 @@ def test_the_port_is_free_again_after_closing(sample, window):
         assert len(window(publisher).statuses()) == 10
 
 
-def test_without_scene_channel_the_port_above_is_left_alone(sample):
+def test_without_scene_channel_its_port_stays_free(sample):
     with (
         serve(sample, groot2=0, scene=False) as first,
         zmq.Context() as context,
@@ -316,7 +316,7 @@ def test_two_trees_are_published_by_one_process(sample, endless, window):
         assert len(window(second).statuses()) == 7
 
 
-def test_a_node_that_raises_leaves_the_publisher_at_work(window):
+def test_the_publisher_works_after_a_node_raised(window):
     registry = btcore.Registry.standard()
 
     @btcore.action

@@ -50,7 +50,7 @@ def frames_of(name: str) -> list[bytes]:
 
 
 class Window:
-    """What Groot 2's window does: a REQ socket, and a SUB socket one port further."""
+    """A client like Groot 2's window: a REQ socket, and a SUB socket at the next port."""
 
     def __init__(self, publisher: Publisher) -> None:
         self.publisher = publisher
@@ -107,7 +107,7 @@ Opening = Callable[..., Window]
 
 @pytest.fixture
 def control() -> Iterator[Opening]:
-    """Publishes a tree that may be controlled, and opens a window on it."""
+    """Return a function that publishes a tree, with control allowed, and connects a window to it."""
     opened: list[Window] = []
 
     def open_window(tree: btcore.Tree, **options: float) -> Window:
@@ -122,7 +122,7 @@ def control() -> Iterator[Opening]:
 
 
 class Ticking:
-    """One tick of a tree, on a thread of its own."""
+    """A single tick of a tree, on its own thread."""
 
     def __init__(self, tree: btcore.Tree) -> None:
         self._tree = tree
@@ -142,7 +142,7 @@ class Ticking:
 # --- bytes
 
 
-def test_our_requests_are_the_captured_ones_byte_for_byte():
+def test_our_requests_equal_the_captured_requests_byte_for_byte():
     assert encode_hooks([WireHook(4)]) == frames_of("v4_hook_insert_breakpoint.req")[1]
     failing = WireHook(5, position=1, mode=1, once=True, desired_status="FAILURE")
     assert b"[" + encode_hooks([failing]) + b"]" == frames_of("v4_hook_insert_array_replace_post.req")[1]
@@ -151,7 +151,7 @@ def test_our_requests_are_the_captured_ones_byte_for_byte():
     assert encode_unlocking(unlocking) == frames_of("v4_breakpoint_unlock.req")[1]
 
 
-def test_our_dump_and_notification_are_the_captured_ones_byte_for_byte():
+def test_our_dump_and_notification_equal_the_captures_byte_for_byte():
     assert encode_dump([WireHook(4)]) == frames_of("v4_hooks_dump_one.rep")[1]
     assert encode_dump([]) == frames_of("v4_hooks_dump_empty.rep")[1]
     captured = frames_of("v4_breakpoint_reached.pub")
@@ -181,7 +181,7 @@ def test_a_dump_is_read_back():
         "error_bad_header",
     ],
 )
-def test_captured_requests_get_the_captured_replies_but_for_the_trees_id(sample, control, name):
+def test_captured_requests_get_the_captured_replies_except_for_the_tree_id(sample, control, name):
     window = control(sample)
     if name in ("hooks_dump_one", "breakpoint_unlock", "hook_remove"):
         window.send(*frames_of("v4_hook_insert_breakpoint.req"))
@@ -191,7 +191,7 @@ def test_captured_requests_get_the_captured_replies_but_for_the_trees_id(sample,
     assert window.send(*frames_of(f"v4_{name}.req")) == expected
 
 
-def test_the_whole_captured_session_happens_here_too(sample, control):
+def test_the_whole_captured_session_can_be_repeated(sample, control):
     """g2cli.out.txt: a breakpoint before AlwaysFailure, released with SUCCESS; then Count is made to fail."""
     window = control(sample)
     while sample.tick_exactly_once() is btcore.Status.RUNNING:
@@ -249,15 +249,13 @@ TYPE = "[json.exception.type_error.302] type must be {}, but is {}"
         ),
     ],
 )
-def test_a_request_that_makes_no_sense_is_refused_in_the_originals_words(
-    sample, control, kind, body, sentence
-):
+def test_an_invalid_request_is_refused_with_the_originals_message(sample, control, kind, body, sentence):
     window = control(sample)
     assert window.refused(kind, body) == sentence
     assert window.dump() == []
 
 
-def test_text_that_cannot_be_sent_back_is_refused_too(sample, control):
+def test_unencodable_text_and_invalid_json_are_refused(sample, control):
     window = control(sample)
     assert "NodeStatus" in window.refused("I", BREAKPOINT | {"desired_status": "\ud800"})
     for noise in (b"", b"[" * 100_000, b"\xff\xfe", b"9" * 5000, b"NaN", b'{"uid": 1e999}', b"[1,", b"nul"):
@@ -265,7 +263,7 @@ def test_text_that_cannot_be_sent_back_is_refused_too(sample, control):
     assert window.dump() == []
 
 
-def test_a_hook_for_no_node_is_accepted_and_forgotten(sample, control):
+def test_a_hook_for_an_unknown_node_is_accepted_and_ignored(sample, control):
     window = control(sample)
     assert window.ask("I", BREAKPOINT | {"uid": 999}) == b""
     assert window.dump() == []
@@ -281,16 +279,16 @@ def test_hooks_are_disabled_unless_control_is_allowed(sample):
             window.close()
 
 
-# --- what hooks do
+# --- effects of hooks
 
 
-def test_a_dump_lists_those_before_a_tick_first(sample, control):
+def test_a_dump_lists_hooks_before_a_tick_first(sample, control):
     window = control(sample)
     window.ask("I", [BREAKPOINT | {"position": 1}, BREAKPOINT | {"uid": 7, "mode": 1}])
     assert [(one["uid"], one["position"], one["mode"]) for one in window.dump()] == [(7, 0, 1), (4, 1, 0)]
 
 
-def test_a_hook_at_the_same_place_overwrites(sample, control):
+def test_a_hook_at_the_same_place_is_replaced(sample, control):
     window = control(sample)
     window.ask("I", BREAKPOINT)
     changed = BREAKPOINT | {"mode": 1, "once": True, "desired_status": "FAILURE", "enabled": False}
@@ -308,7 +306,7 @@ def test_a_hook_at_the_same_place_overwrites(sample, control):
         ("U", {"uid": 4, "position": 0, "desired_status": "RUNNING", "remove_when_done": True}, 0),
     ],
 )
-def test_what_releases_a_tick_that_stands(sample, control, kind, body, left):
+def test_requests_that_release_a_waiting_tick(sample, control, kind, body, left):
     window = control(sample)
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
@@ -319,7 +317,7 @@ def test_what_releases_a_tick_that_stands(sample, control, kind, body, left):
     assert len(window.dump()) == left
 
 
-def test_statuses_and_blackboards_are_answered_while_the_tree_stands(sample, control):
+def test_statuses_and_blackboards_are_answered_at_a_breakpoint(sample, control):
     window = control(sample)
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
@@ -341,10 +339,10 @@ def test_recorded_transitions_show_the_injected_status(sample, control):
     assert (5, 1) not in changes
 
 
-# --- who stops a robot stays with it
+# --- hooks work only as long as their client stays connected
 
 
-def test_silence_disables_hooks_and_a_request_enables_them_again(sample, control, until):
+def test_a_silent_client_disables_hooks_and_its_next_request_enables_them(sample, control, until):
     window = control(sample, max_heartbeat_delay=0.3)
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
@@ -359,7 +357,7 @@ def test_silence_disables_hooks_and_a_request_enables_them_again(sample, control
     assert [one["enabled"] for one in window.dump()] == [True]
 
 
-def test_a_request_of_any_kind_is_a_sign_of_life(sample, control):
+def test_a_request_of_any_kind_counts_as_a_heartbeat(sample, control):
     window = control(sample, max_heartbeat_delay=0.5)
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
@@ -373,7 +371,7 @@ def test_a_request_of_any_kind_is_a_sign_of_life(sample, control):
     tick.end()
 
 
-def test_a_publisher_that_ends_leaves_no_hook_behind(sample, control):
+def test_a_finished_publisher_removes_its_hooks(sample, control):
     window = control(sample)
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
@@ -385,7 +383,7 @@ def test_a_publisher_that_ends_leaves_no_hook_behind(sample, control):
     assert window.refused("D") == "hooks are disabled"
 
 
-def test_a_tree_that_is_exchanged_takes_its_hooks_with_it(sample, endless, control, until):
+def test_replacing_the_tree_removes_its_hooks(sample, endless, control, until):
     window = control(sample)
     window.ask("I", BREAKPOINT)
     window.publisher.replace(endless)
@@ -416,7 +414,7 @@ BAD = {
     "position": (-1, 2),
     "remove_when_done": ("no",),
 }
-# Hooks and fields are picked whole: to draw each value takes longer than the request.
+# Whole hooks and fields are sampled, because drawing each value takes longer than the request.
 HOOKS = st.sampled_from([dict(zip(GOOD, values, strict=True)) for values in product(*GOOD.values())])
 FEWER = st.sampled_from([(), *combinations(GOOD, 1), *combinations(GOOD, 3), tuple(GOOD)])
 CHANGES = st.sampled_from([{}, *({key: value} for key, values in BAD.items() for value in values)])
@@ -432,7 +430,7 @@ KINDS = st.sampled_from(list(b"TSBIRNUDAXrtZ\x00IRU"))
 HEADERS = st.builds(lambda kind, rest: bytes([2, kind]) + rest, KINDS, st.binary(min_size=4, max_size=4))
 
 
-def test_ten_thousand_random_requests_leave_robot_and_publisher_alive(endless, control):
+def test_robot_and_publisher_survive_ten_thousand_random_requests(endless, control):
     window = control(endless)
     stop = threading.Event()
 

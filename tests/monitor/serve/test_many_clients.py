@@ -1,4 +1,4 @@
-"""Many who ask at once, in odd ways: everybody gets the answers to the own requests, and nobody else's."""
+"""Many simultaneous clients, some with unusual requests: each gets the replies to its own requests only."""
 
 import contextlib
 
@@ -17,7 +17,7 @@ def served(endless, no_threads_left):
 
 @pytest.fixture
 def dealer(served):
-    """``dealer()``: a client that may ask as it likes."""
+    """``dealer()``: a client that may send any frames."""
     with contextlib.ExitStack() as stack:
         context = stack.enter_context(zmq.Context())
 
@@ -47,8 +47,8 @@ def test_replies_go_to_the_requesting_client(dealer):
         assert not client.poll(0)
 
 
-def test_an_answer_goes_back_through_all_that_passed_the_request_on(dealer):
-    """As a REP socket does it: the envelope ends at the first empty frame, and comes back as it was."""
+def test_a_reply_has_the_routing_envelope_of_its_request(dealer):
+    """As with a REP socket, the envelope ends at the first empty frame, and is returned unchanged."""
     client = dealer()
     client.send_multipart([b"first", b"second", b"", request(b"B", 7), b""])
     assert client.poll(5_000)
@@ -60,9 +60,9 @@ def test_an_answer_goes_back_through_all_that_passed_the_request_on(dealer):
 @pytest.mark.parametrize(
     "frames",
     [[b""], [b"", b""], [b"", b"", b""], [b"", b"\x02S1234", b"", b"more"], [b"", b"\x02B1234"]],
-    ids=["nothing", "an empty request", "two empty frames", "frames too many", "a frame too few"],
+    ids=["nothing", "an empty request", "two empty frames", "an additional frame", "a missing frame"],
 )
-def test_what_is_no_request_costs_nobody_else_the_answer(dealer, frames):
+def test_an_invalid_request_does_not_affect_other_clients(dealer, frames):
     odd, client = dealer(), dealer()
     odd.send_multipart(frames)
     client.send_multipart([b"", request(b"S", 1)])
@@ -75,7 +75,7 @@ def test_what_is_no_request_costs_nobody_else_the_answer(dealer, frames):
         assert len(answers) <= (2 if socket is odd else 1)
 
 
-def test_who_asks_and_leaves_is_not_missed(dealer):
+def test_clients_that_leave_before_the_reply_do_no_harm(dealer):
     for _ in range(20):
         with dealer() as gone:
             gone.linger = 100
@@ -86,7 +86,7 @@ def test_who_asks_and_leaves_is_not_missed(dealer):
     assert client.recv_multipart()[1][:6] == request(b"S", 3)
 
 
-def test_big_answers_for_a_client_that_reads_none_fill_no_memory():
+def test_waiting_replies_to_a_client_that_does_not_read_are_limited():
     big, asked = b"x" * 1_000_000, 4 * WAITING_AT_MOST
     with zmq.Context() as context, context.socket(zmq.DEALER) as deaf:
         questions = RequestSocket(context, 1000)

@@ -1,4 +1,4 @@
-"""Publishing where one can't: a sentence that says what to do, and nothing left behind."""
+"""Publishing at unavailable ports: the error names a solution, and all ports are released."""
 
 import pytest
 import zmq
@@ -8,7 +8,7 @@ from btcore_monitor.serve import PortInUseError, ServeError, serve
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 
 
-def test_a_taken_port_is_named_with_the_ways_out(sample):
+def test_a_port_in_use_is_reported_with_alternatives(sample):
     with serve(sample, groot2=0) as first, pytest.raises(PortInUseError) as raised:
         serve(sample, groot2=first.port)
     assert str(raised.value) == (
@@ -18,7 +18,7 @@ def test_a_taken_port_is_named_with_the_ways_out(sample):
 
 
 @pytest.mark.parametrize("offset", [1, 2])
-def test_a_taken_neighbour_is_named_and_the_ports_before_it_are_given_back(sample, offset):
+def test_a_neighbour_port_in_use_is_reported_and_lower_ports_are_released(sample, offset):
     with serve(sample, groot2=0) as publisher:
         port = publisher.port
     with zmq.Context() as context, context.socket(zmq.REP) as other:
@@ -31,13 +31,13 @@ def test_a_taken_neighbour_is_named_and_the_ports_before_it_are_given_back(sampl
         assert publisher.port == port
 
 
-def test_free_ports_are_taken_for_0_and_none(sample, endless):
+def test_free_ports_are_chosen_for_0_and_none(sample, endless):
     with serve(sample, groot2=0) as first, serve(endless, groot2=None) as second:
         assert abs(first.port - second.port) >= 3
         assert first.address == f"tcp://127.0.0.1:{first.port}"
 
 
-def test_an_interface_that_is_not_here_is_named(sample):
+def test_an_unknown_interface_is_reported(sample):
     with pytest.raises(ServeError, match=r"cannot listen at '203\.0\.113\.9'.*--bind"):
         serve(sample, groot2=0, bind="203.0.113.9")
 

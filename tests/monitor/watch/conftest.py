@@ -1,6 +1,6 @@
 """A stand-in for a robot that runs C++: BehaviorTree.CPP 4.10's publisher for Groot 2, from its description.
 
-It shares no code with the monitor. What it answers is checked against the captures of the real one.
+It shares no code with the monitor. Its replies are checked against the captures of a real robot.
 """
 
 import re
@@ -38,17 +38,17 @@ class RefusalError(Exception):
 
 
 class CppRobot:
-    """A robot with the captures' tree of ten nodes, until :meth:`close`; port 0: a free one.
+    """A robot with the captures' tree of ten nodes, until :meth:`close`; port 0 chooses a free port.
 
-    *statuses* is the STATUS buffer (uid → code); *changed* is what a node's status signal calls. *asked*
-    counts requests by their letter. *refused* maps a letter to the error it is answered with, *delay* (s) is
-    how long an answer takes, and before a request of *deaf_to* the robot hears nothing until :meth:`hear`.
+    *statuses* is the STATUS buffer (uid → code); a node's status signal calls *changed*. *asked*
+    counts requests by their letter. *refused* maps a letter to the error in the reply, *delay* (s) is
+    the duration of a reply, and at a request *stall_at* the robot does not respond until :meth:`resume`.
     """
 
     def __init__(self, port: int = 0, xml: bytes | None = None, tree_id: bytes | None = None) -> None:
         self.xml = xml or frames("fulltree.rep")[1]
         self.tree_id = tree_id or uuid.uuid4().bytes
-        # one record a node in order of creation, which is not that of the uids
+        # one record for each node in order of creation, which differs from the order of the uids
         self.statuses = dict.fromkeys(map(int, re.findall(rb'_uid="(\d+)"', self.xml)), 0)
         if len(self.statuses) == 10:
             self.statuses = dict.fromkeys((1, 2, 3, 4, 5, 6, 10, 7, 8, 9), 0)
@@ -59,12 +59,12 @@ class CppRobot:
         self.names: list[bytes] = []
         self.delay = 0.0
         self.deaf_to = ""
-        self.deaf = threading.Event()
+        self.stalled = threading.Event()
         self.lock = threading.Lock()
         self.recording = False
         self._began = 0
         self._recorded: deque[bytes] = deque(maxlen=1000)
-        self._heard = threading.Event()
+        self._resumed = threading.Event()
         self._stop = threading.Event()
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.REP)
@@ -77,7 +77,7 @@ class CppRobot:
         self._thread.start()
 
     def change(self, *changes: tuple[int, int]) -> None:
-        """The nodes' statuses change to (uid, status), one by one; nothing is answered meanwhile."""
+        """Change the nodes' statuses to (uid, status) in order; no request is answered meanwhile."""
         with self.lock:
             for uid, status in changes:
                 self.changed(uid, status)
@@ -92,11 +92,11 @@ class CppRobot:
 
     def hear(self) -> None:
         self.deaf_to = ""
-        self._heard.set()
+        self._resumed.set()
 
     def close(self) -> None:
         self._stop.set()
-        self._heard.set()
+        self._resumed.set()
         self._thread.join()
         self._socket.close()
         self._context.term()
@@ -108,8 +108,8 @@ class CppRobot:
             except zmq.Again:
                 continue
             if self.deaf_to and chr(request[0][1]) == self.deaf_to:
-                self.deaf.set()
-                self._heard.wait()
+                self.stalled.set()
+                self._resumed.wait()
             self._stop.wait(self.delay)
             self._socket.send_multipart(self.answer(request))
 
@@ -156,7 +156,7 @@ class CppRobot:
 
 
 class Watcher:
-    """Gathers a feed's events on a thread of its own."""
+    """Collects a feed's events on its own thread."""
 
     def __init__(self, address: str, **options) -> None:
         self.events: list[Event] = []

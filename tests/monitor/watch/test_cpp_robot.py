@@ -1,4 +1,4 @@
-"""Following a stock C++ robot through Groot 2's protocol: what is seen, and what is said to be unseen."""
+"""Following a stock C++ robot through Groot 2's protocol: what is seen, and what is reported as unseen."""
 
 import threading
 import time
@@ -50,7 +50,7 @@ def source(viewer):
 # --- the stand-in
 
 
-def test_the_stand_in_answers_as_the_real_one_did(cpp_robot, capture):
+def test_the_stand_in_answers_like_the_captured_robot(cpp_robot, capture):
     robot = cpp_robot(tree_id=capture("fulltree.rep")[0][6:])
     records = capture("get_transitions.rep")[1]
     steps = [records[at : at + 9] for at in range(0, len(records), 9)]
@@ -106,7 +106,7 @@ def test_every_recorded_transition_is_seen_with_its_time(cpp_robot, watch_cpp, u
     assert [one.t for one in viewer.of(StatusChanged)] == [wall - seen.wall for wall in walls]
 
 
-def test_transitions_before_the_first_look_are_statuses(cpp_robot, watch_cpp, until):
+def test_transitions_before_the_first_request_are_shown_as_statuses(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     robot.change(*TICK_1)
     viewer = watch_cpp(robot.address)
@@ -117,7 +117,7 @@ def test_transitions_before_the_first_look_are_statuses(cpp_robot, watch_cpp, un
     assert changes(viewer) == [(5, RUNNING, SUCCESS), (4, FAILURE, IDLE), (5, SUCCESS, IDLE)]
 
 
-def test_what_the_wire_lacks_is_said_and_not_guessed(cpp_robot, watch_cpp, until):
+def test_data_that_the_protocol_lacks_is_reported_as_unavailable(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
@@ -134,7 +134,7 @@ def test_what_the_wire_lacks_is_said_and_not_guessed(cpp_robot, watch_cpp, until
     assert {one.tick for one in viewer.of(StatusChanged)} == {0}
 
 
-def test_more_transitions_than_the_robot_keeps_are_a_hole(cpp_robot, watch_cpp, until):
+def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
@@ -154,7 +154,7 @@ def test_more_transitions_than_the_robot_keeps_are_a_hole(cpp_robot, watch_cpp, 
     assert not viewer.of(TransitionsLost)
 
 
-def test_a_recording_that_somebody_else_reads_too_is_left_to_them(cpp_robot, watch_cpp, until):
+def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
@@ -184,7 +184,7 @@ def test_a_recording_that_somebody_else_reads_too_is_left_to_them(cpp_robot, wat
     assert robot.asked["t"] == drained
 
 
-def test_a_recording_that_somebody_else_begins_anew_is_left_to_them(cpp_robot, watch_cpp, until):
+def test_a_recording_that_another_client_restarts_is_left_to_that_client(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
@@ -197,10 +197,10 @@ def test_a_recording_that_somebody_else_begins_anew_is_left_to_them(cpp_robot, w
     assert "another client began a recording" in viewer.of(DataMissed)[0].reason
     until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
     assert viewer.of(TreeSeen)[-1].statuses[4] == RUNNING
-    assert robot.recording, "theirs goes on"
+    assert robot.recording, "the other client's recording goes on"
 
 
-def test_a_robot_that_changes_faster_than_it_can_be_asked_is_sampled(cpp_robot, watch_cpp, until):
+def test_a_robot_that_changes_faster_than_it_can_be_polled_is_sampled(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
@@ -211,7 +211,7 @@ def test_a_robot_that_changes_faster_than_it_can_be_asked_is_sampled(cpp_robot, 
     until(lambda: not robot.recording, "that the recording, which was ours, is stopped")
 
 
-def test_with_no_record_the_buffer_is_left_to_its_owner(cpp_robot, watch_cpp, until):
+def test_no_record_leaves_the_robots_buffer_to_other_clients(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address, record=False)
     until(lambda: viewer.of(TreeSeen), "the tree")
@@ -223,7 +223,7 @@ def test_with_no_record_the_buffer_is_left_to_its_owner(cpp_robot, watch_cpp, un
     )
 
 
-def test_a_robot_that_can_not_record_is_sampled(cpp_robot, watch_cpp, until):
+def test_a_robot_that_cannot_record_is_sampled(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     robot.refused["r"] = "Request not recognized"
     viewer = watch_cpp(robot.address)
@@ -246,7 +246,7 @@ def test_a_monitor_that_leaves_stops_the_recording_that_it_began(cpp_robot, watc
 # --- robots that come and go
 
 
-def test_a_robot_that_is_not_there_yet_is_waited_for(cpp_robot, watch_cpp, until):
+def test_a_feed_waits_for_a_robot_that_starts_later(cpp_robot, watch_cpp, until):
     gone = cpp_robot()
     gone.close()
     viewer = watch_cpp(gone.address)
@@ -290,16 +290,16 @@ def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(cpp_robot, wa
     assert [link.state for link in viewer.of(ConnectionChanged)] == ["waiting", "connected"]
 
 
-def test_a_short_silence_loses_nothing_that_the_robot_kept(cpp_robot, watch_cpp, until):
+def test_transitions_recorded_during_a_short_silence_are_not_lost(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
     robot.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "a tick")
-    robot.deaf_to = "S"
+    robot.stall_at = "S"
     until(lambda: viewer.of(ConnectionChanged)[-1].state == "lost", "the silence")
     robot.change((5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
-    robot.hear()
+    robot.resume()
     until(lambda: len(changes(viewer)) == 8 + len(ROUND) * 20, "what happened meanwhile")
     assert changes(viewer) == with_previous(*TICK_1, (5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
     assert [link.state for link in viewer.of(ConnectionChanged)] == [
@@ -312,7 +312,7 @@ def test_a_short_silence_loses_nothing_that_the_robot_kept(cpp_robot, watch_cpp,
     assert len(viewer.of(TreeSeen)) == 1
 
 
-def test_an_answer_may_take_longer_than_the_first_time_out(cpp_robot, watch_cpp, until):
+def test_a_reply_may_take_longer_than_the_first_timeout(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     robot.delay = 1.2
     viewer = watch_cpp(robot.address)
@@ -340,7 +340,7 @@ def test_several_robots_are_followed_at_once(cpp_robot, watch_cpp, until):
     ("rate", "said"),
     [(20.0, "requested 20 times a second: short changes are not seen"), (0, "not requested")],
 )
-def test_blackboards_are_asked_for_as_often_as_told(cpp_robot, watch_cpp, until, capture, rate, said):
+def test_blackboards_are_requested_at_the_given_rate(cpp_robot, watch_cpp, until, capture, rate, said):
     robot = cpp_robot()
     robot.boards = capture("blackboard_after.rep")[1]
     viewer = watch_cpp(robot.address, blackboard_rate=rate)
@@ -359,7 +359,7 @@ def test_blackboards_are_asked_for_as_often_as_told(cpp_robot, watch_cpp, until,
         }
 
 
-def test_blackboards_that_are_refused_together_are_asked_for_one_by_one(cpp_robot, watch_cpp, until):
+def test_blackboards_that_are_refused_together_are_requested_one_by_one(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     robot.refused["B"] = "two different root blackboards"
     viewer = watch_cpp(robot.address, blackboard_rate=50)
@@ -387,7 +387,7 @@ def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch_cpp, until,
 # --- a btcore robot without its scene channel
 
 
-def test_our_own_robot_is_followed_through_groot_2_as_well(endless, watch_cpp, until, changes):
+def test_a_btcore_robot_can_be_followed_through_groot_2(endless, watch_cpp, until, changes):
     told = changes(endless)
     with serve(endless, groot2=0, scene=False) as publisher:
         viewer = watch_cpp(publisher.address)

@@ -1,4 +1,4 @@
-"""Watching a robot that comes, goes and comes back, by both of its languages."""
+"""Watching a robot that starts, stops and restarts, by both of its protocols."""
 
 import threading
 import time
@@ -39,7 +39,7 @@ pytestmark = pytest.mark.usefixtures("no_threads_left")
 
 
 class Watcher:
-    """Gathers a feed's events on a thread of its own; *pause* (s) after each tick makes it slow."""
+    """Collects a feed's events on its own thread; *pause* (s) after each tick makes it slow."""
 
     def __init__(self, address: str, pause: float = 0.0) -> None:
         self.events: list[Event] = []
@@ -102,7 +102,7 @@ def numbers(watcher: Watcher) -> list[int]:
     return [event.number for event in watcher.of(StatusChanged)]
 
 
-def test_a_viewer_that_was_there_first_sees_everything(sample, watch, until):
+def test_a_viewer_that_starts_before_the_robot_sees_everything(sample, watch, until):
     with serve(sample, groot2=0) as publisher:
         port = publisher.port
     early = watch(f":{port}")
@@ -134,7 +134,7 @@ def test_a_viewer_that_was_there_first_sees_everything(sample, watch, until):
     assert not early.of(TransitionsLost)
 
 
-def test_a_viewer_that_comes_in_the_middle_gets_what_was_before(endless, watch, until):
+def test_a_viewer_that_connects_during_a_run_gets_the_earlier_events(endless, watch, until):
     with serve(endless, groot2=0) as publisher:
         for _ in range(50):
             endless.tick_exactly_once()
@@ -146,7 +146,7 @@ def test_a_viewer_that_comes_in_the_middle_gets_what_was_before(endless, watch, 
         assert numbers(late) == list(range(1, len(numbers(late)) + 1))
 
 
-def test_a_viewer_that_comes_after_the_last_tick_sees_the_run(sample, watch, until):
+def test_a_viewer_that_connects_after_the_last_tick_gets_the_run(sample, watch, until):
     with serve(sample, groot2=0) as publisher:
         for _ in range(3):
             sample.tick_exactly_once()
@@ -158,9 +158,7 @@ def test_a_viewer_that_comes_after_the_last_tick_sees_the_run(sample, watch, unt
         assert late.of(StatusChanged)[-1].status == 0
 
 
-def test_no_transition_is_missing_however_fast_the_tree_and_however_slow_the_viewers(
-    endless, watch, until, changes
-):
+def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, changes):
     told = changes(endless)
     with serve(endless, groot2=0, grace=60) as publisher:
         viewers = [watch(publisher.address), watch(publisher.address, pause=0.002)]
@@ -199,9 +197,7 @@ def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until)
     ]
 
 
-def test_a_tree_that_takes_anothers_place_is_seen_on_the_same_connection(
-    sample, endless, watch, until, changes
-):
+def test_a_replaced_tree_is_seen_on_the_same_connection(sample, endless, watch, until, changes):
     told_before, told_after = changes(sample), changes(endless)
     with serve(sample, groot2=0, resources=[Scene()]) as publisher:
         viewer = watch(publisher.address)
@@ -218,7 +214,7 @@ def test_a_tree_that_takes_anothers_place_is_seen_on_the_same_connection(
     assert [event.tree.name for event in seen] == ["Main", "Endless"]
     assert seen[1].tree.tree_id == second
     assert [link.state for link in viewer.of(ConnectionChanged)][-2:] == ["connected", "ended"], (
-        "nobody was lost"
+        "no connection was lost"
     )
     kinds = [type(event) for event in viewer.events]
     assert kinds.index(SceneStatic, viewer.events.index(seen[1]))
@@ -230,7 +226,7 @@ def test_a_tree_that_takes_anothers_place_is_seen_on_the_same_connection(
     assert [one.tick for one in viewer.of(Ticked)] == [1, *range(1, 101)]
 
 
-def test_a_client_that_asks_in_groot2s_words_sees_the_next_tree_at_once(sample, endless):
+def test_a_groot2_client_sees_the_next_tree_at_once(sample, endless):
     with serve(sample, groot2=0) as publisher, Groot2Client(parse_address(publisher.address)) as client:
         first = fulltree(client)
         publisher.replace(endless)
@@ -241,8 +237,8 @@ def test_a_client_that_asks_in_groot2s_words_sees_the_next_tree_at_once(sample, 
         assert statuses(client).keys() == {node.uid for node in endless.nodes}
 
 
-def test_a_sign_of_life_of_an_unknown_tree_makes_a_client_ask(until):
-    """So that a client whose queue overflowed just when the tree changed is not left behind."""
+def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until):
+    """A client whose queue overflowed when the tree changed must receive the new tree."""
     context: zmq.Context = zmq.Context()
     with context.socket(zmq.XPUB) as robot:
         address = parse_address(f":{robot.bind_to_random_port('tcp://127.0.0.1') - wire.PORT_OFFSET}")
@@ -252,7 +248,7 @@ def test_a_sign_of_life_of_an_unknown_tree_makes_a_client_ask(until):
             heard = [b""]
 
             def asked() -> bool:
-                # A client is patient: an answer may be on its way.
+                # The client repeats its request after some time only, because a reply may be on its way.
                 robot.send_multipart([wire.ALIVE, wire.encode(wire.AliveMessage("second", 0))])
                 client.read()
                 while robot.poll(0) and not heard[-1].startswith(b"\x01again/tree/"):
@@ -274,7 +270,7 @@ def test_a_sign_of_life_of_an_unknown_tree_makes_a_client_ask(until):
     context.term()
 
 
-def test_what_a_node_raised_arrives(watch, until):
+def test_the_exception_of_a_node_arrives(watch, until):
     registry = btcore.Registry.standard()
 
     @btcore.action
@@ -294,7 +290,7 @@ def test_what_a_node_raised_arrives(watch, until):
     assert "boom" in viewer.of(ExceptionRaised)[0].message
 
 
-def test_transitions_of_a_tick_that_goes_on_are_shown_before_it_ends(watch, until):
+def test_transitions_of_an_unfinished_tick_are_shown(watch, until):
     go_on = threading.Event()
     registry = btcore.Registry.standard()
 
@@ -318,7 +314,7 @@ def test_transitions_of_a_tick_that_goes_on_are_shown_before_it_ends(watch, unti
             ticking.join()
 
 
-def test_a_viewer_that_hangs_does_not_hold_up_the_end(endless):
+def test_a_hanging_viewer_does_not_delay_the_end(endless):
     with zmq.Context() as context, context.socket(zmq.SUB) as hanging:
         with serve(endless, groot2=0, grace=0.1) as publisher:
             hanging.setsockopt(zmq.RCVHWM, 1)
@@ -348,7 +344,7 @@ def test_a_robot_with_groot2_only_is_sampled(sample, watch, until):
         assert "ROOT" not in viewer.of(BlackboardSeen)[-1].boards
 
 
-def test_an_idle_node_tells_a_sampling_viewer_what_happened_between_two_looks(sample, watch, until):
+def test_sampling_shows_the_last_result_of_a_node_that_became_idle(sample, watch, until):
     with serve(sample, groot2=0, scene=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeSeen), "the tree")
@@ -377,7 +373,7 @@ def test_a_sampled_robot_that_goes_silent_is_lost_and_found_again(sample, watch,
     assert viewer.of(TreeSeen)[0].tree.tree_id != viewer.of(TreeSeen)[1].tree.tree_id
 
 
-def test_a_client_asks_in_groot2s_words(sample):
+def test_a_groot2_client_gets_replies_to_its_requests(sample):
     with serve(sample, groot2=0) as publisher, Groot2Client(parse_address(publisher.address)) as client:
         tree = fulltree(client)
         assert tree.tree_id == publisher.tree_id
@@ -392,7 +388,7 @@ def test_a_client_asks_in_groot2s_words(sample):
             client.request(Request.HOOKS_DUMP)
 
 
-def test_a_client_of_a_silent_robot_says_so_and_can_ask_again(sample):
+def test_a_client_of_a_silent_robot_raises_and_can_request_again(sample):
     with serve(sample, groot2=0) as publisher:
         port = publisher.port
     with Groot2Client(parse_address(f":{port}"), timeout=0.05) as client:
@@ -419,6 +415,6 @@ def test_an_address_may_be_short(text, where):
 
 
 @pytest.mark.parametrize("text", ["http://robot", "a b", "robot:port", "robot:99999", "65534", "::1"])
-def test_what_is_no_address_is_named(text):
+def test_an_invalid_address_raises(text):
     with pytest.raises(AddressError, match=r"is not an address|out of range"):
         parse_address(text)

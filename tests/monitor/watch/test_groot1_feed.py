@@ -38,7 +38,7 @@ def update(statuses: list[int], *steps: tuple[int, int, int], stamp: int = 10**1
 
 
 class Robot:
-    """A publisher as BehaviorTree.CPP 3 has it: it takes in one frame, and its thread ends if more come."""
+    """A publisher like BehaviorTree.CPP 3's: its thread ends when a request has more than one frame."""
 
     def __init__(self, tree: bytes, port: int = 0, apart: int = 1) -> None:
         self.tree = tree
@@ -101,7 +101,7 @@ class Robot:
 
 
 class Watcher:
-    """Gathers a feed's events on a thread of its own."""
+    """Collects a feed's events on its own thread."""
 
     def __init__(self, address: str) -> None:
         self.events: list[Event] = []
@@ -141,7 +141,7 @@ def watch() -> Iterator[Callable[[str], Watcher]]:
         one.thread.join()
 
 
-def test_a_robot_of_version_3_is_found_out_and_shown_transition_by_transition(watch, until):
+def test_a_robot_of_version_3_is_detected_and_every_transition_is_shown(watch, until):
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the tree")
@@ -164,8 +164,8 @@ def test_a_robot_of_version_3_is_found_out_and_shown_transition_by_transition(wa
     assert not viewer.of(DataMissed)
 
 
-def test_who_comes_in_the_middle_sees_how_the_nodes_stand_by_the_first_update(watch, until):
-    """The statuses in the tree are those of the robot's start, and so too old."""
+def test_a_viewer_that_connects_during_a_run_gets_statuses_by_the_first_update(watch, until):
+    """The statuses in the tree are out of date, because they are those of the robot's start."""
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: robot.listeners == 1, "a listener")
@@ -176,7 +176,7 @@ def test_who_comes_in_the_middle_sees_how_the_nodes_stand_by_the_first_update(wa
     assert not viewer.of(DataMissed)
 
 
-def test_statuses_that_are_told_late_correct_what_was_shown(watch, until):
+def test_statuses_that_arrive_late_correct_the_statuses_of_the_tree(watch, until):
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the tree")
@@ -188,7 +188,7 @@ def test_statuses_that_are_told_late_correct_what_was_shown(watch, until):
     assert not viewer.of(DataMissed), "nothing got lost, since nothing was known"
 
 
-def test_an_update_that_got_lost_is_a_hole_and_no_guess(watch, until):
+def test_a_lost_update_is_reported_as_a_gap(watch, until):
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the tree")
@@ -204,7 +204,7 @@ def test_an_update_that_got_lost_is_a_hole_and_no_guess(watch, until):
     assert viewer.events.index(hole) < viewer.events.index(again)
 
 
-def test_a_robot_that_does_not_publish_transitions_to_idle_has_no_holes(watch, until):
+def test_a_robot_that_does_not_publish_transitions_to_idle_has_no_gaps(watch, until):
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the tree")
@@ -217,7 +217,7 @@ def test_a_robot_that_does_not_publish_transitions_to_idle_has_no_holes(watch, u
     assert not viewer.of(DataMissed)
 
 
-def test_a_robot_that_is_not_there_yet_and_restarts_with_another_tree(watch, until):
+def test_a_robot_may_start_later_and_restart_with_another_tree(watch, until):
     with Robot(TREE) as robot:
         port = robot.port
     viewer = watch(f":{port}")
@@ -235,8 +235,8 @@ def test_a_robot_that_is_not_there_yet_and_restarts_with_another_tree(watch, unt
     assert viewer.of(StatusChanged)[-1].number == 1
 
 
-def test_a_robot_that_restarts_with_the_same_tree_begins_anew(watch, until):
-    """Groot 1 doesn't notice that: the uids are the same."""
+def test_a_robot_that_restarts_with_the_same_tree_is_a_new_run(watch, until):
+    """Groot 1 does not notice the restart, because the uids are the same."""
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the tree")
@@ -252,7 +252,7 @@ def test_a_robot_that_restarts_with_the_same_tree_begins_anew(watch, until):
     assert not viewer.of(DataMissed)
 
 
-def test_another_tree_in_the_same_process_is_asked_for(watch, until):
+def test_another_tree_in_the_same_process_is_requested(watch, until):
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the first tree")
@@ -264,7 +264,7 @@ def test_another_tree_in_the_same_process_is_asked_for(watch, until):
     assert viewer.steps == [(2, 0, 2)]
 
 
-def test_a_robot_that_is_idle_stays_connected_and_one_that_falls_silent_is_lost(watch, until, monkeypatch):
+def test_an_idle_robot_stays_connected_and_a_silent_robot_is_lost(watch, until, monkeypatch):
     monkeypatch.setattr("btcore_monitor.watch.groot1_feed.PROBE_AFTER", 0.8)
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
@@ -282,7 +282,7 @@ def test_a_robot_that_is_idle_stays_connected_and_one_that_falls_silent_is_lost(
     assert viewer.of(TreeSeen)[-1].statuses == {1: 1, 2: 0}
 
 
-def test_what_is_no_update_loses_the_robot_and_a_good_one_finds_it(watch, until):
+def test_an_invalid_update_loses_the_connection_which_is_then_restored(watch, until):
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the tree")
@@ -292,7 +292,7 @@ def test_what_is_no_update_loses_the_robot_and_a_good_one_finds_it(watch, until)
         until(lambda: viewer.links[-1] == "connected", "the return")
 
 
-def test_a_robot_whose_publish_port_is_elsewhere_is_told_of_and_found_by_naming_it(watch, until):
+def test_an_unusual_publish_port_is_reported_and_can_be_given_in_the_address(watch, until):
     with Robot(encode_tree(SMALL), apart=3) as robot:
         blind = watch(f":{robot.port}")
         until(lambda: blind.of(TreeSeen), "the tree")
@@ -307,10 +307,10 @@ def test_a_robot_whose_publish_port_is_elsewhere_is_told_of_and_found_by_naming_
         assert not blind.steps
 
 
-# Ours.
+# Our publisher.
 
 
-def test_every_transition_of_ours_arrives_by_groot1_too(endless, watch, until, changes):
+def test_every_transition_of_a_btcore_robot_arrives_by_groot1(endless, watch, until, changes):
     told = changes(endless)
     with serve(endless, groot1=0, scene=False) as publisher:
         viewer = watch(publisher.address)
@@ -336,7 +336,7 @@ def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
     ]
 
 
-def test_from_a_btcore_robot_the_scene_channel_is_taken_also_beside_groot1(endless, watch, until):
+def test_the_scene_channel_is_preferred_to_groot1(endless, watch, until):
     with serve(endless, groot1=0) as publisher:
         viewer = watch(publisher.address)
         assert publisher.wait_for_clients(1, 10)
@@ -346,7 +346,7 @@ def test_from_a_btcore_robot_the_scene_channel_is_taken_also_beside_groot1(endle
     assert "scene channel" in viewer.of(ConnectionChanged)[1].detail
 
 
-def test_a_robot_may_come_back_with_the_other_protocol(endless, watch, until):
+def test_a_robot_may_restart_with_the_other_protocol(endless, watch, until):
     with serve(endless, groot1=0, scene=False) as publisher:
         port = publisher.port
         viewer = watch(publisher.address)
@@ -359,7 +359,7 @@ def test_a_robot_may_come_back_with_the_other_protocol(endless, watch, until):
         assert viewer.of(ConnectionChanged)[-1].detail.endswith("by Groot 1's protocol")
 
 
-def test_a_client_of_groot2_tells_a_robot_of_version_3_and_does_not_hurt_it(until):
+def test_a_groot2_client_detects_a_robot_of_version_3_without_harm(until):
     with Robot(TREE) as robot, Groot2Client(parse_address(f":{robot.port}")) as client:
         with pytest.raises(Groot1DetectedError, match="uses Groot 1's protocol"):
             client.request(Request.FULLTREE)
@@ -369,8 +369,8 @@ def test_a_client_of_groot2_tells_a_robot_of_version_3_and_does_not_hurt_it(unti
         assert robot.asked == 2
 
 
-def test_watching_takes_little_of_a_robot(watch, until):
-    """It is asked for its tree twice at the beginning, and as long as it publishes never again."""
+def test_watching_requests_the_tree_only_twice(watch, until):
+    """The tree is requested twice at the beginning, and not again as long as the robot publishes."""
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeSeen), "the tree")
@@ -393,6 +393,6 @@ def test_watching_takes_little_of_a_robot(watch, until):
         ("1800/1700", "tcp://127.0.0.1:1800", "tcp://127.0.0.1:1700"),
     ],
 )
-def test_an_address_tells_where_groot1s_updates_are(text, request_at, published_at):
+def test_an_address_determines_the_port_of_groot1s_updates(text, request_at, published_at):
     address = parse_address(text)
     assert (address.at(), address.published()) == (request_at, published_at)

@@ -1,4 +1,4 @@
-"""``btcore monitor`` and the screen, on robots that speak Groot 2's protocol only."""
+"""``btcore monitor`` and the screen, with robots that support Groot 2's protocol only."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ MS = 1_000_000
 WIRE = DataSource(
     "Groot 2, sampled", {"ticks": "not sent", "blackboard": "polled", "exceptions": "no errors"}
 )
-PICTURE = ObservedTree(
+TREE = ObservedTree(
     "a" * 32,
     "Main",
     (
@@ -56,7 +56,7 @@ def documents(path: Path, entity: str) -> list[str]:
 
 @pytest.fixture
 def seen() -> TreeSeen:
-    return TreeSeen(PICTURE, 0, 0, {1: IDLE, 2: IDLE}, numbered=False, source=WIRE)
+    return TreeSeen(TREE, 0, 0, {1: IDLE, 2: IDLE}, numbered=False, source=WIRE)
 
 
 def shown(events, path: Path) -> Path:
@@ -67,7 +67,7 @@ def shown(events, path: Path) -> Path:
     return path
 
 
-def test_each_panel_says_what_is_not_sent(seen, tmp_path):
+def test_each_panel_shows_which_data_is_not_sent(seen, tmp_path):
     path = shown([seen, BlackboardSeen(MS, MS, {"": {"x": 1}})], tmp_path / "x.rrd")
     assert documents(path, "/tick/unsent") == ["*not sent*"]
     assert documents(path, "/blackboard")[0] == "*polled*"
@@ -77,14 +77,14 @@ def test_each_panel_says_what_is_not_sent(seen, tmp_path):
     assert any("ticks: not sent" in line for line in lines)
 
 
-def test_a_robot_that_tells_all_has_no_such_notes(seen, tmp_path):
-    told = TreeSeen(PICTURE, 0, 0, {1: IDLE, 2: IDLE})
+def test_panels_of_a_robot_that_sends_all_data_have_no_such_notes(seen, tmp_path):
+    told = TreeSeen(TREE, 0, 0, {1: IDLE, 2: IDLE})
     path = shown([told, Ticked(1, MS, MS, 1, RUNNING)], tmp_path / "x.rrd")
     assert documents(path, "/tick/unsent") == []
     assert "| by |" not in documents(path, "/now")[0]
 
 
-def test_what_runs_now_is_told_without_ticks_too(seen, tmp_path):
+def test_the_running_panel_works_without_ticks(seen, tmp_path):
     changes = [StatusChanged(n, 5 * MS, 5 * MS, 0, n, IDLE, RUNNING) for n in (1, 2)]
     now = documents(shown([seen, *changes], tmp_path / "x.rrd"), "/now")[-1]
     assert "| runs | **Go** |" in now
@@ -102,7 +102,7 @@ def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
     screen.close()
 
 
-def test_what_is_missing_is_counted_and_shown(seen, tmp_path):
+def test_missing_data_is_counted_and_shown(seen, tmp_path):
     events = [
         seen,
         DataMissed(10 * MS, 10 * MS, 4 * MS, "transitions", "the buffer ran over"),
@@ -120,9 +120,9 @@ def test_what_is_missing_is_counted_and_shown(seen, tmp_path):
     assert "| lost | transitions, 1 times |" in now
 
 
-def test_a_robot_that_is_heard_by_another_wire_gets_a_recording_of_its_own(seen, tmp_path):
+def test_another_data_source_of_the_same_tree_starts_another_recording(seen, tmp_path):
     screen = RobotView(RecordingSinks(save=tmp_path / "x.rrd"))
-    for event in (seen, TreeSeen(PICTURE, 10**12, 0, {1: IDLE, 2: IDLE})):
+    for event in (seen, TreeSeen(TREE, 10**12, 0, {1: IDLE, 2: IDLE})):
         screen.show(event)
     screen.close()
     assert [file.name for file in screen.files] == ["x.rrd", "x.2.rrd"]
@@ -156,7 +156,7 @@ def test_several_robots_are_watched_in_one_window_and_in_one_recording(cpp_robot
         assert len([line for line in lines if "→" in line]) == 3
 
 
-def test_with_no_record_the_command_leaves_the_buffer_alone(cpp_robot, tmp_path):
+def test_no_record_leaves_the_robots_buffer_alone(cpp_robot, tmp_path):
     robot = cpp_robot()
     command = [
         sys.executable,

@@ -1,4 +1,4 @@
-"""A patrol over real sockets: all that a viewer is to draw arrives, and the run is the same without one."""
+"""A patrol over real sockets: all data for a viewer arrives, and the run is the same without a viewer."""
 
 import json
 import subprocess
@@ -27,14 +27,14 @@ def report(output: str) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def watched() -> tuple[list[Any], dict[str, Any]]:
-    """The events of six seconds of a patrol, and what the run reported."""
+    """The events of six seconds of a patrol, and the run's report."""
     import btcore
 
     tree = btcore.loads('<root BTCPP_format="4"><BehaviorTree ID="T"><AlwaysSuccess/></BehaviorTree></root>')
     with serve(tree, groot2=0) as publisher:
         port = publisher.port
     with Feed(f":{port}") as feed:
-        # In real time: unpaced it may be over before the viewer has come.
+        # In real time: a fast run may end before the viewer connects.
         run = subprocess.Popen(
             command("--duration", "6", "--publish", "groot2", "--port", str(port)),
             stdout=subprocess.PIPE,
@@ -52,13 +52,13 @@ def moving(events: list[Any], key: str) -> list[Any]:
     return [one for one in found if one]
 
 
-def test_the_run_is_the_same_whether_or_not_somebody_looks(watched):
+def test_the_run_is_the_same_with_and_without_a_viewer(watched):
     unpaced = command("--duration", "6", "--fast")
     done = subprocess.run(unpaced, capture_output=True, text=True, timeout=100, check=True)
     assert report(done.stdout) == watched[1]
 
 
-def test_what_stands_still_comes_from_the_body_and_from_the_mind_at_once(watched):
+def test_the_static_scene_has_the_parts_of_the_world_and_of_the_navigation(watched):
     events, _ = watched
     (static,) = [event.data for event in events if isinstance(event, SceneStatic)]
     assert [grid.name for grid in static.grids] == ["map"]
@@ -69,7 +69,7 @@ def test_what_stands_still_comes_from_the_body_and_from_the_mind_at_once(watched
     assert static.areas
 
 
-def test_what_moves_or_changes_arrives(watched):
+def test_moving_and_changing_data_arrives(watched):
     events, _ = watched
     named = {one.name for poses in moving(events, "poses") for one in poses}
     assert named == {"path", "goal", "particles", "estimate", "odometry"}
@@ -86,7 +86,7 @@ def test_what_moves_or_changes_arrives(watched):
     ] == []
 
 
-def test_pictures_come_as_often_as_the_tracker_takes_them_with_what_it_found(watched):
+def test_pictures_arrive_at_the_camera_rate_with_detections(watched):
     events, _ = watched
     pictures = [one for several in moving(events, "pictures") for one in several]
     stamps = [one.stamp for one in pictures]

@@ -1,4 +1,4 @@
-"""Whether recorded transitions are in keeping with statuses: the check that a batch has to pass."""
+"""The check of recorded transitions: each batch must be consistent with the nodes' statuses."""
 
 import pytest
 from hypothesis import given
@@ -34,29 +34,29 @@ class Robot:
             made.append(RecordedTransition(len(made), uid, status))
         return made
 
-    def looked(self) -> dict[int, StatusRecord]:
+    def snapshot(self) -> dict[int, StatusRecord]:
         return dict(self.statuses)
 
 
 @given(WALK, WALK, WALK)
-def test_what_was_recorded_completely_passes_wherever_the_look_falls(one, two, three):
+def test_a_complete_recording_passes_at_any_time_of_the_status_request(one, two, three):
     robot, validator = Robot(), RecordingValidator(START)
     batch = robot.walk(one)
-    look = robot.looked()
+    look = robot.snapshot()
     batch += robot.walk(two)
     assert [step for step, _ in validator.apply(look, batch)] == batch
     assert validator.statuses == robot.statuses
     batch = robot.walk(three)
-    steps = validator.apply(robot.looked(), batch)
+    steps = validator.apply(robot.snapshot(), batch)
     assert validator.statuses == robot.statuses
     assert all(previous != step.status for step, previous in steps)
 
 
 @given(WALK, WALK, WALK, st.data())
-def test_whatever_gets_lost_the_statuses_are_right_one_batch_later_or_a_hole_was_told(one, two, three, data):
+def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(one, two, three, data):
     robot, validator = Robot(), RecordingValidator(START)
     batch = robot.walk(one)
-    look = robot.looked()
+    look = robot.snapshot()
     batch += robot.walk(two)
     kept = batch[data.draw(st.integers(0, len(batch))) :]
     told = False
@@ -65,41 +65,41 @@ def test_whatever_gets_lost_the_statuses_are_right_one_batch_later_or_a_hole_was
             validator.apply(look, found)
         except MissingTransitionsError:
             told = True
-        look = robot.looked()
+        look = robot.snapshot()
     now = {uid: record.status for uid, record in validator.statuses.items()}
     assert told or now == {uid: record.status for uid, record in robot.statuses.items()}
 
 
-def test_a_missing_beginning_is_a_hole():
+def test_a_missing_beginning_is_reported_as_a_gap():
     robot, validator = Robot(), RecordingValidator(START)
     batch = robot.walk([(1, 1), (1, 1), (2, 1)])
     with pytest.raises(MissingTransitionsError, match="do not lead to its statuses"):
-        validator.apply(robot.looked(), batch[2:])
+        validator.apply(robot.snapshot(), batch[2:])
     assert validator.statuses == robot.statuses
-    assert validator.apply(robot.looked(), []) == []
+    assert validator.apply(robot.snapshot(), []) == []
 
 
-def test_a_node_can_not_go_to_where_it_is():
+def test_a_transition_to_the_same_status_is_reported_as_a_gap():
     validator = RecordingValidator(START)
     twice = [RecordedTransition(0, 1, RUNNING), RecordedTransition(1, 1, RUNNING)]
     with pytest.raises(MissingTransitionsError, match="node 1 went twice to the same status"):
         validator.apply({**START, 1: StatusRecord(RUNNING, 0)}, twice)
 
 
-def test_a_full_buffer_is_a_hole_even_if_it_would_pass():
+def test_a_full_buffer_is_reported_as_an_overflow_even_if_consistent():
     robot, validator = Robot(), RecordingValidator(START)
     batch = robot.walk([(1, 1)] * 1000)
     with pytest.raises(RecordingOverflowError, match="keeps 1000 transitions"):
-        validator.apply(robot.looked(), batch)
+        validator.apply(robot.snapshot(), batch)
     assert validator.statuses[1].status == robot.statuses[1].status
-    assert len(validator.apply(robot.looked(), robot.walk([(1, 1)] * 999))) == 999
+    assert len(validator.apply(robot.snapshot(), robot.walk([(1, 1)] * 999))) == 999
 
 
 def test_nodes_that_the_tree_does_not_have_are_not_reported():
     assert RecordingValidator(START).apply(START, [RecordedTransition(0, 99, RUNNING)]) == []
 
 
-def test_the_robots_clock_is_ours_until_it_tells_its_own():
+def test_the_robots_clock_is_ours_until_its_time_is_known():
     clock = RobotClock()
     then = clock.wall()
     clock.set(then - 3600 * 10**9, then)

@@ -1,4 +1,4 @@
-"""Groot 1's protocol, byte for byte: against what BehaviorTree.CPP 3.8.7 really sent, and against noise."""
+"""Groot 1's protocol, byte for byte: against captures of BehaviorTree.CPP 3.8.7, and against noise."""
 
 import re
 import struct
@@ -35,7 +35,7 @@ NODE = re.compile(r"  uid (\d+) children (\[.*?\]) status absent=0 name (\S+) re
 MODEL = re.compile(r"  model (\S+) type (\d) (.*)")
 
 
-def test_the_captured_tree_is_what_the_listing_shows():
+def test_the_captured_tree_equals_the_listing():
     nodes = decode_tree(TREE).nodes
     listed = [
         WireNode(int(uid), tuple(literal_eval(children)), 0, name, id, tuple(literal_eval(ports)))
@@ -45,7 +45,7 @@ def test_the_captured_tree_is_what_the_listing_shows():
     assert len(nodes) == 11
 
 
-def test_the_captured_models_are_what_the_listing_shows():
+def test_the_captured_models_equal_the_listing():
     models = {model.id: model for model in decode_tree(TREE).models}
     assert len(models) == 32
     listed = MODEL.findall(LISTING)
@@ -58,7 +58,7 @@ def test_the_captured_models_are_what_the_listing_shows():
     assert models["Count"].ports[1] == WirePort("ticks", 0, "int", "how many")
 
 
-def test_the_captured_updates_are_what_the_listing_shows():
+def test_the_captured_updates_equal_the_listing():
     states = re.findall(r"^   st .*", LISTING, re.MULTILINE)
     changes = re.findall(r"   tr (\(.*?\)) \w{24}", LISTING)
     for frame, line in zip(UPDATES, states, strict=True):
@@ -78,7 +78,7 @@ def test_a_captured_update_is_encoded_to_the_same_bytes(frame):
     assert encode_update(update.statuses.items(), update.changes) == frame
 
 
-def test_an_update_goes_on_where_the_one_before_ended():
+def test_an_update_starts_with_the_last_statuses_of_the_previous_update():
     known = dict(decode_update(UPDATES[0]).statuses)
     for frame in UPDATES:
         update = decode_update(frame)
@@ -88,7 +88,7 @@ def test_an_update_goes_on_where_the_one_before_ended():
             known[change.uid] = change.status
 
 
-def test_the_captured_tree_is_encoded_to_one_that_reads_the_same():
+def test_the_captured_tree_is_unchanged_after_encoding_and_decoding():
     tree = decode_tree(TREE)
     assert decode_tree(encode_tree(tree)) == tree
 
@@ -121,7 +121,7 @@ def test_the_captured_tree_gets_paths_by_the_rule_of_version_4():
     assert tree.nodes[1].ports == {"output_key": "x", "value": "42"}
 
 
-def test_a_second_tree_of_a_process_counts_on_and_its_observed_tree_counts_from_1():
+def test_the_observed_tree_has_uids_from_1_for_a_second_tree_of_a_process():
     nodes = (WireNode(12, (13,), 1, "Inverter", "Inverter"), WireNode(13, (), 3, "look", "Look"))
     found = read_groot1(WireTree(nodes, ()), UUID)
     assert [(node.uid, node.kind, node.children) for node in found.tree.nodes] == [
@@ -141,13 +141,13 @@ def test_a_second_tree_of_a_process_counts_on_and_its_observed_tree_counts_from_
         ([(7,), ()], "node 1 has node 7 as a child"),
     ],
 )
-def test_nodes_that_are_no_tree_are_named(children, said):
+def test_nodes_that_do_not_form_a_tree_are_reported(children, said):
     nodes = tuple(WireNode(uid, below, 0, "n", "N") for uid, below in enumerate(children, start=1))
     with pytest.raises(ProtocolError, match=said):
         read_groot1(WireTree(nodes, ()), UUID)
 
 
-def test_a_tree_without_nodes_or_with_a_uid_twice_is_none():
+def test_a_tree_without_nodes_or_with_a_duplicate_uid_is_reported():
     with pytest.raises(ProtocolError, match="got none"):
         read_groot1(WireTree((), ()), UUID)
     twin = WireNode(1, (), 0, "n", "N")
@@ -170,7 +170,7 @@ def test_a_tree_without_nodes_or_with_a_uid_twice_is_none():
         (struct.pack("<IIIIHbb", 0, 1, 0, 0, 7, 0, 9), "a status 0–3 of node 7, and got 9"),
     ],
 )
-def test_a_malformed_update_is_told(frame, said):
+def test_a_malformed_update_is_reported(frame, said):
     with pytest.raises(ProtocolError, match=said):
         decode_update(frame)
 
@@ -184,13 +184,13 @@ def test_a_malformed_update_is_told(frame, said):
         (bytes(64), "lacks its field 1"),
     ],
 )
-def test_what_is_no_tree_is_told(data, said):
+def test_data_that_is_not_a_tree_is_reported(data, said):
     with pytest.raises(ProtocolError, match=said):
         decode_tree(data)
 
 
 def shared_tables(nodes: int, ports: int) -> bytes:
-    """So many nodes, all of which are the same table, with so many ports, which are the same table too."""
+    """Return a tree of *nodes* references to the same node, which has *ports* references to the same port."""
     vtables = struct.pack("<5H8H4H2x", 10, 12, 0, 4, 8, 16, 20, 0, 4, 0, 8, 12, 16, 8, 12, 4, 8)
     root, node = 40, 60 + 4 * nodes
     port = node + 32 + 4 * ports
@@ -207,7 +207,7 @@ def shared_tables(nodes: int, ports: int) -> bytes:
     return data + struct.pack("<iIII", port - 30, text - port - 4, text - port - 8, 20) + b"x" * 20 + b"\0"
 
 
-def test_tables_may_be_shared_within_reason():
+def test_shared_tables_are_accepted_up_to_a_limit():
     tree = decode_tree(shared_tables(2, 3))
     assert tree.nodes == (WireNode(0, (), 0, "", "", (("x" * 20, "x" * 20),) * 3),) * 2
     with pytest.raises(ProtocolError, match="refers to the same bytes too often"):
@@ -237,12 +237,12 @@ changes = st.builds(
 
 
 @given(trees)
-def test_a_tree_survives_the_wire(tree):
+def test_a_tree_is_unchanged_after_encoding_and_decoding(tree):
     assert decode_tree(encode_tree(tree)) == tree
 
 
 @given(st.dictionaries(uids, st.integers(0, 3)), st.lists(changes, max_size=5))
-def test_an_update_survives_the_wire(statuses, changed):
+def test_an_update_is_unchanged_after_encoding_and_decoding(statuses, changed):
     assert decode_update(encode_update(statuses.items(), changed)) == Update(statuses, tuple(changed))
 
 
@@ -265,10 +265,10 @@ def test_a_damaged_tree_is_read_or_refused(damage):
 
 
 @given(st.integers(0, len(TREE) - 1))
-def test_a_tree_that_is_cut_off_is_read_or_refused(size):
+def test_a_truncated_tree_is_read_or_refused(size):
     with suppress(ProtocolError):
         decode_tree(TREE[:size])
 
 
-def test_what_groot1_does_not_know_is_idle():
+def test_statuses_unknown_to_groot1_are_sent_as_idle():
     assert [groot1.status_code(status) for status in range(5)] == [0, 1, 2, 3, 0]

@@ -1,4 +1,4 @@
-"""Groot 2's protocol, byte for byte: against what BehaviorTree.CPP 4.10.0 really sent, and against noise."""
+"""Groot 2's protocol, byte for byte: against captures of BehaviorTree.CPP 4.10.0, and against noise."""
 
 import struct
 from contextlib import suppress
@@ -53,7 +53,7 @@ def test_every_captured_reply_echoes_its_request_and_encodes_to_the_same_bytes(n
 
 
 @pytest.mark.parametrize(("name", "sentence"), REFUSED.items())
-def test_a_captured_error_reply_raises_its_sentence(name, sentence):
+def test_a_captured_error_reply_raises_its_message(name, sentence):
     with pytest.raises(RobotRefusedError) as raised:
         groot2.decode_reply(frames_of(f"{name}.rep"))
     assert str(raised.value) == sentence
@@ -66,7 +66,7 @@ def test_before_the_first_tick_all_nodes_are_idle_in_the_trees_order():
     assert set(statuses.values()) == {StatusRecord(0, 0)}
 
 
-def test_an_idle_node_tells_what_it_was():
+def test_an_idle_node_has_its_previous_status():
     statuses = groot2.decode_statuses(body_of("v4_status_after_completion"))
     assert statuses[4] == StatusRecord(status=0, previous=3)
     assert statuses[5] == StatusRecord(status=0, previous=2)
@@ -76,7 +76,7 @@ def test_an_idle_node_tells_what_it_was():
 @pytest.mark.parametrize(
     ("previous", "status", "code"), [(1, 0, 11), (2, 0, 12), (3, 0, 13), (0, 1, 1), (1, 2, 2), (1, 3, 3)]
 )
-def test_a_transition_has_its_byte(previous, status, code):
+def test_a_transition_has_its_status_code(previous, status, code):
     assert groot2.status_code(previous, status) == code
 
 
@@ -119,14 +119,14 @@ def test_blackboards_encode_to_the_captured_bytes(name):
     assert encode_boards(boards) == body_of(name)
 
 
-def test_captured_blackboards_say_what_the_robot_held():
+def test_captured_blackboards_have_the_robots_values():
     boards = decode_boards(body_of("v4_blackboard_after"))
     assert boards["Main"] == {"done": 1.0, "f": 2.5, "s": "hello", "val": 4.5, "x": 42}
     assert boards["Sub::6"] == {"lim": 7, "loc": 4.5, "mode": "fast", "o2": 1.5}
     assert groot2.boards_by_path(boards, "Main").keys() == {"", "Sub::6"}
 
 
-def test_no_blackboards_are_nil_and_so_is_an_empty_one():
+def test_no_blackboards_and_an_empty_blackboard_are_encoded_as_nil():
     assert encode_boards({}) == b"\xc0"
     assert encode_boards({"Main": {}}) == b"\x81\xa4Main\xc0"
     assert decode_boards(b"\x81\xa4Main\xc0") == {"Main": {}}
@@ -149,17 +149,17 @@ def test_no_blackboards_are_nil_and_so_is_an_empty_one():
         (object(), b"\xc0"),
     ],
 )
-def test_a_value_is_as_short_as_it_is_exact(value, packed):
+def test_a_value_has_its_shortest_exact_encoding(value, packed):
     assert encode_boards({"M": {"k": to_portable(value)}}) == b"\x81\xa1M\x81\xa1k" + packed
 
 
-def test_a_list_that_holds_itself_is_cut_off():
+def test_a_list_that_contains_itself_is_truncated():
     endless: list[object] = []
     endless.append(endless)
     assert encode_boards({"M": {"k": to_portable(endless)}})
 
 
-def test_the_captured_full_tree_becomes_a_picture():
+def test_the_captured_full_tree_is_read_as_an_observed_tree():
     tree = read_fulltree(body_of("v4_fulltree"), UUID)
     assert [(node.uid, node.path, node.kind) for node in tree.nodes] == [
         (1, "root_seq", "control"),
@@ -207,7 +207,7 @@ BOMB = b'<!DOCTYPE r [<!ENTITY a "aaaa">]>' + tree_of(b'<X _uid="1" name="&a;"/>
         (tree_of(b'<Inverter _uid="1"><A _uid="1"/></Inverter>'), "unique values of _uid .* <A> has 1"),
     ],
 )
-def test_a_full_tree_that_is_none_is_refused_with_its_reason(xml, said):
+def test_an_invalid_full_tree_is_refused_with_its_reason(xml, said):
     with pytest.raises(ProtocolError, match=said):
         read_fulltree(xml, UUID)
 
@@ -236,7 +236,7 @@ def test_a_tree_of_a_thousand_levels_is_read():
         (decode_boards, b"\x81\x01\x02", "text as keys"),
     ],
 )
-def test_wrong_bytes_are_named(decode, data, said):
+def test_invalid_bytes_are_reported(decode, data, said):
     with pytest.raises(ProtocolError, match=said):
         decode(data)
 
@@ -255,14 +255,14 @@ DECODERS = [
 @pytest.mark.parametrize("decode", DECODERS)
 @given(data=st.binary(max_size=200))
 @settings(max_examples=300, deadline=None)
-def test_noise_raises_nothing_but_a_wire_fault(decode, data):
+def test_noise_raises_nothing_but_a_protocol_error(decode, data):
     with suppress(ProtocolError):
         decode(data)
 
 
 @given(frames=st.lists(st.binary(max_size=40), max_size=4))
 @settings(max_examples=300, deadline=None)
-def test_noisy_frames_raise_nothing_but_a_wire_fault(frames):
+def test_noisy_frames_raise_nothing_but_a_protocol_error(frames):
     for decode in (groot2.decode_reply, groot2.decode_breakpoint_reached):
         with suppress(ProtocolError):
             decode(frames)
@@ -275,6 +275,6 @@ def test_noisy_frames_raise_nothing_but_a_wire_fault(frames):
         max_leaves=20,
     )
 )
-def test_portable_values_survive_the_wire(value):
+def test_portable_values_are_unchanged_after_encoding_and_decoding(value):
     sent = to_portable(value)
     assert decode_boards(encode_boards({"M": {"k": sent}})) == {"M": {"k": sent}}

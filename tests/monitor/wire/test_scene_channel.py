@@ -1,4 +1,4 @@
-"""The scene channel's messages: what goes in comes out, and what doesn't fit is named."""
+"""The scene channel's messages: encoding and decoding, and errors in invalid messages."""
 
 from contextlib import suppress
 from dataclasses import fields
@@ -49,30 +49,30 @@ MESSAGES = [
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
-def test_a_message_comes_out_as_it_went_in(message):
+def test_a_message_is_unchanged_after_encoding_and_decoding(message):
     assert decode(encode(message)) == message
 
 
-def test_every_message_says_its_version_and_kind():
+def test_every_message_has_its_version_and_kind():
     for message in MESSAGES:
         whole = msgpack.unpackb(encode(message))
         assert (whole["v"], whole["kind"]) == (1, message.kind)
 
 
-def test_a_newer_version_is_refused_with_what_to_do():
+def test_a_newer_version_is_refused_with_a_suggestion():
     newer = msgpack.packb({"v": 2, "kind": "ticks", "colour": "red"})
     with pytest.raises(ProtocolError, match=r"version 2 .* up to version 1: update btcore on this machine"):
         decode(newer)
 
 
-def test_what_a_newer_robot_of_this_version_adds_is_ignored():
+def test_unknown_fields_and_kinds_of_messages_are_ignored():
     whole = msgpack.unpackb(encode(AliveMessage(ID, 7)))
     assert decode(msgpack.packb(whole | {"mood": "fine"})) == AliveMessage(ID, 7)
     assert decode(msgpack.packb({"v": 1, "kind": "smell", "tree_id": ID, "seq": 8})) == UnknownMessage(ID, 8)
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
-def test_a_missing_or_wrong_field_is_named(message):
+def test_a_missing_or_invalid_field_is_reported(message):
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     for field in fields(message):
         without = {key: value for key, value in whole.items() if key != field.name}
@@ -93,7 +93,7 @@ def test_a_transition_has_six_integers(row):
 
 @given(st.binary(max_size=200))
 @settings(max_examples=500, deadline=None)
-def test_noise_raises_nothing_but_a_wire_fault(data):
+def test_noise_raises_nothing_but_a_protocol_error(data):
     with suppress(ProtocolError):
         decode(data)
 
@@ -108,7 +108,7 @@ VALUES = st.recursive(
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
 @given(data=st.data())
 @settings(max_examples=60, deadline=None)
-def test_a_message_with_any_value_in_any_place_raises_nothing_but_a_wire_fault(message, data):
+def test_any_value_in_any_field_raises_nothing_but_a_protocol_error(message, data):
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     field = data.draw(st.sampled_from(sorted(whole)))
     with suppress(ProtocolError):
@@ -120,7 +120,7 @@ def ticks(seq: int, size: int) -> TicksMessage:
     return TicksMessage(ID, seq, 10**15 + seq, 10**18 + seq, seq, 0, 1, True, 1, rows)
 
 
-def test_a_history_holds_a_million_transitions_and_tells_how_the_tree_stood_before():
+def test_a_history_keeps_a_million_transitions_and_the_statuses_before_them():
     history = History({1: 3, 2: 4}, 5, 6)
     size = 5_001
     room = LANE_ROOM["ticks"] // len(encode(ticks(1, size)))
@@ -133,7 +133,7 @@ def test_a_history_holds_a_million_transitions_and_tells_how_the_tree_stood_befo
     assert history.stamp == 10**15 + history.oldest - 1
 
 
-def test_big_scenes_push_no_transitions_out():
+def test_big_scenes_do_not_displace_transitions():
     history = History({}, 0, 0)
     scene_bytes = LANE_ROOM["moving"] // 40 * 4
     for seq in range(1, 41):

@@ -1,4 +1,4 @@
-"""The data of a scene on the wire: what fits goes through, and what doesn't is named."""
+"""The data of a scene on the wire: valid data is transmitted, and invalid data is reported."""
 
 import zlib
 from contextlib import suppress
@@ -86,7 +86,7 @@ def moving(**changed: object) -> MovingMessage:
     return MovingMessage(ID, 1, 2, 3, replace(MOVING, **changed))
 
 
-def test_a_scene_comes_out_as_it_went_in_and_its_cells_take_little_room_on_the_way():
+def test_a_scene_is_unchanged_after_decoding_and_its_cells_are_compressed():
     assert decode(encode(moving())) == moving()
     assert decode(encode(StaticMessage(ID, STATIC))) == StaticMessage(ID, STATIC)
     sent = msgpack.unpackb(encode(moving()))["data"]["grids"][0]
@@ -94,7 +94,7 @@ def test_a_scene_comes_out_as_it_went_in_and_its_cells_take_little_room_on_the_w
     assert len(sent["cells"]) < 50
 
 
-def test_on_the_wire_a_scene_is_a_plain_map_without_what_is_not_set():
+def test_a_scene_is_encoded_as_a_plain_map_without_unset_fields():
     data = msgpack.unpackb(encode(StaticMessage(ID, replace(STATIC, grids=()))))["data"]
     assert data == {
         "frame": "map",
@@ -132,7 +132,7 @@ def test_on_the_wire_a_scene_is_a_plain_map_without_what_is_not_set():
     }
 
 
-def test_what_nobody_here_knows_is_passed_on():
+def test_unknown_fields_are_passed_on():
     sent = moving(extra={"smell": {"of": "coffee"}})
     assert msgpack.unpackb(encode(sent))["data"]["smell"] == {"of": "coffee"}
     assert decode(encode(sent)).data.extra["smell"] == {"of": "coffee"}
@@ -161,7 +161,7 @@ def test_what_nobody_here_knows_is_passed_on():
         ("parts", [{"kind": "blob"}], "box or cylinder or sphere, and got 'blob'"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_is_named(key, entries, said):
+def test_invalid_data_is_reported(key, entries, said):
     static = StaticMessage(ID, STATIC)
     whole = msgpack.unpackb(encode(static if key == "parts" else moving()))
     whole["data"][key] = entries
@@ -188,7 +188,7 @@ VALUES = st.recursive(
 
 @given(data=st.data())
 @settings(max_examples=300, deadline=None)
-def test_a_scene_with_any_value_in_any_place_raises_nothing_but_a_wire_fault(data):
+def test_any_value_in_a_scene_raises_nothing_but_a_protocol_error(data):
     whole = msgpack.unpackb(encode(data.draw(st.sampled_from([moving(), StaticMessage(ID, STATIC)]))))
     scene = whole["data"]
     key = data.draw(st.sampled_from(sorted(scene)))
@@ -201,7 +201,7 @@ def test_a_scene_with_any_value_in_any_place_raises_nothing_but_a_wire_fault(dat
         decode(msgpack.packb(whole))
 
 
-def test_pictures_go_as_jpeg_and_look_the_same():
+def test_pictures_are_sent_as_jpeg_and_look_the_same():
     rgb = np.zeros((48, 64, 3), dtype=np.uint8)
     rgb[:, :32] = (200, 40, 10)
     rgb[:, 32:] = (10, 60, 220)
@@ -217,7 +217,7 @@ def test_pictures_go_as_jpeg_and_look_the_same():
     assert with_jpeg(MovingScene(battery=3.0)) == MovingScene(battery=3.0)
 
 
-def test_several_sources_make_one_scene():
+def test_scenes_of_several_sources_are_merged():
     here, there = Frame("base_link", "map", (0, 0, 0), UPRIGHT), Frame("odom", "map", (0, 0, 0), UPRIGHT)
     body = MovingScene(frames=[here], notes={"body": "warm"}, stamp=1, velocity=(0.1, 0.2))
     mind = MovingScene(
@@ -235,7 +235,7 @@ def test_several_sources_make_one_scene():
     assert merge_scenes(StaticScene, [StaticScene(), StaticScene(frame="map")]) == StaticScene(frame="map")
 
 
-def test_a_big_picture_counts_for_several_scenes_of_those_that_may_wait():
+def test_a_big_picture_has_the_weight_of_several_scenes():
     assert weight(MovingScene()) == 1
     picture, grid = replace(CAMERA, data=bytes(320 * 240 * 3)), replace(COSTS, cells=bytes(100_000))
     assert weight(MovingScene(pictures=[picture], grids=[grid])) == 6

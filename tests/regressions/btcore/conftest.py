@@ -1,4 +1,4 @@
-"""What the regressions of the engine share: trees of planned leaves on simulated time."""
+"""Fixtures of the engine's regression tests: trees of planned leaves on simulated time."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from btcore.testing.plan_leaves import CallLog
 
 
 class Grower:
-    """Makes trees out of the planned leaves and others; their calls stand in ``journal``."""
+    """Builds trees of planned leaves and other nodes; ``journal`` records the calls of the leaves."""
 
     def __init__(self) -> None:
         self.journal = CallLog()
@@ -25,7 +25,7 @@ class Grower:
         nodes: Registry | None = None,
         blackboard: Blackboard | None = None,
     ) -> Tree:
-        """The tree with *body* as its main tree's element, and *others* beside it."""
+        """Return a tree with *body* in its main tree, and with the further trees *others*."""
         registry = nodes if nodes is not None else conformance_registry()
         registry.add(*leaves)
         return btcore.loads(

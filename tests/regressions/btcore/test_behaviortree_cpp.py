@@ -1,4 +1,4 @@
-"""Faults that users of BehaviorTree.CPP met, each named by its issue there: here they don't happen."""
+"""Regression tests for bugs that users of BehaviorTree.CPP reported, named after the issues there."""
 
 from collections import deque
 from collections.abc import Callable
@@ -43,7 +43,7 @@ def ticks(tree: Tree, count: int) -> list[Status]:
 # --- loops
 
 
-def test_cpp_909_a_literal_loop_queue_starts_anew(grow: Grow) -> None:
+def test_cpp_909_a_literal_loop_queue_starts_again(grow: Grow) -> None:
     seen: list[int] = []
 
     @action
@@ -57,7 +57,7 @@ def test_cpp_909_a_literal_loop_queue_starts_anew(grow: Grow) -> None:
     assert seen == [4, 5, 6, 4, 5, 6]
 
 
-def test_cpp_909_it_starts_anew_after_a_halt_and_after_a_failure_too(grow: Grow) -> None:
+def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(grow: Grow) -> None:
     tree = grow(
         '<LoopInt queue="1;2;3" value="{n}"><PlanSync name="leaf" plan="SSSFSSS"/></LoopInt>',
     )
@@ -70,7 +70,7 @@ def test_cpp_909_it_starts_anew_after_a_halt_and_after_a_failure_too(grow: Grow)
 
 
 @pytest.mark.parametrize(("plan", "result"), [("S|RF", F), ("S|RS", S), ("S|F", F)])
-def test_cpp_621_the_last_element_of_a_queue_decides_though_its_leaf_took_several_ticks(
+def test_cpp_621_the_last_element_of_a_queue_determines_the_result(
     plan: str, result: Status, grow: Grow
 ) -> None:
     tree = grow(f'<LoopInt queue="{{q}}" value="{{n}}"><PlanAction name="leaf" plan="{plan}"/></LoopInt>')
@@ -83,7 +83,7 @@ def test_cpp_621_the_last_element_of_a_queue_decides_though_its_leaf_took_severa
 # --- reactive nodes
 
 
-def test_cpp_586_retries_that_take_turns_are_no_two_running_children(grow: Grow) -> None:
+def test_cpp_586_alternating_retries_are_never_running_at_the_same_time(grow: Grow) -> None:
     tree = grow(
         "<ReactiveSequence>"
         '<RetryUntilSuccessful name="first" num_attempts="-1"><PlanSync plan="FFS"/></RetryUntilSuccessful>'
@@ -98,7 +98,7 @@ def test_cpp_586_retries_that_take_turns_are_no_two_running_children(grow: Grow)
 
 
 class CheckSensor(DecoratorNode):
-    """SUCCESS while the sensor is good; otherwise the child is to repair it."""
+    """Returns SUCCESS while the sensor is good; otherwise ticks the child, which repairs the sensor."""
 
     bad: In[bool]
 
@@ -107,7 +107,7 @@ class CheckSensor(DecoratorNode):
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_cpp_573_an_earlier_child_that_begins_to_run_replaces_the_later_one(format: int, grow: Grow) -> None:
+def test_cpp_573_an_earlier_child_that_starts_running_halts_the_later_child(format: int, grow: Grow) -> None:
     tree = grow(
         '<ReactiveSequence><CheckSensor name="check" bad="{bad}"><PlanAction name="repair" plan="RRS"/>'
         '</CheckSensor><PlanAction name="work" plan="R"/></ReactiveSequence>',
@@ -142,7 +142,7 @@ def test_cpp_1031_halt_order_is_the_originals_and_one_child_runs_after_the_tick(
     assert [node.status for node in named(tree, "a", "b")] == [R, Status.IDLE]
 
 
-def test_cpp_1031_two_asynchronous_children_of_a_reactive_node_are_warned_of() -> None:
+def test_cpp_1031_two_asynchronous_children_of_a_reactive_node_are_reported() -> None:
     text = (
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><ReactiveFallback>\n'
         '<Delay delay_msec="5"><AlwaysFailure/></Delay>\n<Sleep msec="7"/>\n'
@@ -155,7 +155,7 @@ def test_cpp_1031_two_asynchronous_children_of_a_reactive_node_are_warned_of() -
 # --- ports and blackboards
 
 
-def test_cpp_605_a_subtrees_write_reaches_the_outer_entry_whose_type_stays(grow: Grow) -> None:
+def test_cpp_605_a_subtrees_write_reaches_the_outer_entry_and_keeps_its_type(grow: Grow) -> None:
     @action
     def look(flag: In[bool]) -> bool:
         return flag
@@ -192,7 +192,7 @@ class Ask(SyncAction):
 EMPTY_OUTPUTS = '<Sequence>\n<Measure length=""/>\n<Ask answer=""/></Sequence>'
 
 
-def test_cpp_716_empty_output_ports_are_refused_at_load_by_name_and_place(grow: Grow) -> None:
+def test_cpp_716_empty_output_ports_are_refused_at_load_with_name_and_place(grow: Grow) -> None:
     with pytest.raises(PortError) as refused:
         grow(EMPTY_OUTPUTS, Measure, Ask)
     assert [(one.line, one.column) for one in refused.value.diagnostics] == [(3, 17), (4, 13)]
@@ -200,7 +200,7 @@ def test_cpp_716_empty_output_ports_are_refused_at_load_by_name_and_place(grow: 
     assert "the port 'answer' of <Ask>" in str(refused.value)
 
 
-def test_cpp_716_in_format_3_writing_one_names_the_port_and_never_a_clash_of_types(grow: Grow) -> None:
+def test_cpp_716_in_format_3_writing_an_empty_port_raises_with_its_name(grow: Grow) -> None:
     tree = grow(EMPTY_OUTPUTS, Measure, Ask, format=3)
     with pytest.raises(NodeExecutionError, match=r"<Measure>.*port \[length\].*not a blackboard entry"):
         tree.tick_once()
@@ -240,7 +240,7 @@ def test_cpp_930_substitution_rules_without_configurations(grow: Grow) -> None:
     assert grow("<Measure/>", nodes=nodes).tick_while_running() is F
 
 
-def test_cpp_888_a_synchronous_retry_is_due_again_at_once_so_sleep_returns(grow: Grow) -> None:
+def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(grow: Grow) -> None:
     tree = grow('<RetryUntilSuccessful num_attempts="3"><PlanSync plan="F"/></RetryUntilSuccessful>')
     said = [(tree.tick_exactly_once(), tree.sleep(1.0)) for _ in range(3)]
     assert said == [(R, True), (R, True), (F, False)]
@@ -249,13 +249,13 @@ def test_cpp_888_a_synchronous_retry_is_due_again_at_once_so_sleep_returns(grow:
     assert tree.ticks == 6
 
 
-def test_cpp_888_a_retried_leaf_that_runs_keeps_to_the_period(grow: Grow) -> None:
+def test_cpp_888_a_retry_of_a_running_leaf_waits_for_the_period(grow: Grow) -> None:
     tree = grow('<RetryUntilSuccessful num_attempts="3"><PlanAction plan="RF"/></RetryUntilSuccessful>')
     assert tree.tick_while_running(period=0.5) is F
     assert tree.clock.now() == 1_500_000_000
 
 
-def test_cpp_888_in_format_3_all_attempts_are_one_tick(grow: Grow) -> None:
+def test_cpp_888_in_format_3_all_attempts_happen_in_a_single_tick(grow: Grow) -> None:
     body = '<RetryUntilSuccessful num_attempts="3"><PlanSync name="leaf" plan="F"/></RetryUntilSuccessful>'
     tree = grow(body, format=3)
     assert tree.tick_exactly_once() is F
@@ -302,7 +302,7 @@ def test_cpp_672_trees_that_contain_themselves_are_refused(trees: dict[str, str]
         btcore.loads(f'<root BTCPP_format="4" main_tree_to_execute="Main">{text}</root>')
 
 
-def test_cpp_672_trees_that_multiply_are_refused_before_any_node_is_made() -> None:
+def test_cpp_672_exponentially_many_nodes_are_refused_before_any_is_created() -> None:
     doubling = "".join(
         f'<BehaviorTree ID="T{level}"><Sequence><SubTree ID="T{level + 1}"/><SubTree ID="T{level + 1}"/>'
         "</Sequence></BehaviorTree>"

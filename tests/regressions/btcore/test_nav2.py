@@ -1,4 +1,4 @@
-"""Palettes and trees that drifted apart, as Nav2's users met them: all is told at once, with its place."""
+"""Trees that do not match their palette, as in an issue of Nav2: all unknown ports are reported at once."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
 from btcore.xml.read.document import parse_file
 
-# As Groot saves it after its palette was of another version than the robot's nodes.
+# A tree that Groot saved with a palette of another version than the robot's nodes.
 TREE = """<root BTCPP_format="{format}" main_tree_to_execute="Navigate">
   <BehaviorTree ID="Navigate">
     <Sequence>
@@ -43,7 +43,7 @@ def follow_path(path: In[str], server: In[str] = "controller") -> bool:
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_nav2_3413_unknown_ports_are_all_told_at_load_with_their_places(format: int) -> None:
+def test_nav2_3413_all_unknown_ports_are_reported_at_load_with_their_places(format: int) -> None:
     nodes = Registry.standard()
     nodes.add(compute_path, follow_path)
     with pytest.raises(PortError) as refused:
@@ -53,7 +53,7 @@ def test_nav2_3413_unknown_ports_are_all_told_at_load_with_their_places(format: 
     assert found[2].hint == "did you mean 'server'?"
 
 
-def test_nav2_3413_a_palette_without_code_finds_them_before_the_robot_does(tmp_path: Path) -> None:
+def test_nav2_3413_validation_with_a_palette_reports_unknown_ports(tmp_path: Path) -> None:
     (tmp_path / "palette.xml").write_text(MODEL, encoding="utf-8")
     (tmp_path / "tree.xml").write_text(TREE.format(format=4), encoding="utf-8")
     nodes = Registry.standard()
@@ -63,7 +63,7 @@ def test_nav2_3413_a_palette_without_code_finds_them_before_the_robot_does(tmp_p
     assert [(one.line, one.column, one.message) for one in errors] == UNKNOWN
 
 
-def test_nav2_3413_without_them_the_tree_loads(tmp_path: Path) -> None:
+def test_nav2_3413_the_tree_without_unknown_ports_loads(tmp_path: Path) -> None:
     text = TREE.format(format=4)
     for surplus in (' service_name="plan"', ' service_nam="follow"', ' serverr="control"'):
         text = text.replace(surplus, "")

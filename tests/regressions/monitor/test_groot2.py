@@ -1,4 +1,4 @@
-"""Faults that users of Groot 2 and its wire met, each named by its issue, over real sockets."""
+"""Regression tests over real sockets for bugs that users of Groot 2 reported, named after the issues."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -60,7 +60,7 @@ def blackboards(client: Groot2Client, name: str) -> dict[str, dict[str, Any]]:
 
 
 def published(xml: str, blackboard: Blackboard | None = None, nodes: Registry | None = None) -> Publisher:
-    """The publisher of a tree that was ticked once."""
+    """Tick a tree once, and return its publisher."""
     tree = btcore.loads(xml, nodes=nodes, blackboard=blackboard, clock=SimClock())
     assert tree.tick_once() is Status.SUCCESS
     return serve(tree, groot2=0)
@@ -88,20 +88,20 @@ def test_cpp_pr_1168_root_blackboard_in_groot2_dump_of_a_tree_with_an_outer_blac
         }
 
 
-def test_cpp_pr_1168_root_is_the_main_trees_blackboard_when_a_subtrees_is_asked_for(connect: Connect) -> None:
+def test_cpp_pr_1168_root_is_the_main_trees_blackboard_in_a_subtrees_reply(connect: Connect) -> None:
     with published(NESTED.format(ID="Inner")) as publisher:
         boards = blackboards(connect(publisher.address), "Inner")
     assert boards == {"Inner": {"local": 5}, "ROOT": {"inner": 2, "own": 2}}
 
 
-def test_cpp_pr_1168_there_is_no_root_beside_the_outermost_blackboard_itself(connect: Connect) -> None:
+def test_cpp_pr_1168_the_outermost_blackboard_has_no_root_beside_it(connect: Connect) -> None:
     board = Blackboard()
     board["own"] = 7
     with published(PLAIN, board) as publisher:
         assert blackboards(connect(publisher.address), "Main") == {"Main": {"own": 7}}
 
 
-def test_cpp_pr_1168_a_subtree_that_is_named_root_is_an_error_and_not_a_mixture(connect: Connect) -> None:
+def test_cpp_pr_1168_a_subtree_named_root_is_an_error(connect: Connect) -> None:
     with published(NESTED.format(ID="ROOT")) as publisher:
         client = connect(publisher.address)
         with pytest.raises(RobotRefusedError, match="named ROOT"):
@@ -124,11 +124,9 @@ def test_cpp_pr_1168_a_subtree_that_is_named_root_is_an_error_and_not_a_mixture(
         b"",
         b"\xff" * 100_000,
     ],
-    ids=["no uid", "no position", "out of bounds", "half a list", "nothing", "no JSON", "empty", "noise"],
+    ids=["no uid", "no position", "out of bounds", "invalid item", "empty list", "no JSON", "empty", "noise"],
 )
-def test_cpp_pr_1170_hook_insert_that_lacks_its_parts_is_an_error_and_the_publisher_lives_on(
-    body: bytes, connect: Connect
-) -> None:
+def test_cpp_pr_1170_the_publisher_survives_an_invalid_hook_insert(body: bytes, connect: Connect) -> None:
     with published(PLAIN) as publisher:
         client = connect(publisher.address)
         with pytest.raises(RobotRefusedError, match="hooks are disabled"):
@@ -177,11 +175,11 @@ class LoadController(SyncAction):
         return Status.SUCCESS
 
 
-def test_groot2_64_dots_in_port_names_are_refused_here_as_4_10_does_by_name(tmp_path: Path) -> None:
+def test_groot2_64_dots_in_port_names_are_refused_as_in_4_10(tmp_path: Path) -> None:
     said = r"<LoadController> can't have a port called 'request\.name': it contains '\.'"
     with pytest.raises(RegistrationError, match=said):
         Registry.standard().add(LoadController)
-    # A palette of an older robot is read all the same, and the tree told of at its place.
+    # A palette of an older robot can still be read, and the attributes are reported with their line.
     (tmp_path / "palette.xml").write_text(DOTTED, encoding="utf-8")
     nodes = Registry.standard()
     add_models(nodes, tmp_path / "palette.xml")
@@ -198,7 +196,7 @@ def test_groot2_64_dots_in_port_names_are_refused_here_as_4_10_does_by_name(tmp_
     ]
 
 
-def test_groot2_40_name_on_subtree_is_its_name_and_no_port(connect: Connect) -> None:
+def test_groot2_40_name_on_subtree_is_its_name_and_not_a_port(connect: Connect) -> None:
     tree = NESTED.format(ID="Inner").replace('name="Inner"', 'name="patrol"')
     with published(tree) as publisher:
         client = connect(publisher.address)
@@ -211,7 +209,7 @@ def test_groot2_40_name_on_subtree_is_its_name_and_no_port(connect: Connect) -> 
     assert boards["patrol"] == {"local": 5}
 
 
-def test_groot2_40_an_attribute_that_the_subtree_does_not_use_is_warned_of_with_its_place() -> None:
+def test_groot2_40_an_unused_attribute_of_a_subtree_is_reported_with_its_line() -> None:
     tree = NESTED.format(ID="Inner").replace("theirs=", 'naem="patrol" theirs=')
     (found,) = validate_document(parse_text(tree, "t.xml"), nodes=Registry.standard())
     assert (found.is_error, found.line) == (False, 4)

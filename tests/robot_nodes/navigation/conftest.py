@@ -40,8 +40,8 @@ from btcore_sim.differential_drive import DifferentialDrive
 
 Box = tuple[float, float, float, float]
 LASER_AHEAD = 0.202  # m from the base's middle
-PERSON = 0.25  # m, the radius of one
-POLITE = 0.5  # m that a person keeps from a robot
+PERSON = 0.25  # m, the radius of a person
+POLITE = 0.5  # m, the distance that a person keeps from a robot
 
 
 @dataclass(slots=True)
@@ -81,7 +81,7 @@ class FloorRobot(Robot):
         self._base = DifferentialDrive(self.facts, 0.0985, 0.4044)
         self._scan: LaserScan | None = None
         self._odometry = Odometry(self.pose, Twist2D(0.0, 0.0), 0)
-        self.heard: list[SonarReading] = []
+        self.sonar_readings: list[SonarReading] = []
         self._sweep(0)
         self._schedule.every(100.0, Phase.PHYSICS, self._move)
         self._schedule.every(50.0, Phase.SENSORS, self._count)
@@ -129,7 +129,7 @@ class FloorRobot(Robot):
         return self._odometry
 
     def sonars(self) -> Sequence[SonarReading]:
-        return self.heard
+        return self.sonar_readings
 
     @property
     def speed(self) -> float:

@@ -19,7 +19,7 @@ class Counting(ActionServer[int, int, int]):
         if previous is not None:
             self.preempted.append(previous.goal)
         if handle.goal < 0:
-            handle.abort(7, "nobody counts to that")
+            handle.abort(7, "the goal is negative")
 
     def work(self, handle: GoalHandle[int, int, int], now: int) -> None:
         self.count += 1
@@ -77,13 +77,13 @@ def test_a_goal_cancelled_before_its_turn_never_starts(server):
     assert (handle.status, handle.feedback, server.busy) == (GoalStatus.CANCELED, None, False)
 
 
-def test_of_two_goals_between_steps_the_newer_counts(server):
+def test_the_newer_of_two_goals_between_steps_is_executed(server):
     first, second = server.send_goal(5), server.send_goal(6)
     server.step(0)
     assert (first.status, second.status) == (GoalStatus.CANCELED, GoalStatus.EXECUTING)
 
 
-def test_what_has_ended_stays_as_it_is(server):
+def test_a_goal_that_has_ended_does_not_change(server):
     handle = server.send_goal(1)
     server.step(0)
     handle.cancel()

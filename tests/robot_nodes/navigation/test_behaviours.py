@@ -50,13 +50,13 @@ def test_back_up_goes_straight_back(floor):
     assert course.robot.pose.y == pytest.approx(0.0, abs=0.001)
 
 
-def test_back_up_asks_for_no_more_than_the_base_can_do_backwards(floor):
+def test_back_up_commands_no_more_than_the_bases_backward_speed(floor):
     course = floor()
     ended(course, course.back_up.send_goal(BackUpGoal(0.5, 0.5)))
     assert min(v for _, v, _ in course.robot.commands) >= course.robot.base.v_min
 
 
-def test_driving_on_ends_at_its_distance(floor):
+def test_drive_on_heading_ends_at_its_distance(floor):
     course = floor()
     handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(0.5, 0.2))
     ended(course, handle)
@@ -65,7 +65,7 @@ def test_driving_on_ends_at_its_distance(floor):
     assert course.robot.pose.x == pytest.approx(0.5, abs=0.03)
 
 
-def test_driving_on_stops_two_seconds_before_a_wall(floor):
+def test_drive_on_heading_stops_two_seconds_before_a_wall(floor):
     course = floor((1.5, -1.0, 1.7, 1.0))
     handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(3.0, 0.2, 60.0))
     ended(course, handle, 60.0)
@@ -74,7 +74,7 @@ def test_driving_on_stops_two_seconds_before_a_wall(floor):
     assert 0.25 < course.robot.nearest < 0.6
 
 
-def test_a_wall_behind_that_was_seen_before_the_robot_turned_its_back_is_remembered(floor):
+def test_back_up_remembers_a_wall_that_was_seen_before_a_turn(floor):
     course = floor((0.8, -1.0, 1.0, 1.0))
     ended(course, course.spin.send_goal(SpinGoal(math.pi)))
     handle = course.back_up.send_goal(BackUpGoal(1.0, 0.2, 20.0))
@@ -84,17 +84,17 @@ def test_a_wall_behind_that_was_seen_before_the_robot_turned_its_back_is_remembe
     assert course.robot.nearest > 0.1
 
 
-def test_backwards_the_sonars_count(floor):
+def test_back_up_uses_the_sonars(floor):
     course = floor()
     course.run(0.1)
-    course.robot.heard.append(SonarReading(0.2, 0, 0.5, 0.03, 1.0, "sonar_link"))
+    course.robot.sonar_readings.append(SonarReading(0.2, 0, 0.5, 0.03, 1.0, "sonar_link"))
     handle = course.back_up.send_goal(BackUpGoal(0.5, 0.2))
     ended(course, handle)
     assert handle.result.code == Nav2ErrorCode.BACKUP_COLLISION_AHEAD
     assert course.robot.pose.x > -0.05
 
 
-def test_without_collision_checks_nobody_looks(floor):
+def test_disabled_collision_checks_ignore_a_wall(floor):
     course = floor((1.0, -1.0, 1.2, 1.0))
     handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(0.5, 0.2, 10.0, True))
     ended(course, handle)
@@ -109,7 +109,7 @@ def test_without_collision_checks_nobody_looks(floor):
         ("drive_on_heading", DriveOnHeadingGoal(1.0, 0.05, 1.0), Nav2ErrorCode.DRIVE_ON_HEADING_TIMEOUT),
     ],
 )
-def test_who_takes_too_long_fails_and_stands(floor, server, goal, code):
+def test_a_timeout_ends_the_behaviour_and_stops_the_robot(floor, server, goal, code):
     course = floor()
     handle = getattr(course, server).send_goal(goal)
     assert ended(course, handle) == pytest.approx(1.15, abs=0.1)
@@ -127,7 +127,7 @@ def test_who_takes_too_long_fails_and_stands(floor, server, goal, code):
         ("wait", WaitGoal(math.inf), Nav2ErrorCode.WAIT_UNKNOWN),
     ],
 )
-def test_what_never_ends_is_refused(floor, server, goal, code):
+def test_a_goal_that_never_ends_is_refused(floor, server, goal, code):
     course = floor()
     handle = getattr(course, server).send_goal(goal)
     ended(course, handle)
@@ -135,7 +135,7 @@ def test_what_never_ends_is_refused(floor, server, goal, code):
     assert all(command[1:] == (0.0, 0.0) for command in course.robot.commands)
 
 
-def test_a_blind_robot_stands_until_it_sees(floor):
+def test_a_robot_without_scans_stops_until_scans_return(floor):
     course = floor()
     handle = course.back_up.send_goal(BackUpGoal(0.3, 0.1, 20.0))
     course.run(1.0)
@@ -147,7 +147,7 @@ def test_a_blind_robot_stands_until_it_sees(floor):
     assert handle.status == GoalStatus.SUCCEEDED
 
 
-def test_waiting_takes_its_time_and_moves_nothing(floor):
+def test_wait_takes_its_duration_and_sends_no_commands(floor):
     course = floor()
     handle = course.wait.send_goal(WaitGoal(2.0))
     course.run(1.05)

@@ -27,7 +27,7 @@ def test_a_path_is_followed_to_its_end_and_heading(floor, path, follow):
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.15, 0.25])
-def test_how_near_is_near_enough_is_a_parameter(floor, path, follow, tolerance):
+def test_the_goal_tolerance_is_a_parameter(floor, path, follow, tolerance):
     course = floor(xy_goal_tolerance=tolerance)
     handle = course.follow_path.send_goal(follow(path((0, 0), (2, 1))))
     course.run(60.0, lambda: handle.done)
@@ -35,7 +35,7 @@ def test_how_near_is_near_enough_is_a_parameter(floor, path, follow, tolerance):
     assert math.hypot(course.robot.pose.x - 2, course.robot.pose.y - 1) <= tolerance + 0.03
 
 
-def test_an_s_is_driven_without_leaving_it(floor, path, follow):
+def test_an_s_shaped_path_is_followed_closely(floor, path, follow):
     course = floor()
     beside = []
     handle = course.follow_path.send_goal(follow(path((0, 0), (2, 0), (2, 2), (4, 2), (4, 0), (6, 0))))
@@ -50,7 +50,7 @@ def test_an_s_is_driven_without_leaving_it(floor, path, follow):
     assert seconds < 10.0 / 0.3 + 5.0
 
 
-def test_neither_speeds_nor_accelerations_ever_pass_the_limits(floor, path, follow):
+def test_speeds_and_accelerations_stay_within_the_limits(floor, path, follow):
     course = floor(*CORRIDOR, (2.0, -0.3, 2.5, 0.2), seed=3)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0), yaw=2.0)))
     course.run(60.0, lambda: handle.done)
@@ -65,7 +65,7 @@ def test_neither_speeds_nor_accelerations_ever_pass_the_limits(floor, path, foll
     assert (np.abs(np.diff(w)) <= min(limits.acc_lim_theta, base.w_rate) * periods + 1e-9).all()
 
 
-def test_a_robot_that_looks_away_turns_before_it_drives(floor, path, follow):
+def test_a_robot_that_faces_away_turns_before_it_drives(floor, path, follow):
     course = floor(start=Pose2D(0.0, 0.0, math.pi))
     course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
     course.run(4.0)
@@ -73,7 +73,7 @@ def test_a_robot_that_looks_away_turns_before_it_drives(floor, path, follow):
     assert abs(math.remainder(course.robot.pose.yaw - math.pi, 2 * math.pi)) > 1.0
 
 
-def test_the_path_lies_in_the_map_and_the_robot_in_odom(floor, path, follow):
+def test_a_path_in_the_map_frame_is_followed_in_odom(floor, path, follow):
     course = floor()
     course.map_at((1.0, 2.0, math.pi / 2))
     handle = course.follow_path.send_goal(follow(path((1, 2), (1, 4), yaw=math.pi / 2)))
@@ -83,7 +83,7 @@ def test_the_path_lies_in_the_map_and_the_robot_in_odom(floor, path, follow):
     assert course.robot.pose.y == pytest.approx(0.0, abs=0.1)
 
 
-def test_feedback_tells_the_way_left_and_the_speed(floor, path, follow):
+def test_feedback_has_the_remaining_distance_and_the_speed(floor, path, follow):
     course = floor()
     handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
     course.run(5.0)
@@ -94,7 +94,7 @@ def test_feedback_tells_the_way_left_and_the_speed(floor, path, follow):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_box_on_the_path_is_passed_where_there_is_room_at_one_side(floor, path, follow, seed):
+def test_a_box_on_the_path_is_passed_on_the_side_with_room(floor, path, follow, seed):
     course = floor((-1.0, -0.7, 7.0, -0.5), (-1.0, 1.15, 7.0, 1.3), (1.5, -0.25, 2.0, 0.25), seed=seed)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     course.run(60.0, lambda: handle.done)
@@ -102,7 +102,7 @@ def test_a_box_on_the_path_is_passed_where_there_is_room_at_one_side(floor, path
     assert course.robot.nearest > 0.0
 
 
-def test_a_box_that_falls_before_the_driving_robot_is_passed(floor, path, follow):
+def test_a_box_dropped_in_front_of_the_driving_robot_is_passed(floor, path, follow):
     course = floor(*CORRIDOR)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     course.run(3.0)
@@ -123,7 +123,7 @@ def test_a_wall_across_the_path_is_not_touched_and_the_goal_fails(floor, path, f
     assert course.robot.pose.x > 1.2
 
 
-def test_without_patience_no_way_on_fails_at_once(floor, path, follow):
+def test_zero_failure_tolerance_fails_soon_at_a_wall(floor, path, follow):
     course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=0.0)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     seconds = course.run(60.0, lambda: handle.done)
@@ -140,7 +140,7 @@ def test_no_progress_fails_after_ten_seconds(floor, path, follow):
 
 
 @pytest.mark.parametrize("place", [(5.0, 0.3, -0.5, 0.0), (2.0, 3.2, 0.0, -0.5), (4.0, 0.0, -0.5, 0.0)])
-def test_people_are_never_touched_and_the_robot_gets_there(floor, path, follow, person, place):
+def test_people_are_never_touched_and_the_goal_is_reached(floor, path, follow, person, place):
     course = floor(seed=1)
     course.robot.people.append(person(*place))
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
@@ -149,7 +149,7 @@ def test_people_are_never_touched_and_the_robot_gets_there(floor, path, follow, 
     assert course.robot.nearest > 0.03
 
 
-def test_near_a_wall_it_goes_slower_and_straight(floor, path, follow):
+def test_the_robot_drives_slower_beside_a_wall(floor, path, follow):
     course = floor((-1.0, -0.6, 7.0, -0.36))
     handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
     course.run(60.0, lambda: handle.done)
@@ -158,7 +158,7 @@ def test_near_a_wall_it_goes_slower_and_straight(floor, path, follow):
     assert commands(course.robot)[1].max() < 0.25
 
 
-def test_a_blind_robot_stops_within_a_second_and_goes_on_when_it_sees(floor, path, follow):
+def test_a_robot_without_scans_stops_within_a_second_until_scans_return(floor, path, follow):
     course = floor(*CORRIDOR)
     handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
     course.run(4.0)
@@ -174,7 +174,7 @@ def test_a_blind_robot_stops_within_a_second_and_goes_on_when_it_sees(floor, pat
     assert handle.status == GoalStatus.SUCCEEDED
 
 
-def test_standing_because_it_has_to_is_no_lack_of_progress(floor, path, follow):
+def test_a_held_robot_does_not_fail_for_lack_of_progress(floor, path, follow):
     course = floor()
     handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
     course.run(2.0)
@@ -199,7 +199,7 @@ def test_a_cancelled_robot_brakes_within_its_limits(floor, path, follow):
     assert np.diff(commands(course.robot)[1]).min() >= -0.05 - 1e-9
 
 
-def test_a_new_path_is_taken_up_without_a_stop(floor, path, follow):
+def test_a_new_path_is_followed_without_a_stop(floor, path, follow):
     course = floor()
     first = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
     course.run(4.0)
@@ -211,7 +211,7 @@ def test_a_new_path_is_taken_up_without_a_stop(floor, path, follow):
     assert second.status == GoalStatus.SUCCEEDED
 
 
-def test_replanning_once_a_second_does_not_hide_that_nothing_moves(floor, path, follow):
+def test_replanning_once_a_second_does_not_hide_a_lack_of_progress(floor, path, follow):
     course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=-1.0)
     for _ in range(20):
         handle = course.follow_path.send_goal(follow(path((course.robot.pose.x, 0), (5, 0))))
@@ -236,7 +236,7 @@ def test_a_path_in_an_unknown_frame_fails_with_the_frames_name(floor, path, foll
     assert "did you mean 'map'?" in handle.result.message
 
 
-def test_a_robot_with_nothing_to_do_asks_for_nothing(floor):
+def test_an_idle_controller_sends_no_commands(floor):
     course = floor()
     course.run(1.0)
     assert course.robot.commands == []

@@ -39,11 +39,11 @@ def arena(course_of):
         world.close()
 
 
-def unhurt(body):
+def touched_nothing(body):
     return (body.contacts.collisions, body.contacts.grazes) == (0, 0)
 
 
-def test_an_s_between_boxes_is_driven_without_touching_any(arena, path, follow):
+def test_an_s_shaped_path_between_boxes_is_followed_without_contact(arena, path, follow):
     course = arena()
     beside = []
     handle = course.follow_path.send_goal(
@@ -56,18 +56,18 @@ def test_an_s_between_boxes_is_driven_without_touching_any(arena, path, follow):
 
     course.run(80.0, done)
     assert handle.status == GoalStatus.SUCCEEDED
-    assert unhurt(course.robot)
+    assert touched_nothing(course.robot)
     assert max(beside) < 0.2
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize(("slip", "slip_sigma"), [(0.0, 0.0), (0.04, 0.015)])
-def test_a_path_through_a_box_is_driven_round_it(arena, path, follow, seed, slip, slip_sigma):
+def test_a_box_on_a_path_with_a_corner_is_passed(arena, path, follow, seed, slip, slip_sigma):
     course = arena(slip=slip, slip_sigma=slip_sigma, seed=seed)
     handle = course.follow_path.send_goal(follow(path(START, (-3.15, -4.4), (-3.15, -1.5))))
     course.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
-    assert unhurt(course.robot)
+    assert touched_nothing(course.robot)
 
 
 @pytest.mark.parametrize(
@@ -78,13 +78,13 @@ def test_a_path_through_a_box_is_driven_round_it(arena, path, follow, seed, slip
         pytest.param((-5.0, 3.2), (-1.4, 3.2), id="a cabinet, 0.9 m wide"),
     ],
 )
-def test_whatever_stands_on_a_straight_path_is_passed(arena, path, follow, begin, end):
+def test_an_obstacle_on_a_straight_path_is_passed(arena, path, follow, begin, end):
     yaw = math.atan2(end[1] - begin[1], end[0] - begin[0])
     course = arena(at=(*begin, yaw), slip=0.0, slip_sigma=0.0)
     handle = course.follow_path.send_goal(follow(path(begin, end, yaw=yaw)))
     course.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
-    assert unhurt(course.robot)
+    assert touched_nothing(course.robot)
 
 
 def test_the_arenas_wall_is_not_touched(arena, path, follow):
@@ -92,11 +92,11 @@ def test_the_arenas_wall_is_not_touched(arena, path, follow):
     handle = course.follow_path.send_goal(follow(path(START, (-4.8, -8.0))))
     course.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.ABORTED
-    assert unhurt(course.robot)
+    assert touched_nothing(course.robot)
     assert -5.7 < course.robot.true_pose().y < -5.2
 
 
-def test_a_dead_laser_stops_the_robot_within_a_second_and_it_goes_on_after(arena, path, follow):
+def test_a_laser_failure_stops_the_robot_within_a_second_until_it_ends(arena, path, follow):
     course = arena("laser:4-9")
     handle = course.follow_path.send_goal(follow(path(START, (-1.5, -4.8))))
     course.run(4.0)
@@ -107,7 +107,7 @@ def test_a_dead_laser_stops_the_robot_within_a_second_and_it_goes_on_after(arena
     assert handle.status == GoalStatus.SUCCEEDED
 
 
-def test_cancel_stops_and_a_new_path_does_not(arena, path, follow):
+def test_a_cancelled_goal_stops_the_robot_and_a_new_path_does_not(arena, path, follow):
     course = arena()
     course.follow_path.send_goal(follow(path(START, (-1.5, -4.8))))
     course.run(4.0)
@@ -133,4 +133,4 @@ def test_tiago_spins_and_backs_up(arena):
     course.run(0.5)
     assert back.status == GoalStatus.SUCCEEDED
     assert before.y - course.robot.true_pose().y == pytest.approx(0.3, abs=0.04)
-    assert unhurt(course.robot)
+    assert touched_nothing(course.robot)

@@ -25,7 +25,7 @@ def wall_ahead(distance, rays=666):
     return np.where(np.abs(angles) < 1.2, distance / np.cos(angles), np.inf)
 
 
-def test_a_smoothed_wall_is_much_nearer_to_the_truth():
+def test_smoothing_reduces_the_noise_of_a_wall():
     truth = wall_ahead(1.0)
     noisy = truth + 0.06 * np.random.default_rng(1).standard_normal(666)
     ahead = np.abs(-math.radians(110.0) + STEP * np.arange(666)) < 0.8
@@ -34,7 +34,7 @@ def test_a_smoothed_wall_is_much_nearer_to_the_truth():
     assert error.min() > -0.1 > (noisy[ahead] - truth[ahead]).min()
 
 
-def test_a_table_leg_is_not_smoothed_away_and_a_lone_reading_is():
+def test_smoothing_keeps_a_table_leg_and_removes_a_single_reading():
     ranges = np.full(666, 3.0)
     ranges[300:303] = 1.2
     ranges[400] = 1.2
@@ -43,7 +43,7 @@ def test_a_table_leg_is_not_smoothed_away_and_a_lone_reading_is():
     assert after[400] == pytest.approx(3.0)
 
 
-def test_smoothing_keeps_what_no_echo_and_too_near_mean():
+def test_smoothing_keeps_readings_without_an_echo_and_below_the_minimum():
     ranges = np.full(666, np.inf)
     ranges[100:120] = -np.inf
     ranges[300] = np.nan
@@ -64,7 +64,7 @@ def seen():
     return make
 
 
-def test_clearance_is_the_distance_to_what_the_scan_sees(seen):
+def test_clearance_is_the_distance_to_the_readings_of_the_scan(seen):
     field = seen()
     assert field.distance_at(0.0, 0.0) == pytest.approx(1.0, abs=0.03)
     assert field.distance_at(0.6, 0.3) == pytest.approx(0.4, abs=0.03)
@@ -74,7 +74,7 @@ def test_clearance_is_the_distance_to_what_the_scan_sees(seen):
     ]
 
 
-def test_what_the_costmap_remembers_behind_the_robot_counts_and_what_the_scan_sees_through_does_not(seen):
+def test_obstacles_of_the_costmap_count_unless_the_scan_sees_through_them(seen):
     costmap = LocalCostmap()
     for x in (-0.5, 0.5):
         row, col = costmap.cell(x, 0.0)
@@ -84,14 +84,14 @@ def test_what_the_costmap_remembers_behind_the_robot_counts_and_what_the_scan_se
     assert field.distance_at(0.5, 0.0) == pytest.approx(0.5, abs=0.04)
 
 
-def test_a_keep_out_stays_though_the_laser_sees_through_it(seen):
+def test_a_keep_out_area_counts_even_if_the_scan_sees_through_it(seen):
     costmap = LocalCostmap()
     row, col = costmap.cell(0.5, 0.0)
     costmap.costs[row, col] = 254
     assert seen(costmap).distance_at(0.5, 0.0) < 0.05
 
 
-def test_a_carrot_lies_ahead_on_the_path_and_gives_the_arc_through_it():
+def test_a_carrot_lies_ahead_on_the_path_and_has_the_curvature_to_it():
     pursuit = PurePursuit(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]))
     pose = Pose2D(0.5, 0.1, 0.0)
     pursuit.locate(pose)
@@ -109,13 +109,13 @@ def test_a_path_that_crosses_itself_is_not_cut_short():
     assert pursuit.travelled == pytest.approx(1.5)
 
 
-def test_a_path_of_one_place_is_at_its_end():
+def test_a_path_with_a_single_point_has_no_remaining_length():
     pursuit = PurePursuit(np.array([(1.0, 0.0)]))
     pursuit.locate(Pose2D(0.0, 0.0, 0.0))
     assert (pursuit.remaining, pursuit.cross_track_distance) == (0.0, 1.0)
 
 
-def test_a_detour_keeps_clear_and_an_enclosed_target_has_none(seen):
+def test_a_detour_keeps_its_clearance_and_an_enclosed_target_has_none(seen):
     field = seen()
     rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
     cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
@@ -130,7 +130,7 @@ def test_a_detour_keeps_clear_and_an_enclosed_target_has_none(seen):
     assert find_detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(1.4, 0.0)]), 0.32) is None
 
 
-def test_a_detour_stays_on_the_side_that_was_taken_last(seen):
+def test_a_detour_stays_on_the_side_of_the_previous_detour(seen):
     field = seen()
     rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
     cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
@@ -148,7 +148,7 @@ def test_a_detour_stays_on_the_side_that_was_taken_last(seen):
     assert anew[1][:, 1].min() < -0.2
 
 
-def test_progress_is_a_way_or_a_turn_within_the_time_allowed():
+def test_progress_is_a_distance_or_a_turn_within_the_allowed_time():
     progress = ProgressChecker(0.5, 0.5, 10.0)
     assert progress.check(Pose2D(0.0, 0.0, 0.0), 0)
     assert progress.check(Pose2D(0.3, 0.0, 0.0), 10 * SECOND)
@@ -158,7 +158,7 @@ def test_progress_is_a_way_or_a_turn_within_the_time_allowed():
     assert progress.check(Pose2D(0.9, 0.0, 0.6), 23 * SECOND)
 
 
-def test_time_in_which_the_robot_has_to_stand_does_not_count():
+def test_paused_time_does_not_count_as_lack_of_progress():
     progress = ProgressChecker(0.5, 0.5, 10.0)
     progress.check(Pose2D(0.0, 0.0, 0.0), 0)
     progress.pause(5 * SECOND)
@@ -167,7 +167,7 @@ def test_time_in_which_the_robot_has_to_stand_does_not_count():
 
 
 @pytest.mark.parametrize(("stateful", "reached"), [(True, True), (False, False)])
-def test_a_place_once_reached_stays_reached_if_the_checker_remembers(stateful, reached):
+def test_a_stateful_goal_checker_remembers_that_the_place_was_reached(stateful, reached):
     checker = GoalChecker(0.25, 0.25, stateful)
     goal = Pose2D(1.0, 0.0, 0.0)
     assert not checker.is_goal_reached(Pose2D(0.8, 0.0, 1.0), goal)

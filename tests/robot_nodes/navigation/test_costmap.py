@@ -60,7 +60,7 @@ def test_costs_fall_with_the_distance_by_nav2s_formula(distance, cost):
     assert InflationLayer(0.30, 0.55, 3.0, 0.05).cost(distance) == cost
 
 
-def test_between_the_axes_the_distance_is_that_between_the_middles():
+def test_diagonal_distances_are_measured_between_the_centres_of_cells():
     cells = floor().cells.copy()
     cells[40, 40] = 100
     costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -88,7 +88,7 @@ def test_inflation_is_the_formula_on_exact_distances(occupied, radius, inflation
         assert not found.any()
 
 
-def test_unknown_cells_stay_unknown_but_where_the_robot_would_touch():
+def test_unknown_cells_stay_unknown_except_within_the_inscribed_radius():
     cells = floor(cells=-1).cells.copy()
     cells[40, 40] = 100
     costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -97,11 +97,11 @@ def test_unknown_cells_stay_unknown_but_where_the_robot_would_touch():
     assert costmap.costs[40, 47] == UNKNOWN
 
 
-def test_unknown_cells_can_be_taken_for_free():
+def test_unknown_cells_can_be_treated_as_free():
     assert not GlobalCostmap(floor(cells=-1), track_unknown=False).costs.any()
 
 
-def test_likelihoods_below_certainty_are_free():
+def test_occupancies_below_100_are_free():
     assert not GlobalCostmap(floor(cells=99)).costs.any()
 
 
@@ -117,7 +117,7 @@ def test_a_reading_marks_the_cell_of_its_end_point():
     assert costmap.cost(2.575, 2.025) == 160  # inflated at once
 
 
-def test_the_lasers_pose_places_the_reading():
+def test_a_reading_is_placed_by_the_lasers_pose():
     costmap = GlobalCostmap(floor())
     costmap.observe(scan(1.0, start=math.pi / 4), Pose2D(2.025, 1.025, math.pi / 4))
     costmap.update(0)
@@ -125,7 +125,7 @@ def test_the_lasers_pose_places_the_reading():
 
 
 @pytest.mark.parametrize("reading", [math.inf, -math.inf, math.nan, 0.04, 25.0, 2.6])
-def test_what_marks_nothing(reading):
+def test_readings_that_mark_no_obstacle(reading):
     # No echo, too near, broken, under the minimum, at the maximum, over the range of obstacles.
     costmap = GlobalCostmap(floor(8.0))
     costmap.observe(scan(reading), HERE)
@@ -133,7 +133,7 @@ def test_what_marks_nothing(reading):
     assert not costmap.costs.any()
 
 
-def test_a_near_reading_marks_down_to_the_minimum():
+def test_readings_mark_obstacles_from_the_minimum_range_on():
     costmap = GlobalCostmap(floor(), obstacle_min_range=0.5)
     costmap.observe(scan(0.45), HERE)
     costmap.update(0)
@@ -147,7 +147,7 @@ def test_a_near_reading_marks_down_to_the_minimum():
     ("reading", "cleared_to"),
     [(math.inf, 3.0), (25.0, 3.0), (8.0, 3.0), (2.0, 1.9), (0.5, 0.4)],
 )
-def test_a_ray_frees_unknown_cells_up_to_its_end_or_its_range(reading, cleared_to):
+def test_a_ray_clears_unknown_cells_up_to_its_end_or_its_range(reading, cleared_to):
     costmap = GlobalCostmap(floor(8.0, cells=-1))
     costmap.observe(scan(reading), HERE)
     costmap.update(0)
@@ -158,14 +158,14 @@ def test_a_ray_frees_unknown_cells_up_to_its_end_or_its_range(reading, cleared_t
 
 
 @pytest.mark.parametrize("reading", [-math.inf, math.nan, 0.01])
-def test_readings_that_say_nothing_free_nothing(reading):
+def test_invalid_readings_clear_nothing(reading):
     costmap = GlobalCostmap(floor(cells=-1))
     costmap.observe(scan(reading), HERE)
     costmap.update(0)
     assert (costmap.costs == UNKNOWN).all()
 
 
-def test_an_obstacle_that_went_away_is_cleared_by_what_is_seen_behind_it():
+def test_a_removed_obstacle_is_cleared_by_readings_behind_it():
     costmap = GlobalCostmap(floor())
     costmap.observe(wall_at(1.0), HERE)
     costmap.update(0)
@@ -186,7 +186,7 @@ def test_an_obstacle_out_of_sight_stays():
     assert np.array_equal(costmap.costs[:, 45:], before[:, 45:])
 
 
-def test_what_is_on_the_map_is_not_cleared_by_looking_through_it():
+def test_obstacles_of_the_map_are_not_cleared_by_scans():
     cells = floor().cells.copy()
     cells[30:50, 60] = 100
     costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -196,7 +196,7 @@ def test_what_is_on_the_map_is_not_cleared_by_looking_through_it():
     assert np.array_equal(costmap.costs, before)
 
 
-def test_of_several_scans_of_a_laser_the_newest_counts_and_two_lasers_both_do():
+def test_the_newest_scan_of_each_laser_is_used():
     costmap = GlobalCostmap(floor())
     costmap.observe(scan(0.5), HERE)
     costmap.observe(scan(1.0), HERE)
@@ -205,14 +205,14 @@ def test_of_several_scans_of_a_laser_the_newest_counts_and_two_lasers_both_do():
     assert np.argwhere(costmap.costs == LETHAL).tolist() == [[40, 20], [40, 60]]
 
 
-def test_nothing_is_seen_where_the_robot_itself_stands():
+def test_readings_within_the_robot_are_ignored():
     costmap = GlobalCostmap(floor())
     costmap.observe(scan(0.25), HERE)
     costmap.update(0, HERE)
     assert not costmap.costs.any()
 
 
-def test_scans_from_off_the_map_and_over_its_edge_do_no_harm():
+def test_scans_from_outside_the_map_and_across_its_edge_do_no_harm():
     costmap = GlobalCostmap(floor())
     costmap.observe(wall_at(2.0), Pose2D(3.9, 2.0, 0.0))
     costmap.update(0, Pose2D(3.9, 2.0, 0.0))
@@ -229,7 +229,7 @@ def test_scans_from_off_the_map_and_over_its_edge_do_no_harm():
         max_size=6,
     )
 )
-def test_costs_kept_up_to_date_piece_by_piece_are_those_made_anew(scans):
+def test_incremental_costs_equal_recomputed_costs(scans):
     cells = floor().cells.copy()
     cells[20, 10:60] = 100
     cells[50:, 30] = -1
@@ -239,12 +239,12 @@ def test_costs_kept_up_to_date_piece_by_piece_are_those_made_anew(scans):
         costmap.observe(scan(*ranges, start=-1.5, step=0.05), Pose2D(x, y, yaw))
         costmap.update(0, Pose2D(x, y, yaw))
     pieced = costmap.costs.copy()
-    costmap.clear_except(Pose2D(2.0, 2.0, 0.0), 100.0)  # forgets nothing, makes everything anew
+    costmap.clear_except(Pose2D(2.0, 2.0, 0.0), 100.0)  # clears nothing, computes all costs again
     assert np.array_equal(pieced, costmap.costs)
     assert (costmap.lower_bound[costmap.costs != UNKNOWN] <= costmap.costs[costmap.costs != UNKNOWN]).all()
 
 
-def test_the_version_tells_whether_anything_changed():
+def test_the_version_changes_only_if_the_costs_change():
     costmap = GlobalCostmap(floor())
     seen = costmap.version
     costmap.observe(scan(1.0), HERE)
@@ -270,7 +270,7 @@ def test_a_keepout_is_an_obstacle_that_no_ray_clears():
     assert costmap.cost(2.525, 2.025) == LETHAL
 
 
-def test_the_local_costmap_has_the_keepouts_where_the_map_is():
+def test_the_local_costmap_transforms_keepouts_from_the_map():
     costmap = LocalCostmap(keepout=((0.5, -0.2, 0.8, 0.2),))
     costmap.update(0, Pose2D(0.0, 0.0, 0.0))
     assert not costmap.costs.any()
@@ -302,31 +302,31 @@ def places(costmap: Costmap) -> list[float]:
     return [x for x in (1.0, 2.0, 3.0) if costmap.cost(x + 0.025, 2.0) == LETHAL]
 
 
-def test_clear_forgets_what_was_seen_and_keeps_the_map(littered):
+def test_clear_removes_observed_obstacles_and_keeps_the_map(littered):
     littered.clear()
     assert places(littered) == []
     assert littered.cost(0.525, 2.0) == LETHAL
     assert np.array_equal(littered.costs, GlobalCostmap(littered.map).costs)
 
 
-def test_clear_forgets_what_still_waits_too(littered):
+def test_clear_removes_pending_observations(littered):
     littered.observe(scan(0.5), HERE)
     littered.clear()
     littered.update(0)
     assert np.array_equal(littered.costs, GlobalCostmap(littered.map).costs)
 
 
-def test_clear_around_forgets_a_square_of_that_side(littered):
+def test_clear_around_clears_a_square_of_the_given_side(littered):
     littered.clear_around(Pose2D(2.0, 2.0, 0.0), 1.0)
     assert places(littered) == [1.0, 3.0]
 
 
-def test_clear_except_keeps_a_square_of_that_side(littered):
+def test_clear_except_keeps_a_square_of_the_given_side(littered):
     littered.clear_except(Pose2D(2.0, 2.0, 0.0), 1.0)
     assert places(littered) == [2.0]
 
 
-def test_clear_around_a_place_off_the_map_does_nothing(littered):
+def test_clear_around_a_place_outside_the_map_does_nothing(littered):
     before = littered.costs.copy()
     littered.clear_around(Pose2D(40.0, 2.0, 0.0), 1.0)
     assert np.array_equal(littered.costs, before)
@@ -357,7 +357,7 @@ def test_obstacles_stay_in_place_while_the_robot_moves_and_are_forgotten_outside
     assert not costmap.costs.any()
 
 
-def test_a_robot_that_jumps_leaves_everything_behind():
+def test_a_jump_of_the_robot_clears_the_local_costmap():
     costmap = LocalCostmap()
     costmap.observe(scan(1.0), Pose2D(0.0, 0.0, 0.0))
     costmap.update(0, Pose2D(0.0, 0.0, 0.0))
@@ -370,7 +370,7 @@ def test_a_robot_that_jumps_leaves_everything_behind():
 # -- looking up
 
 
-def test_costs_are_looked_up_for_many_points_and_lethal_off_the_grid():
+def test_costs_of_many_points_are_looked_up_and_lethal_outside_the_grid():
     costs = np.arange(12, dtype=np.uint8).reshape(3, 4)
     costmap = Costmap(costs, 0.5, (-1.0, 1.0))
     points = np.array(

@@ -31,14 +31,14 @@ class Wanderer:
         self.random = np.random.default_rng(seed)
         self.time = 0
         self.true = [START.x, START.y, START.yaw]
-        self.told = [0.0, 0.0, 0.0]
+        self.reported = [0.0, 0.0, 0.0]
         self.people = []
         step = math.radians(220.0) / 665
         self.laser = LaserInfo(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, 0.06, "base_laser_link")
         self.newest = None
 
     def odometry(self):
-        return Odometry(Pose2D(*self.told), Twist2D(0.0, 0.0), self.time)
+        return Odometry(Pose2D(*self.reported), Twist2D(0.0, 0.0), self.time)
 
     def frames(self):
         still = (0.0, 0.0, 0.0, 1.0)
@@ -53,7 +53,7 @@ class Wanderer:
         self.time += round(seconds * SECOND)
         left, right = 1.02 * (v - 0.2 * w), v + 0.2 * w
         wrong = ((left + right) / 2, (right - left) / 0.4 * 1.05)
-        for pose, (speed, turn) in ((self.true, (v, w)), (self.told, wrong)):
+        for pose, (speed, turn) in ((self.true, (v, w)), (self.reported, wrong)):
             pose[2] += turn * seconds
             pose[0] += speed * math.cos(pose[2]) * seconds
             pose[1] += speed * math.sin(pose[2]) * seconds
@@ -121,8 +121,10 @@ class Walk:
         self.localiser.step(self.robot.time)
 
     def error(self):
-        told, (x, y, yaw) = self.localiser.pose(), self.robot.true
-        return math.hypot(told.x - x, told.y - y), abs(math.remainder(told.yaw - yaw, 2 * math.pi))
+        reported, (x, y, yaw) = self.localiser.pose(), self.robot.true
+        return math.hypot(reported.x - x, reported.y - y), abs(
+            math.remainder(reported.yaw - yaw, 2 * math.pi)
+        )
 
     def round(self):
         """Drive through all three rooms and back to the start."""
@@ -145,10 +147,10 @@ class Walk:
         return math.inf
 
 
-def test_it_is_right_to_a_few_centimetres_while_odometry_goes_wrong():
+def test_the_pose_is_accurate_to_centimetres_while_odometry_drifts():
     walk = Walk()
     errors = walk.round()
-    drift = Pose2D(*walk.robot.told)
+    drift = Pose2D(*walk.robot.reported)
     true_x, true_y, _ = walk.robot.true
     assert math.hypot(START.x + drift.x - true_x, START.y + drift.y - true_y) > 1.0
     assert np.median(errors[:, 0]) < 0.05
@@ -166,7 +168,7 @@ def test_the_same_seed_gives_the_same_particles():
     assert not np.array_equal(one.localiser.particles[:400], different.localiser.particles[:400])
 
 
-def test_particles_are_as_many_as_kld_sampling_allows_and_are_updated_after_a_way_only():
+def test_the_number_of_particles_is_limited_and_only_motion_updates_them():
     walk = Walk()
     walk.go(0.0, 0.0, 1.0)
     before = walk.localiser.particles
@@ -178,7 +180,7 @@ def test_particles_are_as_many_as_kld_sampling_allows_and_are_updated_after_a_wa
     assert walk.localiser.weights.sum() == pytest.approx(1.0)
 
 
-def test_a_start_that_is_roughly_known_is_made_exact():
+def test_a_rough_initial_pose_is_refined():
     walk = Walk(
         replace(AT_START, initial_pose_x=START.x + 0.3, initial_pose_y=START.y - 0.2, initial_pose_yaw=0.15)
     )
@@ -188,17 +190,17 @@ def test_a_start_that_is_roughly_known_is_made_exact():
     assert walk.error()[1] < 0.05
 
 
-def test_map_to_odom_is_published_with_the_scans_time_and_holds_for_the_tolerance():
+def test_map_to_odom_has_the_scans_time_and_is_valid_for_the_tolerance():
     walk = Walk()
     walk.go(0.3, 0.0, 2.0)
     stamp = walk.robot.newest.stamp
-    told = walk.tree.lookup("map", "base_footprint", stamp).to_pose()
-    assert (told.x, told.y) == pytest.approx((walk.localiser.pose().x, walk.localiser.pose().y))
+    reported = walk.tree.lookup("map", "base_footprint", stamp).to_pose()
+    assert (reported.x, reported.y) == pytest.approx((walk.localiser.pose().x, walk.localiser.pose().y))
     assert walk.tree.lookup("map", "odom", stamp + SECOND) == walk.localiser.map_to_odom
     assert not walk.tree.can_transform("map", "odom", stamp + SECOND + 1)
 
 
-def test_between_two_scans_the_pose_goes_with_the_odometry():
+def test_between_two_scans_the_pose_follows_odometry():
     walk = Walk()
     walk.go(0.3, 0.0, 2.0)
     before = walk.localiser.pose()
@@ -206,7 +208,7 @@ def test_between_two_scans_the_pose_goes_with_the_odometry():
     assert walk.localiser.pose().x - before.x == pytest.approx(0.03, abs=0.005)
 
 
-def test_without_echoes_nothing_is_concluded():
+def test_scans_without_echoes_do_not_change_the_particles():
     walk = Walk()
     walk.go(0.3, 0.0, 1.0)
     walk.robot.sweep = lambda: None
@@ -221,7 +223,7 @@ def test_without_echoes_nothing_is_concluded():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_kidnapped_it_notices_at_once_and_finds_itself(seed):
+def test_kidnapping_is_noticed_at_once_and_the_pose_is_found_again(seed):
     walk = Walk(seed=seed)
     walk.go(0.3, 0.0, 4.0)
     random = np.random.default_rng(seed)
@@ -238,7 +240,7 @@ def test_kidnapped_it_notices_at_once_and_finds_itself(seed):
     assert walk.go(0.0, 0.5, 5.0).max() < 0.1
 
 
-def test_without_a_pose_it_searches_the_whole_map_from_free_space():
+def test_without_an_initial_pose_the_whole_free_space_is_searched():
     walk = Walk(replace(AT_START, set_initial_pose=False))
     assert walk.localiser.searching
     assert not walk.localiser.confident
@@ -250,7 +252,7 @@ def test_without_a_pose_it_searches_the_whole_map_from_free_space():
     assert walk.error()[0] < 0.1
 
 
-def test_told_a_pose_it_believes_it_until_the_laser_contradicts():
+def test_a_given_pose_is_used_until_the_laser_contradicts_it():
     walk = Walk()
     walk.go(0.0, 0.0, 1.0)
     walk.localiser.set_pose(Pose2D(10.0, 6.5, 1.0))
@@ -262,7 +264,7 @@ def test_told_a_pose_it_believes_it_until_the_laser_contradicts():
     assert walk.error()[0] < 0.1
 
 
-def test_people_around_and_a_box_that_falls_make_nobody_lost():
+def test_people_and_a_new_box_do_not_end_the_confidence():
     walk = Walk()
     errors = []
     for step in range(300):

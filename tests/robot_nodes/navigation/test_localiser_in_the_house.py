@@ -51,7 +51,7 @@ def house():
     world.close()
 
 
-def test_it_tracks_the_body_to_a_few_centimetres(house):
+def test_the_pose_is_accurate_to_centimetres(house):
     errors = np.concatenate(
         [house.drive(*leg) for leg in ((0.0, 0.5, 13.0), (0.3, 0.0, 3.0), (0.2, 0.5, 13.0), (0.0, -0.5, 6.0))]
     )
@@ -61,7 +61,7 @@ def test_it_tracks_the_body_to_a_few_centimetres(house):
     assert errors[:, 1].max() < 0.08
 
 
-def test_carried_to_another_room_it_notices_and_finds_itself(house):
+def test_kidnapping_is_noticed_and_the_pose_is_found_again(house):
     house.drive(0.3, 0.0, 3.0)
     house.body.teleport(Pose2D(-5.3, -8.85, 2.0))
     house.drive(0.0, 0.0, 0.5)

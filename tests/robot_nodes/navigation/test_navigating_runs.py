@@ -45,7 +45,7 @@ def test_the_same_seed_gives_the_same_bytes_in_two_processes():
     assert json.dumps(one) == json.dumps(other)
 
 
-def test_goal_or_home_goes_home_and_says_why():
+def test_goal_or_home_goes_home_and_logs_the_reason():
     said, logged = started("tutorials/goal_or_home", "--world", "house", "--duration", "30").communicate()
     result = json.loads(said)
     assert result["status"] == "SUCCESS"
@@ -64,7 +64,7 @@ def test_goal_or_home_goes_home_and_says_why():
         ("--nav-params", "a: [", "not valid YAML"),
     ],
 )
-def test_a_file_that_is_no_good_ends_the_run_before_it_begins(tmp_path, option, text, said):
+def test_a_missing_or_invalid_file_is_a_usage_error(tmp_path, option, text, said):
     file = tmp_path / "file.yaml"
     if text is not None:
         file.write_text(text)
@@ -74,14 +74,14 @@ def test_a_file_that_is_no_good_ends_the_run_before_it_begins(tmp_path, option, 
     assert said in done.stderr
 
 
-def test_a_patrol_of_a_world_without_waypoints_ends_before_it_begins():
+def test_a_patrol_in_a_world_without_waypoints_is_a_usage_error():
     done = run("patrolling", "--world", "arena", "--duration", "1")
     assert done.exit_code == 2
     assert done.stdout == ""
     assert "this world has no waypoints, but GetWaypoint::6 needs them" in done.stderr
 
 
-def test_on_a_map_that_the_robot_is_not_on_it_looks_around_and_drives_nowhere(tmp_path):
+def test_a_robot_outside_its_map_logs_the_unknown_pose_and_does_not_drive(tmp_path):
     save_map(room(0, 100, origin=(20.0, 20.0)), tmp_path / "far.yaml")
     options = ("--world", "house", "--duration", "2", "--map", str(tmp_path / "far.yaml"))
     said, logged = started("patrolling", *options).communicate()

@@ -42,7 +42,7 @@ def loaded(folder: Path, pixels: list[list[int]], **keys: object) -> list[list[i
     return np.flipud(found.cells).tolist()
 
 
-# -- what is written is read
+# -- saving and loading
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
@@ -54,7 +54,7 @@ def loaded(folder: Path, pixels: list[list[int]], **keys: object) -> list[list[i
         st.tuples(st.floats(-9, 0), st.floats(-9, 0), st.floats(0.1, 9), st.floats(0.1, 9)), max_size=3
     ),
 )
-def test_a_saved_map_comes_back_as_it_was(tmp_path, cells, resolution, origin, keepout):
+def test_a_saved_map_is_loaded_unchanged(tmp_path, cells, resolution, origin, keepout):
     path = tmp_path / "any.yaml"
     save_map(OccupancyMap(cells, resolution, origin, tuple(keepout)), path)
     found = load_map(path)
@@ -89,17 +89,17 @@ def test_a_map_saved_without_keepouts_loses_those_of_the_file_it_replaces(tmp_pa
 # -- how pixels are read, by map_server's rules
 
 
-def test_trinary_tells_free_occupied_and_the_rest(tmp_path):
+def test_trinary_mode_has_free_occupied_and_unknown_cells(tmp_path):
     # Darkness: 0, 0.004, 0.25 (just under), 0.251, 0.647, 0.651, 1
     assert loaded(tmp_path, [[255, 254, 192, 191, 90, 89, 0]]) == [[0, 0, 0, -1, -1, 100, 100]]
 
 
-def test_205_is_unknown_under_the_threshold_of_ros_1_and_free_under_that_of_ros_2(tmp_path):
+def test_205_is_unknown_with_the_threshold_of_ros_1_and_free_with_ros_2s(tmp_path):
     assert loaded(tmp_path, [[205]], free_thresh=0.196) == [[-1]]
     assert loaded(tmp_path, [[205]], free_thresh=0.25) == [[0]]
 
 
-def test_a_darkness_that_is_the_threshold_counts(tmp_path):
+def test_a_darkness_equal_to_the_threshold_counts(tmp_path):
     # 51 of 255 is 0.2
     assert loaded(tmp_path, [[204]], free_thresh=0.2) == [[0]]
     assert loaded(tmp_path, [[51]], occupied_thresh=0.8) == [[100]]
@@ -110,17 +110,17 @@ def test_a_negated_map_has_its_obstacles_white(tmp_path, negate):
     assert loaded(tmp_path, [[0, 128, 255]], negate=negate) == [[0, -1, 100]]
 
 
-def test_scale_grades_what_lies_between_the_thresholds(tmp_path):
+def test_scale_mode_interpolates_between_the_thresholds(tmp_path):
     pixels = [[255, 204, 153, 128, 51, 0]]
     keys = {"mode": "scale", "free_thresh": 0.2, "occupied_thresh": 0.8}
     assert loaded(tmp_path, pixels, **keys) == [[0, 0, 33, 50, 100, 100]]
 
 
-def test_raw_takes_pixels_for_percent(tmp_path):
+def test_raw_mode_reads_pixels_as_percentages(tmp_path):
     assert loaded(tmp_path, [[0, 42, 100, 101, 255]], mode="raw") == [[0, 42, 100, -1, -1]]
 
 
-def test_a_png_is_read_too_and_what_is_transparent_is_unknown(tmp_path):
+def test_a_png_is_read_and_its_transparent_pixels_are_unknown(tmp_path):
     pixels = np.array([[[255, 255, 255, 255], [0, 0, 0, 255], [0, 0, 0, 0]]], dtype=np.uint8)
     path = written(tmp_path, "image: room.png\nresolution: 0.1\norigin: [1, 2]\n", pixels, "room.png")
     found = load_map(path)
@@ -128,7 +128,7 @@ def test_a_png_is_read_too_and_what_is_transparent_is_unknown(tmp_path):
     assert (found.resolution, found.origin) == (0.1, (1.0, 2.0))
 
 
-def test_a_png_of_16_bits_is_as_bright_as_one_of_8(tmp_path):
+def test_a_png_of_16_bits_is_read_like_a_png_of_8_bits(tmp_path):
     pixels = np.array([[65535, 32768, 0]], dtype=np.uint16)
     path = written(tmp_path, "image: room.png\nresolution: 0.1\norigin: [0, 0, 0]\n", pixels, "room.png")
     assert load_map(path).cells.tolist() == [[0, -1, 100]]
@@ -138,7 +138,7 @@ def test_a_png_of_16_bits_is_as_bright_as_one_of_8(tmp_path):
 
 
 @given(st.integers(-50, 50), st.integers(-50, 50), st.sampled_from([0.05, 0.025, 0.1, 0.3]))
-def test_a_cells_middle_lies_in_it(row, col, resolution):
+def test_the_centre_of_a_cell_lies_in_the_cell(row, col, resolution):
     map = OccupancyMap(ROOM, resolution, (-9.93, -14.1))
     assert map.cell(*map.center(row, col)) == (row, col)
     points = map.centers(np.array([row]), np.array([col]))
@@ -146,7 +146,7 @@ def test_a_cells_middle_lies_in_it(row, col, resolution):
     assert points[0].tolist() == pytest.approx(map.center(row, col))
 
 
-def test_what_is_on_the_map():
+def test_bounds_and_masks_of_a_map():
     map = OccupancyMap(ROOM, 0.5, (1.0, 2.0))
     assert map.bounds == (1.0, 2.0, 3.0, 3.5)
     assert map.inside(1.0, 2.0)
@@ -165,12 +165,12 @@ def test_a_keepout_covers_the_cells_that_it_touches():
     ]
 
 
-def test_a_keepout_beside_the_map_leaves_no_cell():
+def test_a_keepout_outside_the_map_covers_no_cell():
     empty = np.zeros((6, 8), dtype=np.int8)
     assert not OccupancyMap(empty, 0.05, (0.0, 0.0), ((-3.0, -3.0, -1.0, -1.0),)).keepout_mask().any()
 
 
-# -- mistakes
+# -- errors
 
 GOOD = "image: room.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
 
@@ -195,24 +195,24 @@ GOOD = "image: room.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
         ("", ": expected 'key: value' lines of a map"),
     ],
 )  # fmt: skip
-def test_a_mistake_is_told_with_file_and_line(tmp_path, text, said):
+def test_an_error_is_reported_with_file_and_line(tmp_path, text, said):
     path = written(tmp_path, text, np.zeros((2, 2), dtype=np.uint8))
     with pytest.raises(MapError) as fault:
         load_map(path)
     assert str(fault.value).startswith(f"{path}{said}")
 
 
-def test_keys_that_map_server_does_not_know_either_are_passed_over(tmp_path):
+def test_unknown_keys_without_a_similar_key_are_ignored(tmp_path):
     path = written(tmp_path, GOOD + "author: somebody\n", np.zeros((2, 2), dtype=np.uint8))
     assert load_map(path).cells.shape == (2, 2)
 
 
-def test_numbers_with_an_exponent_are_numbers(tmp_path):
+def test_numbers_may_have_an_exponent(tmp_path):
     path = written(tmp_path, GOOD.replace("0.05", "5e-2"), np.zeros((2, 2), dtype=np.uint8))
     assert load_map(path).resolution == 0.05
 
 
-def test_a_map_that_is_not_there(tmp_path):
+def test_a_missing_or_unreadable_map_raises(tmp_path):
     cv2.imwrite(str(tmp_path / "room.png"), np.zeros((4, 4), np.uint8))
     with pytest.raises(MapError, match=r"room\.png: not a text file; expected a YAML file of a map, not"):
         load_map(tmp_path / "room.png")
@@ -233,7 +233,7 @@ def test_a_map_that_is_not_there(tmp_path):
         ("keepuot: []\n", ":1: 'keepuot' is not a key of a map: did you mean 'keepout'?"),
     ],
 )
-def test_mistakes_in_keepouts_are_told_of_their_own_file(tmp_path, text, said):
+def test_errors_in_keepouts_are_reported_with_the_keepout_file(tmp_path, text, said):
     path = written(tmp_path, GOOD, np.zeros((2, 2), dtype=np.uint8))
     beside = tmp_path / "room.keepout.yaml"
     beside.write_text(text, encoding="utf-8")
@@ -242,13 +242,13 @@ def test_mistakes_in_keepouts_are_told_of_their_own_file(tmp_path, text, said):
     assert str(fault.value).startswith(f"{beside}{said}")
 
 
-@pytest.mark.skipif(os.name != "posix", reason="a folder in the place of a file is another fault elsewhere")
-def test_a_map_that_cannot_be_written_is_told(tmp_path):
+@pytest.mark.skipif(os.name != "posix", reason="other systems raise a different error")
+def test_a_map_that_cannot_be_written_raises(tmp_path):
     with pytest.raises(MapError, match=r"nowhere.*: cannot write the map: "):
         save_map(OccupancyMap(ROOM, 0.05, (0.0, 0.0)), tmp_path / "nowhere" / "room.yaml")
 
 
 @pytest.mark.parametrize("resolution", [0.0, -0.05, float("nan"), float("inf")])
-def test_a_map_of_no_size_is_refused(resolution):
+def test_a_map_without_a_positive_resolution_is_refused(resolution):
     with pytest.raises(MapError, match="the side of a cell must be greater than 0 m"):
         OccupancyMap(ROOM, resolution, (0.0, 0.0))

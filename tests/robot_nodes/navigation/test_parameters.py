@@ -22,7 +22,7 @@ def written(tmp_path: Path):
     return write
 
 
-def test_without_a_file_the_figures_are_the_books():
+def test_the_default_parameters_are_the_books():
     figures = NavigationParameters()
     assert (figures.controller.max_vel_x, figures.controller.max_vel_theta) == (0.3, 0.5)
     assert (figures.controller.acc_lim_x, figures.controller.acc_lim_theta) == (1.5, 2.2)
@@ -33,11 +33,11 @@ def test_without_a_file_the_figures_are_the_books():
     assert (figures.behaviours.max_rotational_vel, figures.behaviours.min_rotational_vel) == (1.0, 0.4)
 
 
-def test_a_goal_in_a_wall_is_not_moved_out_of_it_by_default():
+def test_the_default_tolerance_of_the_planner_is_zero():
     assert NavigationParameters().planner.tolerance == 0.0
 
 
-def test_plugins_parameters_are_found_below_their_ids_whatever_these_are(written):
+def test_parameters_of_plugins_are_found_below_any_plugin_id(written):
     figures = load_parameters(
         written("""
         controller_server:
@@ -64,7 +64,7 @@ def test_plugins_parameters_are_found_below_their_ids_whatever_these_are(written
     assert figures.warnings == ()
 
 
-def test_costmaps_are_nested_twice_and_layers_within(written):
+def test_parameters_of_nested_costmaps_and_layers_are_found(written):
     figures = load_parameters(
         written("""
         local_costmap:
@@ -99,20 +99,20 @@ def test_costmaps_are_nested_twice_and_layers_within(written):
         "/tiago/amcl:\n  ros__parameters:",
         "tiago:\n amcl:\n  ros__parameters:",
     ],
-    ids=["as ROS has it", "flat", "with a namespace", "below a namespace"],
+    ids=["with ros__parameters", "flat", "with a namespace", "below a namespace"],
 )
 def test_servers_are_found_in_every_form(written, head):
     assert load_parameters(written(f"{head}\n    max_beams: 30\n")).amcl.max_beams == 30
 
 
-def test_two_stars_mean_every_server(written):
+def test_two_stars_apply_to_every_server(written):
     figures = load_parameters(
         written("/**:\n  ros__parameters:\n    robot_radius: 0.4\n    use_sim_time: true\n")
     )
     assert figures.local_costmap.robot_radius == figures.global_costmap.robot_radius == 0.4
 
 
-def test_foxys_names_of_servers_and_keys_are_known(written):
+def test_foxys_names_of_servers_and_keys_are_accepted(written):
     figures = load_parameters(
         written("""
         recoveries_server:
@@ -125,7 +125,7 @@ def test_foxys_names_of_servers_and_keys_are_known(written):
     assert figures.navigator.default_nav_to_pose_bt_xml == "a.xml"
 
 
-def test_other_controllers_limits_are_taken_by_their_names(written):
+def test_the_limits_of_other_controllers_are_accepted(written):
     figures = load_parameters(
         written(
             "controller_server:\n  ros__parameters:\n    FollowPath: {vx_max: 0.4, wz_max: 1.9, ax_max: 3}\n"
@@ -136,7 +136,7 @@ def test_other_controllers_limits_are_taken_by_their_names(written):
     assert figures.controller.acc_lim_x == 3.0
 
 
-def test_of_two_plugins_the_first_listed_counts(written):
+def test_of_two_plugins_the_first_listed_plugin_is_used(written):
     figures = load_parameters(
         written("""
         controller_server:
@@ -149,7 +149,7 @@ def test_of_two_plugins_the_first_listed_counts(written):
     assert figures.controller.xy_goal_tolerance == 0.1
 
 
-def test_what_has_no_meaning_here_is_kept_and_told_once(written):
+def test_unsupported_keys_are_kept_and_reported_once(written):
     path = written("""
     controller_server:
       ros__parameters:
@@ -171,7 +171,7 @@ def test_what_has_no_meaning_here_is_kept_and_told_once(written):
     )
 
 
-def test_a_slip_is_told_with_what_was_meant(written):
+def test_a_misspelled_key_is_reported_with_a_suggestion(written):
     path = written("amcl:\n  ros__parameters:\n    max_particels: 100\n")
     assert load_parameters(path).warnings[0] == (
         f"{path}:3: amcl.max_particels has no effect; did you mean max_particles?"
@@ -179,7 +179,7 @@ def test_a_slip_is_told_with_what_was_meant(written):
 
 
 @pytest.mark.parametrize("key", ["initial_pose.z", "FollowPath.acc_lim_y", "voxel_layer.z_resolution"])
-def test_nav2s_own_keys_are_no_slips_of_others(written, key):
+def test_nav2s_own_keys_are_not_reported_as_misspelled(written, key):
     server = "amcl" if "pose" in key else "local_costmap" if "voxel" in key else "controller_server"
     figures = load_parameters(written(f"{server}:\n  ros__parameters:\n    {key}: 0.1\n"))
     assert not any("did you mean" in warning for warning in figures.warnings)
@@ -198,14 +198,14 @@ def test_nav2s_own_keys_are_no_slips_of_others(written, key):
         ("odom_frame_id: 3", ":3: amcl.odom_frame_id must be a string, not 3"),
     ],
 )
-def test_a_value_of_the_wrong_kind_is_a_sentence_with_its_line(written, value, sentence):
+def test_an_invalid_value_raises_with_its_line(written, value, sentence):
     path = written(f"amcl:\n  ros__parameters:\n    {value}\n")
     with pytest.raises(ParameterError) as raised:
         load_parameters(path)
     assert str(raised.value) == f"{path}{sentence}"
 
 
-def test_every_mistake_is_told_at_once(written):
+def test_all_invalid_values_are_reported_at_once(written):
     path = written(
         """
         amcl: {ros__parameters: {max_beams: x}}
@@ -217,7 +217,7 @@ def test_every_mistake_is_told_at_once(written):
     assert str(raised.value).count("\n") == 1
 
 
-def test_numbers_with_an_exponent_are_numbers(written):
+def test_numbers_may_have_an_exponent(written):
     assert load_parameters(written("amcl:\n  ros__parameters:\n    sigma_hit: 2e-1\n")).amcl.sigma_hit == 0.2
 
 
@@ -229,21 +229,21 @@ def test_numbers_with_an_exponent_are_numbers(written):
         ("amcl: 3", ":1: amcl must have parameters below it, not a single value"),
     ],
 )
-def test_a_file_of_another_form_is_a_sentence(written, text, sentence):
+def test_a_file_with_an_invalid_structure_raises(written, text, sentence):
     with pytest.raises(ParameterError, match=sentence):
         load_parameters(written(text))
 
 
-def test_a_missing_file_is_a_sentence(tmp_path):
+def test_a_missing_file_raises(tmp_path):
     with pytest.raises(ParameterError, match=r"none.yaml: no such file"):
         load_parameters(tmp_path / "none.yaml")
 
 
-def test_an_empty_file_says_nothing(written):
+def test_an_empty_file_gives_the_default_parameters(written):
     assert load_parameters(written("")) == NavigationParameters()
 
 
-def test_the_codes_are_nav2s():
+def test_the_error_codes_are_nav2s():
     assert (Nav2ErrorCode.GOAL_OCCUPIED, Nav2ErrorCode.NO_VALID_PATH) == (206, 208)
     assert (Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, Nav2ErrorCode.NO_VALID_CONTROL) == (105, 106)
     assert (Nav2ErrorCode.SPIN_COLLISION_AHEAD, Nav2ErrorCode.BACKUP_COLLISION_AHEAD) == (703, 714)

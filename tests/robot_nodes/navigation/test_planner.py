@@ -50,7 +50,7 @@ ROOMS = """
 #                  #         #         #
 ########################################
 """
-"""Rooms of 0.2 m a character, the highest y first; the one in the lower right is closed."""
+"""Rooms with 0.2 m for each character, the highest y first; the room in the lower right is closed."""
 
 WEST, NORTH, EAST, CLOSED = (
     Pose2D(*place, 0.5) for place in ((1.0, 1.0), (5.5, 3.9), (4.9, 0.7), (6.9, 0.7))
@@ -78,13 +78,13 @@ def dense(path: NavPath) -> np.ndarray:
     return np.concatenate(pieces)
 
 
-def way_price(costs: np.ndarray, cells: list[tuple[int, int]]) -> float:
+def path_cost(costs: np.ndarray, cells: list[tuple[int, int]]) -> float:
     return sum(
         math.dist(first, second) * (costs[first] + costs[second]) / 2 for first, second in pairwise(cells)
     )
 
 
-def least_prices(costs: np.ndarray, start: tuple[int, int]) -> np.ndarray:
+def least_costs(costs: np.ndarray, start: tuple[int, int]) -> np.ndarray:
     """Return the cheapest price of every cell, by an independent Dijkstra search on a graph of the cells."""
     height, width = costs.shape
     numbers = np.arange(height * width).reshape(height, width)
@@ -119,17 +119,17 @@ def grids(draw: st.DrawFn) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]
 # -- the search
 
 
-def test_cells_cost_what_they_cost_navfn():
+def test_the_costs_of_cells_are_navfns():
     costs = np.array([[0, 1, 100, 252, INSCRIBED, LETHAL, UNKNOWN]], dtype=np.uint8)
     assert grid_costs(costs)[0] == pytest.approx([50, 50.8, 130, 251.6, IMPASSABLE, IMPASSABLE, 252.4])
     assert grid_costs(costs, allow_unknown=False)[0, -1] == IMPASSABLE
 
 
 @given(grids(), st.booleans())
-def test_no_way_is_cheaper_than_the_one_found(grid, allow_unknown):
+def test_the_found_path_is_the_cheapest_path(grid, allow_unknown):
     values, start, goal = grid
     costs = grid_costs(values, allow_unknown=allow_unknown)
-    least = least_prices(costs, start)
+    least = least_costs(costs, start)
     found = find_cheapest_path(costs, start, goal)
     assert np.array_equal(reachable_cells(costs, start), np.isfinite(least))
     if math.isinf(least[goal]):
@@ -138,11 +138,11 @@ def test_no_way_is_cheaper_than_the_one_found(grid, allow_unknown):
         assert found is not None
         assert (found[0], found[-1]) == (start, goal)
         assert all(costs[cell] >= 0 for cell in found)
-        assert way_price(costs, found) == pytest.approx(least[goal])
+        assert path_cost(costs, found) == pytest.approx(least[goal])
 
 
 @given(grids(), st.data())
-def test_bounds_of_an_emptier_floor_find_as_cheap_a_way(grid, data):
+def test_bounds_of_a_floor_with_fewer_obstacles_find_the_cheapest_path(grid, data):
     values, first, goal = grid
     kept = data.draw(arrays(np.bool_, values.shape, elements=st.booleans(), fill=st.nothing()))
     floor = grid_costs(np.where(kept & (values != UNKNOWN), values, 0).astype(np.uint8))
@@ -150,14 +150,14 @@ def test_bounds_of_an_emptier_floor_find_as_cheap_a_way(grid, data):
     bounds = CostBounds(floor, first, goal)
     cells = st.tuples(*(st.integers(0, side - 1) for side in values.shape))
     for start in data.draw(st.lists(cells, min_size=1, max_size=4)):
-        least = least_prices(costs, start)[goal] if costs[start] >= 0 else math.inf
+        least = least_costs(costs, start)[goal] if costs[start] >= 0 else math.inf
         if math.isfinite(least):
             found = find_cheapest_path(costs, start, goal, bounds)
             assert found is not None
-            assert way_price(costs, found) == pytest.approx(least)
+            assert path_cost(costs, found) == pytest.approx(least)
 
 
-def test_bounds_of_a_start_from_which_no_way_leads_serve_a_start_with_one():
+def test_bounds_of_an_enclosed_start_can_be_used_for_another_start():
     floor = grid_costs(np.array([[0, LETHAL, 0, 0, 0]], dtype=np.uint8))
     bounds = CostBounds(floor, (0, 0), (0, 4))
     assert find_cheapest_path(floor, (0, 2), (0, 4), bounds) == [(0, 2), (0, 3), (0, 4)]
@@ -168,7 +168,7 @@ def test_bounds_of_a_start_from_which_no_way_leads_serve_a_start_with_one():
 
 
 @given(grids())
-def test_a_smoothed_way_is_in_no_wall_and_hardly_dearer(grid):
+def test_a_smoothed_path_avoids_walls_and_costs_hardly_more(grid):
     values, start, goal = grid
     costs = grid_costs(values.repeat(3, axis=0).repeat(3, axis=1))
     start, goal = (3 * start[0] + 1, 3 * start[1] + 1), (3 * goal[0] + 1, 3 * goal[1] + 1)
@@ -185,8 +185,8 @@ def test_a_smoothed_way_is_in_no_wall_and_hardly_dearer(grid):
     under = np.floor(between + 0.5).astype(int)
     prices = costs[under[..., 0], under[..., 1]]
     assert (prices < 0).mean() < 0.01  # a corner may be grazed for a tenth of a cell
-    grazed = 0.2 * costs.max()  # what a price by samples may miss
-    assert (prices.mean(axis=1) * lengths).sum() <= 1.03 * MAX_COST_RATIO * way_price(costs, cells) + grazed
+    grazed = 0.2 * costs.max()  # the error of a cost that is computed by samples
+    assert (prices.mean(axis=1) * lengths).sum() <= 1.03 * MAX_COST_RATIO * path_cost(costs, cells) + grazed
 
 
 def test_a_path_over_an_open_floor_is_a_straight_line():
@@ -204,7 +204,7 @@ def test_a_path_turns_gently_and_keeps_away_from_corners(rooms):
     assert np.median(rooms.costs_at(path.points)) == 0
 
 
-def test_a_path_is_shorter_than_the_cells_that_it_was_found_on(rooms):
+def test_a_smoothed_path_is_shorter_than_the_path_of_cells(rooms):
     costs = grid_costs(rooms.costs)
     cells = find_cheapest_path(costs, rooms.cell(WEST.x, WEST.y), rooms.cell(EAST.x, EAST.y))
     assert cells is not None
@@ -217,7 +217,7 @@ def test_a_path_is_shorter_than_the_cells_that_it_was_found_on(rooms):
 
 
 @given(st.lists(st.tuples(st.floats(0.1, 7.9), st.floats(0.1, 4.7)), min_size=2, max_size=2))
-def test_no_path_comes_nearer_to_an_obstacle_than_the_robot_is_wide(places):
+def test_a_path_keeps_the_robots_radius_from_obstacles(places):
     costmap = GlobalCostmap(drawn(ROOMS))
     start, goal = (Pose2D(x, y, 0.0) for x, y in places)
     assume(costmap.cost(start.x, start.y) < INSCRIBED)
@@ -230,14 +230,14 @@ def test_no_path_comes_nearer_to_an_obstacle_than_the_robot_is_wide(places):
     assert costmap.costs_at(dense(path)).max() < INSCRIBED
 
 
-def test_a_goal_in_its_cells_corner_is_not_approached_through_the_wall_beside_it(rooms):
-    goal = Pose2D(3.59765625, 2.96875, 0.0)  # the straight way there from the next cell's middle is closed
+def test_a_goal_in_the_corner_of_its_cell_is_not_approached_through_a_wall(rooms):
+    goal = Pose2D(3.59765625, 2.96875, 0.0)  # the straight line from the next cell's centre is blocked
     path = Planner(rooms).plan(Pose2D(5.0, 1.0, 0.0), goal, 0)
     assert path.goal == goal
     assert rooms.costs_at(dense(path)).max() < INSCRIBED
 
 
-def test_a_path_begins_at_the_robot_and_ends_as_the_goal_does(rooms):
+def test_a_path_begins_at_the_robot_and_ends_with_the_goals_pose(rooms):
     path = Planner(rooms).plan(WEST, EAST, 17)
     assert path.points[0].tolist() == [WEST.x, WEST.y]
     assert path.goal == EAST
@@ -247,13 +247,13 @@ def test_a_path_begins_at_the_robot_and_ends_as_the_goal_does(rooms):
     assert np.hypot(*steps.T).max() <= 0.0501
 
 
-def test_a_path_to_where_the_robot_is_ends_there(rooms):
+def test_a_path_to_a_goal_at_the_robots_place_ends_at_the_goal(rooms):
     path = Planner(rooms).plan(WEST, Pose2D(1.01, 1.0, -2.0), 0)
     assert path.goal == Pose2D(1.01, 1.0, -2.0)
     assert path.length() == pytest.approx(0.01)
 
 
-def test_planning_again_from_further_on_keeps_to_the_path(rooms):
+def test_replanning_from_a_later_pose_keeps_the_path(rooms):
     planner = Planner(rooms)
     path = planner.plan(WEST, EAST, 0)
     whole = path.length()
@@ -262,14 +262,14 @@ def test_planning_again_from_further_on_keeps_to_the_path(rooms):
         assert again.length() == pytest.approx(whole - path.distances()[index], rel=0.03, abs=0.05)
 
 
-def test_the_same_question_has_the_same_answer(rooms):
+def test_the_same_request_gives_the_same_path(rooms):
     planner = Planner(rooms)
     answers = [planner.plan(WEST, EAST, 0) for _ in range(3)]
     assert all(answers[0].has_same_poses(one) for one in answers[1:])
     assert answers[0].has_same_poses(Planner(rooms).plan(WEST, EAST, 9))
 
 
-def test_an_obstacle_that_was_seen_is_gone_around_and_forgotten_when_cleared():
+def test_an_observed_obstacle_is_avoided_until_it_is_cleared():
     costmap = GlobalCostmap(drawn(ROOMS))
     planner = Planner(costmap)
     before = planner.plan(WEST, NORTH, 0)
@@ -289,7 +289,7 @@ def test_an_obstacle_that_was_seen_is_gone_around_and_forgotten_when_cleared():
     assert planner.plan(WEST, NORTH, 2).has_same_poses(before)
 
 
-def test_unknown_floor_is_driven_over_only_where_nothing_else_leads_and_that_is_allowed():
+def test_a_path_crosses_unknown_cells_only_if_allowed():
     bridge = drawn("###########\n" + "#   ??    #\n" * 4 + "###########")
     start, goal = Pose2D(0.5, 0.6, 0.0), Pose2D(1.6, 0.6, 0.0)
     assert Planner(GlobalCostmap(bridge)).plan(start, goal, 0).goal == goal
@@ -311,13 +311,13 @@ def test_a_path_through_poses_passes_each_in_turn(rooms):
 
 
 @pytest.mark.parametrize("poses", [[], [WEST]])
-def test_a_path_through_nothing_has_no_via_points(rooms, poses):
+def test_a_path_through_fewer_than_two_poses_raises(rooms, poses):
     with pytest.raises(PlannerError) as fault:
         Planner(rooms).plan_through(poses, 0)
     assert fault.value.code == Nav2ErrorCode.NO_VIAPOINTS_GIVEN
 
 
-def test_a_leg_that_fails_is_named_with_the_code_of_its_action(rooms):
+def test_a_leg_that_fails_is_reported_with_the_code_of_its_action(rooms):
     with pytest.raises(
         PlannerError, match=r"leg 2 of 2: no path leads to the goal \(6\.90, 0\.70\)"
     ) as fault:
@@ -344,7 +344,7 @@ def test_a_leg_that_fails_is_named_with_the_code_of_its_action(rooms):
         (Pose2D(3.9, 0.1, 0.0), EAST, Nav2ErrorCode.START_OCCUPIED),
     ],
 )
-def test_a_goal_that_cannot_be_reached_is_refused_by_its_code(rooms, start, goal, code):
+def test_an_invalid_start_or_goal_raises_with_its_code(rooms, start, goal, code):
     with pytest.raises(PlannerError) as fault:
         Planner(rooms).plan(start, goal, 0)
     assert fault.value.code == code
@@ -368,7 +368,7 @@ def test_a_path_without_poses_has_no_goal_and_no_length():
 
 
 @pytest.mark.parametrize("gap", [0.28, 0.2, 0.12])
-def test_a_robot_that_stands_too_near_to_a_wall_finds_its_way_out(rooms, gap):
+def test_a_path_leads_away_from_a_start_too_near_to_a_wall(rooms, gap):
     start = Pose2D(3.8 - gap, 1.0, 0.0)
     assert rooms.cost(start.x, start.y) == INSCRIBED
     path = Planner(rooms).plan(start, EAST, 0)
@@ -378,7 +378,7 @@ def test_a_robot_that_stands_too_near_to_a_wall_finds_its_way_out(rooms, gap):
     assert costs[~near].max() < INSCRIBED
 
 
-def test_a_mark_under_the_robot_itself_does_not_hold_it():
+def test_a_lethal_cell_under_the_robot_does_not_block_it():
     costs = np.zeros((60, 60), dtype=np.uint8)
     costs[30, 30] = LETHAL
     path = Planner(Costmap(costs, 0.05, (0.0, 0.0))).plan(Pose2D(1.525, 1.525, 0.0), Pose2D(2.5, 2.5, 0.0), 0)
@@ -388,7 +388,7 @@ def test_a_mark_under_the_robot_itself_does_not_hold_it():
 # -- tolerance
 
 
-def test_with_a_tolerance_the_nearest_place_that_can_be_reached_is_the_end(rooms):
+def test_with_a_tolerance_the_path_ends_at_the_nearest_reachable_place(rooms):
     goal = Pose2D(3.9, 1.0, 1.5)
     path = Planner(rooms, tolerance=0.5).plan(WEST, goal, 0)
     end = path.goal
@@ -400,11 +400,11 @@ def test_with_a_tolerance_the_nearest_place_that_can_be_reached_is_the_end(rooms
     assert math.hypot(end.x - goal.x, end.y - goal.y) == pytest.approx(nearest)
 
 
-def test_with_a_tolerance_a_goal_that_can_be_reached_is_reached(rooms):
+def test_with_a_tolerance_a_reachable_goal_is_reached(rooms):
     assert Planner(rooms, tolerance=0.5).plan(WEST, EAST, 0).goal == EAST
 
 
-def test_a_tolerance_that_reaches_nothing_refuses_as_none_does(rooms):
+def test_a_tolerance_without_a_reachable_place_raises_the_same_error(rooms):
     for goal, code in (
         (Pose2D(3.9, 1.0, 0.0), Nav2ErrorCode.GOAL_OCCUPIED),
         (CLOSED, Nav2ErrorCode.NO_VALID_PATH),
@@ -417,7 +417,7 @@ def test_a_tolerance_that_reaches_nothing_refuses_as_none_does(rooms):
 # -- attributes of a path
 
 
-def test_the_rest_of_a_path_is_measured_from_its_nearest_pose():
+def test_the_length_nearest_pose_and_equality_of_paths():
     poses = np.array([(0, 0, 0), (1, 0, 0), (2, 0, math.pi / 2), (2, 2, 0)], dtype=np.float64)
     path = NavPath(poses, 0)
     assert path.length() == 4.0

@@ -29,15 +29,15 @@ class House:
         self.world = World(scene, seed=1)
         self.body = SimulatedRobot(self.world)
         self.navigation = Navigation(self.body, rasterise(scene), np.random.default_rng([1, 4]), TREES)
-        self.told: list[MovingScene] = []
+        self.scenes: list[MovingScene] = []
 
     def run(self, seconds: float) -> list[MovingScene]:
         """Return the messages of each tenth of a second."""
-        told = []
+        scenes = []
         for _ in range(round(seconds * 10)):
             self.world.wait_until(self.world.now() + SECOND // 10, threading.Event())
-            told.append(self.navigation.scene_moving())
-        return told
+            scenes.append(self.navigation.scene_moving())
+        return scenes
 
 
 @pytest.fixture
@@ -47,15 +47,15 @@ def house():
     made.world.close()
 
 
-def of(told: list[MovingScene], key: str, name: str) -> list:
-    return [one for scene in told for one in getattr(scene, key) if one.name == name]
+def of(scenes: list[MovingScene], key: str, name: str) -> list:
+    return [one for scene in scenes for one in getattr(scene, key) if one.name == name]
 
 
 def poses(entry: Poses) -> np.ndarray:
     return np.frombuffer(entry.rows, dtype="<f4").reshape(-1, 3)
 
 
-def test_the_map_is_told_at_the_start_with_the_places_to_keep_out_of(house):
+def test_the_static_scene_has_the_map_and_the_keep_out_areas(house):
     static = house.navigation.scene_static()
     (grid,) = static.grids
     known = house.navigation.map
@@ -66,11 +66,11 @@ def test_the_map_is_told_at_the_start_with_the_places_to_keep_out_of(house):
     assert not of(house.run(3.0), "grids", "map")
 
 
-def test_costmaps_are_told_when_they_changed_the_large_one_once_a_second_at_most(house):
+def test_costmaps_are_sent_when_they_changed_at_limited_rates(house):
     house.navigation.scene_static()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
-    told = house.run(6.0)
-    large, small = of(told, "grids", "global_costmap"), of(told, "grids", "local_costmap")
+    scenes = house.run(6.0)
+    large, small = of(scenes, "grids", "global_costmap"), of(scenes, "grids", "local_costmap")
     assert 4 <= len(large) <= 6
     assert 18 <= len(small) <= 24
     costs = house.navigation.global_costmap
@@ -81,59 +81,59 @@ def test_costmaps_are_told_when_they_changed_the_large_one_once_a_second_at_most
     assert {253, 254} <= set(small[-1].cells) | set(large[-1].cells)
 
 
-def test_path_and_goal_are_told_once_and_taken_back_when_nobody_drives(house):
+def test_path_and_goal_are_sent_once_and_removed_when_the_goal_has_ended(house):
     house.navigation.scene_static()
     assert [len(poses(one)) for one in of(house.run(0.2), "poses", "path")] == [0]
     handle = house.navigation.go_to(Pose2D(1.07, -12.38, 0.5))
-    told = house.run(2.0)
-    path = poses(of(told, "poses", "path")[-1])
+    scenes = house.run(2.0)
+    path = poses(of(scenes, "poses", "path")[-1])
     assert math.hypot(*path[0, :2]) < 0.6
     assert path[-1] == pytest.approx([1.07, -12.38, 0.5], abs=1e-3)
-    assert [poses(one).tolist() for one in of(told, "poses", "goal")] == [
+    assert [poses(one).tolist() for one in of(scenes, "poses", "goal")] == [
         [pytest.approx([1.07, -12.38, 0.5])]
     ]
-    assert told[-1].notes["localisation"] == "sure"
-    assert told[-1].notes["goal"].startswith("(1.1, -12.4), 1")
+    assert scenes[-1].notes["localisation"] == "sure"
+    assert scenes[-1].notes["goal"].startswith("(1.1, -12.4), 1")
     handle.cancel()
     after = house.run(0.5)
     assert len(poses(of(after, "poses", "path")[-1])) == len(poses(of(after, "poses", "goal")[-1])) == 0
     assert after[-1].notes["goal"] == "–"
 
 
-def test_a_path_that_a_tree_drives_along_without_a_navigator_is_told_too(house):
+def test_a_path_that_is_followed_without_a_navigator_is_sent(house):
     house.run(1.0)
     servers = house.navigation.servers
     path = servers.compute_path.planner.plan(Pose2D(0.0, 0.0, 0.0), Pose2D(1.0, 0.5, 0.0), 0)
     servers.follow_path.send_goal(FollowPathGoal(path))
-    told = house.run(1.0)
-    (line,) = of(told, "poses", "path")
+    scenes = house.run(1.0)
+    (line,) = of(scenes, "poses", "path")
     assert poses(line)[-1][:2] == pytest.approx([1.0, 0.5])
-    (ring,) = of(told, "poses", "goal")
+    (ring,) = of(scenes, "poses", "goal")
     assert poses(ring)[0][:2] == pytest.approx([1.0, 0.5])
-    assert told[-1].notes["goal"].startswith("(1.0, 0.5), ")
-    assert told[-1].notes["goal"].endswith(" m to go")
+    assert scenes[-1].notes["goal"].startswith("(1.0, 0.5), ")
+    assert scenes[-1].notes["goal"].endswith(" m to go")
 
 
-def test_it_tells_where_it_takes_itself_to_be_and_where_by_its_wheels_alone(house):
+def test_the_estimated_pose_and_the_odometry_pose_are_sent(house):
     house.navigation.scene_static()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
-    told = house.run(25.0)
+    scenes = house.run(25.0)
     true = house.body.true_pose()
-    estimate = poses(of(told, "poses", "estimate")[-1])[0]
-    by_wheels = poses(of(told, "poses", "odometry")[-1])[0]
+    estimate = poses(of(scenes, "poses", "estimate")[-1])[0]
+    by_wheels = poses(of(scenes, "poses", "odometry")[-1])[0]
     off = math.hypot(estimate[0] - true.x, estimate[1] - true.y)
     drifted = math.hypot(by_wheels[0] - true.x, by_wheels[1] - true.y)
     assert off < 0.1 < drifted
-    odom = told[-1].frames[0]
+    odom = scenes[-1].frames[0]
     assert odom[:2] == ("odom", "map")
-    clouds = of(told, "poses", "particles")
-    assert 3 < len(clouds) < len(told)
+    clouds = of(scenes, "poses", "particles")
+    assert 3 < len(clouds) < len(scenes)
     assert all(10 < len(poses(one)) <= PARTICLES_AT_MOST for one in clouds)
     middle = np.median(poses(clouds[-1])[:, :2], axis=0)
     assert math.hypot(middle[0] - true.x, middle[1] - true.y) < 1.0
 
 
-def test_a_new_viewer_is_told_everything_again(house):
+def test_a_new_viewer_gets_all_data_again(house):
     house.navigation.scene_static()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     house.run(2.0)
@@ -144,7 +144,7 @@ def test_a_new_viewer_is_told_everything_again(house):
     assert {one.name for one in again.poses} == {"path", "goal", "particles", "estimate", "odometry"}
 
 
-def test_a_robot_that_was_carried_off_while_it_drives_says_so_and_turns_to_look_round(house):
+def test_a_kidnapped_robot_is_shown_as_lost_and_turns_to_find_its_pose(house):
     house.navigation.scene_static()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     house.run(10.0)

@@ -39,7 +39,7 @@ WALLS = {
     "cupboard": (-3.0, 1.6, -2.4, 2.5),
     "chest": (3.6, -2.5, 4.2, -2.0),
 }
-"""x and y from, x and y to (m)."""
+"""Least x and y, greatest x and y (m)."""
 
 
 def box(name: str, x0: float, y0: float, x1: float, y1: float) -> SceneObject:
@@ -77,7 +77,7 @@ class Flat:
             self.speeds.append(self.body.ramped_twist()[0])
         return (self.world.now() - began) / NS_PER_S
 
-    def off(self, x: float, y: float) -> float:
+    def distance_to(self, x: float, y: float) -> float:
         """Return the true distance (m) of the robot from a place."""
         true = self.body.true_pose()
         return math.hypot(true.x - x, true.y - y)
@@ -102,13 +102,13 @@ def test_a_goal_in_the_other_room_is_reached(flat):
     handle = home.navigation.go_to(Pose2D(3.0, -1.0, 1.0))
     home.run(40.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.off(3.0, -1.0) < 0.35
+    assert home.distance_to(3.0, -1.0) < 0.35
     assert home.body.true_pose().yaw == pytest.approx(1.0, abs=0.35)
     assert [one.status for one in home.navigation.outcomes()] == ["SUCCEEDED"]
     assert home.navigation.outcomes()[0].goal == Pose2D(3.0, -1.0, 1.0)
 
 
-def test_feedback_tells_how_far_it_is(flat):
+def test_feedback_has_the_remaining_distance(flat):
     home = flat()
     handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     home.run(5.0)
@@ -119,7 +119,7 @@ def test_feedback_tells_how_far_it_is(flat):
     assert feedback.current_pose.x == pytest.approx(home.body.true_pose().x, abs=0.1)
 
 
-def test_a_new_goal_takes_over_without_a_stop(flat):
+def test_a_new_goal_replaces_the_current_goal_without_a_stop(flat):
     home = flat()
     first = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
     home.run(6.0)
@@ -130,7 +130,7 @@ def test_a_new_goal_takes_over_without_a_stop(flat):
     assert min(home.speeds) > 0.2
     home.run(40.0, lambda: second.done)
     assert second.status is GoalStatus.SUCCEEDED
-    assert home.off(4.0, -0.7) < 0.35
+    assert home.distance_to(4.0, -0.7) < 0.35
     assert [one.status for one in home.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
 
 
@@ -150,7 +150,7 @@ def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat):
     assert [one.status for one in home.navigation.outcomes()] == ["CANCELED"]
 
 
-def test_who_stood_on_the_goal_when_it_was_last_in_sight_is_no_reason_to_give_up(flat):
+def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat):
     home = flat()
     home.run(0.5)
     seen = home.body.scan()
@@ -162,10 +162,10 @@ def test_who_stood_on_the_goal_when_it_was_last_in_sight_is_no_reason_to_give_up
     handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     home.run(40.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.off(3.0, -1.0) < 0.35
+    assert home.distance_to(3.0, -1.0) < 0.35
 
 
-def test_where_nothing_fits_the_map_the_search_ends_and_a_new_goal_begins_another(flat):
+def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(flat):
     cells = np.zeros((80, 80), dtype=np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
     home = flat(map=OccupancyMap(cells, 0.05, (-2.0, -2.0)))
@@ -201,7 +201,7 @@ def test_a_goal_that_cannot_be_reached_ends_with_the_planners_reason(flat, goal,
     assert [one.status for one in home.navigation.outcomes()] == ["ABORTED"]
 
 
-def test_the_reason_is_not_that_of_an_earlier_goal(flat):
+def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(flat):
     home = flat()
     handle = home.navigation.go_to(Pose2D(1.05, 1.5, 0.0))
     home.run(2.0, lambda: handle.done)
@@ -220,7 +220,7 @@ def test_several_goals_are_passed_in_their_order(flat):
 
     def passing():
         for index, goal in enumerate(goals):
-            nearest[index] = min(nearest[index], home.off(goal.x, goal.y))
+            nearest[index] = min(nearest[index], home.distance_to(goal.x, goal.y))
             if nearest[index] < 0.75 and index not in order:
                 order.append(index)
         return handle.done
@@ -228,12 +228,12 @@ def test_several_goals_are_passed_in_their_order(flat):
     home.run(80.0, passing)
     assert handle.status is GoalStatus.SUCCEEDED
     assert order == [0, 1, 2]
-    assert home.off(2.5, 0.0) < 0.35
+    assert home.distance_to(2.5, 0.0) < 0.35
     board = home.navigation.navigate_through_poses.tree.blackboard
     assert [one.state.name for one in board["waypoint_statuses"]][:2] == ["COMPLETED", "COMPLETED"]
 
 
-def test_a_goal_may_bring_its_own_tree(flat):
+def test_a_goal_can_have_its_own_tree(flat):
     home = flat()
     goal = NavigateGoal(
         (Pose2D(0.8, 0.0, 0.0),), str(TREES / "navigation" / "navigate_w_replanning_time.xml")
@@ -244,7 +244,7 @@ def test_a_goal_may_bring_its_own_tree(flat):
     assert "RecoveryNode" not in {node.id for node in home.navigation.navigate_to_pose.tree.nodes}
 
 
-def test_nav2s_path_of_a_tree_means_the_one_of_that_name_here(flat):
+def test_a_tree_path_of_nav2_selects_our_tree_of_that_name(flat):
     home = flat()
     named = "/opt/ros/humble/share/nav2_bt_navigator/behavior_trees/navigate_w_replanning_time.xml"
     handle = home.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(0.8, 0.0, 0.0),), named))
@@ -260,7 +260,7 @@ def test_nav2s_path_of_a_tree_means_the_one_of_that_name_here(flat):
         '<root BTCPP_format="4"><BehaviorTree ID="T"><RecoveryNode/></BehaviorTree></root>',
     ],
 )
-def test_a_broken_tree_fails_its_goal_and_no_other(flat, tmp_path, text):
+def test_an_invalid_tree_fails_only_its_own_goal(flat, tmp_path, text):
     home = flat()
     file = tmp_path / "tree.xml"
     file.write_text(text)
@@ -274,7 +274,7 @@ def test_a_broken_tree_fails_its_goal_and_no_other(flat, tmp_path, text):
     assert after.status is GoalStatus.SUCCEEDED
 
 
-def test_a_leaf_that_raises_fails_the_goal_and_the_robot_stands(flat, tmp_path):
+def test_a_leaf_that_raises_fails_the_goal_and_stops_the_robot(flat, tmp_path):
     home = flat()
     file = tmp_path / "tree.xml"
     file.write_text(
@@ -291,7 +291,7 @@ def test_a_leaf_that_raises_fails_the_goal_and_the_robot_stands(flat, tmp_path):
     assert home.body.ramped_twist()[0] == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_laser_that_is_dead_for_five_seconds_stops_the_robot_and_nothing_fails(flat):
+def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(flat):
     home = flat(Fault("laser", 6 * NS_PER_S, 11 * NS_PER_S))
     handle = home.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
     home.run(6.0)
@@ -302,10 +302,10 @@ def test_a_laser_that_is_dead_for_five_seconds_stops_the_robot_and_nothing_fails
     assert max(home.speeds) < 0.02
     home.run(60.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.off(4.3, 0.0) < 0.35
+    assert home.distance_to(4.3, 0.0) < 0.35
 
 
-def test_a_goal_waits_for_a_laser_that_is_dead_from_the_start(flat):
+def test_a_goal_waits_for_a_laser_that_fails_at_the_start(flat):
     home = flat(Fault("laser", 0, 4 * NS_PER_S))
     handle = home.navigation.go_to(Pose2D(1.5, 1.0, 0.0))
     home.run(3.9)
@@ -315,7 +315,7 @@ def test_a_goal_waits_for_a_laser_that_is_dead_from_the_start(flat):
     assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_carried_off_the_robot_notices_finds_itself_and_still_gets_there(flat):
+def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(flat):
     home = flat()
     handle = home.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
     home.run(5.0)
@@ -332,10 +332,10 @@ def test_carried_off_the_robot_notices_finds_itself_and_still_gets_there(flat):
     home.run(60.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
     assert home.navigation.servers.compute_path.latest_path is not planned
-    assert home.off(2.5, -1.2) < 0.35
+    assert home.distance_to(2.5, -1.2) < 0.35
 
 
-def test_a_goal_that_comes_while_the_robot_recovers_ends_the_recovery(flat):
+def test_a_new_goal_ends_the_recovery_of_the_previous_goal(flat):
     home = flat()
     first = home.navigation.go_to(Pose2D(4.3, 1.9, 0.0))
     home.run(60.0, lambda: home.navigation.servers.wait.busy)
@@ -348,7 +348,7 @@ def test_a_goal_that_comes_while_the_robot_recovers_ends_the_recovery(flat):
     assert second.status is GoalStatus.SUCCEEDED
 
 
-def test_the_way_of_an_earlier_goal_is_no_way_to_the_same_goal_again(flat):
+def test_the_same_goal_again_gets_a_new_path(flat):
     home = flat()
     first = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     home.run(4.0)
@@ -370,14 +370,14 @@ def test_the_way_of_an_earlier_goal_is_no_way_to_the_same_goal_again(flat):
         ("", "navigate_to_pose_w_replanning_and_recovery.xml"),
     ],
 )
-def test_a_tree_in_the_parameters_is_ours_of_that_name_or_the_usual_one(flat, named, meant):
+def test_a_tree_in_the_parameters_selects_our_tree_or_the_default_tree(flat, named, meant):
     usual = NavigationParameters()
     navigator = replace(usual.navigator, default_nav_to_pose_bt_xml=named)
     home = flat(parameters=replace(usual, navigator=navigator))
     assert home.navigation.navigate_to_pose.default_tree == TREES / "navigation" / meant
 
 
-def test_a_goal_waits_until_the_robot_knows_where_it_is(flat, caplog):
+def test_a_goal_waits_until_the_pose_is_known(flat, caplog):
     home = flat(start=Pose2D(3.0, -1.2, 2.0))
     handle = home.navigation.go_to(Pose2D(0.0, 0.0, 0.0))
     home.run(1.0)
@@ -385,4 +385,4 @@ def test_a_goal_waits_until_the_robot_knows_where_it_is(flat, caplog):
     assert "the robot's pose is unknown" in caplog.text
     home.run(90.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.off(0.0, 0.0) < 0.35
+    assert home.distance_to(0.0, 0.0) < 0.35

@@ -76,7 +76,7 @@ def look(
 class LedRobot(Robot):
     """A robot that the test moves along a path; the test also sets its odometry."""
 
-    told: Odometry = field(default_factory=lambda: Odometry(Pose2D(0.0, 0.0, 0.0), Twist2D(0.3, 0.0), 0))
+    reported: Odometry = field(default_factory=lambda: Odometry(Pose2D(0.0, 0.0, 0.0), Twist2D(0.3, 0.0), 0))
     seen: LaserScan | None = None
 
     @property
@@ -116,7 +116,7 @@ class LedRobot(Robot):
         return self.seen
 
     def odometry(self) -> Odometry:
-        return self.told
+        return self.reported
 
     def move_head(self, pan: float, tilt: float) -> None:
         raise NotImplementedError
@@ -129,9 +129,9 @@ class LedRobot(Robot):
 
 
 class MappingRig:
-    """A robot carried through *boxes*, and the mapper that works meanwhile.
+    """A robot that is moved through *boxes*, and its mapper.
 
-    The wheels tell *stretch* of every metre and *slip* of every radian.
+    The wheels report *stretch* metres for every metre, and *slip* radians for every radian.
     """
 
     def __init__(
@@ -177,8 +177,8 @@ class MappingRig:
 
     def error(self) -> float:
         """Return the present error (m) of the mapper's pose."""
-        told = self.mapper.pose()
-        return math.hypot(told.x - self.true.x, told.y - self.true.y)
+        reported = self.mapper.pose()
+        return math.hypot(reported.x - self.true.x, reported.y - self.true.y)
 
     def key_errors(self) -> NDArray[np.float64]:
         """Return the errors (m) of the key scans' poses."""
@@ -187,19 +187,22 @@ class MappingRig:
 
     def odometry_error(self) -> float:
         """Return the error (m) of odometry since the start."""
-        start, told = Transform.from_pose(self.key_poses[0]), Transform.from_pose(self.robot.told.pose)
-        x, y, _ = (start * told).position
+        start, reported = (
+            Transform.from_pose(self.key_poses[0]),
+            Transform.from_pose(self.robot.reported.pose),
+        )
+        x, y, _ = (start * reported).position
         return math.hypot(x - self.true.x, y - self.true.y)
 
     def _move(self, way: float, angle: float) -> None:
         self.time += NS_PER_S // 10
         self.true = _onward(self.true, way, angle)
-        pose = _onward(self.robot.told.pose, way * self.stretch, angle * self.slip)
-        self.robot.told = Odometry(pose, Twist2D(10 * way, 10 * angle), self.time)
+        pose = _onward(self.robot.reported.pose, way * self.stretch, angle * self.slip)
+        self.robot.reported = Odometry(pose, Twist2D(10 * way, 10 * angle), self.time)
         self._see()
 
     def _see(self) -> None:
-        pose = self.robot.told.pose
+        pose = self.robot.reported.pose
         turned = (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2))
         self.tree.set(TransformStamped("base_footprint", "odom", (pose.x, pose.y, 0.0), turned, self.time))
         self.robot.seen = look(self.boxes, self.true, self.random, stamp=self.time)

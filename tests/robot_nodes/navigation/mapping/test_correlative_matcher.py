@@ -55,7 +55,7 @@ def test_an_offset_within_the_window_is_recovered(
     assert found.score > 0.5
 
 
-def test_a_wider_window_finds_what_is_farther_off(walls: CorrelationGrid, seen: Seen, room: Boxes) -> None:
+def test_a_wider_window_finds_a_larger_offset(walls: CorrelationGrid, seen: Seen, room: Boxes) -> None:
     scan, true = seen(room, Pose2D(0.2, 0.1, 0.4), 1), np.array((0.2, 0.1, 0.4))
     guess = true + np.array((0.9, -0.7, 0.3))
     best = walls.search(guess, scan.outline.points, SearchWindow(1.2, 0.4, 2, 0.035))
@@ -64,7 +64,9 @@ def test_a_wider_window_finds_what_is_farther_off(walls: CorrelationGrid, seen: 
     assert np.abs(relative_pose(true, near)).max() > 0.3
 
 
-def test_the_score_tells_a_match_from_a_miss(walls: CorrelationGrid, seen: Seen, room: Boxes) -> None:
+def test_the_score_distinguishes_a_match_from_a_mismatch(
+    walls: CorrelationGrid, seen: Seen, room: Boxes
+) -> None:
     scan, true = seen(room, Pose2D(0.2, 0.1, 0.4), 1), np.array((0.2, 0.1, 0.4))
     assert walls.score(true, scan.outline.points) > 2 * walls.score(
         true + np.array((0.4, 0.3, 0.2)), scan.outline.points
@@ -72,7 +74,7 @@ def test_the_score_tells_a_match_from_a_miss(walls: CorrelationGrid, seen: Seen,
     assert walls.score(true + np.array((50.0, 0.0, 0.0)), scan.outline.points) == 0.0
 
 
-def test_along_a_bare_corridor_nothing_is_claimed_and_the_guess_stays(seen: Seen) -> None:
+def test_along_a_bare_corridor_the_guess_stays_with_little_information(seen: Seen) -> None:
     corridor = ((-40.0, 0.8, 40.0, 1.0), (-40.0, -1.0, 40.0, -0.8))
     walls = CorrelationGrid(
         [seen(corridor, Pose2D(x, 0.0, 0.0), 5).outline.at(np.array((x, 0.0, 0.0))) for x in (0.0, 0.5)]
@@ -85,7 +87,7 @@ def test_along_a_bare_corridor_nothing_is_claimed_and_the_guess_stays(seen: Seen
     assert found.information[0, 0] < 0.02 * found.information[1, 1]
 
 
-def test_the_two_sides_of_a_thin_wall_are_not_taken_for_one_another(seen: Seen) -> None:
+def test_the_two_sides_of_a_thin_wall_are_not_confused(seen: Seen) -> None:
     thin = ((1.0, -5.0, 1.1, 5.0), (-3.0, 2.0, 5.0, 2.1), (-3.0, -2.1, 5.0, -2.0))
     walls = CorrelationGrid([seen(thin, Pose2D(0.0, 0.0, 0.0), 7).outline])
     true = np.array((2.1, 0.0, math.pi))

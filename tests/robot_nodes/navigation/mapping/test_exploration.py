@@ -58,7 +58,7 @@ def explore(folder: Path, name: str, *more: str) -> Result:
 
 
 def within(one: OccupancyMap, other: OccupancyMap, cells: int) -> float:
-    """The share of the occupied cells of *one* that have one of *other* so near."""
+    """Return the share of occupied cells of *one* within *cells* cells of an occupied cell of *other*."""
     places = one.centers(*np.nonzero(one.occupied))
     found = other.indices(places)
     on = (found >= 0).all(axis=1) & (found < other.cells.shape).all(axis=1)
@@ -67,7 +67,7 @@ def within(one: OccupancyMap, other: OccupancyMap, cells: int) -> float:
     return float(np.mean(away <= cells * other.resolution + 1e-3))
 
 
-def test_it_ends_by_itself_and_touches_nothing(flat: Path) -> None:
+def test_exploration_ends_by_itself_without_collisions(flat: Path) -> None:
     told = json.loads((flat / "told.json").read_text(encoding="utf-8"))
     assert told["status"] == "SUCCESS"
     assert told["time_s"] < 200.0
@@ -76,7 +76,7 @@ def test_it_ends_by_itself_and_touches_nothing(flat: Path) -> None:
     assert robot["localization_error_m"]["max"] is None or robot["localization_error_m"]["max"] < 0.1
 
 
-def test_its_map_is_like_the_truth(flat: Path) -> None:
+def test_the_map_is_like_the_true_map(flat: Path) -> None:
     made, true = load_map(flat / "made.yaml"), rasterise(load_scene(str(flat / "flat.json")))
     assert within(made, true, 2) >= 0.97
     places = true.centers(*np.nonzero(true.free))
@@ -84,7 +84,7 @@ def test_its_map_is_like_the_truth(flat: Path) -> None:
     assert (made.cells[cells[:, 0], cells[:, 1]] == 0).mean() > 0.95
 
 
-def test_one_can_navigate_on_it(flat: Path) -> None:
+def test_a_robot_can_navigate_on_the_map(flat: Path) -> None:
     command = ["run", str(flat / "go.xml"), "--world", str(flat / "flat.json"), "--fast", "--camera", "off"]
     result = CliRunner().invoke(
         main, [*command, "--map", str(flat / "made.yaml"), "--duration", "60", "--json"], prog_name="btcore"
@@ -95,14 +95,14 @@ def test_one_can_navigate_on_it(flat: Path) -> None:
     assert robot["collisions"] == 0
 
 
-def test_what_was_seen_is_saved_when_time_is_up(flat: Path) -> None:
+def test_the_unfinished_map_is_saved_at_the_end_of_the_duration(flat: Path) -> None:
     result = explore(flat, "half.yaml", "--duration", "5")
     assert result.exit_code == 0, result.output
     half, whole = load_map(flat / "half.yaml"), load_map(flat / "made.yaml")
     assert 0 < half.free.sum() < whole.free.sum()
 
 
-def test_a_folder_that_is_not_there_is_told_before_anything_moves(flat: Path) -> None:
+def test_a_missing_folder_is_reported_as_a_usage_error(flat: Path) -> None:
     result = explore(flat, "nowhere/made.yaml")
     assert result.exit_code == 2
     assert "there is no folder" in result.stderr

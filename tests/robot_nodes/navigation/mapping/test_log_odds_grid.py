@@ -39,7 +39,7 @@ def test_walls_are_occupied_floor_is_free_and_the_rest_unknown(seen: Seen, room:
         assert (map.cells[row - 1 : row + 2, col - 1 : col + 2] == 100).any(), (x, y)
 
 
-def test_nearly_all_that_is_occupied_is_a_wall(seen: Seen, room: Boxes) -> None:
+def test_nearly_all_occupied_cells_are_walls(seen: Seen, room: Boxes) -> None:
     map = charted(seen, room, *ABOUT).map()
     places = map.centers(*np.nonzero(map.occupied))
     off = [
@@ -49,12 +49,12 @@ def test_nearly_all_that_is_occupied_is_a_wall(seen: Seen, room: Boxes) -> None:
     assert np.mean(np.array(off) <= 0.1) >= 0.99
 
 
-def test_what_one_scan_alone_has_hit_is_not_yet_occupied(seen: Seen, room: Boxes) -> None:
+def test_a_cell_hit_by_a_single_scan_is_not_yet_occupied(seen: Seen, room: Boxes) -> None:
     assert not charted(seen, room, ABOUT[0]).map().occupied.any()
     assert charted(seen, room, ABOUT[0], ABOUT[0]).map().occupied.any()
 
 
-def test_what_has_gone_is_freed_by_being_seen_through(seen: Seen, room: Boxes) -> None:
+def test_a_removed_obstacle_is_cleared_by_scans_through_it(seen: Seen, room: Boxes) -> None:
     chart, here = LogOddsGrid(), Pose2D(0.0, 0.0, 0.0)
     box = (1.0, -0.6, 1.4, -0.2)
     for seed in range(3):
@@ -66,7 +66,7 @@ def test_what_has_gone_is_freed_by_being_seen_through(seen: Seen, room: Boxes) -
     assert all(at(chart.map(), *place) == 0 for place in face)
 
 
-def test_it_grows_to_every_side_and_keeps_what_it_had(seen: Seen, room: Boxes) -> None:
+def test_the_grid_grows_to_every_side_and_keeps_its_cells(seen: Seen, room: Boxes) -> None:
     chart = charted(seen, room, *ABOUT)
     before = chart.map()
     for x, y in ((40.0, 0.0), (-40.0, 3.0), (0.0, 40.0), (7.0, -40.0)):
@@ -87,7 +87,7 @@ def test_trimming_moves_nothing(seen: Seen, room: Boxes) -> None:
     assert (small.cells[cells[:, 0], cells[:, 1]] == 100).all()
 
 
-def test_it_comes_back_from_its_files_as_it_was(seen: Seen, room: Boxes, tmp_path: Path) -> None:
+def test_a_saved_map_is_loaded_unchanged(seen: Seen, room: Boxes, tmp_path: Path) -> None:
     map = trim_map(charted(seen, room, *ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map())
     save_map(map, tmp_path / "room.yaml")
     back = load_map(tmp_path / "room.yaml")

@@ -14,7 +14,7 @@ ROUND = ((14.25, -9.25), (14.25, 9.25), (-14.25, 9.25), (-14.25, -9.25), (14.25,
 START = Pose2D(11.0, -9.25, 0.0)
 
 
-def test_in_a_room_it_knows_where_it_is_though_its_wheels_lie(survey: MappingRig, room: Boxes) -> None:
+def test_the_pose_in_a_room_is_right_in_spite_of_odometry_errors(survey: MappingRig, room: Boxes) -> None:
     led = survey(room, Pose2D(-2.0, 0.0, 0.0), stretch=1.03, slip=1.05)
     for _ in range(2):
         led.along((2.0, -0.8), (2.4, 0.3), (0.0, 1.2), (-2.2, 0.0))
@@ -30,7 +30,7 @@ def around(survey: MappingRig, ring: Boxes, *, loops: bool) -> MappingRig:
     return led.along(*ROUND[2:], step=0.3)
 
 
-def test_a_loop_that_is_closed_is_a_better_map(survey: MappingRig, ring: Boxes) -> None:
+def test_closing_a_loop_improves_the_map(survey: MappingRig, ring: Boxes) -> None:
     closed, left_open = (around(survey, ring, loops=loops) for loops in (True, False))
     assert closed.mapper.loops_closed >= 1
     assert left_open.mapper.loops_closed == 0
@@ -39,14 +39,14 @@ def test_a_loop_that_is_closed_is_a_better_map(survey: MappingRig, ring: Boxes) 
     assert closed.key_errors().mean() < 0.7 * left_open.key_errors().mean()
 
 
-def test_a_corridor_that_looks_alike_everywhere_closes_no_loop(survey: MappingRig) -> None:
+def test_a_uniform_corridor_closes_no_loop(survey: MappingRig) -> None:
     corridor = ((-40.0, 0.8, 40.0, 1.0), (-40.0, -1.0, 40.0, -0.8))
     led = survey(corridor, Pose2D(0.0, 0.0, 0.0)).along((6.0, 0.0), (0.0, 0.0), step=0.3)
     assert led.mapper.loops_closed == 0
     assert led.error() < 0.1
 
 
-def test_nearly_all_that_is_occupied_is_a_wall_of_the_room(survey: MappingRig, room: Boxes) -> None:
+def test_nearly_all_occupied_cells_are_walls_of_the_room(survey: MappingRig, room: Boxes) -> None:
     led = survey(room, Pose2D(-2.0, 0.0, 0.0), stretch=1.02, slip=1.03)
     map = led.along((2.0, -0.8), (2.4, 0.3), (0.0, 1.2), (-2.2, 0.0)).mapper.map()
     places = map.centers(*np.nonzero(map.occupied))
@@ -58,7 +58,7 @@ def test_nearly_all_that_is_occupied_is_a_wall_of_the_room(survey: MappingRig, r
     assert np.mean(np.array(off) <= 0.1) >= 0.97
 
 
-def test_it_tells_where_odom_is_in_map(survey: MappingRig, room: Boxes) -> None:
+def test_the_mapper_publishes_the_transform_from_map_to_odom(survey: MappingRig, room: Boxes) -> None:
     led = survey(room, Pose2D(-2.0, 0.5, 0.3), slip=1.05).along((1.0, -0.5))
     mapper = led.mapper
     assert led.tree.lookup("map", "odom", mapper.stamp) == mapper.map_to_odom
@@ -84,7 +84,7 @@ def test_the_same_drive_gives_the_same_map(survey: MappingRig, room: Boxes) -> N
     assert np.array_equal(one.mapper.map().cells, other.mapper.map().cells)
 
 
-def test_before_the_first_scan_nothing_is_known(survey: MappingRig, room: Boxes) -> None:
+def test_before_the_first_scan_the_map_is_unknown(survey: MappingRig, room: Boxes) -> None:
     from btcore_robot.navigation.mapping.mapper import Mapper
 
     led = survey(room, Pose2D(0.0, 0.0, 0.0))
@@ -94,7 +94,7 @@ def test_before_the_first_scan_nothing_is_known(survey: MappingRig, room: Boxes)
     assert led.mapper.confident
 
 
-def test_where_nothing_is_seen_the_wheels_are_believed(survey: MappingRig) -> None:
+def test_without_echoes_the_pose_follows_odometry(survey: MappingRig) -> None:
     led = survey((), Pose2D(1.0, 2.0, 0.0)).along((3.0, 2.0))
     assert led.mapper.pose().x == pytest.approx(3.0, abs=1e-6)
     assert led.mapper.loops_closed == 0

@@ -28,27 +28,27 @@ def driven(true: Floats, noise: Floats) -> PoseGraph:
     return graph
 
 
-def off(graph: PoseGraph, true: Floats) -> float:
+def largest_error(graph: PoseGraph, true: Floats) -> float:
     return float(np.hypot(*(graph.poses - true)[:, :2].T).max())
 
 
-def test_a_closed_loop_spreads_the_error() -> None:
+def test_a_closed_loop_distributes_the_error() -> None:
     true = circle()
     noise = np.tile((0.01, 0.004, 0.01), (len(true) - 1, 1))
     graph = driven(true, noise)
-    before = off(graph, true)
+    before = largest_error(graph, true)
     graph.add_loop_edge(0, len(true) - 1, np.zeros(3), SURE)
     moved = graph.optimise()
     assert before > 1.0
     assert moved > 0.5 * before
-    assert off(graph, true) < 0.35 * before
+    assert largest_error(graph, true) < 0.35 * before
     assert np.hypot(*graph.poses[-1, :2]) < 0.05
     assert graph.poses[0] == pytest.approx(true[0], abs=1e-6)
 
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 10_000), count=st.integers(4, 30))
-def test_exact_measurements_are_met_exactly(seed: int, count: int) -> None:
+def test_exact_measurements_are_reproduced(seed: int, count: int) -> None:
     random = np.random.default_rng(seed)
     steps = random.uniform((-0.5, -0.3, -0.8), (1.0, 0.3, 0.8), (count, 3))
     true = [random.uniform(-3.0, 3.0, 3)]
@@ -59,17 +59,17 @@ def test_exact_measurements_are_met_exactly(seed: int, count: int) -> None:
     graph.add_loop_edge(0, count, relative_pose(poses[0], poses[count]), SURE)
     graph.poses[1:] += random.normal(0.0, 0.05, (count, 3))
     graph.optimise()
-    assert off(graph, poses) < 1e-3
+    assert largest_error(graph, poses) < 1e-3
 
 
-def test_nothing_moves_where_all_agree() -> None:
+def test_consistent_measurements_move_no_pose() -> None:
     true = circle()
     graph = driven(true, np.zeros((len(true) - 1, 3)))
     graph.add_loop_edge(0, len(true) - 1, np.zeros(3), SURE)
     assert graph.optimise() < 1e-6
 
 
-def test_one_wrong_loop_among_right_ones_does_little() -> None:
+def test_a_single_wrong_loop_edge_has_little_effect() -> None:
     true = circle()
     last = len(true) - 1
     graph = driven(true, np.zeros((last, 3)))
@@ -77,4 +77,4 @@ def test_one_wrong_loop_among_right_ones_does_little() -> None:
         graph.add_loop_edge(back, last - back, relative_pose(true[back], true[last - back]), SURE)
     graph.add_loop_edge(5, 25, relative_pose(true[5], true[25]) + np.array((1.5, 0.0, 0.0)), SURE)
     graph.optimise()
-    assert off(graph, true) < 0.1
+    assert largest_error(graph, true) < 0.1

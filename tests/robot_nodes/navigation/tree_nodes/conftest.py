@@ -31,7 +31,7 @@ def hall() -> OccupancyMap:
     return OccupancyMap(cells, CELL, (-HALF, -HALF))
 
 
-class Surveyed:
+class TransformLocaliser:
     """A source of the robot's pose by odometry, on a map whose origin is the start of odometry."""
 
     def __init__(self, transforms: TransformTree) -> None:
@@ -57,7 +57,7 @@ class Bench:
         self.course = course
         self.robot = course.robot
         self.journal = CallLog()
-        self.localiser = Surveyed(course.tree)
+        self.localiser = TransformLocaliser(course.tree)
         self.costmap = GlobalCostmap(hall())
         self.compute_path = PlannerServer(Planner(self.costmap), self.localiser.pose)
         self.servers = Servers(

@@ -33,7 +33,7 @@ def test_compute_path_runs_until_the_planner_has_answered(bench):
     assert (tree.blackboard["code"], tree.blackboard["why"]) == (0, "")
 
 
-def test_compute_path_empties_the_path_and_says_why_it_failed(bench, path):
+def test_compute_path_clears_the_path_and_sets_the_error_when_it_fails(bench, path):
     tree = bench.tree(PLAN % "", goal=Pose2D(4.99, 0.0, 0.0), path=path((0, 0), (1, 0)))
     assert bench.run(tree, 1.0) is Status.FAILURE
     assert len(tree.blackboard["path"]) == 0
@@ -41,7 +41,7 @@ def test_compute_path_empties_the_path_and_says_why_it_failed(bench, path):
     assert tree.blackboard["why"]
 
 
-def test_compute_path_empties_the_path_on_a_halt(bench, path):
+def test_compute_path_clears_the_path_on_a_halt(bench, path):
     tree = bench.tree(PLAN % "", goal=AHEAD, path=path((0, 0), (1, 0)))
     tree.tick_exactly_once()
     tree.halt()
@@ -50,14 +50,14 @@ def test_compute_path_empties_the_path_on_a_halt(bench, path):
     assert not bench.compute_path.busy
 
 
-def test_compute_path_fails_where_the_robot_does_not_know_where_it_is(bench):
+def test_compute_path_fails_when_the_pose_is_unknown(bench):
     tree = bench.tree(PLAN % "", goal=AHEAD)
     bench.localiser.confident = False
     assert bench.run(tree, 2.0) is Status.FAILURE
     assert tree.blackboard["code"] == Nav2ErrorCode.COMPUTE_PATH_TF_ERROR
 
 
-def test_compute_path_waits_a_second_for_the_robot_to_know_where_it_is(bench):
+def test_compute_path_waits_up_to_a_second_for_the_pose(bench):
     tree = bench.tree(PLAN % "", goal=AHEAD)
     bench.localiser.confident = False
     assert bench.run(tree, 0.8) is Status.RUNNING
@@ -66,7 +66,7 @@ def test_compute_path_waits_a_second_for_the_robot_to_know_where_it_is(bench):
     assert len(tree.blackboard["path"])
 
 
-def test_why_a_server_gave_up_is_logged_once_for_each_reason(bench, caplog):
+def test_the_failure_of_a_server_is_logged_once_for_each_reason(bench, caplog):
     outside, other = Pose2D(99.0, 0.0, 0.0), Pose2D(98.0, 0.0, 0.0)
     tree = bench.tree(PLAN % "", goal=outside)
     for goal in (outside, outside, other):
@@ -78,14 +78,14 @@ def test_why_a_server_gave_up_is_logged_once_for_each_reason(bench, caplog):
     ]
 
 
-def test_compute_path_knows_its_planners(bench):
+def test_compute_path_fails_with_an_unknown_planner(bench):
     tree = bench.tree(PLAN % 'planner_id="Other"', goal=AHEAD)
     assert bench.run(tree, 1.0) is Status.FAILURE
     assert tree.blackboard["code"] == Nav2ErrorCode.INVALID_PLANNER
     assert bench.run(bench.tree(PLAN % 'planner_id="GridBased"', goal=AHEAD), 1.0) is Status.SUCCESS
 
 
-def test_a_plug_in_that_nobody_has_selected_yet_is_the_default_one(bench):
+def test_an_unselected_plug_in_is_the_default_plug_in(bench):
     text = (
         '<Sequence><ComputePathToPose goal="{goal}" path="{path}" planner_id="{selected_planner}"/>'
         '<FollowPath path="{path}" controller_id="{selected_controller}"/></Sequence>'
@@ -103,13 +103,13 @@ def test_a_plug_in_that_nobody_has_selected_yet_is_the_default_one(bench):
         ('start="-2;0" use_start="false"', 0.0),
     ],
 )
-def test_compute_path_begins_at_a_start_unless_that_is_not_to_be_used(bench, ports, x):
+def test_compute_path_begins_at_its_start_unless_use_start_is_false(bench, ports, x):
     tree = bench.tree(PLAN % ports, goal=AHEAD)
     assert bench.run(tree, 1.0) is Status.SUCCESS
     assert tree.blackboard["path"][0].x == pytest.approx(x, abs=0.05)
 
 
-def test_compute_path_goes_by_the_viapoints(bench):
+def test_compute_path_passes_the_viapoints(bench):
     tree = bench.tree(PLAN % 'viapoints="{via}"', goal=AHEAD, via=[Pose2D(0.0, 2.0, 0.0)])
     assert bench.run(tree, 1.0) is Status.SUCCESS
     points = tree.blackboard["path"].points
@@ -128,7 +128,7 @@ def test_compute_path_through_poses_passes_them_all(bench):
     assert tree.blackboard["last"] == -1
 
 
-def test_compute_path_through_poses_has_numbers_of_its_own(bench):
+def test_compute_path_through_poses_has_its_own_error_codes(bench):
     text = '<ComputePathThroughPoses goals="{goals}" path="{path}" error_code_id="{code}"/>'
     tree = bench.tree(text, goals=[])
     assert bench.run(tree, 1.0) is Status.FAILURE
@@ -150,7 +150,7 @@ def test_follow_path_drives_to_the_end(bench, path):
     assert tree.blackboard["code"] == 0
 
 
-def test_follow_path_takes_another_path_over_without_a_stop(bench, path):
+def test_follow_path_switches_to_another_path_without_a_stop(bench, path):
     tree = bench.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
     bench.run(tree, 3.0)
     first = bench.servers.follow_path.current
@@ -165,7 +165,7 @@ def test_follow_path_takes_another_path_over_without_a_stop(bench, path):
     assert slowest == pytest.approx(0.3, abs=0.01)
 
 
-def test_follow_path_keeps_its_goal_while_the_same_path_is_cut_again(bench, path):
+def test_follow_path_keeps_its_goal_while_the_same_path_is_truncated_again(bench, path):
     tree = bench.tree(
         '<PipelineSequence><TruncatePath input_path="{path}" output_path="{cut}"/>'
         '<FollowPath path="{cut}"/></PipelineSequence>',
@@ -178,7 +178,7 @@ def test_follow_path_keeps_its_goal_while_the_same_path_is_cut_again(bench, path
     assert bench.servers.follow_path.current is first
 
 
-def test_follow_path_goes_on_along_the_old_path_while_there_is_no_new_one(bench, path):
+def test_follow_path_continues_along_the_old_path_if_the_new_path_is_empty(bench, path):
     tree = bench.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
     bench.run(tree, 1.0)
     tree.blackboard["path"] = path((0, 0), (4, 0)).__class__(path((0, 0)).poses[:0], 0)
@@ -195,7 +195,7 @@ def test_follow_path_sends_its_goal_again_for_another_plug_in(bench, path):
     assert bench.servers.follow_path.current.goal.goal_checker_id == "precise"
 
 
-def test_follow_path_tells_how_it_goes_and_then_that_it_does_not(bench, path):
+def test_follow_path_writes_its_feedback_and_resets_it_at_the_end(bench, path):
     tree = bench.tree(FOLLOW % "", path=path((0, 0.1), (1, 0.1)))
     bench.run(tree, 0.5)
     assert tree.blackboard["how"].position_error == pytest.approx(-0.1, abs=0.02)
@@ -204,13 +204,13 @@ def test_follow_path_tells_how_it_goes_and_then_that_it_does_not(bench, path):
     assert tree.blackboard["how"].distance_to_goal == 0.0
 
 
-def test_follow_path_fails_on_a_path_of_no_poses(bench):
+def test_follow_path_fails_without_a_path(bench):
     tree = bench.tree(FOLLOW % "")
     assert bench.run(tree, 1.0) is Status.FAILURE
     assert tree.blackboard["code"] == Nav2ErrorCode.INVALID_PATH
 
 
-def test_a_halt_cancels_the_goal_and_the_robot_stands(bench, path):
+def test_a_halt_cancels_the_goal_and_stops_the_robot(bench, path):
     tree = bench.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
     bench.run(tree, 2.0)
     tree.halt()
@@ -219,7 +219,7 @@ def test_a_halt_cancels_the_goal_and_the_robot_stands(bench, path):
     assert bench.robot.speed == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_goal_that_somebody_else_cancelled_is_a_success(bench, path):
+def test_a_goal_that_another_client_cancelled_is_a_success(bench, path):
     tree = bench.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
     bench.run(tree, 1.0)
     bench.servers.follow_path.current.cancel()
@@ -229,14 +229,14 @@ def test_a_goal_that_somebody_else_cancelled_is_a_success(bench, path):
 # --- recoveries
 
 
-def test_spin_turns_to_the_left_by_a_quarter(bench):
+def test_spin_makes_a_quarter_turn_to_the_left(bench):
     tree = bench.tree("<Spin/>")
     assert bench.run(tree, 15.0) is Status.SUCCESS
     assert bench.robot.pose.yaw == pytest.approx(1.57, abs=0.1)
     assert recoveries(tree) == 1
 
 
-def test_spin_is_no_recovery_if_the_tree_says_so(bench):
+def test_spin_is_not_counted_as_a_recovery_if_is_recovery_is_false(bench):
     tree = bench.tree('<Spin spin_dist="-0.3" is_recovery="false"/>')
     assert bench.run(tree, 15.0) is Status.SUCCESS
     assert bench.robot.pose.yaw == pytest.approx(-0.3, abs=0.1)
@@ -250,7 +250,7 @@ def test_spin_fails_when_it_takes_too_long(bench):
     assert tree.blackboard["why"]
 
 
-def test_back_up_takes_distance_and_speed_without_a_sign(bench):
+def test_back_up_accepts_a_positive_distance_and_speed(bench):
     bench.wait(0.3)
     tree = bench.tree('<BackUp backup_dist="0.2" backup_speed="0.1"/>')
     assert bench.run(tree, 10.0) is Status.SUCCESS
@@ -258,7 +258,7 @@ def test_back_up_takes_distance_and_speed_without_a_sign(bench):
     assert recoveries(tree) == 1
 
 
-def test_drive_on_heading_goes_straight_and_is_no_recovery(bench):
+def test_drive_on_heading_goes_straight_and_is_not_counted_as_a_recovery(bench):
     tree = bench.tree('<DriveOnHeading dist_to_travel="0.3" speed="0.1"/>')
     assert bench.run(tree, 10.0) is Status.SUCCESS
     assert bench.robot.pose.x == pytest.approx(0.3, abs=0.03)
@@ -275,7 +275,7 @@ def test_drive_on_heading_fails_before_a_wall(among):
 
 
 @pytest.mark.parametrize("seconds", ["2", "-2"])
-def test_wait_waits_so_long_whatever_the_sign(bench, seconds):
+def test_wait_ignores_the_sign_of_its_duration(bench, seconds):
     tree = bench.tree(f'<Wait wait_duration="{seconds}"/>')
     assert bench.run(tree, 1.8) is Status.RUNNING
     assert bench.run(tree, 0.5) is Status.SUCCESS
@@ -292,7 +292,7 @@ def test_wait_waits_so_long_whatever_the_sign(bench, seconds):
         ("CancelWait", "wait"),
     ],
 )
-def test_the_cancelling_nodes_end_what_their_server_does(bench, path, node, server):
+def test_a_cancel_node_cancels_the_goal_of_its_server(bench, path, node, server):
     bench.wait(0.2)
     work = {
         "follow_path": '<FollowPath path="{path}"/>',
@@ -308,14 +308,14 @@ def test_the_cancelling_nodes_end_what_their_server_does(bench, path, node, serv
     assert getattr(bench.servers, server).current.status is GoalStatus.CANCELED
 
 
-def test_cancelling_what_does_nothing_is_a_success(bench):
+def test_cancelling_an_idle_server_is_a_success(bench):
     assert bench.letters(bench.tree("<CancelSpin/>"), 1) == "S"
 
 
-# --- what is done at once
+# --- costmaps, localisation and selectors
 
 
-def look(bench) -> None:
+def observe_scan(bench) -> None:
     """Add the laser's scan to both costmaps."""
     bench.wait(0.3)
     scan = bench.robot.scan()
@@ -326,28 +326,28 @@ def look(bench) -> None:
 @pytest.fixture
 def seen(among):
     bench = among((0.7, -0.3, 0.9, 0.3), (0.8, 1.2, 1.2, 1.4))
-    look(bench)
-    assert taken(bench.costmap) == (True, True)
-    assert taken(bench.servers.local_costmap) == (True, True)
+    observe_scan(bench)
+    assert boxes_on(bench.costmap) == (True, True)
+    assert boxes_on(bench.servers.local_costmap) == (True, True)
     return bench
 
 
-def taken(costmap) -> tuple[bool, bool]:
+def boxes_on(costmap) -> tuple[bool, bool]:
     """Return whether *costmap* contains the box ahead, and the box to the left."""
     return costmap.cost(0.75, 0.0) >= 253, costmap.cost(0.9, 1.25) >= 253
 
 
 @pytest.mark.parametrize(("name", "left"), [("global", "local"), ("local", "global")])
-def test_clear_entire_costmap_forgets_what_was_seen(seen, name, left):
+def test_clear_entire_costmap_removes_observed_obstacles(seen, name, left):
     tree = seen.tree(f'<ClearEntireCostmap service_name="{name}_costmap/clear_entirely_{name}_costmap"/>')
     assert seen.letters(tree, 1) == "S"
     costmaps = {"global": seen.costmap, "local": seen.servers.local_costmap}
-    assert taken(costmaps[name]) == (False, False)
-    assert taken(costmaps[left]) == (True, True)
+    assert boxes_on(costmaps[name]) == (False, False)
+    assert boxes_on(costmaps[left]) == (True, True)
     assert recoveries(tree) == 1
 
 
-def test_clear_entire_costmap_leaves_the_map(seen):
+def test_clear_entire_costmap_keeps_the_map(seen):
     seen.letters(seen.tree('<ClearEntireCostmap service_name="global_costmap"/>'), 1)
     assert seen.costmap.cost(4.99, 0.0) == 254
 
@@ -363,11 +363,11 @@ def test_clear_entire_costmap_leaves_the_map(seen):
 def test_parts_of_a_costmap_can_be_cleared(seen, node, left):
     tree = seen.tree(node)
     assert seen.letters(tree, 1) == "S"
-    assert taken(seen.costmap) == left
+    assert boxes_on(seen.costmap) == left
     assert recoveries(tree) == 1
 
 
-def test_reinitialize_global_localization_has_the_localiser_search(bench):
+def test_reinitialize_global_localization_starts_a_search(bench):
     assert bench.letters(bench.tree("<ReinitializeGlobalLocalization/>"), 1) == "S"
     assert bench.localiser.searches == 1
 
@@ -395,7 +395,7 @@ def test_check_stop_status_fails_while_the_robot_moves(bench):
         ("PathHandlerSelector", "path_handler"),
     ],
 )
-def test_the_selectors_take_the_topics_choice_or_the_default(bench, node, kind):
+def test_a_selector_uses_the_value_of_its_topic_or_the_default(bench, node, kind):
     assert bench.letters(bench.tree(f'<{node} selected_{kind}="{{it}}"/>'), 1) == "F"
     tree = bench.tree(f'<{node} default_{kind}="Usual" selected_{kind}="{{it}}"/>')
     assert bench.letters(tree, 1) == "S"

@@ -20,14 +20,14 @@ def test_goal_reached_within_the_tolerance_of_the_navigator(bench):
 
 
 @pytest.mark.parametrize("key", ["goal", "goals"])
-def test_goal_updated_only_looks_at_first_and_tells_of_each_change_once(bench, key):
+def test_goal_updated_fails_at_first_and_succeeds_once_for_each_change(bench, key):
     tree = bench.tree("<GoalUpdated/>", goal=HERE)
     assert bench.letters(tree, 2) == "FF"
     tree.blackboard[key] = THERE if key == "goal" else [THERE]
     assert bench.letters(tree, 2) == "SF"
 
 
-def test_goal_updated_forgets_with_a_reset(bench):
+def test_goal_updated_forgets_its_goal_at_a_halt(bench):
     tree = bench.tree("<GoalUpdated/>", goal=HERE)
     bench.letters(tree, 1)
     tree.halt()
@@ -35,7 +35,7 @@ def test_goal_updated_forgets_with_a_reset(bench):
     assert bench.letters(tree, 1) == "F"
 
 
-def test_global_updated_goal_succeeds_at_first_and_remembers_over_halts(bench):
+def test_global_updated_goal_succeeds_at_first_and_remembers_across_halts(bench):
     tree = bench.tree("<GlobalUpdatedGoal/>", goal=HERE)
     assert bench.letters(tree, 2) == "SF"
     tree.halt()
@@ -58,7 +58,7 @@ class Bumped:
         self.bench.robot._odometry = Odometry(Pose2D(0, 0, 0), Twist2D(v, 0.0), self.bench.robot.clock.now())
 
 
-def test_is_stuck_when_the_robot_slows_down_as_only_a_bump_can(bench):
+def test_is_stuck_succeeds_when_the_robot_slows_down_as_in_a_collision(bench):
     tree, odometry = bench.tree("<IsStuck/>"), Bumped(bench)
     found = ""
     for speed in (0.3, 0.3, 0.3, 0.05, 0.05):
@@ -67,7 +67,7 @@ def test_is_stuck_when_the_robot_slows_down_as_only_a_bump_can(bench):
     assert found == "FFFSF"
 
 
-def test_is_not_stuck_when_the_robot_brakes(bench):
+def test_is_stuck_fails_when_the_robot_brakes(bench):
     tree, odometry = bench.tree("<IsStuck/>"), Bumped(bench)
     found = ""
     for speed in (0.3, 0.3, 0.3, 0.15, 0.0, 0.0):
@@ -77,16 +77,16 @@ def test_is_not_stuck_when_the_robot_brakes(bench):
 
 
 @pytest.mark.parametrize(("level", "letter"), [(100.0, "F"), (20.1, "F"), (20.0, "S"), (3.0, "S")])
-def test_is_battery_low_by_its_share(bench, monkeypatch, level, letter):
+def test_is_battery_low_compares_the_level_with_its_threshold(bench, monkeypatch, level, letter):
     monkeypatch.setattr(bench.robot, "battery", lambda: BatteryState(level, 0))
     assert bench.letters(bench.tree('<IsBatteryLow min_battery="0.2"/>'), 1) == letter
 
 
-def test_a_battery_that_does_not_tell_is_not_low(bench):
+def test_an_unknown_battery_level_is_not_low(bench):
     assert bench.letters(bench.tree('<IsBatteryLow min_battery="0.2"/>'), 1) == "F"
 
 
-def test_is_battery_charging_as_its_topic_says(bench):
+def test_is_battery_charging_reads_its_topic(bench):
     tree = bench.tree("<IsBatteryCharging/>")
     assert bench.letters(tree, 1) == "F"
     bench.servers.topics["/battery_status"] = "charging"
@@ -113,7 +113,7 @@ def test_time_expired_counts_from_the_first_tick_and_the_last_success(bench):
     assert bench.letters(tree, 12, every=0.1) == "FFFFFSFFFFSF"
 
 
-def test_time_expired_begins_anew_after_a_halt(bench):
+def test_time_expired_starts_again_after_a_halt(bench):
     tree = bench.tree('<TimeExpired seconds="0.5"/>')
     bench.letters(tree, 1, every=0.6)
     tree.halt()
@@ -127,14 +127,14 @@ def test_path_expiring_timer_counts_from_a_new_path(bench, path):
     assert bench.letters(tree, 7, every=0.1) == "FFFFFSF"
 
 
-def test_path_expiring_timer_goes_on_over_halts(bench, path):
+def test_path_expiring_timer_continues_across_halts(bench, path):
     tree = bench.tree('<PathExpiringTimer seconds="0.5" path="{path}"/>', path=path((0, 0), (1, 0)))
     bench.letters(tree, 1, every=0.6)
     tree.halt()
     assert bench.letters(tree, 1) == "S"
 
 
-def test_transform_available_once_it_was_always(bench):
+def test_transform_available_succeeds_always_after_the_first_success(bench):
     tree = bench.tree('<TransformAvailable child="{child}" parent="map"/>', child="nowhere")
     assert bench.letters(tree, 1) == "F"
     tree.blackboard["child"] = "base_laser_link"
@@ -143,12 +143,12 @@ def test_transform_available_once_it_was_always(bench):
     assert bench.letters(tree, 1) == "S"
 
 
-def test_transform_available_wants_two_frames(bench):
+def test_transform_available_requires_two_frames(bench):
     with pytest.raises(NodeExecutionError, match="two frames"):
         bench.tree('<TransformAvailable child="map"/>').tick_exactly_once()
 
 
-def test_initial_pose_received_by_port_or_by_the_entry_of_that_name(bench):
+def test_initial_pose_received_reads_its_port_or_the_entry_of_that_name(bench):
     tree = bench.tree("<InitialPoseReceived/>")
     assert bench.letters(tree, 1) == "F"
     tree.blackboard["initial_pose_received"] = True
@@ -157,7 +157,7 @@ def test_initial_pose_received_by_port_or_by_the_entry_of_that_name(bench):
     assert bench.letters(other, 1) == "F"
 
 
-def test_is_goal_nearby_by_the_way_that_is_left(bench, path):
+def test_is_goal_nearby_compares_the_remaining_length_of_the_path(bench, path):
     tree = bench.tree('<IsGoalNearby path="{path}"/>', path=path((0, 0), (2, 0), (2, 0.5)))
     bench.move(1.4)
     assert bench.letters(tree, 1) == "F"
@@ -165,14 +165,14 @@ def test_is_goal_nearby_by_the_way_that_is_left(bench, path):
     assert bench.letters(tree, 1) == "S"
 
 
-def test_is_goal_nearby_fails_without_a_path_or_a_place(bench, path):
+def test_is_goal_nearby_fails_without_a_path_or_a_pose(bench, path):
     assert bench.letters(bench.tree('<IsGoalNearby path="{path}"/>'), 1) == "F"
     assert bench.letters(bench.tree('<IsGoalNearby path="{path}"/>', path=path((0, 0))), 1) == "S"
     bench.localiser.confident = False
     assert bench.letters(bench.tree('<IsGoalNearby path="{path}"/>', path=path((0, 0))), 1) == "F"
 
 
-def test_is_goal_nearby_does_not_take_a_loop_for_the_end(bench, path):
+def test_is_goal_nearby_can_limit_its_search_at_the_start_of_a_loop(bench, path):
     loop = path((0, 0), (3, 0), (3, 2), (0, 2), (0, 0.02))
     all_of_it = bench.tree('<IsGoalNearby path="{path}"/>', path=loop)
     ahead = bench.tree('<IsGoalNearby path="{path}" max_robot_pose_search_dist="1.0"/>', path=loop)
@@ -196,7 +196,7 @@ def test_are_poses_near(bench, x, letter):
     ("aside", "turned", "letter"),
     [(0.2, 0.0, "S"), (0.4, 0.0, "F"), (-0.4, 0.0, "S"), (-0.6, 0.0, "F"), (0.0, 0.9, "S"), (0.0, -1.1, "F")],
 )
-def test_within_tracking_bounds_to_the_left_to_the_right_and_in_heading(bench, aside, turned, letter):
+def test_within_tracking_bounds_checks_left_right_and_heading_errors(bench, aside, turned, letter):
     tree = bench.tree(
         '<IsWithinPathTrackingBounds max_error_left="0.3" max_error_heading="1" tracking_feedback="{how}"/>',
         how=FollowPathFeedback(1.0, 0.3, aside, turned),
@@ -204,7 +204,7 @@ def test_within_tracking_bounds_to_the_left_to_the_right_and_in_heading(bench, a
     assert bench.letters(tree, 1) == letter
 
 
-def test_within_tracking_bounds_before_anything_is_tracked(bench):
+def test_within_tracking_bounds_succeeds_without_feedback(bench):
     assert bench.letters(bench.tree('<IsWithinPathTrackingBounds tracking_feedback="{how}"/>'), 1) == "S"
     assert bench.letters(bench.tree("<IsWithinPathTrackingBounds/>"), 1) == "S"
 

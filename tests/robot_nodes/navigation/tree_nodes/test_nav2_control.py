@@ -5,7 +5,7 @@ import pytest
 from btcore import BtcoreError, NodeExecutionError, Status
 
 
-def test_pipeline_ticks_what_comes_before_again_while_the_later_runs(bench, plan, restarting_leaf):
+def test_pipeline_ticks_earlier_children_again_while_a_later_child_runs(bench, plan, restarting_leaf):
     tree = bench.tree(
         f"<PipelineSequence>{restarting_leaf('a', 'S')}{plan('b', 'R')}{plan('c', 'S')}</PipelineSequence>"
     )
@@ -13,7 +13,7 @@ def test_pipeline_ticks_what_comes_before_again_while_the_later_runs(bench, plan
     assert bench.journal.take() == ["a:start", "b:start", "a:start", "b:running", "a:start", "b:running"]
 
 
-def test_pipeline_goes_on_past_an_earlier_child_that_runs_again(bench, plan, restarting_leaf):
+def test_pipeline_continues_past_an_earlier_child_that_runs_again(bench, plan, restarting_leaf):
     tree = bench.tree(
         f"<PipelineSequence>{restarting_leaf('a', 'S|RRS')}{plan('b', 'RRRS')}</PipelineSequence>"
     )
@@ -26,7 +26,7 @@ def test_pipeline_goes_on_past_an_earlier_child_that_runs_again(bench, plan, res
     ]
 
 
-def test_pipeline_waits_for_a_child_that_runs_before_any_later_was_reached(bench, plan):
+def test_pipeline_waits_for_a_running_child_before_it_starts_the_next_child(bench, plan):
     tree = bench.tree(f"<PipelineSequence>{plan('a', 'RRS')}{plan('b', 'S')}</PipelineSequence>")
     assert bench.letters(tree, 3) == "RRS"
     assert bench.journal.take() == ["a:start", "a:running", "a:running", "b:start"]
@@ -38,13 +38,13 @@ def test_pipeline_fails_and_halts_all_when_any_child_fails(bench, plan, restarti
     assert bench.journal.take() == ["a:start", "b:start", "a:start", "b:halted"]
 
 
-def test_pipeline_halts_an_earlier_child_that_still_runs_when_the_last_succeeds(bench, plan, restarting_leaf):
+def test_pipeline_halts_a_running_earlier_child_when_the_last_child_succeeds(bench, plan, restarting_leaf):
     tree = bench.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|R')}{plan('b', 'RS')}</PipelineSequence>")
     assert bench.letters(tree, 2) == "RS"
     assert bench.journal.take()[-2:] == ["b:running", "a:halted"]
 
 
-def test_pipeline_forgets_how_far_it_came_when_it_is_halted(bench, plan, restarting_leaf):
+def test_pipeline_starts_at_the_first_child_after_a_halt(bench, plan, restarting_leaf):
     tree = bench.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|R')}{plan('b', 'R')}</PipelineSequence>")
     bench.letters(tree, 1)
     tree.halt()
@@ -53,7 +53,7 @@ def test_pipeline_forgets_how_far_it_came_when_it_is_halted(bench, plan, restart
     assert bench.journal.take() == ["a:start"]
 
 
-def test_pipeline_is_skipped_only_when_all_are(bench, plan):
+def test_pipeline_is_skipped_only_when_all_children_are(bench, plan):
     assert (
         bench.letters(bench.tree("<PipelineSequence>" + plan("a", "K") * 2 + "</PipelineSequence>"), 1) == "S"
     )
@@ -65,13 +65,13 @@ def recovery(main: str, recovery: str, retries: str = "") -> str:
     return f"<RecoveryNode {retries}>{main}{recovery}</RecoveryNode>"
 
 
-def test_recovery_tries_again_in_the_tick_in_which_the_recovery_succeeds(bench, plan):
+def test_recovery_retries_in_the_tick_in_which_the_second_child_succeeds(bench, plan):
     tree = bench.tree(recovery(plan("main", "F|S"), plan("help", "S")))
     assert bench.letters(tree, 1) == "S"
     assert bench.journal.take() == ["main:start", "help:start", "main:start"]
 
 
-def test_recovery_gives_up_after_one_retry_unless_told_otherwise(bench, plan):
+def test_recovery_fails_after_a_single_retry_by_default(bench, plan):
     assert bench.letters(bench.tree(recovery(plan("main", "F"), plan("help", "S"))), 1) == "F"
     assert bench.journal.take().count("main:start") == 2
     tree = bench.tree(recovery(plan("main", "F"), plan("help", "S"), 'number_of_retries="4"'))
@@ -85,13 +85,13 @@ def test_recovery_with_no_retries_never_recovers(bench, plan):
     assert bench.journal.take() == ["main:start"]
 
 
-def test_recovery_fails_when_the_recovery_fails(bench, plan):
+def test_recovery_fails_when_the_second_child_fails(bench, plan):
     tree = bench.tree(recovery(plan("main", "F"), plan("help", "F"), 'number_of_retries="4"'))
     assert bench.letters(tree, 1) == "F"
     assert bench.journal.take() == ["main:start", "help:start"]
 
 
-def test_recovery_leaves_the_first_child_alone_while_the_second_runs(bench, plan):
+def test_recovery_does_not_tick_the_first_child_while_the_second_runs(bench, plan):
     tree = bench.tree(recovery(plan("main", "RF|S"), plan("help", "RRS")))
     assert bench.letters(tree, 4) == "RRRS"
     assert bench.journal.take() == [
@@ -104,7 +104,7 @@ def test_recovery_leaves_the_first_child_alone_while_the_second_runs(bench, plan
     ]
 
 
-def test_recovery_counts_anew_after_a_success_and_after_a_halt(bench, plan):
+def test_recovery_resets_its_count_after_a_success_and_after_a_halt(bench, plan):
     tree = bench.tree(recovery(plan("main", "F|S"), plan("help", "S")))
     assert bench.letters(tree, 3) == "SSS"
     halted = bench.tree(recovery(plan("main", "F|R|F|S"), plan("help", "S")))
@@ -121,7 +121,7 @@ def test_recovery_is_skipped_with_its_first_child(bench, plan):
     assert "help:start" not in bench.journal.take()
 
 
-def test_a_skipped_recovery_is_a_failure_that_counts_as_no_retry(bench, plan):
+def test_a_skipped_second_child_is_a_failure_and_not_a_retry(bench, plan):
     tree = bench.tree(recovery(plan("main", "F|F|S"), plan("help", "K|S")))
     assert bench.letters(tree, 1) == "F"
     assert bench.letters(tree, 1) == "S"
@@ -136,7 +136,7 @@ def robin(*children: str, wrap: bool = True) -> str:
     return f'<RoundRobin wrap_around="{str(wrap).lower()}">{"".join(children)}</RoundRobin>'
 
 
-def test_round_robin_gives_the_next_child_its_turn_after_a_success(bench, plan):
+def test_round_robin_ticks_the_next_child_after_a_success(bench, plan):
     tree = bench.tree(robin(plan("a", "S"), plan("b", "S"), plan("c", "S")))
     assert bench.letters(tree, 4) == "SSSS"
     assert bench.journal.take() == ["a:start", "b:start", "c:start", "a:start"]
@@ -148,7 +148,7 @@ def test_round_robin_stays_with_a_child_that_runs(bench, plan):
     assert bench.journal.take() == ["a:start", "a:running", "b:start"]
 
 
-def test_round_robin_passes_a_failure_on_within_the_tick(bench, plan):
+def test_round_robin_ticks_the_next_child_in_the_same_tick_after_a_failure(bench, plan):
     tree = bench.tree(robin(plan("a", "F"), plan("b", "S"), plan("c", "S")))
     assert bench.letters(tree, 1) == "S"
     assert bench.journal.take() == ["a:start", "b:start"]
@@ -160,13 +160,13 @@ def test_round_robin_fails_when_all_have_failed(bench, plan):
     assert bench.journal.take() == ["a:start", "b:start"]
 
 
-def test_round_robin_that_does_not_wrap_fails_with_the_result_of_its_last_child(bench, plan):
+def test_round_robin_without_wrapping_fails_after_its_last_child(bench, plan):
     tree = bench.tree(robin(plan("a", "S"), plan("b", "S"), wrap=False))
     assert bench.letters(tree, 3) == "SFS"
     assert bench.journal.take() == ["a:start", "b:start", "a:start"]
 
 
-def test_round_robin_does_not_wrap_unless_told_to(bench, plan):
+def test_round_robin_does_not_wrap_by_default(bench, plan):
     tree = bench.tree(f"<RoundRobin>{plan('a', 'S')}{plan('b', 'S')}</RoundRobin>")
     assert bench.letters(tree, 2) == "SF"
 
@@ -180,13 +180,13 @@ def test_round_robin_begins_with_the_first_child_after_a_halt(bench, plan):
     assert bench.journal.take() == ["a:start"]
 
 
-def test_nonblocking_sequence_ticks_every_child_whatever_the_others_do(bench, plan):
+def test_nonblocking_sequence_ticks_every_child_in_each_tick(bench, plan):
     tree = bench.tree(f"<NonblockingSequence>{plan('a', 'R')}{plan('b', 'R')}</NonblockingSequence>")
     assert bench.letters(tree, 2) == "RR"
     assert bench.journal.take() == ["a:start", "b:start", "a:running", "b:running"]
 
 
-def test_nonblocking_sequence_succeeds_only_when_all_do_in_one_tick(bench, plan, restarting_leaf):
+def test_nonblocking_sequence_succeeds_only_when_all_succeed_in_one_tick(bench, plan, restarting_leaf):
     text = f"<NonblockingSequence>{restarting_leaf('a', 'S|RS')}{plan('b', 'RS')}</NonblockingSequence>"
     assert bench.letters(bench.tree(text), 3) == "RRS"
 
@@ -200,7 +200,7 @@ def test_nonblocking_sequence_fails_and_halts_all_when_one_fails(bench, plan):
 PERSISTENT = '<PersistentSequence current_child_idx="{at}">{a}{b}</PersistentSequence>'
 
 
-def test_persistent_sequence_goes_on_after_a_halt_where_it_was(bench, plan):
+def test_persistent_sequence_continues_at_its_child_after_a_halt(bench, plan):
     text = PERSISTENT.replace("{a}", plan("a", "S")).replace("{b}", plan("b", "R|S"))
     tree = bench.tree(text, at=0)
     assert bench.letters(tree, 1) == "R"
@@ -212,14 +212,14 @@ def test_persistent_sequence_goes_on_after_a_halt_where_it_was(bench, plan):
     assert tree.blackboard["at"] == 0
 
 
-def test_persistent_sequence_begins_anew_after_a_failure(bench, plan):
+def test_persistent_sequence_starts_at_the_first_child_after_a_failure(bench, plan):
     text = PERSISTENT.replace("{a}", plan("a", "S")).replace("{b}", plan("b", "F"))
     tree = bench.tree(text, at=0)
     assert bench.letters(tree, 1) == "F"
     assert tree.blackboard["at"] == 0
 
 
-def test_persistent_sequence_wants_its_place_to_be_there(bench, plan):
+def test_persistent_sequence_requires_the_entry_with_its_index(bench, plan):
     text = PERSISTENT.replace("{a}", plan("a", "S")).replace("{b}", plan("b", "S"))
     with pytest.raises(NodeExecutionError, match="current_child_idx"):
         bench.tree(text).tick_exactly_once()

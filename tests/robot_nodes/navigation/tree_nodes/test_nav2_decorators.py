@@ -19,12 +19,12 @@ def test_rate_controller_ticks_its_child_at_first_and_then_at_its_rate(bench, pl
     assert starts(bench) == 3
 
 
-def test_rate_controller_takes_ten_times_a_second_unless_told_otherwise(bench, plan):
+def test_rate_controller_ticks_its_child_ten_times_a_second_by_default(bench, plan):
     tree = bench.tree(f"<RateController>{plan('a', 'S')}</RateController>")
     assert bench.letters(tree, 5, every=0.05) == "SRSRS"
 
 
-def test_rate_controller_ticks_a_child_that_runs_every_time(bench, plan):
+def test_rate_controller_ticks_a_running_child_in_every_tick(bench, plan):
     tree = bench.tree(f'<RateController hz="1">{plan("a", "RRS")}</RateController>')
     assert bench.letters(tree, 4, every=0.1) == "RRSR"
     assert bench.journal.take() == ["a:start", "a:running", "a:running"]
@@ -47,14 +47,14 @@ def test_rate_controller_does_not_count_from_a_failure(bench, plan):
     assert starts(bench) == 2
 
 
-def test_rate_controller_begins_anew_after_a_halt(bench, plan):
+def test_rate_controller_starts_again_after_a_halt(bench, plan):
     tree = bench.tree(f'<RateController hz="0.1">{plan("a", "S")}</RateController>')
     bench.letters(tree, 2)
     tree.halt()
     assert bench.letters(tree, 1) == "S"
 
 
-def test_rate_controller_begins_anew_after_it_was_skipped(bench, plan):
+def test_rate_controller_starts_again_after_it_was_skipped(bench, plan):
     rated = f'<RateController hz="0.1" _skipIf="off">{plan("a", "S")}</RateController>'
     tree = bench.tree(f"<Fallback>{rated}<AlwaysSuccess/></Fallback>", off=False)
     bench.letters(tree, 1)
@@ -66,7 +66,7 @@ def test_rate_controller_begins_anew_after_it_was_skipped(bench, plan):
     assert starts(bench) == 1
 
 
-def test_distance_controller_ticks_its_child_every_so_many_metres(bench, plan):
+def test_distance_controller_ticks_its_child_after_each_distance(bench, plan):
     tree = bench.tree(f'<DistanceController distance="0.5">{plan("a", "S")}</DistanceController>')
     assert bench.letters(tree, 2) == "SR"
     bench.move(0.4)
@@ -77,12 +77,12 @@ def test_distance_controller_ticks_its_child_every_so_many_metres(bench, plan):
     assert bench.letters(tree, 1) == "R"
 
 
-def test_distance_controller_ticks_a_child_that_runs_every_time(bench, plan):
+def test_distance_controller_ticks_a_running_child_in_every_tick(bench, plan):
     tree = bench.tree(f"<DistanceController>{plan('a', 'RRS')}</DistanceController>")
     assert bench.letters(tree, 4) == "RRSR"
 
 
-def test_distance_controller_fails_where_the_robot_does_not_know_where_it_is(bench, plan):
+def test_distance_controller_fails_when_the_pose_is_unknown(bench, plan):
     tree = bench.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
     bench.localiser.confident = False
     assert bench.letters(tree, 1) == "F"
@@ -94,13 +94,13 @@ def test_distance_controller_fails_where_the_robot_does_not_know_where_it_is(ben
 SPEED = '<SpeedController min_rate="0.5" max_rate="2" max_speed="0.4">{}</SpeedController>'
 
 
-def test_speed_controller_waits_the_shortest_period_at_first_and_by_the_speed_then(bench, plan):
+def test_speed_controller_uses_the_shortest_period_first_and_then_the_speed(bench, plan):
     tree = bench.tree(SPEED.format(plan("a", "S")))
     # Standing: half a second to the second tick of the child, two seconds to the third.
     assert bench.letters(tree, 27, every=0.1) == "S" + "RRRRS" + "R" * 19 + "SR"
 
 
-def test_speed_controller_goes_by_the_mean_speed(bench, plan):
+def test_speed_controller_uses_the_mean_speed(bench, plan):
     tree = bench.tree(SPEED.format(plan("a", "S")))
     found = ""
     for _ in range(40):
@@ -110,18 +110,18 @@ def test_speed_controller_goes_by_the_mean_speed(bench, plan):
     assert found.rstrip("R").endswith("SRRRRRRRS")
 
 
-def test_speed_controller_begins_anew_for_another_goal(bench, plan):
+def test_speed_controller_starts_again_for_another_goal(bench, plan):
     tree = bench.tree(SPEED.format(plan("a", "S")), goal=HERE)
     bench.letters(tree, 8, every=0.1)
     tree.blackboard["goal"] = THERE
     assert bench.letters(tree, 6, every=0.1) == "SRRRRS"
 
 
-def test_speed_controller_gives_what_its_child_gives(bench, plan):
+def test_speed_controller_returns_the_result_of_its_child(bench, plan):
     assert bench.letters(bench.tree(SPEED.format(plan("a", "RF"))), 2) == "RF"
 
 
-def test_speed_controller_wants_rates_above_zero(bench, plan):
+def test_speed_controller_requires_rates_above_zero(bench, plan):
     tree = bench.tree(f'<SpeedController min_rate="0">{plan("a", "S")}</SpeedController>')
     with pytest.raises(NodeExecutionError, match="rates above 0"):
         tree.tick_exactly_once()
@@ -136,7 +136,7 @@ def test_goal_updated_controller_ticks_its_child_at_first_and_for_another_goal(b
     assert bench.letters(tree, 2) == "SR"
 
 
-def test_goal_updated_controller_looks_at_the_entry_that_it_is_told(bench, plan):
+def test_goal_updated_controller_reads_the_entry_of_its_port(bench, plan):
     child = plan("a", "S")
     tree = bench.tree(
         f'<GoalUpdatedController goal="{{mine}}">{child}</GoalUpdatedController>', goal=HERE, mine=HERE
@@ -148,7 +148,7 @@ def test_goal_updated_controller_looks_at_the_entry_that_it_is_told(bench, plan)
     assert bench.letters(tree, 1) == "S"
 
 
-def test_goal_updated_controller_ticks_a_child_that_runs_every_time(bench, plan):
+def test_goal_updated_controller_ticks_a_running_child_in_every_tick(bench, plan):
     tree = bench.tree(f"<GoalUpdatedController>{plan('a', 'RRS')}</GoalUpdatedController>", goal=HERE)
     assert bench.letters(tree, 4) == "RRSR"
 
@@ -157,14 +157,14 @@ ENTRIES = 'input_goal="{goal}" output_goal="{to}" input_goals="{goals}" output_g
 UPDATER = f"<GoalUpdater {ENTRIES}>{{}}</GoalUpdater>"
 
 
-def test_goal_updater_hands_on_what_it_is_given(bench, plan):
+def test_goal_updater_copies_its_inputs_to_its_outputs(bench, plan):
     tree = bench.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE, goals=[HERE, THERE])
     assert bench.letters(tree, 2) == "SS"
     assert tree.blackboard["to"] == HERE
     assert tree.blackboard["all"] == [HERE, THERE]
 
 
-def test_goal_updater_prefers_what_a_topic_says(bench, plan):
+def test_goal_updater_prefers_the_goals_of_its_topics(bench, plan):
     tree = bench.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE, goals=[HERE])
     bench.servers.topics["goal_update"] = THERE
     bench.servers.topics["goals_update"] = [THERE]
@@ -173,7 +173,7 @@ def test_goal_updater_prefers_what_a_topic_says(bench, plan):
     assert tree.blackboard["all"] == [THERE]
 
 
-def test_goal_updater_prefers_a_goal_that_is_newer_than_what_the_topic_said(bench, plan):
+def test_goal_updater_prefers_a_goal_that_is_newer_than_the_topics_goal(bench, plan):
     tree = bench.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE)
     bench.servers.topics["goal_update"] = THERE
     bench.letters(tree, 1)
@@ -182,22 +182,22 @@ def test_goal_updater_prefers_a_goal_that_is_newer_than_what_the_topic_said(benc
     assert tree.blackboard["to"] == newest
 
 
-def test_goal_updater_ticks_its_child_every_time(bench, plan):
+def test_goal_updater_ticks_its_child_in_every_tick(bench, plan):
     tree = bench.tree(f"<GoalUpdater>{plan('a', 'RF')}</GoalUpdater>")
     assert bench.letters(tree, 2) == "RF"
 
 
-def test_single_trigger_lets_its_child_end_once(bench, plan):
+def test_single_trigger_fails_after_its_child_has_ended_once(bench, plan):
     tree = bench.tree(f"<SingleTrigger>{plan('a', 'RS')}</SingleTrigger>")
     assert bench.letters(tree, 4) == "RSFF"
     assert bench.journal.take() == ["a:start", "a:running"]
 
 
-def test_single_trigger_counts_a_failure_too(bench, plan):
+def test_single_trigger_fails_after_a_failure_of_its_child(bench, plan):
     assert bench.letters(bench.tree(f"<SingleTrigger>{plan('a', 'F|S')}</SingleTrigger>"), 2) == "FF"
 
 
-def test_single_trigger_is_ready_again_after_a_reset(bench, plan):
+def test_single_trigger_is_ready_again_after_a_halt(bench, plan):
     tree = bench.tree(f"<SingleTrigger>{plan('a', 'S')}</SingleTrigger>")
     assert bench.letters(tree, 2) == "SF"
     tree.halt()
@@ -212,7 +212,7 @@ def detour(path, length: float) -> NavPath:
     return path((0, 0), (0.5, (length**2 - 1) ** 0.5 / 2), (1, 0))
 
 
-def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path_to_the_same_goal(bench, plan, path):
+def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path(bench, plan, path):
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "RS")), path=path((0, 0), (1, 0)))
     assert bench.letters(tree, 2) == "SS"
     tree.blackboard["path"] = detour(path, 3.0)
@@ -220,28 +220,28 @@ def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path_to_the_s
     assert bench.journal.take() == ["a:start", "a:running"]
 
 
-def test_path_longer_on_approach_lets_a_path_pass_that_is_less_than_twice_as_long(bench, plan, path):
+def test_path_longer_on_approach_succeeds_for_less_than_twice_the_length(bench, plan, path):
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((0, 0), (1, 0)))
     bench.letters(tree, 1)
     tree.blackboard["path"] = detour(path, 1.9)
     assert bench.letters(tree, 1) == "S"
 
 
-def test_path_longer_on_approach_is_about_the_last_three_metres(bench, plan, path):
+def test_path_longer_on_approach_applies_only_to_the_last_three_metres(bench, plan, path):
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((-3, 0), (1, 0)))
     bench.letters(tree, 1)
     tree.blackboard["path"] = path((-3, 0), (-3, 4), (1, 4), (1, 0))
     assert bench.letters(tree, 1) == "S"
 
 
-def test_path_longer_on_approach_does_not_compare_ways_to_different_goals(bench, plan, path):
+def test_path_longer_on_approach_does_not_compare_paths_to_different_goals(bench, plan, path):
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((0, 0), (1, 0)))
     bench.letters(tree, 1)
     tree.blackboard["path"] = path((0, 0), (4, 0))
     assert bench.letters(tree, 1) == "S"
 
 
-def test_path_longer_on_approach_lets_the_first_path_pass(bench, plan):
+def test_path_longer_on_approach_succeeds_without_an_earlier_path(bench, plan):
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")))
     assert tree.tick_exactly_once() is Status.SUCCESS
 

@@ -8,7 +8,7 @@ import pytest
 from btcore_robot.navigation.nodes.goals import WaypointState, WaypointStatus
 from btcore_robot.robot import Pose2D
 
-BOX = (1.8, -0.2, 2.2, 0.2)  # m, on the way along y = 0
+BOX = (1.8, -0.2, 2.2, 0.2)  # m, on the line y = 0
 
 
 def at(x: float, y: float = 0.0, yaw: float = 0.0) -> Pose2D:
@@ -27,7 +27,7 @@ def seen(among):
     return bench
 
 
-def test_truncate_path_stops_a_metre_before_the_goal_and_looks_at_it(bench, path):
+def test_truncate_path_ends_a_metre_before_the_goal_and_faces_it(bench, path):
     tree = bench.tree(
         '<TruncatePath input_path="{path}" output_path="{cut}"/>', path=path((0, 0), (0, 3), yaw=2)
     )
@@ -39,7 +39,7 @@ def test_truncate_path_stops_a_metre_before_the_goal_and_looks_at_it(bench, path
     assert cut[0] == at(0.0, 0.0, math.pi / 2)
 
 
-def test_truncate_path_measures_as_the_crow_flies(bench, path):
+def test_truncate_path_measures_the_straight_distance_to_the_goal(bench, path):
     there_and_back = path((0, 0), (3, 0), (3, 0.3), (2.2, 0.3))
     tree = bench.tree(
         '<TruncatePath distance="0.5" input_path="{path}" output_path="{cut}"/>', path=there_and_back
@@ -49,13 +49,13 @@ def test_truncate_path_measures_as_the_crow_flies(bench, path):
     assert (cut.x, cut.y) == (pytest.approx(2.7, abs=0.051), pytest.approx(0.3))
 
 
-def test_truncate_path_leaves_two_poses_of_a_short_path(bench, path):
+def test_truncate_path_keeps_two_poses_of_a_short_path(bench, path):
     tree = bench.tree('<TruncatePath input_path="{path}" output_path="{cut}"/>', path=path((0, 0), (0.5, 0)))
     assert bench.letters(tree, 1) == "S"
     assert len(tree.blackboard["cut"]) == 2
 
 
-def test_truncate_path_hands_on_an_empty_path(bench):
+def test_truncate_path_accepts_an_empty_path(bench):
     tree = bench.tree('<TruncatePath input_path="{path}" output_path="{cut}"/>')
     assert bench.letters(tree, 1) == "S"
     assert len(tree.blackboard["cut"]) == 0
@@ -82,32 +82,32 @@ def test_truncate_path_local_keeps_eight_metres_ahead_and_four_back(bench, path)
         ('distance_forward="-1" distance_backward="0.5"', (-0.5, 20.0)),
     ],
 )
-def test_truncate_path_local_keeps_what_it_is_told(bench, path, ports, kept):
+def test_truncate_path_local_keeps_the_given_distances(bench, path, ports, kept):
     tree = bench.tree(LOCAL % ports, path=path((-10, 0), (20, 0)))
     bench.letters(tree, 1)
     assert span(tree) == kept
 
 
-def test_truncate_path_local_goes_by_a_pose_that_it_is_given(bench, path):
+def test_truncate_path_local_uses_a_given_pose(bench, path):
     tree = bench.tree(LOCAL % 'pose="3;0;0" distance_backward="0"', path=path((-10, 0), (20, 0)))
     bench.localiser.confident = False
     assert bench.letters(tree, 1) == "S"
     assert span(tree) == (3.0, 11.0)
 
 
-def test_truncate_path_local_fails_where_the_robot_does_not_know_where_it_is(bench, path):
+def test_truncate_path_local_fails_when_the_pose_is_unknown(bench, path):
     tree = bench.tree(LOCAL % "", path=path((-10, 0), (20, 0)))
     bench.localiser.confident = False
     assert bench.letters(tree, 1) == "F"
 
 
-def test_truncate_path_local_hands_on_an_empty_path(bench):
+def test_truncate_path_local_accepts_an_empty_path(bench):
     tree = bench.tree(LOCAL % "")
     assert bench.letters(tree, 1) == "S"
     assert len(tree.blackboard["cut"]) == 0
 
 
-def test_truncate_path_local_tells_ways_there_and_back_apart_by_heading(bench, path):
+def test_truncate_path_local_distinguishes_opposite_legs_by_heading(bench, path):
     there_and_back = path((-3, 0), (3, 0), (3, 0.04), (-3, 0.04))
     ports = 'distance_forward="1" distance_backward="0" angular_distance_weight="%s"'
     bench.move(0.0, 0.0, math.pi)
@@ -119,7 +119,7 @@ def test_truncate_path_local_tells_ways_there_and_back_apart_by_heading(bench, p
     assert span(turned)[1] == pytest.approx(-1.0, abs=0.051)
 
 
-def test_truncate_path_local_seeks_no_farther_than_it_is_told(bench, path):
+def test_truncate_path_local_searches_only_the_given_distance(bench, path):
     loop = path((0, 0), (3, 0), (3, 2), (0, 2), (0, 0.02))
     ports = 'distance_forward="0.5" distance_backward="0" max_robot_pose_search_dist="1"'
     tree = bench.tree(LOCAL % ports, path=loop)
@@ -129,13 +129,13 @@ def test_truncate_path_local_seeks_no_farther_than_it_is_told(bench, path):
 
 
 @pytest.mark.parametrize(("y", "letter"), [(0.0, "F"), (0.45, "F"), (1.0, "S")])
-def test_validate_path_by_what_the_global_costmap_has_seen(seen, path, y, letter):
+def test_validate_path_uses_the_obstacles_of_the_global_costmap(seen, path, y, letter):
     tree = seen.tree('<ValidatePath path="{path}" collision_poses="{bad}"/>', path=path((0, y), (4, y)))
     assert seen.letters(tree, 1) == letter
     assert bool(tree.blackboard["bad"]) is (letter == "F")
 
 
-def test_validate_path_tells_the_first_place_or_all(seen, path):
+def test_validate_path_reports_the_first_collision_or_all(seen, path):
     text = '<ValidatePath path="{path}" collision_poses="{bad}" stop_at_first_collision="%s"/>'
     one = seen.tree(text % "true", path=path((0, 0), (4, 0)))
     every = seen.tree(text % "false", path=path((0, 0), (4, 0)))
@@ -146,43 +146,43 @@ def test_validate_path_tells_the_first_place_or_all(seen, path):
     assert len(every.blackboard["bad"]) > 5
 
 
-def test_validate_path_looks_only_ahead_of_the_robot(seen, path):
+def test_validate_path_checks_only_ahead_of_the_robot(seen, path):
     tree = seen.tree('<ValidatePath path="{path}"/>', path=path((0, 0), (4, 0)))
     seen.robot.boxes.clear()
     seen.move(3.0)
     assert seen.letters(tree, 1) == "S"
 
 
-def test_validate_path_looks_no_farther_than_it_is_told(seen, path):
+def test_validate_path_checks_only_the_given_distance(seen, path):
     tree = seen.tree('<ValidatePath path="{path}" max_lookahead_distance="1"/>', path=path((0, 0), (4, 0)))
     assert seen.letters(tree, 1) == "S"
 
 
-def test_validate_path_takes_the_unknown_for_free_unless_told_otherwise(bench, path):
+def test_validate_path_treats_unknown_cells_as_free_by_default(bench, path):
     text = '<ValidatePath path="{path}" consider_unknown_as_obstacle="%s"/>'
     unknown = path((4.2, 4.2), (4.3, 4.2))
     assert bench.letters(bench.tree(text % "false", path=unknown), 1) == "S"
     assert bench.letters(bench.tree(text % "true", path=unknown), 1) == "F"
 
 
-def test_validate_path_by_the_cost_that_is_the_most(seen, path):
+def test_validate_path_compares_costs_with_the_maximum_cost(seen, path):
     text = '<ValidatePath path="{path}" max_cost="%s"/>'
     beside = path((0, 0.6), (4, 0.6))
     assert seen.letters(seen.tree(text % 254, path=beside), 1) == "S"
     assert seen.letters(seen.tree(text % 50, path=beside), 1) == "F"
 
 
-def test_validate_path_fails_for_no_path(bench):
+def test_validate_path_fails_without_a_path(bench):
     assert bench.letters(bench.tree('<ValidatePath path="{path}"/>'), 1) == "F"
 
 
 @pytest.mark.parametrize(("y", "letter"), [(0.0, "F"), (1.0, "S")])
-def test_is_path_valid_is_the_same_as_a_condition(seen, path, y, letter):
+def test_is_path_valid_is_validate_path_as_a_condition(seen, path, y, letter):
     tree = seen.tree('<Condition ID="IsPathValid" path="{path}"/>', path=path((0, y), (4, y)))
     assert seen.letters(tree, 1) == letter
 
 
-def test_smooth_path_hands_on_a_path_that_is_smooth_already(bench, path):
+def test_smooth_path_returns_a_smooth_path_unchanged(bench, path):
     tree = bench.tree(
         '<SmoothPath unsmoothed_path="{path}" smoothed_path="{out}" was_completed="{done}"/>',
         path=path((0, 0), (1, 0)),
@@ -192,7 +192,7 @@ def test_smooth_path_hands_on_a_path_that_is_smooth_already(bench, path):
     assert tree.blackboard["done"] is True
 
 
-def test_smooth_path_says_what_is_wrong_without_a_path(bench):
+def test_smooth_path_sets_the_error_code_without_a_path(bench):
     tree = bench.tree('<SmoothPath unsmoothed_path="{path}" error_code_id="{code}"/>')
     assert bench.letters(tree, 1) == "F"
     assert tree.blackboard["code"] == 505
@@ -204,21 +204,21 @@ GOALS = [at(0.3), at(0.6), at(2.0)]
 @pytest.mark.parametrize(
     ("radius", "left"), [(0.2, GOALS), (0.5, GOALS[1:]), (0.7, GOALS[2:]), (9.0, GOALS[2:])]
 )
-def test_remove_passed_goals_but_for_the_last(bench, radius, left):
+def test_remove_passed_goals_keeps_the_last_goal(bench, radius, left):
     text = f'<RemovePassedGoals radius="{radius}" input_goals="{{goals}}" output_goals="{{goals}}"/>'
     tree = bench.tree(text, goals=list(GOALS))
     assert bench.letters(tree, 1) == "S"
     assert tree.blackboard["goals"] == left
 
 
-def test_remove_passed_goals_stops_at_the_first_that_is_not(bench):
+def test_remove_passed_goals_stops_at_the_first_goal_that_is_not_passed(bench):
     goals = [at(0.3), at(2.0), at(0.2), at(3.0)]
     tree = bench.tree('<RemovePassedGoals input_goals="{goals}" output_goals="{goals}"/>', goals=goals)
     bench.letters(tree, 1)
     assert tree.blackboard["goals"] == goals[1:]
 
 
-def test_remove_passed_goals_fails_where_the_robot_does_not_know_where_it_is(bench):
+def test_remove_passed_goals_fails_when_the_pose_is_unknown(bench):
     tree = bench.tree('<RemovePassedGoals input_goals="{goals}" output_goals="{goals}"/>', goals=list(GOALS))
     bench.localiser.confident = False
     assert bench.letters(tree, 1) == "F"
@@ -261,7 +261,7 @@ def test_remove_in_collision_goals_marks_them_skipped(seen):
         ("4.3;4.3", 'consider_unknown_as_obstacle="true"', "S"),
     ],
 )
-def test_check_pose_occupancy_succeeds_where_something_is_in_the_way(seen, place, ports, letter):
+def test_check_pose_occupancy_succeeds_at_an_occupied_pose(seen, place, ports, letter):
     assert seen.letters(seen.tree(f'<CheckPoseOccupancy pose="{place}" {ports}/>'), 1) == letter
 
 
@@ -275,7 +275,7 @@ def test_get_pose_from_path_counts_from_either_end(bench, path, index, x):
 
 
 @pytest.mark.parametrize("index", [21, -22])
-def test_get_pose_from_path_fails_where_there_is_none(bench, path, index):
+def test_get_pose_from_path_fails_if_the_path_has_no_such_pose(bench, path, index):
     tree = bench.tree(
         f'<GetPoseFromPath path="{{path}}" index="{index}" pose="{{pose}}"/>', path=path((0, 0), (1, 0))
     )
@@ -283,7 +283,7 @@ def test_get_pose_from_path_fails_where_there_is_none(bench, path, index):
     assert bench.letters(bench.tree('<GetPoseFromPath path="{path}" pose="{pose}"/>'), 1) == "F"
 
 
-def test_get_current_pose_fails_where_the_robot_does_not_know_it(bench):
+def test_get_current_pose_fails_when_the_pose_is_unknown(bench):
     tree = bench.tree('<GetCurrentPose current_pose="{pose}"/>')
     bench.move(1.0, 2.0, 0.5)
     assert bench.letters(tree, 1) == "S"
@@ -293,7 +293,7 @@ def test_get_current_pose_fails_where_the_robot_does_not_know_it(bench):
     assert bench.letters(tree, 1) == "F"
 
 
-def test_concatenate_paths_needs_one_that_is_not_empty(bench, path):
+def test_concatenate_paths_needs_a_path_that_is_not_empty(bench, path):
     text = '<ConcatenatePaths input_path1="{a}" input_path2="{b}" output_path="{both}"/>'
     tree = bench.tree(text, a=path((0, 0), (1, 0)), b=path((1, 0), (1, 1)))
     assert bench.letters(tree, 1) == "S"
