@@ -23,7 +23,7 @@ from btcore.cli import files, terminal
 from btcore.suggestions import join_names, nearest_name
 
 _MISSING: Final = re.compile(r"^ModuleNotFoundError: No module named '([^']+)'", re.MULTILINE)
-_PLOT: Final = Path("measure") / "plot.py"  # in a process of its own as well: it needs matplotlib
+_PLOT: Final = Path("measure") / "plot.py"  # runs in a separate process too, because it needs matplotlib
 
 BenchmarkData = Mapping[str, Any]
 """The results of a benchmark, as written by its option ``--json``."""
@@ -150,7 +150,7 @@ def _python(file: Path, options: Sequence[str]) -> None:
 
 
 def _read(path: Path) -> list[BenchmarkData]:
-    """Read the results of an earlier run. Raise click.UsageError if *path* holds none."""
+    """Read the results of an earlier run. Raise click.UsageError if *path* holds no results."""
     try:
         results: list[BenchmarkData] = json.loads(path.read_text(encoding="utf-8"))
         if all("rows" in data and "build" in data for data in results):
@@ -161,7 +161,7 @@ def _read(path: Path) -> list[BenchmarkData]:
 
 
 def targets(results: Sequence[BenchmarkData]) -> Table:
-    """Return a table with a line for each ratio that has a target, and columns for each build."""
+    """Return a table: a line for each ratio with a target, columns for each build (pure, compiled)."""
     builds = list(dict.fromkeys(data["build"] for data in results))
     lines: dict[tuple[str, str], dict[str, BenchmarkData]] = {}
     for data in results:

@@ -35,8 +35,8 @@ def convert(
 ) -> int:
     """Convert FILE from XML format 3 to format 4, and print the result.
 
-    Comments, the order of attributes and the layout are preserved. The changes are listed on stderr, with
-    those that change the meaning of the tree. Errors that exist in both formats are not reported: use 'btcore
+    Comments, the order of attributes and the layout are preserved. The changes are listed on stderr,
+    including changes of the tree's meaning. Errors that exist in both formats are not reported: use 'btcore
     validate' to find them.
 
     \b
@@ -51,7 +51,7 @@ def convert(
     libraries = node_libraries.load_libraries(plugins, models)
     result = converted(document, libraries.nodes_for(document))
     data = result.text.encode()
-    # The parser drops a byte order mark; the conversion must not change what it does not convert.
+    # The parser drops a byte order mark, which the conversion must preserve.
     if path.read_bytes().startswith(_BYTE_ORDER_MARK):
         data = _BYTE_ORDER_MARK + data
     target = path if in_place else output

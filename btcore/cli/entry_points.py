@@ -24,7 +24,7 @@ class UnavailableEntryPoint(NamedTuple):
 
     @property
     def remedy(self) -> str:
-        """The reason of the failure; for a missing module of an extra also the command that installs it."""
+        """The reason for the failure; if an extra is not installed, also the command that installs it."""
         reason = f"{type(self.error).__name__}: {self.error}"
         if isinstance(self.error, ModuleNotFoundError):
             reason = f"the module '{self.error.name}' is not installed"
@@ -57,7 +57,7 @@ def load(group: str, name: str | None = None) -> tuple[list[Loaded], list[Unavai
 
     Args:
         group: The group, such as ``btcore.commands``.
-        name: Load only the entry points of this name.
+        name: Load only the entry points with this name; None loads all.
 
     Returns:
         The loaded entry points, and those that could not be loaded.

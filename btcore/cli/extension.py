@@ -29,7 +29,7 @@ class LoadedExtensions(NamedTuple):
 
 
 def load_extensions(ctx: click.Context) -> LoadedExtensions:
-    """Return the extensions of the run of *ctx*; they are created on the first call.
+    """Return the extensions for the command with the context *ctx*; they are created on the first call.
 
     Raises:
         ExtensionError: An extension does not conform to `RunExtension`.
@@ -99,7 +99,7 @@ def _accepts(hook: object, parameters: Sequence[str]) -> bool:
 class GatheredResources(NamedTuple):
     """The *resources* for leaves, and the *extensions* in the order in which they must be attached.
 
-    *idle* holds the extensions that provided nothing.
+    *idle* holds the extensions that provided no resource.
     """
 
     resources: list[object]
@@ -112,12 +112,13 @@ def gather_resources(
 ) -> GatheredResources:
     """Return the resources that the extensions of a run provide.
 
-    Extensions that require nothing provide first, then those with requirements; in both groups fallbacks
-    provide last. Extensions that provide something are attached before the others, and detached after them.
+    Extensions without requirements provide their resources first, then extensions with requirements; within
+    both groups, extensions with `is_fallback` come last. Extensions that provide resources are attached
+    before the other extensions, and detached after them.
 
     Args:
         extensions: The extensions of the run.
-        settings: The options of the command.
+        settings: The values of the options of ``btcore run``, by name.
         wanted: The types that the leaves of the tree declare as resources.
 
     Raises:

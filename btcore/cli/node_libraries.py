@@ -40,7 +40,7 @@ class NodeLibraries:
     """The available nodes.
 
     Attributes:
-        nodes: The nodes.
+        nodes: The registry of the available nodes.
         absent: The libraries that are installed but cannot be imported.
         has_models: Whether nodes were declared by models, and need no code.
     """
@@ -85,8 +85,8 @@ class NodeLibraries:
 def load_libraries(plugins: Sequence[str], models: Sequence[Path] = ()) -> NodeLibraries:
     """Load all installed node libraries, *plugins* and *models*.
 
-    An installed library that cannot be imported is not an error, since the tree may not use it. It is noted
-    in `NodeLibraries.absent`; unless a missing module is the cause, a warning is printed as well.
+    An installed library that cannot be imported is not an error, since the tree may not use it. It is added
+    to `NodeLibraries.absent`; unless a missing module is the cause, a warning is printed as well.
 
     Raises:
         RegistrationError: One of *plugins* cannot be loaded.

@@ -26,7 +26,7 @@ _LEVELS: Final = (
 
 
 class Progress:
-    """The live status line of a run. If stderr is not a terminal, a plain line every few seconds.
+    """The live status line of a run. If stderr is not a terminal, a plain line every 10 s.
 
     Args:
         tree: The tree of the run.
@@ -77,7 +77,7 @@ class Progress:
 
     @contextmanager
     def suspend(self) -> Iterator[None]:
-        """Return a context without the line, for other output; afterwards the line appears below that."""
+        """Return a context in which the line is hidden, so that other output can be printed."""
         self.close()  # a rich display must not be active while other output is printed
         try:
             yield
@@ -123,7 +123,7 @@ class ConsoleLogHandler(logging.Handler):
         self.console = console
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print *record*; errors of formatting or printing are reported as `logging` reports them."""
+        """Print *record*. Errors in formatting or printing are reported by `logging.Handler.handleError`."""
         try:
             word, style = next((word, style) for level, word, style in _LEVELS if record.levelno >= level)
             self.console.print(Text.assemble((word, style), self.format(record)), soft_wrap=True)

@@ -28,7 +28,7 @@ class FiniteRange(click.FloatRange):
     """A range of finite numbers: infinity and NaN are errors."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number."""
+        """Convert *value* to a finite number in the range. Any other value is a usage error."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
@@ -186,7 +186,7 @@ def create_session(
 def read_tree_source(
     settings: Mapping[str, Any], installed: node_libraries.NodeLibraries | None = None
 ) -> tuple[TreeSource, DocumentAnalysis, Registry]:
-    """Read and check the document of a run's tree, before extensions create resources such as a world.
+    """Read and check the document of a run's tree, before extensions create resources such as a simulator.
 
     Args:
         settings: The options of ``btcore run``.

@@ -53,7 +53,7 @@ class RunReport:
         Args:
             tree: The last tree of the run.
             ending: The reason why the run ended.
-            figures: The reports of the extensions, such as the robot's.
+            figures: The reports of the extensions, such as a simulated robot's.
         """
         table = terminal.new_table()
         table.add_column("node", overflow="fold")
@@ -129,7 +129,7 @@ def print_figures(figures: Mapping[str, object]) -> None:
 
 
 def _figures(figure: object) -> list[tuple[str, str]]:
-    """Return the parts of a line for a report, with styles: names and values, without values of None."""
+    """Return the names and values of a report as (text, style), without values that are None."""
     if isinstance(figure, Mapping):
         known = {key: value for key, value in figure.items() if value is not None}
         if figure and not known:

@@ -30,7 +30,7 @@ class RunSession:
 
     Args:
         tree: The first tree.
-        source: The source of the tree.
+        source: The file of the tree, from which the tree is reloaded.
         settings: The options of ``btcore run``.
         extensions: The extensions in the order in which they are attached.
         resources: The resources of the leaves.
@@ -166,7 +166,7 @@ class RunSession:
                 return ending
 
     def _reload(self) -> bool:
-        """Replace the tree by the tree in the saved file; if that has errors, print them and return False."""
+        """Replace the tree by the tree in the saved file; on errors, print them and return False."""
         examined: DocumentAnalysis | None = None
         try:
             examined, nodes = self.source.read()

@@ -120,8 +120,9 @@ class TickLoop:
     def wait_for_save(self) -> EndReason:
         """Wait without ticking until the duration, a save or a signal ends the wait; return the reason.
 
-        In real time the clock, and a world that owns it, keep running. In simulated time nothing can happen
-        any more: the clock advances to the end of the duration at once, or stands still without a duration.
+        In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing
+        can happen any more: the clock advances to the end of the duration at once, or stands still without a
+        duration.
         """
         while not self._stop:
             now = self.tree.clock.now()
@@ -130,7 +131,7 @@ class TickLoop:
             if self.saved is not None and self.saved():
                 return "saved"
             self._waiting = True
-            # Checked again: a signal before `_waiting` was set has woken nothing.
+            # Checked again, because a signal that arrived before `_waiting` was set does not end the wait.
             if not self._stop:
                 self._rest_until(now)
             self._waiting = False

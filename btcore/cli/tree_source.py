@@ -90,7 +90,7 @@ class TreeSource:
 class SaveWatcher:
     """Detects that a tree's file, or a file that it includes, was saved.
 
-    Calling it is cheap: it looks at the files only once every `POLL_INTERVAL_S` seconds.
+    Calling it often is cheap: the files are checked at most every `POLL_INTERVAL_S` seconds.
     """
 
     def __init__(self, path: Path) -> None:
@@ -99,9 +99,9 @@ class SaveWatcher:
         self._written = False
 
     def __call__(self) -> bool:
-        """Return True once after each save, when the file did not change between two looks.
+        """Return True once after each save, at the first check that finds no further change.
 
-        Waiting for a second look avoids reading a file that an editor is still writing.
+        This second check avoids reading a file that an editor is still writing.
         """
         now = time.monotonic()
         if now < self._next:

@@ -14,7 +14,7 @@ from btcore.xml.read.includes import resolve_includes
 
 
 class FileWatcher:
-    """A check whether the file *path* or a file that it includes was changed since the last check."""
+    """Detects changes of the file *path* and of the files that it includes."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -51,9 +51,9 @@ def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
 def rebuild_tree(
     tree: Tree, examined: DocumentAnalysis, resources: Sequence[object], nodes: Registry
 ) -> Tree:
-    """Return the tree of a document, with the blackboard and the clock of *tree*, which is not changed.
+    """Return a new tree from a document, with the blackboard and the clock of the running *tree*.
 
-    The caller must halt *tree* before the new tree is ticked.
+    *tree* is not halted: the caller must halt it before the new tree is ticked.
 
     Args:
         tree: The tree to replace.
@@ -70,7 +70,7 @@ def rebuild_tree(
         examined.diagnostics.raise_errors()
         return TreeInstantiator(examined, nodes, board, resources, tree.clock).instantiate()
     except BtcoreError:
-        # Creating nodes has created the entries of their ports.
+        # Creating nodes has created the entries of their ports: remove these entries.
         for key in board.local_entries().keys() - before:
             board.unset(key)
         raise

@@ -1,8 +1,8 @@
 """Blackboards as JSON, in the form of BehaviorTree.CPP's ExportTreeToJSON() (src/json_export.cpp).
 
-A tree is ``{subtree path: {key: value}}``, with the ID of the main tree for its path. Integers, bools and
-enums become numbers, lists become arrays, and a dataclass becomes an object with ``__type``. Other values,
-and entries that were never written, become null.
+A tree is ``{subtree path: {key: value}}``; the ID of the main tree stands for its empty path. Integers,
+bools and enums become numbers, lists become arrays, and a dataclass becomes an object with ``__type``. Other
+values, and entries that were never written, become null.
 """
 
 import json
@@ -33,8 +33,8 @@ def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any]]) -> None:
         data: Entries in the form of :func:`export_tree`.
 
     Raises:
-        BlackboardError: *tree* and *data* have different subtrees, and nothing is written; or a value does
-            not fit the type of its entry.
+        BlackboardError: *tree* and *data* have different subtrees; then nothing is written. Or a value does
+            not fit the type of its entry; then the entries before it are written.
     """
     boards = {_name(tree, subtree): subtree.blackboard for subtree in tree.subtrees}
     for name in data:
@@ -50,17 +50,17 @@ def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any]]) -> None:
 
 
 def export_blackboard(board: Blackboard) -> dict[str, Any]:
-    """Return the entries of the scope *board* itself, by key, without remapped entries."""
+    """Return the values of the entries of *board* itself, by key. Entries of other scopes are left out."""
     return {key: _exported(entry.value) for key, entry in board.local_entries().items()}
 
 
 def import_blackboard(board: Blackboard, data: Mapping[str, Any], types: TypeRegistry) -> None:
-    """Write *data* into *board*; null is ignored.
+    """Write *data* into *board*. None, which is JSON's null, is ignored.
 
     Args:
         board: The scope.
         data: Values by key.
-        types: The types of objects with ``__type``.
+        types: The registered types, by which objects with ``__type`` are converted.
 
     Raises:
         BlackboardError: A value does not fit the type of its entry; the message names the key.

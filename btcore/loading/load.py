@@ -37,7 +37,7 @@ def load(
         blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
         format: The XML format, 3 or 4; default the document's ``BTCPP_format``, or 3 if it has none.
         clock: The clock; default the first clock among *resources*, else the system's clock.
-        packages: Returns the folder of a ROS package that an ``<include>`` names.
+        packages: A function that returns the share directory of a ROS package that an ``<include>`` names.
 
     Raises:
         TreeError: The document has errors. It holds all of them, with file, line and column.
@@ -96,7 +96,7 @@ def required_resources(
         nodes: The nodes that the tree may use; default :meth:`Registry.standard`.
         tree: The ID of the tree; default the main tree of the document.
         format: The XML format, 3 or 4; default the document's ``BTCPP_format``, or 3 if it has none.
-        packages: Returns the folder of a ROS package that an ``<include>`` names.
+        packages: A function that returns the share directory of a ROS package that an ``<include>`` names.
 
     Raises:
         TreeError: The document has errors.

@@ -66,7 +66,7 @@ class BtLogWriter:
             ) from None
 
     def append(self, records: Iterable[tuple[int, int, int]]) -> None:
-        """Append transitions, given as the time since the start (µs), the UID and the status.
+        """Append transitions, given as (time since the start in µs, UID, status).
 
         Raises:
             OSError: The file cannot be written.
@@ -78,7 +78,7 @@ class BtLogWriter:
         write_whole(self._file, bytes(data))
 
     def gap(self, reason: str) -> None:
-        """Record that transitions are missing before the next transition, and the reason.
+        """Record that transitions are missing before the next transition, because of *reason*.
 
         Raises:
             OSError: The file of the gaps cannot be written.
@@ -95,7 +95,7 @@ class BtLog(Log):
     """A log of a tree in a ``.btlog`` file, as FileLogger2 writes it; an existing file is overwritten.
 
     Args:
-        tree: The tree.
+        tree: The tree to log.
         path: The file.
         idle: Whether to log transitions to IDLE.
 
@@ -112,7 +112,7 @@ class BtLog(Log):
         self.attach()
 
     def write(self, changes: list[Transition]) -> None:
-        """Append *changes*."""
+        """Append the transitions *changes* to the file."""
         start = self.start
         self._file.append(
             ((stamp - start) // NS_PER_US, uid, status) for _, stamp, _, uid, _, status in changes

@@ -20,7 +20,7 @@ class ConsoleLog(Log):
     """A log that prints ``[seconds]: name  PREVIOUS -> STATUS`` for each transition of a tree.
 
     Args:
-        tree: The tree.
+        tree: The tree to log.
         stream: The output stream; None for stdout.
         idle: Whether to print transitions to IDLE.
         relative: Whether times are seconds since the start of the log instead of seconds since 1970.
@@ -50,7 +50,7 @@ class ConsoleLog(Log):
         self.attach()
 
     def write(self, changes: list[Transition]) -> None:
-        """Print *changes*, and flush the stream."""
+        """Print the transitions *changes*, and flush the stream."""
         origin = self.wall(self.start) if not self.relative else 0
         words, names = self._words, self._names
         text = "".join(

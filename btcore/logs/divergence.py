@@ -23,8 +23,8 @@ class Divergence:
 
     Attributes:
         common: The number of transitions before the difference.
-        first: The next transition of the first run; None if the run ends.
-        second: The next transition of the second run; None if the run ends.
+        first: The next transition of the first run; None if the first run has no more transitions.
+        second: The next transition of the second run; None if the second run has no more transitions.
         by_time: Whether the two transitions differ only in their times.
     """
 

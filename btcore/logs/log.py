@@ -13,16 +13,16 @@ _log = logging.getLogger("btcore")
 
 
 class AttachedObserver(Observer):
-    """An observer that is subscribed to a tree until it is closed; a context manager that closes itself.
+    """An observer that is subscribed to a tree until it is closed, or until its ``with`` block ends.
+
+    A wall time is computed as `epoch` plus the time of the tree's clock since `start`. Therefore a log of a
+    simulated run has the duration of the simulated run.
 
     Attributes:
-        tree: The tree.
+        tree: The observed tree.
         start: The time of the tree's clock (ns) at which the observer was created.
         epoch: The wall time (ns since 1970) at which the observer was created.
         closed: Whether the observer is closed.
-
-    A wall time is computed as `epoch` plus the time of the tree's clock since `start`. So a log of a
-    simulated run has the duration of the simulated run.
     """
 
     def __init__(self, tree: Tree) -> None:
@@ -41,7 +41,7 @@ class AttachedObserver(Observer):
         return self.epoch + stamp - self.start
 
     def close(self) -> None:
-        """Unsubscribe. Closing again has no effect."""
+        """Unsubscribe from the tree. Closing again has no effect."""
         self.closed = True
         if self._unsubscribe is not None:
             self._unsubscribe()
@@ -54,19 +54,19 @@ class AttachedObserver(Observer):
 
 
 class Log(AttachedObserver):
-    """The base class of logs: writes the transitions of each tick at its end, and those of a halt after it.
+    """The base class of logs: writes the transitions of a tick or a halt when the tick or the halt ends.
 
     A process that is killed loses at most the tick in progress. If writing fails, for example because the
     disk is full, the log is closed with a warning of the logger ``btcore``; the tree is not affected.
 
     Args:
-        tree: The tree.
+        tree: The tree to log.
         name: The name of the log in warnings.
         idle: Whether to log transitions to IDLE.
     """
 
     write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError,)
-    """The exceptions by which writing fails because of its environment; others are bugs, and propagate."""
+    """Errors of the environment, which close the log with a warning. Other exceptions propagate."""
 
     def __init__(self, tree: Tree, name: str, *, idle: bool = True) -> None:
         self.name = name
@@ -74,7 +74,7 @@ class Log(AttachedObserver):
         super().__init__(tree)
 
     def transitions(self, changes: Transitions) -> None:
-        """Write the transitions of a tick."""
+        """Write the transitions of a tick or a halt, without those that `idle` excludes."""
         kept = [change for change in changes if change.status is not IDLE or self.idle]
         if self.closed or not kept:
             return
@@ -98,14 +98,14 @@ class Log(AttachedObserver):
         self.release()
 
     def write(self, changes: list[Transition]) -> None:
-        """Write the transitions *changes*, none of which `idle` excludes. Subclasses override it."""
+        """Write *changes*, from which excluded transitions are removed. Subclasses override this method."""
         raise NotImplementedError
 
     def finish(self) -> None:
-        """Write the end of the log, if the format has one."""
+        """Write the end of the log, if the format requires an end. Subclasses may override this method."""
 
     def release(self) -> None:
-        """Close the file."""
+        """Close the file, if the log has a file. Subclasses may override this method."""
 
     def _give_up(self, error: Exception) -> None:
         if self.closed:

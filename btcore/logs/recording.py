@@ -41,7 +41,7 @@ class RecordedNode:
     """A node of the recorded tree.
 
     Attributes:
-        uid: The UID.
+        uid: The UID of the node in its tree.
         name: The name of the instance.
         id: The registration ID.
         type: The node type; UNDEFINED if the log does not contain it.
@@ -185,7 +185,8 @@ def _walk(
         prefix = f"{subtree}/" if subtree else ""
         if tag == "SubTree":
             path = inside = str(element.get("_fullpath", ""))
-            # Each instance of a subtree is written once: `pop` ends the recursion of a tree in itself.
+            # Each instance of a subtree is written once. In a damaged log a tree may contain itself: `pop`
+            # prevents an endless loop.
             below = _elements(open_trees.pop(path)) if path in open_trees else []
             name = path.removeprefix(prefix).removesuffix(f"::{uid}")
             kind = NodeType.SUBTREE

@@ -38,7 +38,7 @@ _TABLES: Final = (
     " session_id INTEGER NOT NULL, node_uid INTEGER NOT NULL, duration INTEGER,"
     " state INTEGER NOT NULL, extra_data VARCHAR)",
 )
-_LOCK_TIMEOUT_MS: Final = 1_000  # for a database that another program is writing, at the start and the end
+_LOCK_TIMEOUT_MS: Final = 1_000  # how long to wait for other programs at the start and the end of the log
 
 _MAGIC: Final = b"SQLite format 3\0"
 _HEAD: Final = 100
@@ -108,7 +108,7 @@ class SqliteWriter:
         return int(last or 0)
 
     def begin_at(self, start: int) -> None:
-        """Set the start of the session (µs since 1970); the session begins after the last existing stamp."""
+        """Set the start of the session (µs since 1970), or begin after the last stamp if that is later."""
         self._first = max(start, self._last + 1)
 
     def add(self, since: int, uid: int, previous: Status, status: Status, extra: str = "") -> None:
@@ -132,7 +132,7 @@ class SqliteWriter:
         self._rows.append((stamp, self.session, uid, duration, int(status), extra))
 
     def flush(self) -> None:
-        """Write the pending rows in a single transaction; keep them if another program locks the database.
+        """Write the pending rows in a database transaction; keep them if another program locks the database.
 
         Raises:
             sqlite3.Error: Writing failed for another reason.
@@ -179,6 +179,7 @@ def _is_busy(error: sqlite3.Error) -> bool:
 
 
 Extra = Callable[[TreeNode, Transition], str]
+"""A function that returns the ``extra_data`` of the row for a transition of a node."""
 
 
 class SqliteLog(Log):
@@ -193,7 +194,7 @@ class SqliteLog(Log):
     a power failure. While another program writes to the database, rows are kept for the end of a later tick.
 
     Args:
-        tree: The tree.
+        tree: The tree to log.
         path: The database.
         append: Whether to keep the existing sessions. Their numbers are not reused in either case.
         idle: Whether to log transitions to IDLE.
@@ -227,7 +228,7 @@ class SqliteLog(Log):
         self.attach()
 
     def write(self, changes: list[Transition]) -> None:
-        """Append *changes* and pending rows in a single transaction."""
+        """Write the transitions *changes* and pending rows in a single database transaction."""
         extras, self.extras = self.extras, []
         for index, (_, stamp, _, uid, previous, status) in enumerate(changes):
             extra = extras[index] if index < len(extras) else ""
@@ -340,7 +341,7 @@ def _tree(
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[sqlite3.Connection, str]]:
-    """Return a context with the database *path*, open for reading, and the message if it is truncated.
+    """Return a context with the database *path*, open for reading, and a message if it is truncated, else "".
 
     SQLite's errors in the context are raised as LogError.
     """
@@ -399,7 +400,7 @@ def _complete_pages(path: Path, head: bytes) -> bytes:
     if not count:
         raise LogError(f"{path}: this log ends in its first page, after {len(data)} bytes")
     (expected,) = _NUMBER.unpack_from(head, _AT_PAGES)
-    # The number in a damaged header may exceed all memory.
+    # A damaged header may contain a number of pages that does not fit into the memory.
     pages = min(expected, _GROWTH * (count + 1))
     database = bytearray(data[: count * size]) + bytes((pages - count) * size)
     _NUMBER.pack_into(database, _AT_PAGES, pages)

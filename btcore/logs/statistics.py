@@ -22,7 +22,8 @@ class NodeStatistics:
         failure_count: The number of transitions to FAILURE.
         skip_count: The number of transitions to SKIPPED. A node that is skipped by its pre-condition does not
             change its status, and is not counted.
-        last_timestamp: The time of the last transition, including those to IDLE, in ns since 1970; 0 before.
+        last_timestamp: The time of the last transition, including those to IDLE, in ns since 1970; 0 before
+            the first.
     """
 
     last_result: Status = IDLE
@@ -37,8 +38,9 @@ class NodeStatistics:
 class TreeObserver(AttachedObserver):
     """An observer that counts the results of each node of *tree* until it is closed.
 
-    It counts as BehaviorTree.CPP's TreeObserver (src/loggers/bt_observer.cpp). Nodes are identified by UID or
-    by path; equal paths are distinguished by ``#<uid>``, as in :meth:`btcore.Tree.nodes_by_path`.
+    It counts in the same way as BehaviorTree.CPP's TreeObserver (src/loggers/bt_observer.cpp). Nodes are
+    identified by UID or by path; equal paths are distinguished by ``#<uid>``, as in
+    :meth:`btcore.Tree.nodes_by_path`.
     """
 
     def __init__(self, tree: Tree) -> None:
@@ -49,7 +51,7 @@ class TreeObserver(AttachedObserver):
         self.attach()
 
     def transition(self, change: Transition) -> None:
-        """Count *change*."""
+        """Count the transition *change*."""
         status = change.status
         node = self._statistics[change.uid]
         node.current_status = status
@@ -82,7 +84,7 @@ class TreeObserver(AttachedObserver):
         return {path: replace(self._statistics[uid]) for path, uid in self.path_to_uid.items()}
 
     def reset_statistics(self) -> None:
-        """Reset all counts to 0."""
+        """Reset the statistics of all nodes, except for the current statuses."""
         for uid, node in self._statistics.items():
             self._statistics[uid] = NodeStatistics(current_status=node.current_status)
 

@@ -1,7 +1,7 @@
 """Writing trace events, a JSON file for Perfetto and chrome://tracing.
 
-The events are those of BehaviorTree.CPP 4's MinitraceLogger (src/loggers/bt_minitrace_logger.cpp). In
-addition names are escaped, all slices are closed, and the file is valid JSON after each tick.
+The events are those of BehaviorTree.CPP 4's MinitraceLogger (src/loggers/bt_minitrace_logger.cpp). Unlike
+there, names are escaped, all slices are closed, and the file is valid JSON after each tick.
 """
 
 import json
@@ -25,12 +25,12 @@ class TraceLog(Log):
     """A log of a tree as trace events.
 
     A slice is a period in which a node is RUNNING; it also ends when the node is halted. An instant is a
-    result of a node that was not RUNNING before. Times are µs of the tree's clock since the start of the log.
-    ``args`` contains the node's path and UID, and its new status. Nodes that are RUNNING at the same time
-    have separate lanes (threads of the trace).
+    SUCCESS or FAILURE of a node that was not RUNNING before. Times are µs of the tree's clock since the start
+    of the log. ``args`` contains the node's path and UID, and its new status. A slice is on the lane
+    (thread of the trace) of its parent if it can be nested there, else on a separate lane.
 
     Args:
-        tree: The tree.
+        tree: The tree to log.
         path: The file; an existing file is overwritten.
 
     Raises:
@@ -56,7 +56,7 @@ class TraceLog(Log):
         self.attach()
 
     def write(self, changes: list[Transition]) -> None:
-        """Append the events of *changes*."""
+        """Append the events for the transitions *changes*."""
         events: list[str] = []
         for change in changes:
             self._add_events(change, (change.stamp - self.start) // NS_PER_US, events)

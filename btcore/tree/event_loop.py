@@ -8,7 +8,12 @@ from btcore.engine.context import TreeContext
 
 
 class EventLoopWait:
-    """A wait that lets the event loop run until the next tick is due, or until a wake-up from any thread."""
+    """A wait that lets the event loop run until the next tick is due, or until a wake-up from any thread.
+
+    Args:
+        context: The context of the tree.
+        period: The time between ticks (s, tree's clock).
+    """
 
     def __init__(self, context: TreeContext, period: float) -> None:
         self._context = context

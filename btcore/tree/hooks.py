@@ -1,6 +1,6 @@
 """Breakpoints and fault injection: at most one hook before and one after the tick of each node.
 
-Hooks do the same as those that clients of BehaviorTree.CPP's ``Groot2Publisher`` insert
+Hooks have the same effects as the hooks that clients of BehaviorTree.CPP's ``Groot2Publisher`` insert
 (src/loggers/groot2_publisher.cpp, docs/protocols.md). An injected status replaces the tick or its result and
 has no other effect: a node that was RUNNING is not halted.
 """
@@ -30,8 +30,8 @@ class HookPosition(IntEnum):
 class HookMode(IntEnum):
     """The effect of a hook. The numbers are those of Groot 2's protocol.
 
-    BREAKPOINT: the tick stops until it is unlocked, then the node gets *desired_status*. REPLACE: the node
-    gets *desired_status* at once.
+    BREAKPOINT: the tick stops at the hook until it is unlocked; then *desired_status* takes effect.
+    REPLACE: *desired_status* takes effect at once.
     """
 
     BREAKPOINT = 0
@@ -122,7 +122,7 @@ class Hooks:
         Args:
             uid: The uid of the node.
             position: The position of the hook.
-            desired_status: The new *desired_status* of the hook.
+            desired_status: The new *desired_status* of the hook, which takes effect when the tick continues.
             remove_when_done: Whether to remove the hook after it has fired.
 
         Returns:
@@ -172,7 +172,7 @@ class Hooks:
             self._change.notify_all()
 
     def ignore_breakpoints(self, free: bool = True) -> None:
-        """Ignore all breakpoints if *free*, and release a stopped tick; False = observe them again."""
+        """Ignore all breakpoints, and release a stopped tick. If *free* is False, respect them again."""
         with self._change:
             self._ignoring_breakpoints = free
             self._change.notify_all()
@@ -210,7 +210,7 @@ class Hooks:
             )
 
     async def tick_in_thread(self, tick: Callable[[], Status]) -> Status:
-        """Run *tick* on the tick thread, and return its result. The event loop runs while it is stopped."""
+        """Run *tick* on the tick thread, and return its result. While *tick* stops, the event loop runs."""
         if self._tick_thread is None:
             self._tick_thread = TickThread()
         return await self._tick_thread.run(tick, self.ignore_breakpoints)
@@ -228,7 +228,7 @@ class Hooks:
         return self._fire(self._hooks.get((HookPosition.POST, node.uid)))
 
     def _fire(self, hook: Hook | None) -> Status:
-        """Return the status that *hook* injects, or SKIPPED, after the tick was unlocked."""
+        """Stop at a breakpoint until it is unlocked. Return the status that *hook* injects, or SKIPPED."""
         if hook is None:
             return SKIPPED
         tick_thread = self._tick_thread if self._context.in_event_loop else None
@@ -258,7 +258,7 @@ class Hooks:
             return hook.desired_status
 
     def _stop_at(self, hook: Hook, tick_thread: TickThread | None) -> None:
-        """Return when the tick may continue. The lock is held by the caller, and free while waiting."""
+        """Wait until the tick may continue. The caller holds the lock, which is released during the wait."""
         hook.waiting = True
         if tick_thread is not None:
             tick_thread.yield_to_loop()

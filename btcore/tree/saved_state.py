@@ -1,9 +1,9 @@
 """The state of a tree between two ticks, to be saved and restored into another tree of the same XML.
 
-A restored tree has the future of the saved one. The state consists of the statuses, what the classes of the
-nodes declare in :attr:`~btcore.engine.node.TreeNode.state_fields`, the blackboards, and the wake-ups that the
-tree waits for. The clock, the resources and the observers belong to the caller: restore into a tree whose
-clock shows the same time.
+A restored tree continues as the saved tree would have continued. The state consists of the statuses, the
+attributes that the classes of the nodes declare in :attr:`~btcore.engine.node.TreeNode.state_fields`, the
+blackboards, a pending wake-up, and the times for which nodes have requested a tick. It does not contain the
+clock, the resources and the observers. Restore it into a tree whose clock shows the same time.
 """
 
 import copy
@@ -18,7 +18,7 @@ from btcore.values import ValueType
 
 
 class SavedEntry(NamedTuple):
-    """An entry without its value."""
+    """The properties of a blackboard entry, without its value. *stamp* is the time of the last write (ns)."""
 
     declared: ValueType
     inferred: bool
@@ -29,8 +29,10 @@ class SavedEntry(NamedTuple):
 class SavedState(NamedTuple):
     """The state of a tree, as returned by :func:`save_state`.
 
-    *nodes* holds paths and IDs. *values* holds the state fields of each node, then the value of each entry,
-    in one list, so that a shared object is copied once. *boards* holds the index of the entry of each key.
+    *nodes* holds the path and the ID of each node. *values* holds the state fields of each node, then the
+    value of each entry, in a single list, so that a shared object is copied once. *boards* holds a dictionary
+    for each blackboard scope, from keys to indices in *entries*. *deadlines* holds the time (ns) for which a
+    node requested a tick, by UID.
     """
 
     nodes: list[tuple[str, str]]
@@ -56,7 +58,7 @@ def save_state(tree: Tree) -> SavedState:
     """Return a copy of the state of *tree*, which must not be in a tick.
 
     Raises:
-        NodeError: A node is RUNNING that no other tree can continue, such as a coroutine.
+        NodeError: A RUNNING node has state that cannot be saved, such as a coroutine.
         TypeError: A value cannot be copied.
     """
     values: list[object] = []
@@ -95,10 +97,10 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
 
     Args:
         tree: A tree loaded from the same XML.
-        saved: The state.
+        saved: The state, as returned by :func:`save_state`.
 
     Raises:
-        BtcoreError: *tree* has other nodes.
+        BtcoreError: The nodes or blackboards of *tree* are not those of the saved tree.
     """
     boards = _blackboards(tree)
     if _names(tree) != saved.nodes or len(boards) != len(saved.boards):

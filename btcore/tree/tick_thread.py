@@ -27,7 +27,7 @@ class TickThread:
         self._done = False
         self._has_turn = False
         self._released = asyncio.Event()
-        # Released to give the turn to the tick thread, or back to the event loop's thread.
+        # Released to give the turn to the tick thread, and to give it back to the event loop's thread.
         self._tick_turn = threading.Semaphore(0)
         self._loop_turn = threading.Semaphore(0)
         self._thread = threading.Thread(
@@ -38,7 +38,7 @@ class TickThread:
     # --- the methods below run on the event loop's thread
 
     async def run(self, tick: Callable[[], Status], ignore_breakpoints: Callable[[bool], None]) -> Status:
-        """Run *tick* on this thread. Return its result or raise its exception.
+        """Run *tick* on the tick thread. Return its result or raise its exception.
 
         Args:
             tick: The function that ticks the tree.
@@ -100,7 +100,7 @@ class TickThread:
         self._loop_turn.release()
 
     def wait_for_turn(self) -> None:
-        """Wait until the event loop yields to the tick, which may continue."""
+        """Request a turn, and wait until the event loop's thread gives it: then the tick may continue."""
         self._loop.call_soon_threadsafe(self._released.set)
         self._tick_turn.acquire()
 

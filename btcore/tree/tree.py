@@ -1,4 +1,4 @@
-"""A tree that can be ticked."""
+"""The class Tree: a loaded behavior tree, with methods to tick, halt and observe it."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -92,7 +92,7 @@ class Tree:
 
     @property
     def clock(self) -> Clock:
-        """The tree's clock."""
+        """The clock that the tree and its nodes use."""
         return self.context.clock
 
     # --- ticking
@@ -122,8 +122,9 @@ class Tree:
     def tick_while_running(self, period: float = 0.01) -> Status:
         """Tick until the root is no longer RUNNING, and wait between the ticks. Return its result.
 
-        Ticks are due at multiples of the period after the start, or earlier when the tree is woken. A late
-        tick delays all following ticks; missed ticks are not made up for.
+        Ticks are due at multiples of the period after the start, or earlier when the tree is woken. If a tick
+        ends after the next tick is due, the next tick follows at once and all later ticks are delayed by the
+        same time; missed ticks are not made up for.
 
         Args:
             period: The time between ticks (s, tree's clock); 0 = do not wait.
@@ -209,8 +210,8 @@ class Tree:
         """Halt every node, as BehaviorTree.CPP's haltTree(): the root, then all nodes in pre-order.
 
         Raises:
-            NodeExecutionError: A node raised. All nodes are halted before. It is the error of the first node;
-                *later_errors* holds the errors of others.
+            NodeExecutionError: A node raised while it was halted. All nodes are halted before the exception
+                is raised. If several nodes raised, it is the first error; *later_errors* holds the others.
         """
         errors = self._halt_everything()
         self.status = IDLE
@@ -247,7 +248,7 @@ class Tree:
         self.halt()
 
     def sleep(self, seconds: float) -> bool:
-        """Wait for *seconds* (s, tree's clock) or until a wake-up. Return whether a wake-up ended it."""
+        """Wait for *seconds* (tree's clock) or until a wake-up. Return whether a wake-up ended the wait."""
         return self.context.wait_until(self.context.clock.now() + round(seconds * NS_PER_S))
 
     def wake(self) -> None:
@@ -279,7 +280,7 @@ class Tree:
         return observers.add(observer)
 
     def flush_observers(self) -> None:
-        """Notify observers now of the transitions so far, and not at the end of the tick.
+        """Notify observers of the transitions so far now, instead of at the end of the tick.
 
         See :meth:`Observer.transitions`.
         """

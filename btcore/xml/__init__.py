@@ -1,1 +1,1 @@
-"""Trees as XML: read, checked, built and written."""
+"""Trees in XML: read, check, build and write them."""

@@ -131,13 +131,17 @@ class TreeInstantiator:
         self._diagnostics = DiagnosticCollector()
 
     def instantiate(self) -> Tree:
-        """Return the tree. Raises TreeError with all errors in creating its nodes."""
+        """Create the nodes, and return the tree.
+
+        Raises:
+            TreeError: Nodes could not be created; the exception contains all errors.
+        """
         self._instance(self._planner.plan(self._main), "", self.blackboard)
         self._diagnostics.raise_errors()
         return Tree(self._main.id, self.format, self.subtrees, self._nodes, self._context, self._registry)
 
     def _instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
-        """Create an instance of a definition. Returns its root, or None if the root could not be created."""
+        """Create an instance of a tree definition. Return its root, or None if it could not be created."""
         subtree = Subtree(plan.definition.id, path, blackboard)
         self.subtrees.append(subtree)
         assert plan.root is not None

@@ -1,4 +1,4 @@
-"""Build trees in Python code: node names as methods, ports as keywords.
+"""Build trees in Python code: each node is a method of a Builder, each port a keyword argument.
 
 The tree is written as XML and then loaded like any other document::
 
@@ -64,12 +64,12 @@ def blackboard_key(name: str) -> str:
 
 
 class Builder:
-    """Creates node specs from the nodes of a registry: ``b.Sequence(…)``, or ``b["Sequence"](…)``.
+    """Creates NodeSpecs (specs) of registered nodes: ``b.Sequence(…)``, or ``b["Sequence"](…)``.
 
     Positional arguments are children; keywords are ports, ``name``, ``_skipIf`` and other attributes.
     Values are converted to text. Append an underscore to names that are Python keywords (``if_``,
     ``else_``). ``b.SubTree("Dock", goal="{home}")`` calls a tree; :meth:`node` creates a spec from a
-    registered function or class.
+    registered function or class. An ID that is not registered raises UnknownNodeError.
     """
 
     def __init__(self, nodes: Registry | None = None) -> None:
@@ -124,7 +124,7 @@ class Builder:
         clock: Clock | None = None,
         **subtrees: NodeSpec,
     ) -> Tree:
-        """Build a tree, as :func:`btcore.load` does. It can have 2,000 levels (a file: 256).
+        """Build a tree, as :func:`btcore.load` does. It can have 2,000 levels; a tree in a file can have 256.
 
         Args:
             main: The root of the main tree.
@@ -172,7 +172,7 @@ class Builder:
 
 
 def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) -> str:
-    """Return *value* as text of the port *name*. Raises PortError with the place of the call."""
+    """Return *value* as text of the port *name*. Raise PortError if *value* cannot be converted."""
     if isinstance(value, str):
         return value
     if isinstance(value, Enum):
@@ -222,7 +222,7 @@ class _Writer:
         self._lines.append("</root>")
 
     def _write(self, top: NodeSpec) -> None:
-        # A text is the end tag of an element. A loop, not recursion: trees built in code may be very deep.
+        # A str in `pending` is an end tag. A loop instead of recursion, because trees may be very deep.
         pending: list[tuple[NodeSpec | str, int]] = [(top, 2)]
         while pending:
             spec, depth = pending.pop()
@@ -244,7 +244,11 @@ class _Writer:
         return "\n".join(self._lines) + "\n"
 
     def document(self) -> Document:
-        """Return the document; diagnostics refer to the code. Raises XmlSyntaxError if it is too deep."""
+        """Return the document, whose diagnostics refer to the code that created the specs.
+
+        Raises:
+            XmlSyntaxError: The tree has more than 2,000 levels.
+        """
         if self._too_deep is not None:
             message, where = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep", self._too_deep.where
             raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *where, hint="make parts of it subtrees")])

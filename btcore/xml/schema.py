@@ -60,7 +60,7 @@ def _add_enumeration(schema: _SchemaElement, name: str, values: Sequence[str]) -
 
 
 def _add_union(schema: _SchemaElement, name: str) -> None:
-    """Add the union of the type *name* and of pointers to blackboard entries."""
+    """Add the type ``<name>OrBlackboard``, which accepts values of the type *name* and ``{key}``."""
     schema.add("simpleType", name=f"{name}OrBlackboard").add("union", memberTypes=f"blackboard {name}")
 
 

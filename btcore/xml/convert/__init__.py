@@ -1,1 +1,1 @@
-"""Convert documents from format 3 to format 4, and keep every byte that needn't change."""
+"""Convert documents from XML format 3 (BehaviorTree.CPP 3) to format 4; unaffected text keeps its bytes."""

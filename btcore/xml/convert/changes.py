@@ -15,17 +15,17 @@ _IN_VALUE: Final = {"&": "&amp;", "<": "&lt;", "\n": "&#10;", "\r": "&#13;", "\t
 
 
 def escape_value(text: str, quote: str = '"') -> str:
-    """Return *text* escaped for an attribute value in quotes of the kind *quote*, as little as possible."""
+    """Escape the characters of *text* that an attribute value between *quote* characters must not have."""
     quoted = {**_IN_VALUE, quote: "&quot;" if quote == '"' else "&apos;"}
     return "".join(quoted.get(char, char) for char in text)
 
 
 class ConversionChanges:
-    """Collects the edits of *document*, which leave all other text unchanged, and describes them.
+    """Collects edits of the text of *document*, and diagnostics that describe them.
 
-    Elements and attributes are identified by their original names, also after a change. The codes of
-    the diagnostics classify the changes: ``C1…`` keeps the meaning, ``C2…`` has another meaning in
-    format 4, ``C3…`` is left to the user.
+    Arguments always name attributes as in the original document, even after an attribute was renamed. The
+    codes of the diagnostics classify the changes. ``C1…``: another spelling with the same meaning. ``C2…``:
+    the tree behaves differently in format 4. ``C3…``: the user must make the change.
     """
 
     def __init__(self, document: Document, registry: Registry) -> None:
@@ -47,7 +47,7 @@ class ConversionChanges:
         hint: str = "",
         part: ElementPart = "value",
     ) -> None:
-        """Add a diagnostic for a change of an element or an attribute of it.
+        """Add a diagnostic about a change of an element or of one of its attributes.
 
         Args:
             code: The diagnostic code.
@@ -55,7 +55,7 @@ class ConversionChanges:
             element: The element in the original document.
             attribute: Name of the attribute; "" means the element itself.
             hint: Further advice, or "".
-            part: Whether the place is the attribute's name or its value.
+            part: Whether the diagnostic points to the attribute's name or to its value.
         """
         self.diagnostics.append(self.document.diagnostic(code, message, element, attribute, part, hint))
 
@@ -74,12 +74,7 @@ class ConversionChanges:
         return self._starts[self.document.source_map.index(element)]
 
     def rename_element(self, element: Element, name: str) -> None:
-        """Rename an element, in its start tag and its end tag.
-
-        Args:
-            element: The element.
-            name: The new name.
-        """
+        """Change the name of *element* to *name*, in the start tag and in the end tag."""
         index = self.document.source_map.index(element)
         tag = self._starts[index]
         self._edits.append((tag.start(1), tag.end(1), name))
@@ -88,7 +83,7 @@ class ConversionChanges:
             self._edits.append((end, end + len(tag[1]), name))
 
     def insert_attribute(self, element: Element, name: str, text: str) -> None:
-        """Insert an attribute before all others.
+        """Insert an attribute before the other attributes of an element.
 
         Args:
             element: The element.

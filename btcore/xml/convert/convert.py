@@ -29,8 +29,8 @@ class Conversion(NamedTuple):
 
     Attributes:
         text: The converted text.
-        changes: The changes, at their positions in the original: other spelling (codes ``C1…``), other
-            meaning (``C2…``), and steps left to the user (``C3…``).
+        changes: The changes, with their positions in the original document: another spelling with the same
+            meaning (codes ``C1…``), another meaning (``C2…``), and steps that the user must take (``C3…``).
         remaining: Errors in *text* that the original document did not have.
     """
 

@@ -1,4 +1,4 @@
-"""Convert nodes: their IDs, their ports, and what behaves differently in format 4."""
+"""Convert the IDs and ports of nodes, and report how nodes behave differently in format 4."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -30,7 +30,8 @@ from btcore.xml.read.element import Element
 
 _TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
 
-# Texts that std::from_chars may read as a number: such cases can be equal although the texts differ.
+# Texts that std::from_chars may read as a number: two cases of a Switch can be equal as numbers although
+# their texts differ.
 _NUMBER: Final = re.compile(r"-?(?:[0-9.]|inf|nan)", re.I)
 _CHECKED_TYPES: Final[Mapping[str, ValueType]] = {
     "BlackboardCheckInt": INT,
@@ -43,7 +44,7 @@ _RENAMED_PORTS: Final = {"success_threshold": "success_count", "failure_threshol
 
 
 def convert_node(changes: ConversionChanges, element: Element, parent: Element) -> None:
-    """Convert a node with its ports, and note how its behavior differs in format 4.
+    """Convert a node with its ports, and report how its behavior differs in format 4.
 
     Args:
         changes: Collects the changes.
@@ -72,7 +73,7 @@ def convert_node(changes: ConversionChanges, element: Element, parent: Element) 
 
 
 def _convert_behavior(changes: ConversionChanges, element: Element, id: str) -> str:
-    """Convert what depends on the kind of the node *id*. Returns the ID of the node in format 4."""
+    """Apply the rule for nodes with the ID *id*, if there is a rule. Return the node's ID in format 4."""
     new = NODE_REPLACEMENTS.get(id, id)
     if id in _CHECKED_TYPES:
         return new if _convert_check(changes, element, id) else id
@@ -152,7 +153,7 @@ def _convert_set_blackboard(changes: ConversionChanges, element: Element, id: st
 
 
 def _convert_check(changes: ConversionChanges, element: Element, id: str) -> bool:
-    """Convert a BlackboardCheck to a Precondition. Returns whether that is possible."""
+    """Convert a BlackboardCheck to a Precondition. Return False if that is not possible."""
     given = element.attributes
     script = _comparison(given, _CHECKED_TYPES[id])
     if script is None:
@@ -214,7 +215,7 @@ def _literal(text: str, kind: ValueType) -> str | None:
 
 
 def _convert_ports(changes: ConversionChanges, element: Element, id: str, new_id: str) -> None:
-    """Rewrite the port texts of a node. For unknown nodes only pointers to entries are rewritten.
+    """Rewrite the port texts of a node. In unknown nodes, rewrite only texts that name a blackboard entry.
 
     Args:
         changes: Collects the changes.

@@ -32,7 +32,8 @@ def convert_subtree(changes: ConversionChanges, element: Element, names: set[str
     Args:
         changes: Collects the changes.
         element: The element.
-        names: Names of the calls in the same tree that were converted before; extended by this function.
+        names: Names of the SubTree elements of the same tree that were converted before. This function adds
+            the name of *element*.
     """
     given = element.attributes
     _convert_name(changes, element, names)
@@ -78,7 +79,7 @@ def _is_true(text: str) -> bool:
 
 
 def _convert_shared_blackboard(changes: ConversionChanges, element: Element) -> None:
-    """Convert a shared blackboard; autoremapping every name to the outer tree is the closest equivalent."""
+    """Replace a shared blackboard by ``_autoremap``, the closest equivalent in format 4."""
     changes.rename_attribute(element, "__shared_blackboard", "_autoremap")
     changes.set_attribute(element, "__shared_blackboard", "true")
     message = (

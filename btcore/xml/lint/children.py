@@ -1,4 +1,4 @@
-"""Check the children of nodes: numbers that every tick rejects, and children that are not ticked as intended.
+"""Check the children of nodes: numbers with which every tick raises, and children not ticked as intended.
 
 The codes are E119 (number of children), W105 (unreachable child) and W106 (second asynchronous child).
 """
@@ -52,7 +52,7 @@ def _child_requirement(cls: type[TreeNode], count: int) -> str:
 
 
 def _thresholds(node: NodePlan, count: int) -> Iterator[tuple[str, int, str]]:
-    """Yield name, number and kind of result for each port that requires more results than *count*."""
+    """Yield (port, number, kind of result) for each port that requires more results than *count* children."""
     for bound in node.bindings:
         results = _THRESHOLDS.get(bound.port.role)
         if results is not None and bound.key is None and isinstance(bound.literal, int):
@@ -105,7 +105,7 @@ def _check_order(
     continue_on: Status,
     reporter: LintReporter,
 ) -> None:
-    """Warn about the first child that is never reached: a child before it never returns *continue_on*."""
+    """Warn about the first child that is never ticked, as the child before it never returns *continue_on*."""
     for index, outcome in enumerate(children[:-1]):
         if not outcome.passes(continue_on):
             before = node.children[index]
@@ -113,7 +113,7 @@ def _check_order(
             never = "ends" if not outcome.results else _WORD[continue_on]
             reason = f"{node_label(before)} before it ({line_of(document, before)}) never {never}"
             _warn_unreached(document, node.children[index + 1], reason, reporter)
-            return  # the children after that are unreachable for the same reason
+            return  # the following children are unreachable for the same reason
 
 
 def _warn_unreached(document: Document, node: NodePlan, reason: str, reporter: LintReporter) -> None:
@@ -128,7 +128,10 @@ def _check_asynchronous_children(
     continue_on: Status,
     reporter: LintReporter,
 ) -> None:
-    """Warn if an asynchronous child follows a child that is asynchronous in its first tick."""
+    """Warn about a child that may be RUNNING after an earlier child that may be RUNNING.
+
+    An earlier child that may let *node* continue in its first tick does not count.
+    """
     first: NodePlan | None = None
     for child, outcome in zip(node.children, children, strict=True):
         if first is not None and outcome.may_run:

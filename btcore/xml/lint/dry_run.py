@@ -1,7 +1,7 @@
-"""Connect all ports of a tree without creating its leaves, and record the uses of each entry.
+"""Build a tree without its user-defined nodes, and record the uses of each blackboard entry.
 
-The dry run is the tree builder itself, with the same blackboards. It therefore reports the same errors
-in the same words, except for errors raised by the leaves' own code.
+The dry run is a subclass of the tree builder: it creates the same blackboards and connects the same ports.
+It therefore reports the same errors with the same messages, except for errors that user code raises.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,8 +30,8 @@ from btcore.xml.read.document import Document
 class EntryUse:
     """One place where *key* is used in *scope*: an attribute, or a name in its script.
 
-    *within* is the column of the name in the script, from 1, or 0. *port* is None if a script or a
-    constant of a SubTree uses the key.
+    *within* is the column (from 1) of the name in the script, or 0 outside of a script. *port* is the port
+    that uses the key; it is None in a script and in an attribute of a SubTree element.
     """
 
     access: AccessKind
@@ -49,9 +49,11 @@ class DryRun(TreeInstantiator):
 
     Attributes:
         uses: Every entry with the places that use it.
-        has_untracked_access: Whether a leaf, or a script read from an entry, may use any entry.
-        has_stubs: Whether the tree has stand-ins, so that enums may be missing from the registry.
-        entrances: The SubTree node that each inner blackboard belongs to.
+        has_untracked_access: Whether the tree may use entries that are known only when it runs: because a
+            leaf takes the whole blackboard, or because a script or a key is read from an entry.
+        has_stubs: Whether nodes without code are replaced by stand-ins. Then the registry may lack enums that
+            the C++ code registers.
+        entrances: For each inner blackboard, the place of the SubTree element that creates it.
     """
 
     def __init__(self, planner: TreePlanner, main: TreeDefinition, registry: Registry) -> None:
@@ -63,13 +65,13 @@ class DryRun(TreeInstantiator):
         self._recorded: list[EntryUse] = []
 
     def run(self) -> DiagnosticCollector:
-        """Connect all ports. Returns the errors that the builder would report."""
+        """Connect all ports, and fill the attributes. Return the errors that the builder would report."""
         self._instance(self._planner.plan(self._main), "", self.blackboard)
         for use in self._recorded:
             entry = self._entry(use)
             if entry is not None:
                 self.uses.setdefault(entry, []).append(use)
-        # The value of an entry that holds a key is unknown: the write may go to any entry.
+        # A node that reads a key from an entry which the tree writes may write to any entry.
         self.has_untracked_access = self.has_untracked_access or any(
             has_writer(uses) and any(use.access is AccessKind.READS_AS_KEY for use in uses)
             for uses in self.uses.values()
@@ -109,7 +111,7 @@ class DryRun(TreeInstantiator):
             return TreeNode()
         for bound in config.inputs.values():
             if bound.port.role in SCRIPT_ROLES and bound.key is not None:
-                return TreeNode()  # it would compile a script from the blackboard, which is empty here
+                return TreeNode()  # the node would compile a script from the blackboard, which is empty here
         return super()._make(plan, manifest, config, document, blackboard, children)
 
     def _ports(self, plan: NodePlan, config: NodeConfig, document: Document, blackboard: Blackboard) -> None:

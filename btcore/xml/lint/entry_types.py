@@ -38,7 +38,7 @@ def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, reporter: Li
 
 
 def _check_port(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, reporter: LintReporter) -> None:
-    """Warn if *port* writes another type than that of the entry."""
+    """Warn if *port* writes a type that the entry does not accept."""
     if port.role is PortRole.WRITTEN_ENTRY:
         _check_copied_text(dry_run, entry, use, reporter)
     elif entry.declared is STRING and port.type.strong and not issubclass(port.type.python_type, str):
@@ -75,7 +75,7 @@ def _check_script(
         if statement.target.column != use.within:
             continue
         if statement.operator in (":=", "=") and is_constant(statement.value, enums):
-            # The blackboard itself does the conversion; its entry is emptied again below.
+            # The dry run's blackboard converts the value; the entry is emptied again below.
             try:
                 statement.evaluate(use.scope)
             except BtcoreError as error:

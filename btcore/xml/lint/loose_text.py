@@ -25,7 +25,7 @@ def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> No
 
 def _iter_loose_text(text: str) -> Iterator[tuple[int, str]]:
     """Yield the offset and the text of each text between elements."""
-    # Blanks of the same length keep the offsets.
+    # Comments and the like become spaces of the same length, so that offsets stay valid.
     tags_only = _OPAQUE.sub(lambda match: " " * len(match[0]), text)
     open_tags: list[str] = []
     for at, tag in iter_markup(tags_only):

@@ -37,7 +37,7 @@ from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.plan.plan import NodePlan
 from btcore.xml.read.document import Document
 
-# Longer texts are not numbers; the search for the longest number takes quadratic time.
+# Longer texts are not checked: the search for the longest number takes quadratic time.
 _LONGEST: Final = 64
 _INTEGER: Final = re.compile(r"-?[0-9]+")
 _HALF_A_POINTER: Final = re.compile(r"\{(?P<open>[A-Za-z_@][\w.]*)|\$?\{?(?P<closed>[A-Za-z_@][\w.]*)\}")
@@ -54,7 +54,7 @@ def check_ignored_attributes(node: NodePlan, document: Document, reporter: LintR
 
 
 def check_missing_ports(node: NodePlan, document: Document, reporter: LintReporter) -> None:
-    """Warn if *node* raises as soon as it uses a missing port."""
+    """Warn about missing ports without a default: *node* raises when it uses such a port."""
     manifest = node.manifest
     if manifest is None or node.call is not None or is_stub(manifest.cls):
         return
@@ -155,12 +155,15 @@ def _literal_type(node: NodePlan, port: Port) -> ValueType:
 
 
 def partly_read(text: str, kind: ValueType, format: int) -> Iterator[tuple[str, str, str]]:
-    """Yield the numbers of *text* that are read only in part, as (number, part that is read, type name).
+    """Yield the numbers in *text* that are read only in part, such as ``1,5``, which is read as ``1``.
 
     Args:
         text: The literal.
         kind: The type of the port.
         format: The format of the tree, 3 or 4.
+
+    Yields:
+        (number, part that is read, type name).
     """
     if isinstance(kind, VectorType):
         if not (text.startswith("json:") and format == 4):

@@ -8,7 +8,7 @@ from btcore.xml.read.element import ElementPart
 
 
 class LintReporter:
-    """Collects warnings, at most one per code and place: a tree that is called twice is checked twice."""
+    """Collects warnings, once per code and place, because a tree that is called twice is checked twice."""
 
     def __init__(self, diagnostics: DiagnosticCollector) -> None:
         self.diagnostics = diagnostics
@@ -28,7 +28,7 @@ class LintReporter:
         within: int = 0,
         width: int = 0,
     ) -> None:
-        """Add a warning (or, depending on *code*, an error) about *node* or an attribute of it.
+        """Add a warning (or, depending on *code*, an error) about *node* or one of its attributes.
 
         Args:
             code: The diagnostic code.
@@ -37,9 +37,9 @@ class LintReporter:
             node: The node that the message is about.
             attribute: The attribute that the message is about; "" means the node itself.
             hint: How to fix the problem, or "".
-            part: Whether the place is the attribute's name or its value.
+            part: Whether the diagnostic points to the attribute's name or to its value.
             within: Number of the first character in the value, from 1; 0 means the whole value.
-            width: Number of characters to underline from *within* on; 0 means one.
+            width: Number of characters to underline from *within* on; 0 means 1.
         """
         diagnostic = document.diagnostic(code, message, node.element, attribute, part, hint, within)
         if width and diagnostic.width < width:

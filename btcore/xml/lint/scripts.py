@@ -27,8 +27,11 @@ from btcore.xml.read.document import Document
 class AccessKind(enum.Enum):
     """How a script or a port uses an entry.
 
-    READS_AS_KEY reads the name of another entry from it. ASSIGNS and UPDATES require that the entry
-    exists; UPDATES, such as ``+=``, reads it as well. MENTIONS neither reads nor writes it.
+    - READS and WRITES: the value is read or written.
+    - READS_AS_KEY: the value is read, and is the name of another entry, which is written.
+    - ASSIGNS: the value is written, and the entry must exist already.
+    - UPDATES: the value is read and written, for example by ``+=``, and the entry must exist already.
+    - MENTIONS: the entry is named, but its value is neither read nor written.
     """
 
     READS = enum.auto()
@@ -143,7 +146,7 @@ def find_certain_error(text: str, enums: Mapping[str, int]) -> ScriptError | Non
 def check_script_results(
     node: NodePlan, document: Document, enums: Mapping[str, int], reporter: LintReporter
 ) -> None:
-    """Warn about scripts of *node* that always raise, or whose result is not a valid condition.
+    """Warn about scripts of *node* that always raise, and about conditions that assign instead of comparing.
 
     Args:
         node: The node to check.
@@ -174,7 +177,7 @@ def _check_condition(
     document: Document,
     reporter: LintReporter,
 ) -> None:
-    """Check *last*, the statement of a condition whose value is the result."""
+    """Check *last*, the last statement of a condition. Its value is the result of the condition."""
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}' instead of comparing"
         hint = f"to compare, write {last.target.name} == …"

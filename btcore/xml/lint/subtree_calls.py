@@ -52,7 +52,7 @@ class TreeKeys:
         self._known: dict[str, set[str] | None] = {}
 
     def keys_of(self, tree: str) -> set[str] | None:
-        """Return the keys of *tree*, including keys of called trees that share its blackboard."""
+        """Return the keys of *tree* and of called trees that share its blackboard; None means any key."""
         if tree not in self._known:
             self._known[tree] = None  # ends the recursion of trees that call each other
             definition = self._planner.definitions.by_id.get(tree)

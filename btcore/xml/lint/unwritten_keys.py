@@ -120,7 +120,7 @@ def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_k
 
 
 def _creates(use: EntryUse) -> bool:
-    """Return whether *use* creates the entry: a write does, and a port that points to it."""
+    """Return whether *use* creates the entry: it is a write, or a port whose text is ``{key}``."""
     if use.access is AccessKind.WRITES:
         return True
     return use.port is not None and use.node.element.get(use.attribute) is not None and is_pointer(use)
@@ -142,7 +142,7 @@ def _warn_never_written(
     readers = [use for use in uses if use.access in _READING]
     if not readers:
         return
-    # A tree that is called several times reads the key at one place.
+    # The same place in a tree that is called several times counts once.
     places = {(use.document.file, use.node.element, use.attribute) for use in readers}
     use = readers[0]
     others = len(places) - 1

@@ -36,7 +36,7 @@ from btcore.xml.plan.tree_definitions import TreeDefinition
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.document import Document
 
-# Errors that leave a dry run of each tree possible: the main tree is not selected, or only a tick raises.
+# After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
 _HARMLESS: Final = frozenset({AMBIGUOUS_MAIN_TREE, FIRST_TICK_REFUSED})
 # In format 3 the tree is built; only the node that reads the text raises.
 _HARMLESS_IN_FORMAT_3: Final = _HARMLESS | {INCONVERTIBLE_TEXT}
@@ -52,7 +52,7 @@ def validate_document(
     format: int | None = None,
     given: Collection[str] = (),
 ) -> list[Diagnostic]:
-    """Return the errors, then the warnings, of *document* and its includes, each in text order.
+    """Return the errors of *document* and its includes, then the warnings, each sorted by position.
 
     Errors are the reasons why loading the tree fails (except for errors that only the code of leaves
     can detect), and the reasons why a tick certainly raises (E119, and E202 in format 3). Warnings never
@@ -131,7 +131,7 @@ def _roots(analysis: DocumentAnalysis, used: Collection[str]) -> list[TreeDefini
 
 
 def _is_bounded(planner: TreePlanner, root: TreeDefinition, diagnostics: DiagnosticCollector) -> bool:
-    """Return whether the tree is neither recursive nor too large; add an error to *diagnostics* if it is."""
+    """Return whether the tree is neither recursive nor too large; otherwise add an error to *diagnostics*."""
     order = topological_order(planner, root, diagnostics)
     if order is None:
         return False

@@ -1,4 +1,4 @@
-"""Register stand-ins for the nodes that a TreeNodesModel describes.
+"""Register stand-ins: node classes without code, with the IDs and ports that a TreeNodesModel describes.
 
 With stand-ins, trees whose leaves are written in C++ can be checked, drawn, converted, and run with
 planned results.
@@ -77,7 +77,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str]) -> list[str]:
 def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[str]:
     """Register a stand-in for each unknown node that an explicit tag names, as ``<Action ID="Move"/>``.
 
-    The tag determines the kind of the node, its attributes the ports.
+    The tag determines the node type. The attributes of all elements with this ID become its ports.
 
     Args:
         nodes: The registry to extend.
@@ -101,7 +101,7 @@ def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[s
 
 
 def _add_seen_ports(element: Element, ports: dict[str, Port], format: int) -> None:
-    """Add the attributes of *element* to *ports*; an attribute with a ``{key}`` may be input and output."""
+    """Add the attributes of *element* to *ports* as inputs, or as inouts if they hold a ``{key}``."""
     for name, text in element.attributes.items():
         is_port = is_port_name(name) if format == 4 else not port_name_error(name, 3)
         if is_port and name not in SCRIPT_ATTRIBUTES:

@@ -15,18 +15,19 @@ _LETTERS: Final = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
 
 
 class StubPlans:
-    """The planned results of stand-ins: *letters* by the name or the ID of a node; by default SUCCESS.
+    """The planned results of stand-ins: *letters* maps the name or the ID of a node to its plan.
 
-    The letters are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED). An action uses the next
-    segment (separated by ``|``) whenever it starts, and the next letter of the segment in each tick; the
-    last letter repeats. A condition uses one letter per tick. Both start again at the end of the plan.
+    The letters of a plan are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED). The plan of an action,
+    such as ``RRS|F``, has a segment for each start. Each tick uses the next letter of the segment; the last
+    letter repeats. A condition uses one letter per tick. After the end of its plan, a node begins the plan
+    again. A node without a plan returns SUCCESS.
     """
 
     def __init__(self, letters: Mapping[str, str] | None = None) -> None:
         self.letters = dict(letters or {})
 
     def plan_for(self, node: TreeNode) -> str:
-        """Return the plan of *node*."""
+        """Return the plan for the name of *node*, else for its ID, else ``S``."""
         return self.letters.get(node.name) or self.letters.get(node.id) or "S"
 
 
@@ -88,7 +89,7 @@ class StubDecorator(DecoratorNode):
     """Returns the result of its child."""
 
     def tick(self) -> Status:
-        """Tick the child."""
+        """Tick the child, and return its result."""
         self.set_status(RUNNING)
         status = self.child.execute_tick()
         if status is SUCCESS or status is FAILURE:

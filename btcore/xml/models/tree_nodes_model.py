@@ -24,7 +24,7 @@ TAG_OF: Final = {
 PORT_TAGS: Final = {f"{direction.value}_port": direction for direction in Direction}
 
 
-# xml.sax.saxutils has the same, and imports urllib.
+# The same escapes as in xml.sax.saxutils, which would import urllib.
 _TEXT_ESCAPES: Final = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
 _ATTRIBUTE_ESCAPES: Final = _TEXT_ESCAPES | str.maketrans(
     {'"': "&quot;", "'": "&apos;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
@@ -43,7 +43,7 @@ def subtree_models(
 
     Args:
         documents: The documents with the models.
-        dialect: The rules for names.
+        dialect: The rules of the XML format, which determine the valid port names.
         diagnostics: Collects errors in the models.
 
     Returns:

@@ -1,1 +1,1 @@
-"""Check the trees of documents and plan them: the definition, ports and scripts of every node."""
+"""Check the trees of documents, and plan every node before it is created: manifest, ports and scripts."""

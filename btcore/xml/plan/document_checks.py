@@ -22,7 +22,7 @@ from btcore.xml.read.document import Document
 from btcore.xml.read.includes import PackageResolver, resolve_includes
 
 MAX_DEPTH = 10_000
-"""Maximum depth of a tree: ticking a level takes a few hundred bytes of the C stack."""
+"""The maximum number of levels of a tree. Ticking needs a few hundred bytes of the C stack for each level."""
 
 
 class DocumentAnalysis(NamedTuple):
@@ -80,7 +80,8 @@ def analyse_document(
     if order is not None:
         check_size(order, main, diagnostics)
     if diagnostics.errors:
-        # Without errors, creating the nodes compiles the scripts; with errors, no node is created.
+        # Without errors, the scripts are compiled when the nodes are created. After an error no node is
+        # created, so the scripts are checked here.
         for plan in reachable_plans(planner, main):
             check_scripts(plan, registry, diagnostics)
     return DocumentAnalysis(planner, main, diagnostics)
@@ -118,10 +119,10 @@ def nodes_of(plan: TreePlan) -> list[NodePlan]:
 def check_size(plans: list[TreePlan], main: TreeDefinition, diagnostics: DiagnosticCollector) -> None:
     """Add an error if a tree with all its subtrees has too many nodes or levels.
 
-    Also raises Python's recursion limit as far as the tree needs it.
+    Without an error, increase Python's recursion limit if the tree needs it.
 
     Args:
-        plans: The plans of *main* and its subtrees, called trees before their callers.
+        plans: The plans of *main* and its subtrees; each tree comes before the trees that call it.
         main: The tree to check.
         diagnostics: Collects the error.
     """
@@ -147,7 +148,7 @@ def check_size(plans: list[TreePlan], main: TreeDefinition, diagnostics: Diagnos
 
 
 def scripts_of(node: NodePlan) -> Iterator[tuple[str, str, bool]]:
-    """Yield attribute, text, and whether the result is a condition, for each script of *node*."""
+    """Yield (attribute, text, whether the script is a condition) for each script of *node*."""
     for attribute, text in node.scripts.items():
         yield attribute, text, attribute in PRECONDITION_ATTRIBUTES
     for bound in node.bindings:

@@ -11,12 +11,12 @@ from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 
 
 class NodePalette:
-    """The nodes of a registry in one format."""
+    """The nodes of a registry that exist in one XML format (3 or 4)."""
 
     def __init__(self, registry: Registry, format: int) -> None:
         self._registry = registry
         self._format = format
-        # Every node of a document is looked up, several times.
+        # Cached, because every node of a document is looked up several times.
         self.get: Final[Callable[[str], Manifest | None]] = cache(partial(registry.get, format=format))
 
     def unknown_node_hint(
@@ -53,7 +53,7 @@ class NodePalette:
         return f"did you mean <{near}>?   {searched}"
 
     def distributions(self) -> list[str]:
-        """Return the names of the distributions that provide the nodes, btcore first."""
+        """Return the names of the Python distributions that provide the nodes, btcore first."""
         names = {manifest.distribution for manifest in self._registry.manifests_of(self._format).values()}
         if "__main__" in names:
             names = (names - {"__main__"}) | {"your program"}

@@ -1,4 +1,4 @@
-"""Plans of trees: every node with its manifest, ports and scripts, checked once per definition."""
+"""Plans of trees: the manifest, ports and scripts of every node, checked once for each tree definition."""
 
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
@@ -42,12 +42,12 @@ class SubtreeCall:
     Attributes:
         tree: ID of the called tree.
         element: The SubTree element.
-        remaps: Outer key of each remapped inner key.
-        constants: Texts of inner keys.
-        written: The ports as written in the document, or as the default in the model.
+        remaps: For each remapped key of the called tree, the key in the calling tree.
+        constants: For each key of the called tree that is set to a constant, the text of the constant.
+        written: The text of each port: as written in the document, else the default in the subtree's model.
         autoremap: Whether ``_autoremap`` maps every inner key to the outer key of the same name.
         shared: Whether both trees use one blackboard (``__shared_blackboard`` of format 3).
-        legacy_autoremap: Whether the keys in ports of the inner tree are mapped (format 3).
+        legacy_autoremap: Whether ``__autoremap`` of format 3 maps the keys in attributes of the called tree.
     """
 
     __slots__ = (
@@ -66,11 +66,11 @@ class SubtreeCall:
 
 
 class NodePlan:
-    """One node of a definition.
+    """One node of a tree definition.
 
-    *depth* counts from the ``<BehaviorTree>``, which has depth 0. *bindings* holds the ports in the order
-    of the document, then the ports with defaults. *attributes* holds the attributes that are neither
-    ports nor scripts.
+    *depth* counts from the ``<BehaviorTree>``, which has depth 0. *bindings* holds the ports that the
+    document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
+    that are neither ports nor scripts.
     """
 
     __slots__ = (
@@ -91,14 +91,15 @@ class NodePlan:
 
     @property
     def ports(self) -> list[tuple[Port, str, bool]]:
-        """The ports, each with its text and whether the document sets it."""
+        """The ports, as (port, text, whether the document sets the port)."""
         return [(bound.port, bound.text, bound.is_explicit) for bound in self.bindings]
 
 
 class BindingCache:
-    """The port bindings of one manifest that were created so far, by port and text.
+    """The port bindings of one manifest that were created so far. Nodes with equal port texts share them.
 
-    *defaults* are the bindings of ports with a default. Nodes with equal port texts share bindings.
+    *bindings* maps the name of a port, then its text, to the binding. *defaults* holds a binding for each
+    port that has a default.
     """
 
     __slots__ = ("bindings", "defaults", "id", "manifest", "ports")
@@ -116,10 +117,10 @@ class BindingCache:
 
 
 class TreePlan:
-    """A definition with the plans of its nodes.
+    """A tree definition with the plans of its nodes.
 
-    *calls* holds the calls of its SubTree nodes. *depth* is the number of its levels, *size* the number
-    of its nodes.
+    *calls* holds a SubtreeCall for each of its SubTree nodes. *depth* is the number of its levels, *size* the
+    number of its nodes.
     """
 
     def __init__(self, definition: TreeDefinition, root: NodePlan | None) -> None:
@@ -131,7 +132,7 @@ class TreePlan:
 
 
 class TreePlanner:
-    """Plans definitions on first use, and adds errors to *diagnostics*."""
+    """Plans each tree definition when its plan is first needed, and adds errors to *diagnostics*."""
 
     def __init__(
         self,
@@ -150,7 +151,8 @@ class TreePlanner:
         self._plans: dict[str, TreePlan] = {}
         self._known: dict[str, BindingCache] = {}
         self._by_tag: dict[str, BindingCache] = {}
-        # Attributes that _other_attributes() has kept before; what it does depends on their names only.
+        # Names of attributes that _other_attributes() kept. Its decision depends only on the name, so it is
+        # not called again for these names.
         self._kept: set[str] = set()
         self._document = definitions.documents[-1]
 
@@ -247,9 +249,9 @@ class TreePlanner:
         plan.bindings = bindings
 
     def _other_attributes(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
-        """Return the attributes to keep, out of those that are neither ports nor the name.
+        """Return the attributes in *others* to keep. *others* holds neither ports nor the name.
 
-        Scripts go to ``plan.scripts``; other attributes are errors.
+        Scripts are stored in ``plan.scripts``. Attributes that are neither kept nor scripts are errors.
         """
         dialect = self.dialect
         scripts: dict[str, str] = {}
@@ -294,7 +296,7 @@ class TreePlanner:
         return bound
 
     def _is_convertible(self, plan: NodePlan, bound: Binding) -> bool:
-        """Add an error if the text is no ``{key}`` and doesn't convert to the type of the port."""
+        """Return whether the text is a ``{key}`` or converts to the port's type; otherwise add an error."""
         port, text = bound.port, bound.text
         if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
             return True  # a key, possibly in the notation of the other format
@@ -322,7 +324,7 @@ class TreePlanner:
     # --- SubTree elements
 
     def _subtree(self, tag: str, plan: NodePlan, tree: TreePlan) -> bool:
-        """Plan a SubTree element. Returns whether the called tree exists."""
+        """Plan a SubTree element. Return whether the called tree exists."""
         element = plan.element
         id = element.get("ID") or ""
         plan.id = tag
@@ -411,7 +413,7 @@ class TreePlanner:
 def topological_order(
     planner: TreePlanner, main: TreeDefinition, diagnostics: DiagnosticCollector
 ) -> list[TreePlan] | None:
-    """Return the plans of *main* and its subtrees, called trees before their callers.
+    """Return the plans of *main* and its subtrees; each tree comes before the trees that call it.
 
     Args:
         planner: Plans the trees.

@@ -1,4 +1,4 @@
-"""Check the structure of trees: known tags, numbers of children, valid names; and outline their nodes."""
+"""Check the structure of trees (known tags, numbers of children, valid names), and list their nodes."""
 
 from collections.abc import Mapping
 
@@ -114,7 +114,7 @@ class StructureChecker:
         return nodes
 
     def _compact(self, tag: str) -> NodeType | None:
-        """Return the node type that limits the children of *tag*; None if *tag* is not a compact node."""
+        """Return the node type that limits the children of *tag*; None if *tag* is not the ID of a node."""
         manifest = self._palette.get(tag)
         kind = None
         if manifest is not None and tag not in self._dialect.subtree_tags and tag not in EXPLICIT_TAGS:
@@ -137,7 +137,7 @@ class StructureChecker:
             )
 
     def _special(self, tag: str, element: Element, children: list[Element]) -> None:
-        """Check an element that is not a compact node."""
+        """Check an element whose tag is not the ID of a node."""
         if tag == "BehaviorTree":
             self._tree(element, children)
         elif tag in self._dialect.subtree_tags:

@@ -18,7 +18,7 @@ from btcore.xml.read.element import EXAMPLE, Element
 
 
 class TreeDefinition(NamedTuple):
-    """One ``<BehaviorTree>``."""
+    """A ``<BehaviorTree>`` element with its ID and its document."""
 
     id: str
     document: Document
@@ -28,7 +28,7 @@ class TreeDefinition(NamedTuple):
 def select_dialect(
     documents: list[Document], format: int | None, diagnostics: DiagnosticCollector
 ) -> Dialect:
-    """Return the dialect of the last (the including) document.
+    """Return the rules of the XML format of the last document, which includes the other documents.
 
     Args:
         documents: All documents, included documents first.
@@ -50,14 +50,14 @@ def select_dialect(
 
 
 class TreeDefinitions:
-    """The tree definitions of documents: *by_id* has one definition per ID, *all* has all in order."""
+    """The tree definitions of documents: *all* in order, and *by_id* without unused duplicates."""
 
     def __init__(self, documents: list[Document], dialect: Dialect, diagnostics: DiagnosticCollector) -> None:
         self.documents = documents
         self.dialect = dialect
         self.all: list[TreeDefinition] = []
         self.by_id: dict[str, TreeDefinition] = {}
-        # After an error in reading or including, a tree may be missing for that reason: no further error.
+        # If a document could not be read or included, it may define the missing trees: don't report them.
         self.complete = not diagnostics.errors
         unnamed = 0
         for document in documents:
@@ -102,7 +102,7 @@ class TreeDefinitions:
         )
 
     def select_main(self, requested: str | None, diagnostics: DiagnosticCollector) -> TreeDefinition | None:
-        """Return the tree to build: the requested tree, the document's main tree, or its only tree.
+        """Return the tree to build: *requested*, or the document's main tree or only tree; None on error.
 
         Args:
             requested: ID of a tree, or None.

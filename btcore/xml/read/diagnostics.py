@@ -19,13 +19,18 @@ class DiagnosticCollector:
             (self.errors if diagnostic.is_error else self.warnings).append(diagnostic)
 
     def raise_errors(self) -> None:
-        """Raise all errors as one TreeError, or as the subclass that fits all of them."""
+        """Raise a single exception with all errors, if there are any.
+
+        Raises:
+            TreeError: There are errors. If all of them are of the same kind, it is the subclass
+                XmlSyntaxError, UnknownNodeError or PortError.
+        """
         if self.errors:
             raise make_tree_error(self.errors)
 
 
 def make_tree_error(errors: list[Diagnostic]) -> TreeError:
-    """Return the exception for *errors*, sorted by file and position."""
+    """Return the exception of the class that fits all *errors*, which are sorted by file and position."""
     ordered = sort_diagnostics(errors)
     # E0… codes are about the document as XML, E2… codes about ports and scripts.
     if all(error.code.startswith("E0") for error in ordered):
@@ -38,6 +43,6 @@ def make_tree_error(errors: list[Diagnostic]) -> TreeError:
 
 
 def sort_diagnostics(diagnostics: list[Diagnostic]) -> list[Diagnostic]:
-    """Return *diagnostics* file by file, each file in the order of the text."""
+    """Return *diagnostics* grouped by file, and sorted by line and column within each file."""
     files = list(dict.fromkeys(item.file for item in diagnostics))
     return sorted(diagnostics, key=lambda item: (files.index(item.file), item.line, item.column))

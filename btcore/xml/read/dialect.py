@@ -27,16 +27,16 @@ NODE_REPLACEMENTS: Final = {
 
 
 class Dialect(NamedTuple):
-    """The rules of one format.
+    """The rules of one XML format.
 
     - *subtree_tags*: the tags that call a subtree.
     - *reserved*: attributes of a node that are never ports.
     - *free_underscore*: any other attribute whose name is not a valid port name is allowed and ignored.
     - *last_tree_wins*: the last of several trees with the same ID is used, otherwise the first.
-    - *explicit_by_id*: the kind of an explicit node comes from its ID, not from its tag.
+    - *explicit_by_id*: the type of a node such as ``<Action ID="…">`` comes from its ID, not from its tag.
     - *literals_checked*: a text that doesn't convert to the port's type is an error when the tree is loaded.
-    - *controls_need_children*: compact control nodes that must have children (None = all).
-    - *leaves_checked*: children of a compact leaf are an error.
+    - *controls_need_children*: control nodes that must have children if their ID is the tag (None = all).
+    - *leaves_checked*: children of a leaf whose ID is the tag are an error.
     - *tree_ids_checked*: the ID of a tree must be a valid name, and not the name of a node.
     - *max_depth*: maximum depth of elements below a BehaviorTree.
     """

@@ -1,6 +1,6 @@
 """Parse a file or a text into a document: its elements, with the position of each in the text.
 
-Invalid XML is reported with file, line and column. A document type with content is an error.
+Invalid XML is reported with file, line and column. A ``<!DOCTYPE …>`` with content is an error.
 """
 
 import os
@@ -64,7 +64,10 @@ class Document:
 
     @property
     def folder(self) -> Path:
-        """The folder that paths of includes are relative to: that of the file, or the current folder."""
+        """The folder that paths of includes are relative to.
+
+        It is the folder of the file, or the current folder if the document is not from a file.
+        """
         return Path(self.file).parent if self.file else Path()
 
     @property
@@ -100,14 +103,14 @@ class Document:
         hint: str = "",
         within: int = 0,
     ) -> Diagnostic:
-        """Return a diagnostic about an element or an attribute of it.
+        """Return a diagnostic about an element or one of its attributes.
 
         Args:
             code: The diagnostic code.
             message: What is wrong.
             element: The element.
             attribute: Name of the attribute; "" means the element itself.
-            part: Whether the place is the attribute's name or its value.
+            part: Whether the diagnostic points to the attribute's name or to its value.
             hint: How to fix the problem, or "".
             within: Number of a character in the value, from 1; 0 means the whole value.
         """
@@ -185,18 +188,22 @@ def parse_text(text: str, file: str = "") -> Document:
 
 
 def _has_one_line_tags(text: str) -> bool:
-    """Return whether certainly no tag contains a line break or a tab (cheap; errs towards False)."""
+    """Return True only if no tag contains a line break or a tab. May return False for such a text, too."""
     if any(odd in text for odd in "\t\r'") or ("!" in text and "<!" in text):
         return False
     # Searching for one character is much faster than for two, so the rare "?" narrows the search.
     if text.rfind("<?", 0, text.rfind("?") + 1) > 0:
         return False
-    # Then every line break follows a ">", and every ">" ends a tag.
+    # With these counts, every line break follows a ">", and every ">" ends a tag.
     return text.count("\n") == text.count(">\n") and text.count("<") == text.count(">")
 
 
 def parse_file(path: str | os.PathLike[str]) -> Document:
-    """Read and parse the file *path*. Raises XmlSyntaxError if it can't be read or is not valid XML."""
+    """Read and parse the file *path*.
+
+    Raises:
+        XmlSyntaxError: The file can't be read, is not UTF-8 or is not valid XML.
+    """
     name = os.fspath(path)
     try:
         data = Path(path).read_bytes()

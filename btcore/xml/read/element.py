@@ -41,7 +41,7 @@ class Element:
         return (child for child in self.children if child.tag in tags)
 
     def iter(self, *tags: str) -> Iterator["Element"]:
-        """Yield the element and all its descendants in document order; only those with *tags*, if any."""
+        """Yield the element and its descendants in document order; with *tags*, only elements with these."""
         pending = [self]
         while pending:
             element = pending.pop()
@@ -52,7 +52,7 @@ class Element:
 
 def encoded(text: str) -> bytes:
     """Return *text* as UTF-8 for a parser."""
-    # A lone surrogate has no UTF-8 form; it becomes '?', in a document that was no text anyway.
+    # A lone surrogate, which no file can contain, has no UTF-8 form: it becomes '?'.
     return text.encode("utf-8", "replace")
 
 

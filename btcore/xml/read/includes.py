@@ -10,7 +10,7 @@ from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
 
 PackageResolver = Callable[[str], "str | Path | None"]
-"""Returns the share directory of the ROS package with the given name, or None if it is unknown."""
+"""A function that returns the share directory of the ROS package with a given name, or None."""
 
 
 def resolve_includes(
@@ -26,8 +26,8 @@ def resolve_includes(
         packages: Finds the share directory of a ROS package.
 
     Returns:
-        The included documents, each before the document that includes it; *document* is the last. So a
-        tree of the including document comes after included trees with the same ID.
+        The included documents, each before the document that includes it; *document* is the last. Therefore
+        a tree of the including document comes after included trees with the same ID.
     """
     documents: list[Document] = []
     seen: set[Path] = set()
@@ -43,7 +43,7 @@ def _gather(
     seen: set[Path],
     chain: list[Path],
 ) -> None:
-    # The files that include each other, from the outermost file to this one.
+    # The chain of includes, from the outermost file to this file.
     files = [*chain, Path(document.file).resolve()] if document.file else chain
     seen.update(files)
     for element in document.root.iterchildren("include"):

@@ -74,9 +74,10 @@ def parse_lxml_tree(data: bytes) -> etree._Element:
 
 
 class _Explanation(NamedTuple):
-    """A pattern of libxml2's error message, our message for it, and a hint.
+    """A *pattern* that libxml2's error message matches, the *sentence* that btcore reports, and a *hint*.
 
-    *anchor* is the text that the error is about: the last occurrence before the parser's position.
+    *anchor* is the text to underline: its last occurrence before the parser's position. Groups of the
+    pattern replace ``{0}`` and ``{1}``.
     """
 
     pattern: str
@@ -85,7 +86,7 @@ class _Explanation(NamedTuple):
     anchor: str = ""
 
 
-# The first pattern that occurs in libxml2's message counts.
+# The first pattern that matches libxml2's message is used.
 _EXPLANATIONS: Final = (
     _Explanation(r"AttValue: \" or ' expected", "an attribute's value must be in quotes"),
     _Explanation(

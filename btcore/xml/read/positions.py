@@ -12,7 +12,7 @@ _LINE: Final = re.compile(r"[^\r\n]*")
 
 
 class SourceSpan(NamedTuple):
-    """A range in a document: *line* and *column* from 1, *width* in characters, and *source*, its line."""
+    """A range in a line: *line* and *column* from 1, *width* in characters, and *source*, the line's text."""
 
     line: int
     column: int
@@ -102,7 +102,7 @@ class SourceMap:
     def span(
         self, element: Element, attribute: str = "", part: ElementPart = "value", within: int = 0
     ) -> SourceSpan | None:
-        """Return the position of an element or an attribute of it, or None if it is unknown.
+        """Return the position of an element or of one of its attributes, or None if it is unknown.
 
         Args:
             element: The element.

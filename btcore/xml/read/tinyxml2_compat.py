@@ -1,9 +1,9 @@
 """Make XML parsers read attribute values as tinyxml2, the parser of BehaviorTree.CPP, does.
 
 tinyxml2 reads an unescaped ``<`` or ``&`` in an attribute value as text, and keeps line breaks and tabs
-in a value. A standard XML parser rejects the former and turns the latter into spaces. Therefore these
-characters are escaped before parsing. The offsets of the escapes are kept, because positions in messages
-refer to the text as the user wrote it.
+in a value. A standard XML parser rejects an unescaped ``<`` or ``&``, and replaces line breaks and tabs by
+spaces. Therefore these characters are escaped before parsing. The offsets of the escapes are kept, because
+positions in messages refer to the text as the user wrote it.
 """
 
 import re
@@ -27,7 +27,7 @@ _OPAQUE: Final = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
 
 
 class EscapedCharacter(NamedTuple):
-    """One escaped character (or line break): its *offset* in the original text, and its replacement."""
+    """A character or line break *original* at *offset* in the text, and the escape *written* in its place."""
 
     offset: int
     original: str
@@ -56,7 +56,7 @@ class EscapedText(NamedTuple):
 
 
 def iter_markup(text: str) -> Iterator[tuple[int, re.Match[str] | None]]:
-    """Yield every start tag, end tag and declaration: its offset, and the match if it is a start tag.
+    """Yield (offset, match) of every start tag, end tag and declaration; only start tags have a match.
 
     Stops at the first ``<`` after which *text* is too malformed to recognise tags.
     """
@@ -96,7 +96,7 @@ def iter_attribute_values(tag: re.Match[str]) -> Iterator[tuple[str, int, int]]:
 
 
 def find_attribute(tag: re.Match[str], name: str) -> re.Match[str] | None:
-    """Return the match of :data:`ATTRIBUTE` for the attribute *name* of a start tag, if there is one."""
+    """Return the match of :data:`ATTRIBUTE` for the attribute *name* of a start tag, or None."""
     attributes = ATTRIBUTE.finditer(tag.string, *tag.span(2))
     return next((attribute for attribute in attributes if attribute[1] == name), None)
 
@@ -107,7 +107,7 @@ def value_span(attribute: re.Match[str]) -> tuple[int, int]:
 
 
 def may_keep_line_breaks(text: str) -> bool:
-    """Return whether an attribute value may contain a line break or a tab (cheap; errs towards True)."""
+    """Return False only if no attribute value contains a line break or a tab. May return True then, too."""
     return _LINE_BREAK_IN_VALUE.search(text) is not None
 
 

@@ -1,4 +1,4 @@
-"""Draw a tree as a self-contained SVG: without embedded fonts, scripts and external files."""
+"""Draw a tree as a self-contained SVG, without embedded fonts, scripts or external files."""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple

@@ -39,7 +39,8 @@ class Spacing:
     frame: float
 
 
-# Minimum and maximum breadth of the boxes on each level, relative to the box, from its own level on.
+# For each level, from a box's own level on: where its descendants begin and end along the breadth,
+# relative to the middle of the box.
 _Contour = list[tuple[float, float]]
 
 
@@ -98,7 +99,7 @@ def _place(box: LayoutBox, level: int, gaps: Spacing, boxes: list[LayoutBox]) ->
 
 
 def _side_by_side(children: Sequence[LayoutBox], contours: Sequence[_Contour], gap: float) -> _Contour:
-    """Place *children* as close to each other as possible. Returns their common contour."""
+    """Place *children* as close to each other as possible. Return their common contour."""
     merged = list(contours[0])
     children[0]._offset = 0.0
     for child, contour in zip(children[1:], contours[1:], strict=True):
@@ -118,7 +119,7 @@ def _side_by_side(children: Sequence[LayoutBox], contours: Sequence[_Contour], g
 
 
 def _levels(boxes: Sequence[LayoutBox], gaps: Spacing) -> tuple[list[float], list[float]]:
-    """Return the start and the size of each level along the depth."""
+    """Return the start and the size (px) of each level along the depth."""
     count = max(box.level for box in boxes) + 1
     # Frames need additional space above the level where they begin, and below the level where they end.
     thickness = [0.0] * count
