@@ -59,28 +59,33 @@ class BreakpointError(MonitorError):
 
 
 class HookReached(NamedTuple):
-    """A hook of this node fired. At a breakpoint, the tree now waits."""
+    """The uid and the path of a node whose hook fired. If the hook is a breakpoint, the tree now waits."""
 
     uid: int
     path: str
 
 
 class RequestedHook(NamedTuple):
-    """A requested hook, which is set again when the robot comes back with another tree."""
+    """A hook that was requested for all nodes that match *pattern*; the uid in *hook* is not used.
+
+    The hook is set again if the robot comes back with another tree.
+    """
 
     pattern: str
     hook: WireHook
 
 
 def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
-    """Return the nodes whose path or name equals *pattern*, or else matches it, in the tree's order.
+    """Return the nodes whose path or name equals *pattern*, in the tree's order.
+
+    If no path or name equals the pattern, return the nodes that match it as a wildcard pattern.
 
     Args:
-        tree: The tree.
+        tree: The tree to search.
         pattern: A path or name, or a pattern with ``*``, ``?`` and ``[…]``.
 
     Raises:
-        BreakpointError: There is no such node. The message suggests a similar name.
+        BreakpointError: No node matches. The message suggests a similar name.
     """
     # Equality first: a name may itself contain a character of the pattern syntax.
     nodes = [node for node in tree.nodes if pattern in (node.path, node.name)]
@@ -98,15 +103,18 @@ def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
 
 
 class BreakpointClient(Closeable):
-    """Controls the hooks of a robot. Use it from one thread, and close it or use ``with``.
+    """A client that sets and releases the hooks of a robot: its breakpoints and injected statuses.
+
+    Use the client from one thread. Close it, or use it in a ``with`` statement.
 
     Args:
         address: The robot's address, as in `parse_address`.
-        timeout: Maximum time in s (wall clock) until the robot replies.
+        timeout: Maximum time in s (wall clock) to connect to the robot. Later requests wait for a reply for
+            at most DEFAULT_TIMEOUT.
 
     Raises:
-        BreakpointError: There is no robot, it does not allow control, or there is no such node. All methods
-            raise this exception.
+        BreakpointError: The address is invalid, or no robot answers there. All methods raise this exception
+            if a request fails, for example because the robot does not allow control.
     """
 
     def __init__(self, address: str = "", timeout: float = DEFAULT_TIMEOUT) -> None:
@@ -139,7 +147,7 @@ class BreakpointClient(Closeable):
 
     @property
     def tree(self) -> ObservedTree:
-        """The robot's tree."""
+        """The robot's tree. It is requested again after the robot has replaced it."""
         with self._lock:
             if self._tree is None:
                 reply = self._reply(Request.FULLTREE, None)
@@ -147,10 +155,13 @@ class BreakpointClient(Closeable):
             return self._tree
 
     def status(self, path: str) -> str:
-        """Return the status of the node with that path or name: ``RUNNING``, …
+        """Return the status of a node as text, such as ``RUNNING``.
+
+        Args:
+            path: The path or the name of the node, or a pattern that matches only this node.
 
         Raises:
-            BreakpointError: There is no such node, or there are several.
+            BreakpointError: No node matches *path*, several nodes match it, or the request fails.
         """
         nodes = find_nodes(self.tree, path)
         if len(nodes) > 1:
@@ -160,7 +171,7 @@ class BreakpointClient(Closeable):
         return self.statuses()[nodes[0].path]
 
     def statuses(self) -> dict[str, str]:
-        """Return the status of every node by path."""
+        """Return the status of every node as text, such as ``RUNNING``, by the node's path."""
         records = groot2.decode_statuses(self._ask(Request.STATUS).body)
         nodes = self.tree.by_uid
         return {
@@ -168,11 +179,11 @@ class BreakpointClient(Closeable):
         }
 
     def hooks(self) -> list[WireHook]:
-        """Return all hooks of the robot, from all clients: hooks before a tick first."""
+        """Return all hooks of the robot, also those of other clients. Hooks before a tick come first."""
         return decode_hooks(self._ask(Request.HOOKS_DUMP).body)
 
     def path_of(self, uid: int) -> str:
-        """Return the path of node *uid*."""
+        """Return the path of the node *uid*, or ``node UID`` if the tree has no such node."""
         node = self.tree.by_uid.get(uid)
         return f"node {uid}" if node is None else node.path
 
@@ -189,7 +200,10 @@ class BreakpointClient(Closeable):
             once: Whether each breakpoint is removed when it is released.
 
         Returns:
-            The paths of the nodes.
+            The paths of the matching nodes.
+
+        Raises:
+            BreakpointError: No node matches a pattern, or the request fails.
         """
         hook = WireHook(0, POST if after else PRE, BREAKPOINT, once)
         return self._set([RequestedHook(pattern, hook) for pattern in patterns])
@@ -199,26 +213,38 @@ class BreakpointClient(Closeable):
 
         Args:
             pattern: A path, a name or a pattern, as in `find_nodes`.
-            status: SUCCESS or FAILURE, as text or number.
-            after: Whether the status replaces the tick's result, instead of the whole tick.
-            once: Whether the status replaces only the next tick.
+            status: SUCCESS or FAILURE, as text or as the number of BehaviorTree.CPP's enum NodeStatus.
+            after: Whether the node is ticked and *status* replaces its result. If false, the node returns
+                *status* without being ticked.
+            once: Whether *status* is injected only at the next tick of each node, instead of at every tick.
 
         Returns:
-            The paths of the nodes.
+            The paths of the matching nodes.
+
+        Raises:
+            BreakpointError: *status* is invalid, no node matches, or the request fails.
         """
         hook = WireHook(0, POST if after else PRE, REPLACE, once, _overriding(status))
         return self._set([RequestedHook(pattern, hook)])
 
     def release(self, pattern: str = "*", status: str | int | None = None, remove: bool = False) -> list[str]:
-        """Release a tick that waits at a breakpoint of matching nodes, or that reaches it next.
+        """Release the breakpoints of matching nodes.
+
+        A tick that waits at a breakpoint continues. If no tick waits there, the next tick passes the
+        breakpoint without stopping.
 
         Args:
             pattern: A path, a name or a pattern, as in `find_nodes`.
-            status: SUCCESS or FAILURE, which the node returns from then on; None ticks the node.
-            remove: Whether to remove the breakpoint.
+            status: SUCCESS or FAILURE, which replaces the node's tick (or, at a breakpoint after the tick,
+                its result). None replaces nothing.
+            remove: Whether to remove the breakpoints.
 
         Returns:
-            The paths of the nodes.
+            The paths of the nodes with a released breakpoint.
+
+        Raises:
+            BreakpointError: *status* is invalid, there is no breakpoint at a matching node, or the request
+                fails.
         """
         desired = NO_STATUS if status is None else _overriding(status)
         hooks = self._matching_hooks(pattern, BREAKPOINT)
@@ -231,7 +257,17 @@ class BreakpointClient(Closeable):
         return [self.path_of(hook.uid) for hook in hooks]
 
     def clear(self, pattern: str = "*") -> list[str]:
-        """Remove the hooks of matching nodes and return their paths. A tick that waits there continues."""
+        """Remove the hooks of matching nodes. A tick that waits at a removed breakpoint continues.
+
+        Args:
+            pattern: A path, a name or a pattern, as in `find_nodes`. ``*`` removes all hooks of the robot.
+
+        Returns:
+            The path of the node of each removed hook.
+
+        Raises:
+            BreakpointError: There is no hook at a matching node, or the request fails.
+        """
         if pattern == "*":
             hooks = self.hooks()
             self._requested.clear()
@@ -253,7 +289,9 @@ class BreakpointClient(Closeable):
     # --- waiting
 
     def wait(self, timeout: float = DEFAULT_TIMEOUT) -> HookReached:
-        """Return the next hook that fires, or that has fired since the last call.
+        """Wait for the next hook that fires, and return it.
+
+        Hooks that have fired since the last call are returned first, without waiting.
 
         Raises:
             BreakpointError: No hook fired within *timeout* s.
@@ -264,7 +302,7 @@ class BreakpointClient(Closeable):
         return reached
 
     def poll(self, timeout: float = 0.0) -> HookReached | None:
-        """Return the next hook like :meth:`wait`, but None after *timeout* s."""
+        """Return the next hook as :meth:`wait` does, or None if no hook fires within *timeout* s."""
         deadline = time.monotonic() + timeout
         while self._notices.poll(max(0, round(1000 * (deadline - time.monotonic()))), zmq.POLLIN):
             with contextlib.suppress(ProtocolError):
@@ -275,7 +313,7 @@ class BreakpointClient(Closeable):
     def step(self, ticks: int = 1, timeout: float = DEFAULT_TIMEOUT) -> HookReached:
         """Execute *ticks* ticks of the root, then stop before the next tick.
 
-        The first call first sets a breakpoint at the root and waits for it.
+        If there is no breakpoint before the root's tick yet, first set it and wait until the tree reaches it.
 
         Args:
             ticks: The number of ticks.
@@ -285,7 +323,7 @@ class BreakpointClient(Closeable):
             Where the tree stopped: before the root, or at an earlier breakpoint.
 
         Raises:
-            BreakpointError: A tick takes longer than *timeout*.
+            BreakpointError: A tick takes longer than *timeout*, or a request fails.
         """
         root = self.tree.root
         breakpoints = self._matching_hooks(root.path, BREAKPOINT)
@@ -301,7 +339,7 @@ class BreakpointClient(Closeable):
         return reached
 
     def _wait_for_breakpoint(self, timeout: float) -> HookReached:
-        """Wait for a breakpoint, and ignore injected statuses."""
+        """Return the next breakpoint that is reached. Hooks that inject statuses are ignored."""
         deadline = time.monotonic() + timeout
         while True:
             reached = self.poll(max(0.0, deadline - time.monotonic()))
@@ -325,7 +363,7 @@ class BreakpointClient(Closeable):
         return [request.hook._replace(uid=node.uid) for node in find_nodes(self.tree, request.pattern)]
 
     def _matching_hooks(self, pattern: str, *modes: int) -> list[WireHook]:
-        """Return the hooks of matching nodes, of these modes (default: all)."""
+        """Return the hooks of matching nodes that have one of *modes* (by default, any mode)."""
         uids = {node.uid for node in find_nodes(self.tree, pattern)}
         return [hook for hook in self.hooks() if hook.uid in uids and (not modes or hook.mode in modes)]
 
@@ -397,7 +435,7 @@ class BreakpointClient(Closeable):
             watching.close(linger=0)
 
     def close(self) -> None:
-        """Close the connection. The robot disables hooks that are not cleared after 5 s."""
+        """Close the connection. After 5 s without a request, the robot disables the hooks that are left."""
         if not self._closed.is_set():
             self._closed.set()
             self._thread.join()

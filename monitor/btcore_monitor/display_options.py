@@ -51,7 +51,7 @@ class DisplayOptions:
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Return the options in the *settings* of a command with :func:`display_options`."""
+        """Return the display options in *settings*, all parameter values of a command by name."""
         return cls(settings["palette"], settings["find"], settings["log_level"])
 
     def arguments(self) -> list[str]:
@@ -60,7 +60,11 @@ class DisplayOptions:
         return ["--palette", self.palette, "--log-level", self.log_level, *patterns]
 
     def screen(self, shown_in: "RecordingSinks | RobotWindow") -> "RobotView":
-        """Return a view of a robot with these options."""
+        """Return a view of a robot with these options.
+
+        Args:
+            shown_in: The destinations of the view's recordings, or the robot's part of a shared window.
+        """
         from btcore_monitor.screen.robot_view import RobotView
         from btcore_monitor.screen.style import PALETTES
 
@@ -83,7 +87,7 @@ def display_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def create_options() -> list[click.Option]:
-    """Return the display options, for a command that is not made by a decorator."""
+    """Return the display options, for a command that is not defined with click's decorators."""
     return [click.Option([option], **attributes) for option, attributes in _OPTIONS.items()]
 
 

@@ -18,11 +18,12 @@ KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 """All families, in the order of BehaviorTree.CPP's enum NodeType, whose ACTION is 1."""
 
 ConnectionState = Literal["waiting", "connected", "lost", "ended"]
-"""The connection to the robot: not there yet · connected · no contact for some time · the run is over."""
+"""The connection to the robot: ``waiting`` for the first contact, ``connected``, ``lost`` (no contact for
+some time), or ``ended`` (the robot has reported the end of its run)."""
 
 Topic = Literal["transitions", "ticks", "exceptions", "blackboard"]
-"""Data that a robot may send in addition to its tree: transitions of statuses · ticks of the root and their
-duration · exceptions of nodes · blackboards."""
+"""Data that a robot may send in addition to its tree: transitions of statuses, ticks of the root with their
+duration, exceptions of nodes, and blackboards."""
 
 IDLE: Final = 0
 RUNNING: Final = 1
@@ -50,7 +51,7 @@ class ObservedNode:
         name: The instance name.
         id: The registration ID (``SubTree`` for a SubTree node).
         kind: The family.
-        path: The full path by BehaviorTree.CPP's rule.
+        path: The full path, as BehaviorTree.CPP 4 forms it.
         parent: The parent's uid (0 for the root).
         children: The children's uids.
         ports: The text in the XML by port (``{key}``, ``0.5``), and the script by condition.
@@ -70,13 +71,13 @@ class ObservedNode:
 
 @dataclass(frozen=True, slots=True)
 class ObservedTree:
-    """A whole tree.
+    """A running tree with all its nodes.
 
     Attributes:
-        tree_id: 32 hexadecimal digits, new at every start of a robot.
+        tree_id: 32 hexadecimal digits, which change when the robot restarts or replaces its tree.
         name: The main tree's ID.
         nodes: The nodes, depth-first, parents first, a subtree's content right after its SubTree node.
-        subtrees: The tree ID by an instance's path (``""``: main), in order of creation.
+        subtrees: The tree's ID by the path of each subtree instance (``""``: main), in order of creation.
         xml: The full tree as the robot sent it, or empty if the robot sent another format.
         by_uid: The nodes by uid.
     """
@@ -111,9 +112,10 @@ class ObservedTree:
 
 @dataclass(frozen=True, slots=True)
 class DataSource:
-    """The source of a tree's data. *name* is the protocol; *unavailable* has the reasons for missing topics.
+    """The source of a tree's data.
 
-    A topic that is not in *unavailable* is complete.
+    *name* is the protocol or the kind of file. *unavailable* maps each topic that the source does not send,
+    or not completely, to the reason. All other topics are complete.
     """
 
     name: str
@@ -121,16 +123,16 @@ class DataSource:
 
 
 SCENE_CHANNEL: Final = DataSource("btcore's scene channel")
-"""The only source that sends all topics completely."""
+"""btcore's own protocol (wire/scene_channel.py), the only source that sends all topics completely."""
 
 
 @dataclass(frozen=True, slots=True)
 class TreeSeen:
-    """A tree: the first event of a robot, and another when it comes back with a new tree.
+    """The tree of a robot, which precedes all data about the tree. A new tree causes a new event.
 
     *statuses* maps every uid to its status at that moment. *numbered* is true if the robot numbers the
-    transitions, so that gaps are visible. *source* describes unavailable data. A repeated event of the same
-    tree means that the transitions in between are unknown.
+    transitions, so that gaps are visible. *source* describes unavailable data. A second event with the same
+    tree ID means that the transitions between the two events are unknown.
     """
 
     tree: ObservedTree
@@ -143,7 +145,11 @@ class TreeSeen:
 
 @dataclass(frozen=True, slots=True)
 class StatusChanged:
-    """A node went from *previous* to *status*. *number* counts from 1 within a tree, without gaps."""
+    """The status of the node *uid* changed from *previous* to *status*.
+
+    *number* counts the transitions of a tree from 1. *tick* is the number of the root's tick, or 0 if the
+    robot does not send it.
+    """
 
     number: int
     t: int
@@ -202,7 +208,7 @@ class ExceptionRaised:
 
 @dataclass(frozen=True, slots=True)
 class TransitionsLost:
-    """The transitions *first* to *last* (both included) are lost for good."""
+    """The transitions *first* to *last* (both included) are lost and cannot be requested again."""
 
     first: int
     last: int

@@ -44,7 +44,7 @@ class LogWriter:
         self.transitions = 0
         """The number of written transitions of all trees."""
         self.gaps = 0
-        """The number of gaps."""
+        """The number of gaps. Transitions that the robot never sends do not count."""
         self._trees = 0
         self._tree_id = ""
         self._logs: list[_BtLog | _SqliteLog] = []
@@ -54,7 +54,7 @@ class LogWriter:
         self._lost = self._incomplete = ""
 
     def show(self, event: Event) -> None:
-        """Process an event. Its transitions are written by :meth:`flush`."""
+        """Process an event. Its transitions are written to the files by :meth:`flush`."""
         if isinstance(event, TreeSeen):
             self._begin(event)
         elif isinstance(event, StatusChanged):
@@ -116,7 +116,7 @@ class LogWriter:
         self._write(event.t, event.uid, event.previous, event.status)
 
     def _update(self, t: int, statuses: Mapping[int, int]) -> None:
-        """Write transitions to *statuses* for nodes whose change was not an event."""
+        """Write a transition for each node whose known status differs from its status in *statuses*."""
         for uid, status in statuses.items():
             before = self._statuses.get(uid, status)
             if before != status:
@@ -131,7 +131,7 @@ class LogWriter:
             log.add(since, uid, Status(previous), Status(status))
 
     def _missing(self, reason: str, *, known: bool = False) -> None:
-        """Mark a gap. A gap that is *known* from the beginning is not counted."""
+        """Mark a gap for *reason*. A gap that is *known* from the beginning is not counted."""
         self.gaps += not known
         for log in self._logs:
             log.gap(reason)
@@ -164,7 +164,7 @@ class _BtLog:
 
 
 class _SqliteLog:
-    """An SQLite file. A gap is written with the next transition, because only rows have a text."""
+    """An SQLite file. A gap is written with the next transition, because only its row has a text column."""
 
     def __init__(self, path: Path, event: TreeSeen) -> None:
         tree = event.tree
@@ -192,4 +192,4 @@ class _SqliteLog:
 
 
 WRITE_ERRORS: Final = (OSError, sqlite3.Error)
-"""The exceptions of writing when a file becomes unwritable, for example because the disk is full."""
+"""The exceptions that are raised if a file becomes unwritable, for example because the disk is full."""

@@ -24,13 +24,16 @@ VIEWER_GRACE: Final = 10.0
 """Time (s, wall clock) for the viewer to receive the remaining data after the last tick."""
 
 _ANNOUNCE_AFTER: Final = 2.0
-"""Time (s, wall clock) of waiting after which a message explains why."""
+"""Time (s, wall clock) of waiting after which a message is printed that explains the wait."""
 
 _CHECK_EVERY: Final = 0.2
 
 
 class MonitorProcess:
-    """A process of ``btcore monitor`` with *options*, called *name* in messages; it may outlive the run."""
+    """A process of ``btcore monitor`` with *options*, called *name* in messages.
+
+    If *stays* is true, the process continues after the run, until Ctrl-C.
+    """
 
     def __init__(self, publisher: Publisher, options: Sequence[str], name: str, stays: bool = False) -> None:
         self.name = name
@@ -51,9 +54,9 @@ class MonitorProcess:
         )
 
     def finish(self, interrupted: bool) -> None:
-        """Wait, with a timeout, until the process has received everything, or for a signal if it stays.
+        """Wait until the process has received all data, for at most WRITE_TIMEOUT or VIEWER_GRACE.
 
-        After an *interrupted* run a viewer does not stay.
+        A process that stays after the run is ended on a signal, or immediately if the run was *interrupted*.
         """
         if self.stays:
             self._keep_open(interrupted)
@@ -97,12 +100,14 @@ class MonitorProcess:
 def wait_until_listening(publisher: Publisher, monitors: Sequence[MonitorProcess]) -> None:
     """Wait until all monitors have connected, so that they receive the run from its beginning.
 
+    If a monitor has not connected after START_TIMEOUT, print a message and return.
+
     Args:
-        publisher: The publisher to which they connect.
-        monitors: The processes.
+        publisher: The publisher to which the monitors connect.
+        monitors: The processes to wait for.
 
     Raises:
-        click.ClickException: A process ends early.
+        click.ClickException: A process ends before all have connected.
     """
     deadline = time.monotonic() + START_TIMEOUT
     while not publisher.wait_for_clients(len(monitors), 0.1):

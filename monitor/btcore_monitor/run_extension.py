@@ -81,7 +81,12 @@ class MonitorExtension(RunExtension):
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:
-        """Check the options, before other extensions build a world. There are no resources for leaves."""
+        """Check the options before other extensions build a simulated world. Return no resources.
+
+        Raises:
+            click.UsageError: The options contradict each other, or a file cannot be written.
+            click.ClickException: A package or a display is missing.
+        """
         _ports(settings)
         if "groot1" in settings["publish"] and importlib.util.find_spec("flatbuffers") is None:
             raise click.ClickException(
@@ -121,7 +126,11 @@ class MonitorExtension(RunExtension):
 
     @contextmanager
     def attach(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> Iterator[None]:
-        """Publish *tree* during the run, according to the options."""
+        """Publish *tree* during the run, and start the monitor's processes, according to the options.
+
+        Raises:
+            click.ClickException: The tree cannot be published, or a monitor process ends early.
+        """
         save: Path | None = settings["save"]
         if not settings["publish"] and not _shown(settings):
             yield
@@ -173,7 +182,7 @@ class MonitorExtension(RunExtension):
 
 
 def _shown(settings: Mapping[str, Any]) -> list[str]:
-    """Return the given options that show or record the run."""
+    """Return the options on the command line that show or record the run, such as ``--save``."""
     given = {
         "--save": settings["save"] is not None,
         "--monitor": settings["monitor"],
@@ -183,7 +192,11 @@ def _shown(settings: Mapping[str, Any]) -> list[str]:
 
 
 def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
-    """Return the first port for Groot 2 and for Groot 1, or None if not served. Raises click.UsageError."""
+    """Return the first port for Groot 2 and the first port for Groot 1; None: not served.
+
+    Raises:
+        click.UsageError: The port for Groot 1 would be out of range.
+    """
     publish, first = settings["publish"], settings["port"]
     if "groot1" not in publish:
         return (DEFAULT_PORT if publish else 0) if first is None else first, None

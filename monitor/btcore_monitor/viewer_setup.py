@@ -28,7 +28,7 @@ duration_option = click.option(
 
 
 def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options for requests to a robot to *command*: no_record and blackboard_rate."""
+    """Add the options ``--no-record`` and ``--blackboard-rate`` to *command*."""
     command = click.option(
         "--blackboard-rate",
         type=click.FloatRange(min=0, max=100),
@@ -54,7 +54,11 @@ def check_installed(*modules: str) -> None:
 
 
 def pixels(context: click.Context, option: click.Parameter, value: str) -> tuple[int, int]:
-    """Return width and height (pixels) of the option ``--size`` (a click callback)."""
+    """Return width and height (pixels) from the text of the option ``--size``; a click callback.
+
+    Raises:
+        click.BadParameter: *value* is not a size, or less than 320x240.
+    """
     width, _, height = value.partition("x")
     if not (width.isdigit() and height.isdigit() and int(width) >= 320 and int(height) >= 240):
         raise click.BadParameter(f"'{value}' is not a size: use WIDTHxHEIGHT in pixels, such as 1920x1080")
@@ -62,7 +66,7 @@ def pixels(context: click.Context, option: click.Parameter, value: str) -> tuple
 
 
 def check_is_recording(save: Path) -> None:
-    """Raise click.UsageError if the file of ``--save`` has not the suffix ``.rrd``."""
+    """Raise click.UsageError if the file of ``--save`` does not have the suffix ``.rrd``."""
     if save.suffix.lower() != ".rrd":
         raise click.UsageError(
             f"--save {save}: a recording is an .rrd file: --save {save.with_suffix('.rrd')}"
@@ -116,7 +120,8 @@ def wait_for_stop(duration: float | None = None) -> None:
 class ViewerOptions:
     """The destinations of a view, as chosen by the options of :func:`viewer_options`.
 
-    *at* is the tree time (s) of the screenshot (None: the end), *size* its width and height in pixels.
+    *at* is the tree time (s) of the screenshot (None: the end), and *size* is the screenshot's width and
+    height in pixels.
     """
 
     save: Path | None
@@ -135,11 +140,12 @@ class ViewerOptions:
     def open(self, window: bool) -> "Iterator[RecordingSinks]":
         """Open the destinations, and also a window if *window* is true and the view is not served.
 
-        A screenshot is made from a file, which is temporary without ``--save`` and exists in the ``with``
-        block.
+        A screenshot is made from a recording file. Without ``--save`` this file is temporary, and exists
+        until the end of the ``with`` block.
 
         Raises:
-            click.UsageError: There is no destination, or a file has the wrong suffix or folder.
+            click.UsageError: There is no destination, a file has the wrong suffix, or its folder does not
+                exist.
             ScreenError: The viewer or a display is not available.
         """
         from btcore_monitor.screen.sinks import RecordingSinks, open_window
@@ -168,7 +174,11 @@ class ViewerOptions:
                 )
 
     def open_web(self, port: int) -> "WebView":
-        """Serve the web viewer on *port*, and print its address."""
+        """Serve the web viewer on *port*, and print its address.
+
+        Raises:
+            ScreenError: The page cannot be served on *port*.
+        """
         from btcore_monitor.screen.sinks import serve_web
 
         web = serve_web(port, memory_limit=self.memory_limit)

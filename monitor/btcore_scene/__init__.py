@@ -26,7 +26,7 @@ Size = tuple[int, int]
 """Columns and rows of a grid, or width and height of a picture in pixels."""
 
 Float32 = Annotated[bytes, 4, "float32"]
-"""float32 values of shape (n,). The annotation has the size of a value in bytes, and its name in errors."""
+"""float32 values of shape (n,). The annotation has the bytes per value, and a name for error messages."""
 Float32Rows = Annotated[bytes, 12, "rows of three float32"]
 """float32 values of shape (n, 3)."""
 
@@ -51,7 +51,10 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape:
-    """A solid: *position* of its centre, and rotation, in *frame*. Without *color* it is grey."""
+    """A solid body. *position* (of its centre) and *quaternion* (its rotation) are in *frame*.
+
+    Without *color* the body is grey.
+    """
 
     name: str | None = None
     frame: str | None = None
@@ -80,7 +83,7 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sphere(Shape):
-    """A sphere."""
+    """A sphere with *radius*."""
 
     kind: Literal["sphere"] = field(default="sphere", init=False)
     radius: float
@@ -91,7 +94,7 @@ Part = Box | Cylinder | Sphere
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Laser:
-    """The geometry of a planar laser: ray i points at ``angle_min + i * angle_increment`` in *frame*."""
+    """A planar laser. Ray i points in the direction ``angle_min + i * angle_increment`` in *frame*."""
 
     frame: str
     angle_min: float
@@ -152,7 +155,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scan:
-    """One sweep of the laser: a range for each ray, +inf without an echo. The default *stamp* is now."""
+    """A sweep of the laser: a range (m) for each ray, +inf without an echo. The default *stamp* is now."""
 
     stamp: int | None = None
     ranges: Float32
@@ -160,10 +163,10 @@ class Scan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Poses:
-    """Poses on the floor. They replace the earlier poses of the same *name*; no rows remove them.
+    """Poses on the floor. They replace the earlier poses of the same *name*; empty *rows* remove them.
 
-    *rows* are x, y and yaw of each pose. *kind* is how they are drawn: as the points of a path, as a cloud of
-    particles, as goals, as the robot's estimated pose, or as its pose by odometry alone.
+    *rows* are x, y and yaw of each pose. *kind* selects the drawing: the points of a path, a cloud of
+    particles, goals, the robot's estimated pose, or its pose by odometry alone.
     """
 
     name: str
@@ -185,7 +188,7 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundingBox:
-    """An object found in space: *position* of its centre, and its full edge lengths *size*."""
+    """The box around an object: *position* of the box's centre, and its full edge lengths *size*."""
 
     name: str
     frame: str | None = None
@@ -211,7 +214,10 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detection:
-    """An object found in the picture of this name: *box* is left, top, width and height in pixels."""
+    """An object that was detected in the picture named *picture*.
+
+    *name* is the label of the object; *box* is left, top, width and height in pixels.
+    """
 
     picture: str
     name: str
@@ -223,7 +229,8 @@ class Detection:
 class StaticScene:
     """The part of a scene that does not change. *frame* is the root of all frames (by default ``map``).
 
-    *battery* (percent) shows that the robot reports its battery. *extra* is sent as it is.
+    If *battery* (percent) is given, the viewer shows a plot of the battery level. *extra* has further data,
+    which are sent unchanged.
     """
 
     frame: str | None = None
@@ -243,8 +250,9 @@ class MovingScene:
     """The part of a scene that moved or changed. Missing fields stay unchanged.
 
     *arrows*, *boxes* and *detections* are complete: the viewer removes objects that they do not contain, and
-    None changes nothing. *velocity* is in m/s and rad/s, *battery* in percent, *notes* are Markdown by label.
-    *extra* is sent as it is.
+    None changes nothing. *velocity* is in m/s and rad/s, *battery* in percent. *collisions* and *grazes*
+    count the robot's contacts since the start of the run. *notes* are Markdown texts by label. *extra* has
+    further data, which are sent unchanged.
     """
 
     stamp: int | None = None
@@ -268,9 +276,9 @@ class MovingScene:
 class SceneSource(Protocol):
     """A resource that the monitor can draw.
 
-    Both methods are called on the thread that ticks the tree, and must be fast. Their results are encoded on
-    another thread and must not be modified. A new publisher first calls `scene_static`; a source that sends
-    only changes must then send everything again.
+    Both methods are called on the thread that ticks the tree, and must be fast. Do not modify their
+    results later, because these may be encoded on another thread. A new publisher first calls `scene_static`;
+    a source that sends only changes must then send everything again.
     """
 
     def scene_static(self) -> StaticScene:

@@ -55,7 +55,7 @@ class HookGroup(click.Group):
 )
 @click.pass_context
 def hook(context: click.Context, address: str, patience: float) -> None:
-    """Set breakpoints, step, and inject statuses in the tree at ADDRESS, on any robot with Groot 2's port.
+    """Set breakpoints, step, and inject statuses in the tree at ADDRESS, on a robot with Groot 2's protocol.
 
     ADDRESS is as for `btcore monitor` (default: tcp://127.0.0.1:1667). A btcore robot has to be started with
     --allow-control. A PATTERN is a node's path or name, with the wildcards * ? [] for several nodes.
@@ -65,7 +65,7 @@ def hook(context: click.Context, address: str, patience: float) -> None:
 
 @contextlib.contextmanager
 def _robot() -> Iterator["BreakpointClient"]:
-    """Connect to the robot of the command line. Its errors become click.ClickException."""
+    """Connect to the robot at the command line's ADDRESS. Convert BreakpointError to click.ClickException."""
     check_installed("zmq", "msgpack", "lxml")
     from btcore_monitor.breakpoints import BreakpointClient, BreakpointError
 
@@ -98,7 +98,7 @@ _status = click.Choice(["SUCCESS", "FAILURE"], case_sensitive=False)
 def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, duration: float | None) -> None:
     """Set breakpoints, print each breakpoint that is reached, and clear them at the end (Ctrl-C).
 
-    From another terminal, `btcore hook release` lets the tree go on.
+    From another terminal, `btcore hook release` lets the tree continue.
     """
     with _robot() as robot:
         paths = robot.break_at(*patterns, after=after, once=once)
@@ -118,7 +118,7 @@ def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, dura
 )
 @click.option("--remove", is_flag=True, help="Remove the breakpoint too.")
 def release(pattern: str, status: str | None, remove: bool) -> None:
-    """Let a tree continue that waits at a breakpoint."""
+    """Let a tree that waits at a breakpoint continue."""
     with _robot() as robot:
         for path in robot.release(pattern, status, remove):
             click.echo(f"released {path}")
@@ -234,7 +234,7 @@ def _print_reached(
 ) -> None:
     """Print the hooks that are reached, until a signal or for *duration* s.
 
-    Given paths in *until_removed*, stop also when no node of these paths has a hook any more.
+    If *until_removed* has paths, also stop when the nodes at these paths have no more hooks.
     """
     stop = threading.Event()
     deadline = None if duration is None else time.monotonic() + duration

@@ -114,7 +114,11 @@ def _watch(
     until_end: bool,
     duration: float | None,
 ) -> list[Path]:
-    """Show every feed until the end, and return the files written, in the order of their trees."""
+    """Show every feed, and return the written files, in the order of their trees.
+
+    Return when all feeds have ended, on a signal, after *duration* s, or when the user closes the viewer and
+    no file is being written.
+    """
     from btcore_monitor.screen.sinks import is_viewer_open
     from btcore_monitor.screen.viewer_windows import SharedWindow
 
@@ -163,7 +167,7 @@ def _watch(
 
 
 def _label(feed: "Feed") -> str:
-    """Return a robot's label: its port on this machine; else its host, and its port if not the default."""
+    """Return the label of a robot: ``port PORT`` on this machine, otherwise ``HOST`` or ``HOST PORT``."""
     from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
     host, port = feed.address.host, feed.address.port

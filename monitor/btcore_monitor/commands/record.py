@@ -105,11 +105,11 @@ class _Files:
 
     @property
     def written(self) -> list[Path]:
-        """The files that exist now."""
+        """The files that have been created so far."""
         return [*self.log.files, *(path for view in self.views for path in view.files)]
 
     def show(self, event: "Event") -> None:
-        """Process an event."""
+        """Add *event* to every output file."""
         self.log.show(event)
         for view in self.views:
             view.show(event)
@@ -157,7 +157,7 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
 
 
 def _print_source(event: "TreeSeen", statuses_only: bool) -> None:
-    """Print which data the files will not contain."""
+    """Print the name of the recorded tree, and which data the files will not contain."""
     _print(f"recording '{event.tree.name}', {len(event.tree.nodes)} nodes")
     for topic, sentence in event.source.unavailable.items():
         _print(f"{topic}: {sentence}")

@@ -1,4 +1,4 @@
-"""``btcore replay``: a log file, in the viewer with time travel, or as lines of text."""
+"""``btcore replay``: show a log file in the viewer, or print its transitions as text."""
 
 import uuid
 from collections.abc import Iterator, Sequence
@@ -30,7 +30,7 @@ _NOT_KEPT: Final = "not in a log file"
 LOG_FILE: Final = DataSource(
     "a log file", {"ticks": _NOT_KEPT, "exceptions": _NOT_KEPT, "blackboard": _NOT_KEPT}
 )
-"""The data source of a log file."""
+"""The source of a tree that is read from a log file, with the data that a log file does not contain."""
 
 _COLOURS: Final[dict[Status, str]] = {RUNNING: "yellow", SUCCESS: "green", FAILURE: "red"}
 
@@ -89,7 +89,7 @@ def replay(
 
 
 def observed_tree(recording: Recording) -> ObservedTree:
-    """Return the tree of *recording* as the monitor draws it."""
+    """Return the tree of *recording*, with a new tree ID, in the form that the monitor draws."""
     parents = {child: node.uid for node in recording.nodes.values() for child in node.children}
     inside: dict[int, str] = {}
     trees: dict[str, str] = {}
@@ -131,7 +131,7 @@ def events(recording: Recording, window: range) -> Iterator[Event]:
 
 
 def _window(recording: Recording, begin: float | None, end: float | None) -> range:
-    """Return the indices of the changes between *begin* and *end* (s since the start, inclusive)."""
+    """Return the indices of the transitions between *begin* and *end* (s since the start, inclusive)."""
     since = [change.stamp - recording.start for change in recording.transitions]
     chosen = [
         index

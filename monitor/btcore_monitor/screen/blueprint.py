@@ -19,29 +19,32 @@ _WINDOW: Final = (1920.0, 1000.0)
 """Window size (pixels) for which the views are proportioned: full HD without the viewer's own bars."""
 _LANE: Final = 31.0
 _LANES_FRAME: Final = 84.0
-"""Heights (pixels) of a lane with its name, and of the view's title and time axis."""
+"""Height (pixels) of a lane with its name, and height of the title and the time axis of the lanes' view."""
 _LANES_AT_MOST: Final = 0.46
 _SCROLLED: Final = 0.34
-"""Shares of the height: the most that lanes get, and what they get if they need more and have to scroll."""
+"""Shares of the window's height: the maximum for lanes, and the share of lanes that need more and scroll."""
 _LEFT: Final = 0.53
 _TREE_OF_WIDE: Final = 0.58
 _PAST: Final = 24.0
 _AHEAD: Final = 1.5
-"""Seconds of past and future around the time cursor in lanes and curves."""
+"""Time (s) that lanes and curves show before and after the time cursor."""
 _TRAIL_SECONDS: Final = 120.0
 _COLOURS: Final = " · green: its goal · orange: trail · pink: where it may be · cyan: laser"
 _SPEED: Final = "Speed: orange m/s · cyan rad/s"
 _BESIDE: Final = (1.25, -1.35, 1.95)
-"""Position (m) of the close-up's eye relative to the robot, high enough to see its foot behind cut walls."""
+"""Position (m) of the close-up's eye relative to the robot.
+
+It is high enough to see the robot's base behind the walls, which are cut at a low height.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Pane:
-    """The views of a robot's tree *name*.
+    """The data for the views of a robot's tree, which has the title *name*.
 
-    With an *eye* there is a scene to show. *costed* is True if the robot sends the duration of its ticks. The
-    log shows lines of *level* and above. In a window with several robots, *place* is the entity above all
-    entities of this robot.
+    If there is a 3D scene to show, *eye* is its point of view. *costed* is True if the robot sends the
+    duration of its ticks. The log shows lines of *level* and above. In a window with several robots, *place*
+    is the entity above all entities of this robot.
     """
 
     palette: Palette
@@ -59,7 +62,7 @@ class Pane:
 
     @property
     def background(self) -> rrb.Background:
-        """The background of views of a drawing."""
+        """The background of views that contain a drawing."""
         return rrb.Background(color=self.palette.background, kind="SolidColor")
 
     @property
@@ -69,7 +72,10 @@ class Pane:
 
 
 def lanes_share(lanes: int) -> float:
-    """Return the share of the height for *lanes* lanes below the tree: what they need, up to a limit."""
+    """Return the share of the window's height for a number of lanes below the tree.
+
+    Lanes that need more than _LANES_AT_MOST get _SCROLLED.
+    """
     _, height = _WINDOW
     needed = (lanes * _LANE * 1.31 + _LANES_FRAME) / height
     return max(0.16, needed) if needed <= _LANES_AT_MOST else _SCROLLED
@@ -89,7 +95,7 @@ def tree_room(lanes: int, scene: bool) -> tuple[float, float]:
 
 
 def windowed(content: rrb.Container, timeline: str) -> rrb.Blueprint:
-    """Return a window with only *content* that follows *timeline*."""
+    """Return a window that contains only *content* and follows the newest data on *timeline*."""
     return rrb.Blueprint(
         content,
         rrb.BlueprintPanel(state="hidden"),
@@ -101,10 +107,10 @@ def windowed(content: rrb.Container, timeline: str) -> rrb.Blueprint:
 
 
 def layout(pane: Pane, name: str | None = None) -> rrb.Container:
-    """Return all views of a tree, with a scene if the pane has an eye, otherwise with a wider tree.
+    """Return all views of a tree. With a scene if the pane has an eye, otherwise with a wider tree.
 
     Args:
-        pane: The views' data.
+        pane: The data for the views.
         name: The title of the tab that contains the views.
     """
     counts = rrb.TextDocumentView(origin=pane.at(panels.STATISTICS), name="Statistics")

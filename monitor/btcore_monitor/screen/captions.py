@@ -1,4 +1,7 @@
-"""The text in a node's pill: its name, and a smaller line that distinguishes nodes with the same name."""
+"""The text in a node's pill (the rounded bar that represents a node in the drawing of a tree).
+
+The text is the node's name, and a smaller line that distinguishes nodes with the same name.
+"""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,7 +15,7 @@ from btcore_monitor.screen.font import elide, width_of
 BADGE_ROOM: Final = 2 * style.BADGE_RADIUS + 14.0
 TEXT_GAP: Final = 20.0
 VALUES_AT_MOST: Final = 28
-"""Longest port values (characters) that are added to a name to distinguish nodes with the same name."""
+"""Maximum length (characters) of port values that are added to a name, so that equal names differ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +27,7 @@ class Caption:
 
     @property
     def width(self) -> float:
-        """The length of a pill with a badge and the caption."""
+        """The length (drawing units) of a pill with a badge (the disc of the symbol) and this caption."""
         text = max(width_of(self.name, style.TEXT_HEIGHT), width_of(self.note, style.NOTE_HEIGHT))
         return BADGE_ROOM + text + TEXT_GAP
 
@@ -49,7 +52,7 @@ def captions(tree: ObservedTree, whole: ObservedTree, noted: bool) -> Mapping[in
 
 
 def ports(node: ObservedNode) -> str:
-    """Return all ports as in the XML."""
+    """Return the ports of *node* as in the XML: ``port="text"``, separated by spaces."""
     return "  ".join(f'{port}="{text}"' for port, text in node.ports.items())
 
 

@@ -14,8 +14,9 @@ from btcore_scene import Grid, MovingScene, StaticScene
 
 _KEPT_OUT: Final = 0xFF6B6BB0
 _LAYERS: Final = {"occupancy": 0.004, "costs": 0.012}
-"""Heights (m) above the floor. Of two costmaps, the costmap that was received later is above the other."""
+"""Height (m) of a grid above the floor, by the grid's kind."""
 _STEP: Final = 0.006
+"""Height (m) that is added for each grid that was received earlier, so that grids do not coincide."""
 _OPACITY: Final = 0.99
 """Slightly below 1, because the viewer ignores the alpha of colours in an opaque image."""
 _HATCH: Final = 0.25
@@ -30,7 +31,7 @@ def _mixed(low: Sequence[int], high: Sequence[int], count: int) -> Rgba:
 
 
 def _occupancy_colours() -> Rgba:
-    """Return the colours of the cell values: 0 free … 100 occupied, 255 unknown."""
+    """Return the colours of the cell values, shape ``(256, 4)``: 0 free … 100 occupied, 255 unknown."""
     # Unknown cells (-1, read as 255) stay transparent.
     colours = np.zeros((256, 4), dtype=np.uint8)
     colours[:101] = _mixed((52, 66, 88, 150), (150, 174, 210, 255), 101)
@@ -38,9 +39,10 @@ def _occupancy_colours() -> Rgba:
 
 
 def _cost_colours() -> Rgba:
-    """Return the colours of Nav2's costs, as in RViz.
+    """Return the colours of Nav2's costs, as in RViz, shape ``(256, 4)``.
 
-    They are blue to red, cyan for 253 (too near for the robot's middle), and magenta for 254 (an obstacle).
+    Costs from 1 to 252 are blue to red. 253 (the robot's centre must not be there) is cyan, and 254 (an
+    obstacle) is magenta.
     """
     colours = np.zeros((256, 4), dtype=np.uint8)
     colours[1:253] = _mixed((0, 40, 255, 34), (255, 30, 20, 150), 252)
@@ -68,7 +70,7 @@ class Floor:
             t: Tree time (ns).
             wall: Wall time (ns).
             data: The scene.
-            root: The frame of data without a frame.
+            root: The frame of data that names no frame.
         """
         log = self._rows.log
         places = data.places

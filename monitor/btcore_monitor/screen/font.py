@@ -56,7 +56,7 @@ def _arc(cx: float, cy: float, rx: float, ry: float, start: float, end: float) -
 
 
 def parse(drawing: str) -> tuple[float, list[Stroke]]:
-    """Return the width and the strokes of a drawing in the notation above; arcs become points."""
+    """Return the width and the strokes of a drawing in the notation of this module; arcs become points."""
     head, _, rest = drawing.partition(" ")
     strokes: list[Stroke] = []
     for part in rest.split("/"):
@@ -107,9 +107,9 @@ def strokes_of(text: str, x: float, y: float, height: float) -> list[Stroke]:
     """Return the strokes of a text, in a picture whose y points down.
 
     Args:
-        text: The text.
-        x: The left end.
-        y: The base line.
+        text: The text to draw.
+        x: The x of the text's left end.
+        y: The y of the text's base line.
         height: The height of a capital letter.
     """
     scale = height / CAPITAL

@@ -1,4 +1,8 @@
-"""Lanes over time: a lane for each leaf, or, in trees with too many leaves, for each depth."""
+"""Lanes: horizontal bars that show the statuses of nodes over time.
+
+There is a lane for each leaf. A tree with too many leaves has lanes for the running subtrees of each depth,
+and for the running leaves.
+"""
 
 import re
 from collections.abc import Collection, Iterable, Sequence
@@ -18,12 +22,16 @@ LANES_AT_MOST: Final = 48
 """Greatest number of lanes. A lane is about 40 pixels high, so that more lanes would not be readable."""
 SUBTREES_DEEP: Final = 4
 LEAVES_AT_ONCE: Final = 4
-"""Lanes of a big tree: the number of subtree levels, and of leaves that run at the same time."""
+"""Maximum numbers of lanes in a big tree: for levels of subtrees, and for leaves that run simultaneously."""
 NOTHING: Final = "–"
 
 
 def chosen(tree: ObservedTree, found: Collection[int]) -> list[ObservedNode]:
-    """Return the nodes that get a lane: the nodes *found* (uids), or all leaves if there are not too many."""
+    """Return the nodes that get their own lane.
+
+    These are the nodes whose uids are in *found*, the result of a search. Without *found* they are all
+    leaves, or no nodes if there are more than LANES_AT_MOST leaves.
+    """
     if found:
         return [node for node in tree.nodes if node.uid in found][:LANES_AT_MOST]
     all_leaves = leaves(tree.nodes)
@@ -31,7 +39,7 @@ def chosen(tree: ObservedTree, found: Collection[int]) -> list[ObservedNode]:
 
 
 def lane_entities(names: Sequence[str]) -> list[str]:
-    """Return the names of the lanes' entities. Each begins with a number, because rerun sorts by name."""
+    """Return an entity for each lane in *names*. It begins with a number, because rerun sorts by name."""
     digits = len(str(len(names)))
     return [
         f"{at:0{digits}d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name).strip('_')}"
@@ -40,7 +48,7 @@ def lane_entities(names: Sequence[str]) -> list[str]:
 
 
 class Lanes:
-    """The statuses of chosen nodes, tick by tick, and in a big tree the names of running nodes."""
+    """The lanes of a tree: the statuses of chosen nodes, and in a big tree the names of running nodes."""
 
     def __init__(
         self, rows: RowBuffer, tree: ObservedTree, palette: Palette, found: Collection[int] = ()
@@ -104,7 +112,10 @@ class Lanes:
                 self._running_lanes[lane].add(states.t, states.wall, name)
 
     def _assign_slots(self, running: list[int]) -> list[int | None]:
-        """Return the running leaf of each lane. A leaf keeps its lane; a new leaf takes a free lane."""
+        """Return the index of the running leaf of each lane, or None.
+
+        A leaf keeps its lane while it runs; a new leaf takes a free lane.
+        """
         self._slots = [leaf if leaf in running else None for leaf in self._slots]
         for leaf in running:
             if leaf not in self._slots and None in self._slots:
@@ -113,7 +124,10 @@ class Lanes:
 
 
 def _depths(tree: ObservedTree) -> dict[str, list[ObservedNode]]:
-    """Map the names of lanes to their nodes: the subtrees of a depth, or else the root's children."""
+    """Return the nodes of each lane of a big tree, by the lane's name.
+
+    A lane has the SubTree nodes of a depth. In a tree without subtrees, a lane has the root's children.
+    """
     by_depth: dict[int, list[ObservedNode]] = {}
     depth: dict[int, int] = {0: 0}
     for node in tree.nodes:

@@ -1,8 +1,9 @@
 """The layout of a tree: root on top, children in order, wrapped so that big trees stay legible.
 
-A plain tidy tree of 100 nodes is 9,000 units wide. Here a node's children either stand in columns below the
-node (columns of a single node give the usual row), or flow into rows like words into lines and hang from a
-spine below the parent's left end. Along columns or rows, children keep their order, and nothing overlaps.
+Without wrapping, a tree of 100 nodes is 9,000 units wide. In this layout, a node's children either stand in
+columns below the node (columns of a single node give the usual row), or they fill rows as words fill lines,
+and hang from a spine, a vertical line below the parent's left end. Along columns or rows, children keep their
+order, and nothing overlaps. Nodes are drawn as pills, with a badge (a disc with a symbol) at the left end.
 
 The best arrangement of a node depends on its surroundings. So every node offers a few shapes, from narrow and
 tall to wide and low (bottom-up). Then the root's best shape for the window is taken, which determines the
@@ -74,8 +75,9 @@ Line = tuple[tuple[float, float], ...]
 class Layout:
     """The layout of a tree.
 
-    *places* and *edges* are by index; an edge is the line from the parent, empty for the root. *frames* are
-    (index, x0, y0, x1, y1), and *size* is (width, height) with the upper left corner at (0, 0).
+    *places* and *edges* have an item for each node, in the order of the boxes. An edge is the line from the
+    parent, empty for the root. *frames* are (index of the node, x0, y0, x1, y1), and *size* is (width,
+    height) with the upper left corner at (0, 0).
     """
 
     places: tuple[Place, ...]
@@ -88,9 +90,9 @@ class Layout:
 class _Shape:
     """A way to draw a node and all nodes below it.
 
-    *width* and *height* are those of its area, and *anchor* is the distance from the area's left to the pill.
-    The children's shapes are in rows if *hung* from the spine, otherwise in columns, and the first column
-    begins *shift* to the right of the area's left.
+    *width* and *height* are the size of its area, and *anchor* is the distance from the area's left edge to
+    the pill. *groups* are the shapes of the children: in rows if *hung* from the spine, otherwise in columns.
+    The first column begins *shift* to the right of the area's left edge.
     """
 
     width: float
@@ -120,12 +122,15 @@ def lay_out(boxes: Sequence[Box], height: float, aspect: float = 1.6, comfort: f
 
 
 def _cost(shape: _Shape, aspect: float) -> float:
-    """Return the width of the smallest window of *aspect* that holds *shape*; it determines the scale."""
+    """Return the width of the smallest window of *aspect* that holds *shape*.
+
+    This width determines the scale of the drawing.
+    """
     return max(shape.width, shape.height * aspect)
 
 
 def _offers(boxes: Sequence[Box], height: float, wrap: bool) -> list[_Shape]:
-    """Return the shapes of the root, narrowest first."""
+    """Return the shapes that the root offers, narrowest first."""
     offered: list[list[_Shape]] = [[] for _ in boxes]
     # From the last box to the first: children follow their parents.
     for index in range(len(boxes) - 1, -1, -1):
@@ -172,7 +177,7 @@ def _steps(low: float, high: float) -> list[float]:
 
 
 def _stacked(shapes: Sequence[_Shape], limit: float) -> list[list[_Shape]]:
-    """Put neighbours into columns of similar height, at most *limit*."""
+    """Put neighbours into columns of similar height, each at most *limit* high."""
     heights = [shape.height for shape in shapes]
     columns = _fill(shapes, heights, HANG_Y, limit)
     total = sum(heights) + HANG_Y * (len(shapes) - len(columns))

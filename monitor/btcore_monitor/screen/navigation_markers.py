@@ -29,7 +29,10 @@ Strips = list[NDArray[np.float32]]
 
 @dataclass(frozen=True, slots=True)
 class PoseStyle:
-    """The style of one kind of poses: *colour*, and *radius* of the lines (m; negative values are pixels)."""
+    """The style of one kind of poses: *colour*, and *radius* of the lines (m; negative values are pixels).
+
+    *strips* returns the lines for poses (x, y, yaw; shape ``(n, 3)``) and the robot's radius (m).
+    """
 
     colour: int
     radius: float
@@ -101,7 +104,7 @@ class NavigationMarkers:
             t: Tree time (ns).
             wall: Wall time (ns).
             data: The scene.
-            root: The frame of data without a frame.
+            root: The frame of data that names no frame.
         """
         for poses in data.poses:
             self._show_poses(t, wall, poses, root)

@@ -1,7 +1,7 @@
 """A web server for the viewer's page that works without internet access.
 
 The page of rerun's SDK loads a font, looks for updates and reports usage statistics over the internet. That
-fails on a robot without internet, and users have not agreed to it. So this server passes the page on without
+fails on a robot without internet, and users have not agreed to it. So this server forwards the page without
 these requests.
 """
 
@@ -29,13 +29,13 @@ _BLOCK_EXTERNAL: Final = b"""
       : Promise.resolve(new Response(null, { status: 204 }));
 </script>
 """
-"""The page may load only itself and the recordings that its address names; all other requests are blocked."""
+"""A script for the page. It blocks all requests except for the page itself and the recordings in its URL."""
 _FORWARDED_HEADERS: Final = ("Content-Type", "rerun-final-length")
 _TIMEOUT: Final = 20.0
 
 
 class PageServer:
-    """A server on *port* of this machine that passes on the page that the SDK serves on port *source*.
+    """A server on *port* of this machine that forwards the page that the SDK serves on port *source*.
 
     Raises:
         OSError: The port is in use.
@@ -89,7 +89,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def free_port(wanted: int = 0) -> int:
-    """Return the port *wanted* if it is free, or else another free port."""
+    """Return the port *wanted* if it is free, otherwise another free port. 0 means any port."""
     with socket.socket() as probe:
         try:
             probe.bind(("0.0.0.0", wanted))

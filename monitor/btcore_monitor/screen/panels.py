@@ -138,7 +138,7 @@ def _numbers(values: list[StatusChanged]) -> Iterable[Any]:
 
 
 class NowPanel:
-    """A few lines of text: running leaves, failed leaves, the robot's notes, its contacts, and the tick."""
+    """A short table: running leaves, failed leaves, the robot's notes, its collisions, and the tick."""
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
         self._series: Series[str] = rows.series(NOW, markdown_columns)
@@ -160,7 +160,10 @@ class NowPanel:
             self._source_lines.append(f"| raised | {source.unavailable['exceptions']} |")
 
     def raised(self, event: ExceptionRaised, states: TickStates) -> None:
-        """Show the last node that raised, immediately, because a tick that raises may be the last tick."""
+        """Show the last node that raised an exception.
+
+        The panel is updated immediately, because a tick that raises may be the last tick.
+        """
         path, message = escape_markdown(event.path), escape_markdown(brief(event.message))
         self._raised = f"**{path}** raised at {event.t / 1e9:.2f} s: {message}"
         self._show(event.t, event.wall, states, self._root)
@@ -173,7 +176,7 @@ class NowPanel:
             self._gaps += 1
 
     def moving(self, data: MovingScene) -> None:
-        """Keep the notes and the contacts of *data* for the next update."""
+        """Keep the notes and the collisions of *data* for the next update of the panel."""
         self._notes.update(data.notes)
         if data.collisions is not None:
             self._contacts = f"{data.collisions} collisions · {data.grazes or 0} grazes"
@@ -183,7 +186,7 @@ class NowPanel:
         self._show(event.t, event.wall, states, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
 
     def moment(self, states: TickStates) -> None:
-        """Show *states* of a robot that does not report its ticks."""
+        """Show *states*, for a robot that does not report its ticks."""
         self._show(states.t, states.wall, states, SHOWN_NAMES[int(states.shown[0])])
 
     def _show(self, t: int, wall: int, states: TickStates, root: str) -> None:
@@ -231,7 +234,7 @@ class BlackboardTable:
         self._shown = ""
 
     def blank(self, t: int, wall: int) -> None:
-        """Show only the note, until a blackboard is received."""
+        """Show only the note, if no blackboard has been shown yet."""
         if not self._shown:
             self._series.add(t, wall, f"*{escape_markdown(self.note)}*")
 
@@ -282,9 +285,9 @@ def _short(value: Any) -> str:
 class StatisticsTable:
     """The observed results and running times of every node of a tree.
 
-    Only the time during which the monitor is connected counts. A node that is RUNNING at the connection
-    counts from then on. Trees of more than ROWS_AT_MOST nodes show the leaves with the longest running time,
-    then the leaves with the most results.
+    Only the time during which the monitor is connected counts. The running time of a node that is RUNNING
+    when the monitor connects starts at that moment. For a tree of more than ROWS_AT_MOST nodes, the table has
+    only the ROWS_AT_MOST leaves with the longest running times, and of equal times with the most results.
     """
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
@@ -299,7 +302,7 @@ class StatisticsTable:
         self._changed = False
 
     def start(self, t: int, wall: int, statuses: Mapping[int, int]) -> None:
-        """Begin with known statuses; earlier changes are unknown.
+        """Begin with known statuses. Transitions before *t* are unknown.
 
         Args:
             t: Tree time (ns).
@@ -325,12 +328,12 @@ class StatisticsTable:
             counts[event.status - SUCCESS] += 1
 
     def update(self, t: int, wall: int) -> None:
-        """Update the table at *t* (ns) if the last update is old enough."""
+        """Update the table at *t* (ns), unless the last update was less than EVERY_NS ago."""
         if self._next_update is None or t >= self._next_update:
             self.show(t, wall)
 
     def show(self, t: int, wall: int) -> None:
-        """Update the table at *t* (ns) if a node has changed or runs."""
+        """Update the table at *t* (ns) if a status has changed or a node is RUNNING."""
         if self._changed or (self._since and t != self._shown_at):
             self._changed = False
             self._shown_at = t
@@ -386,10 +389,10 @@ class TickCost:
         self._rows.log(RATE, curve("ticks a second", ink[SUCCESS]), static=True)
 
     def tick(self, event: Ticked) -> None:
-        """Add a tick. The budget is the usual time between ticks.
+        """Add a tick. The budget is the median time between the latest ticks.
 
-        The budget's line is drawn once a tick has taken a tenth of it, because a line far above would flatten
-        the curve. Until then only the legend shows the budget.
+        The line of the budget is drawn once a tick has taken more than a tenth of the budget, because a line
+        far above would flatten the curve. Until then only the legend shows the budget.
         """
         before, self._before = self._before, event
         self._duration.add(event.t, event.wall, event.duration_ns / 1e6)
@@ -416,7 +419,7 @@ def escape_markdown(text: str) -> str:
 def brief(message: str) -> str:
     """Return the first line of an error's *message*, without the tree's file and the node's name.
 
-    Both are displayed beside the message already.
+    The panels show the path of the node beside the message.
     """
     line = message.partition("\n")[0]
     return re.sub(r"^\S+:\d+: (node '.*?' <.*?> raised while \w+: )?", "", line)

@@ -52,7 +52,7 @@ class RobotView:
     data.
 
     Args:
-        sinks: Where the recordings go, or the robot's part of a window with several robots.
+        sinks: The destinations of the recordings, or the robot's part of a window with several robots.
         palette: The colours.
         find: Patterns such as ``Dock*``. Nodes whose name or path matches are highlighted and have lanes.
         level: The lowest level of the log's lines (a member of LEVELS).
@@ -77,7 +77,7 @@ class RobotView:
 
     @property
     def tree(self) -> TreeView | None:
-        """The drawing of the present tree, or None."""
+        """The drawing of the current tree, or None if no tree has been drawn."""
         return self._shown.tree if self._shown is not None else None
 
     def show(self, event: Event) -> None:
@@ -105,7 +105,7 @@ class RobotView:
             self._shown.rows.send()
 
     def close(self) -> None:
-        """Send the rest and finish the file."""
+        """Send the buffered rows and finish the recording."""
         self._draw()
         self._finish()
 
@@ -196,12 +196,12 @@ class _Shown:
         }
 
     def resume(self, event: TreeSeen) -> None:
-        """Continue the same tree after a lost connection with its present statuses, without transitions."""
+        """Continue the same tree with the statuses in *event*. The transitions before it are unknown."""
         self._at(event.t, event.wall)
         self._restart(event)
 
     def is_of(self, event: TreeSeen) -> bool:
-        """Return whether *event* is of this tree, received with the same protocol and clock."""
+        """Return whether *event* has this tree, and comes from a source with the same clock and numbering."""
         return self.tree_id == event.tree.tree_id and self.numbered == event.numbered
 
     def _restart(self, event: TreeSeen) -> None:

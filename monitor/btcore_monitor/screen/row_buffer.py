@@ -19,7 +19,7 @@ WALL_TIME = "wall"
 
 
 class Series(Generic[Value]):
-    """The unsent rows of an *entity*. *encode* converts their values to rerun's columns."""
+    """The unsent rows of an *entity*. *encode* converts the values of the rows to rerun's columns."""
 
     def __init__(self, entity: str, encode: Encode[Value]) -> None:
         self.entity = entity
@@ -34,7 +34,7 @@ class Series(Generic[Value]):
         Args:
             t: Tree time (ns).
             wall: Wall time (ns since the epoch).
-            value: The value.
+            value: The content of the row, which *encode* converts later.
         """
         self._t.append(t)
         self._wall.append(wall)
@@ -76,8 +76,8 @@ class RowBuffer:
         """Log data without buffering.
 
         Args:
-            entity: The entity.
-            components: The components.
+            entity: The path of the entity, without the robot's *place*.
+            components: The archetypes or components to log.
             static: Whether the data is valid for all times.
         """
         self.recording.log(self._below + entity, *components, static=static)

@@ -40,7 +40,7 @@ _COLOUR_LEGEND: Final = """
 | hatched | keep-out area |
 """
 _FAN_STEP: Final = 4
-"""Number of rays for each corner of the fan; a filled shape needs fewer points than the readings."""
+"""Number of laser rays for each corner of the fan, the filled area that the laser sees to be free."""
 _FAN_REACH: Final = 6.0
 """Length (m) of the fan for rays without an echo; a fan of the sensor's full range would hide the scene."""
 _BODIES: Final = ("base_footprint", "base_link")
@@ -62,7 +62,7 @@ Pose = tuple[str, tuple[float, ...], tuple[float, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Eye:
-    """The position of the scene's eye, and the point that it looks at (m).
+    """The point from which the 3D view shows the scene, and the point at which it looks (m).
 
     *robot* is the entity that a close-up follows; *pictures*, *battery* and *navigates* are True if there
     are camera pictures, a battery level and navigation data to show.
@@ -114,7 +114,7 @@ class SceneView:
             data: The scene.
 
         Returns:
-            False if this scene is drawn already; robots send it again on request.
+            False if this scene was drawn before; robots send the scene again on request.
         """
         if self.present and data == self._static:
             return False
@@ -269,7 +269,7 @@ class SceneView:
         return None
 
     def eye(self) -> Eye | None:
-        """Return where the scene is seen from, chosen by the extent of the world, or None without a scene."""
+        """Return the point of view, chosen by the extent of the world, or None if there is no scene."""
         if not self.present:
             return None
         data = self._static

@@ -71,7 +71,7 @@ def _height(part: Part) -> float:
 def _is_wall(part: Part) -> bool:
     """Return whether a part is thin and as high as a room.
 
-    Outlines of walls would be most of the lines of the picture, and viewers know how walls continue.
+    Walls get no outlines: these would be most of the lines in the picture, and do not help to understand it.
     """
     return isinstance(part, Box) and _height(part) > _WALL_HEIGHT and min(part.size[:2]) < _WALL_WIDTH
 
@@ -88,7 +88,7 @@ def _cut(part: Part) -> Part:
 
 
 def _dimmed(part: Part) -> Part:
-    """Return a darker floor, so that laser and trail are clearly visible."""
+    """Return *part*, darker if it is the floor or lies on it, so that laser and trail are clearly visible."""
     return _lit(part, _FLOOR_LIGHT) if 0.0 < _height(part) < _FLAT else part
 
 

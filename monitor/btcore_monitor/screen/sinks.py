@@ -51,9 +51,9 @@ class RecordingSinks:
 
 
 def viewer_program() -> Path:
-    """Return the viewer's program.
+    """Return the path of the viewer's executable.
 
-    Not ``bin/rerun``, a wrapper that leaves the viewer running when it is terminated.
+    This is not ``bin/rerun``: that wrapper leaves the viewer running when the wrapper is terminated.
 
     Raises:
         ScreenError: The viewer is not installed.
@@ -71,7 +71,7 @@ def open_window(memory_limit: str = "25%", port: int = 9876, files: Sequence[Pat
     """Start the viewer, or use a viewer that runs already. The viewer stays open when this process ends.
 
     Args:
-        memory_limit: The viewer's memory, such as ``2GB`` or ``25%``.
+        memory_limit: The maximum memory of the viewer, such as ``2GB`` or ``25%``.
         port: The viewer's port.
         files: Recordings to open.
 
@@ -109,7 +109,10 @@ def is_viewer_open(address: str) -> bool:
 
 @dataclass(slots=True)
 class WebView:
-    """A served web viewer; keep the object alive. *page* is for the browser, *address* for recordings."""
+    """A web viewer that is served as long as this object exists.
+
+    *page* is the URL to open in a browser, *address* the URL to which recordings are sent.
+    """
 
     page: str
     address: str
@@ -128,7 +131,7 @@ def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "
     Args:
         web_port: The port of the page.
         grpc_port: The preferred port of the relay for recordings; another port is used if it is taken.
-        memory_limit: The relay's memory, such as ``2GB`` or ``25%``.
+        memory_limit: The maximum memory of the relay, such as ``2GB`` or ``25%``.
 
     Raises:
         ScreenError: The page cannot be served on *web_port*.

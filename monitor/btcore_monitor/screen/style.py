@@ -19,7 +19,7 @@ PATH_STROKE: Final = 2.6
 FRAME_STROKE: Final = 1.1
 RING: Final = 6.0
 HALO: Final = 7.0
-"""Width of the ring around the pill of a node that raised, and of the halo of a node that was searched."""
+"""Width of the ring around a node that raised, and of the halo around a node that ``--find`` found."""
 NAME_ROOM: Final = 30
 """Characters of a name in a pill; the complete name is in the hover label."""
 NOTE_ROOM: Final = 30
@@ -27,7 +27,8 @@ NOTE_HEIGHT: Final = 7.6
 NOTE_STROKE: Final = 0.68
 NOTE_LIFT: Final = 5.4
 NOTE_DROP: Final = 13.6
-"""The line of ports below a name: its room in characters, how far the name is lifted, and its base line."""
+"""The note, a line below the name: maximum number of characters, height of capitals, radius of strokes, how
+far the name moves up to make room, and distance of the note's base line below the middle of the pill."""
 
 Colours = NDArray[np.uint32]
 

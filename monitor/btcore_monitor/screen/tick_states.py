@@ -1,7 +1,7 @@
 """The displayed states of a tree's nodes, tick by tick, for pills and lanes.
 
 A parent often resets a finished node within the same tick. A condition below an Inverter, for example, would
-always be displayed as IDLE. So there is, besides the stored status, the node's result in this tick, and its
+always be displayed as IDLE. Therefore this module also keeps each node's result in the current tick, and its
 last result.
 """
 

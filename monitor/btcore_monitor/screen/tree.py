@@ -33,7 +33,7 @@ ORIGIN: Final = "tree"
 FOLDED: Final = "folded"
 LEGEND: Final = "legend"
 FOLDED_AT_MOST: Final = 90
-"""Greatest number of nodes of a folded tree, which are readable in a window."""
+"""Greatest number of nodes of a folded tree; more nodes would not be readable in a window."""
 BIG: Final = 200
 """Number of nodes above which a tree also has a folded drawing."""
 _LEGIBLE: Final = 0.62
@@ -82,7 +82,7 @@ class TreeView:
         self._whole = whole
         self._found = {at for uid in found if (at := self._nearest(uid)) is not None}
         self._raised: dict[int, bool] = {}
-        """Whether the node was IDLE since, by the index of each node with a ring."""
+        """Whether the node was IDLE after it raised, by the index of each node with a ring."""
         self._inner = np.array([bool(node.children) for node in tree.nodes])
         self._pills = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
         edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
@@ -129,10 +129,12 @@ class TreeView:
             self._ring(t, wall)
 
     def raised(self, uid: int, t: int, wall: int) -> None:
-        """Draw a ring around a node that raised, or around its folded subtree, until the node runs again.
+        """Draw a ring around a node that raised an exception, or around the folded subtree that contains it.
+
+        The ring disappears when the node becomes active again after it was IDLE.
 
         Args:
-            uid: The node.
+            uid: The uid of the node.
             t: Tree time (ns).
             wall: Wall time (ns).
         """
@@ -227,7 +229,7 @@ def fold_subtrees(tree: ObservedTree, most: int = FOLDED_AT_MOST) -> ObservedTre
 
     Args:
         tree: The tree.
-        most: The greatest number of nodes; outer subtrees stay unfolded as long as the tree has fewer nodes.
+        most: The greatest number of nodes in the result. Outer subtrees are unfolded first.
     """
     content: dict[str, list[ObservedNode]] = {}
     for node in tree.nodes:
@@ -323,7 +325,7 @@ def leaves(nodes: Sequence[ObservedNode]) -> list[ObservedNode]:
 def matching(tree: ObservedTree, pattern: str) -> list[int]:
     """Return the uids of the nodes whose name, ID or path matches *pattern* (``*``, ``?``), ignoring case.
 
-    A pattern without ``*``, ``?`` and ``[`` is a part of the name or path.
+    A pattern without ``*``, ``?`` and ``[`` matches every name, ID or path that contains it.
     """
     # Not fnmatch(), which ignores case on Windows only.
     wanted = pattern.casefold()

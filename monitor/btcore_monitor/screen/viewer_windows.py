@@ -41,7 +41,10 @@ class SingleRobotWindow:
         self._sinks = sinks
 
     def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
-        """Return a new recording for a tree *name*, the tree's place in it, and its file, or None."""
+        """Return a recording for the tree *name*, the entity above all its entities, and its file, or None.
+
+        The entity is empty, because the recording has a single tree.
+        """
         recording = _recording(f"btcore {name}", name)
         return recording, "", self._sinks.attach(recording)
 
@@ -55,11 +58,14 @@ class SingleRobotWindow:
 
 
 class SharedWindow:
-    """A shared recording for the robots *labels*, begun with the first tree. The class is thread-safe."""
+    """A window for several robots, with a shared recording that begins with the first tree.
+
+    *labels* are the names of the robots for users. The class is thread-safe.
+    """
 
     def __init__(self, sinks: RecordingSinks, labels: Sequence[str]) -> None:
         self.slots = [SharedWindowSlot(self, label) for label in labels]
-        """A window for each robot."""
+        """The part of the window of each robot."""
         self.files: list[Path] = []
         """The file of the recording, once it has begun."""
         self._sinks = sinks
@@ -70,7 +76,7 @@ class SharedWindow:
         self._earlier: list[Pane] = []
 
     def begin(self, slot: "SharedWindowSlot") -> tuple[rr.RecordingStream, str, Path | None]:
-        """Return the recording, and a new place in it."""
+        """Return the recording, a new entity for all entities of a tree, and the file, or None."""
         with self._lock:
             if self._recording is None:
                 self._recording = _recording(f"btcore {self._name}", self._name)
@@ -114,7 +120,7 @@ class SharedWindowSlot:
         self._window = window
 
     def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
-        """Return the shared recording."""
+        """Return the shared recording, a new entity for all entities of the tree, and the file, or None."""
         return self._window.begin(self)
 
     def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
@@ -146,7 +152,8 @@ def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:
 
 
 def _recording(application: str, name: str) -> rr.RecordingStream:
-    # Blueprints are kept by application: windows with other trees must not share one.
+    # The viewer keeps a blueprint for each application name, so windows with different trees need different
+    # names.
     recording = rr.RecordingStream(re.sub(r"[^A-Za-z0-9_ -]+", "_", application))
     # Without the timelines that rerun adds by itself, which have no meaning here.
     recording.set_log_tick_enabled(False)

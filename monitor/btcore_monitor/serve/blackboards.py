@@ -1,9 +1,9 @@
 """Consistent snapshots of blackboards for other threads, without delaying the tree.
 
 After each tick the tick thread freezes the entries whose sequence ID changed: immutable values are kept,
-containers are copied one level deep, other objects are kept by reference. The publisher's thread makes the
-values portable, which may be slow. Blackboards of a tree that does not tick are read directly; a container
-that changes during that is read again.
+containers are copied one level deep, other objects are kept by reference. The publisher's thread converts the
+values to portable values (wire/msgpack_values.py), which may be slow. Blackboards of a tree that does not
+tick are read directly. A container that changes while it is read is read again.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ ROOT: Final = "ROOT"
 """The name under which a reply also contains the outermost blackboard (``groot2_publisher.cpp``)."""
 
 _ATTEMPTS: Final = 20
-"""Maximum readings of a container that another thread changes at the same time."""
+"""Maximum attempts to read a container that another thread changes at the same time."""
 
 _COPIES: Final[Mapping[type, Callable[[Any], object]]] = {
     list: list,
@@ -81,14 +81,14 @@ class BlackboardTracker:
     def for_groot(self, names: list[str], boards: Boards) -> dict[str, Mapping[str, Any] | None]:
         """Return the content of a BLACKBOARD reply. Any thread may call this method.
 
-        The result also contains the outermost blackboard as ``ROOT`` if a requested blackboard is another.
+        The result also contains the outermost blackboard as ``ROOT`` if any other blackboard is requested.
 
         Args:
             names: The requested names. Unknown names are left out.
-            boards: The values by path and key.
+            boards: The values by the blackboard's path and by key.
 
         Raises:
-            ReservedNameError: The result needs ``ROOT``, and a requested subtree has that name.
+            ReservedNameError: The result contains ``ROOT``, and a requested subtree has that name.
         """
         reply: dict[str, Mapping[str, Any] | None] = {}
         nested = False
@@ -109,7 +109,7 @@ class BlackboardTracker:
 
 
 def _read(board: Blackboard) -> dict[str, object]:
-    """Return the values of *board*, read again while another thread changes the container."""
+    """Return the values of *board*. If another thread changes a container meanwhile, read again."""
     for _ in range(_ATTEMPTS):
         # A container that changes size during the iteration raises RuntimeError.
         with contextlib.suppress(RuntimeError):

@@ -1,4 +1,4 @@
-"""A server of Groot 1's protocol: it takes transitions, and makes updates and replies with the tree."""
+"""A server of Groot 1's protocol. It converts transitions to updates, and sends the tree on request."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -38,7 +38,7 @@ class Groot1Server:
     """Serves one tree. Only the publisher's thread may use it.
 
     Args:
-        tree: The tree.
+        tree: The tree to serve.
         offset: The uids on the wire start at this number plus 1. Groot 1 has no tree IDs and detects a new
             tree only by unknown uids, so each tree of a robot gets new uids.
         rate: Maximum updates per second.
@@ -62,7 +62,7 @@ class Groot1Server:
         """Add a transition to the next update.
 
         Args:
-            item: The transition.
+            item: The transition, with its wall-clock time.
             now: The time in s of any monotonic clock.
         """
         self._change(item.change.uid, int(item.change.status), item.wall, now)

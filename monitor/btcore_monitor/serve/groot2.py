@@ -1,4 +1,4 @@
-"""A server of Groot 2's protocol: requests in, replies out, without sockets."""
+"""A server of Groot 2's protocol. It computes replies to requests, and uses no sockets."""
 
 import time
 import uuid
@@ -19,9 +19,9 @@ class Groot2Server:
     """Replies to requests about one tree. Only the publisher's thread may use it.
 
     Args:
-        tree: The tree.
-        xml: The reply to FULLTREE.
-        boards: Returns the body of the reply to BLACKBOARD for the requested names.
+        tree: The tree to serve.
+        xml: The body of the reply to FULLTREE.
+        boards: A function that returns the body of the reply to BLACKBOARD for the requested names.
         tree_id: The UUID in each reply's header.
         control: Handles requests about hooks. Without it, such requests get an error reply.
     """
@@ -70,7 +70,7 @@ class Groot2Server:
             if at is None:
                 continue
             code = self._statuses[at]
-            # 10 or more is IDLE; the rest is the status before
+            # A code of 10 or more means IDLE; code - 10 is the previous status.
             if (code if code < 10 else 0) != status:
                 self._statuses[at] = groot2.status_code(code if code < 10 else code - 10, status)
 

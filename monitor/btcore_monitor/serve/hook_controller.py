@@ -41,7 +41,7 @@ class HookController:
     """Sets the hooks of one tree. Only the publisher's thread may use it, except for :meth:`close`.
 
     Args:
-        tree: The tree.
+        tree: The tree to control.
         max_heartbeat_delay: Time without a request after which hooks are disabled, in s (wall clock).
     """
 
@@ -86,7 +86,7 @@ class HookController:
         """Execute a request about hooks and return the second frame of its reply.
 
         Args:
-            kind: A member of :data:`~btcore_monitor.wire.groot2.HOOKS`.
+            kind: The kind of request, a member of :data:`~btcore_monitor.wire.groot2.HOOKS`.
             body: The request's second frame.
 
         Raises:

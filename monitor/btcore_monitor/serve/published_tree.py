@@ -33,11 +33,11 @@ _FRESH_NS: Final = 1_000_000_000
 class PublishedTree:
     """The observer and the servers of one tree, which gets a new ID on the wire.
 
-    The tick thread creates, subscribes and finishes it.
+    The tick thread calls the constructor, `subscribe` and `finish`.
 
     Args:
-        tree: The tree.
-        resources: Objects of the robot, of which scene sources are drawn.
+        tree: The tree to serve.
+        resources: Objects of the robot. Only scene sources among them are used.
         scene: Whether the scene channel is served.
         groot1: The last uid of the previous tree in Groot 1's protocol (0: no previous tree), or None if
             Groot 1 is not served.
@@ -100,7 +100,7 @@ class PublishedTree:
         queue = self._observer.queue
         dropped = self.groot2.dropped
         deadline = time.monotonic() + _SECONDS_A_TURN
-        # At most what is queued now: the tree may append items faster than this loop takes them.
+        # At most the items that are queued now: the tree may append items faster than this loop takes them.
         for _ in range(len(queue)):
             item = queue.popleft()
             if isinstance(item, StampedTransition):

@@ -34,7 +34,7 @@ from btcore_monitor.wire.groot1 import BESIDE_GROOT2
 _POLL_MS: Final = 10
 _REQUEST_AT_MOST: Final = 1 << 20
 _LIVE_AT_MOST: Final = 2_000
-"""Maximum queued messages of a slow client; it requests messages again that it missed."""
+"""Maximum queued messages of a slow client; the client requests further messages again later."""
 
 _log = logging.getLogger("monitor")
 
@@ -148,7 +148,7 @@ class Publisher(Closeable):
 
         Args:
             tree: The new tree.
-            resources: As for `serve`.
+            resources: Objects of the robot, as for `serve`.
         """
         if self._finished:
             return
@@ -164,7 +164,7 @@ class Publisher(Closeable):
         self._replacements.append(fresh)
 
     def finish(self) -> None:
-        """End the stream, but go on replying to requests, for example while a recording is being written."""
+        """End the stream, but continue to reply to requests, for example while a recording is written."""
         if self._finished:
             return
         self._finished = True

@@ -1,8 +1,9 @@
 """The tick thread's part of publishing: it only appends items to a queue.
 
 There is no lock, no socket and no serialization here: appending to a ``deque`` is atomic under the
-interpreter's lock. The queue is bounded. If the publisher is too slow, the oldest transitions are dropped,
-which shows as a gap in their numbers, and no new scenes and blackboards are taken.
+interpreter's lock. The queue is bounded. If the publisher is too slow, no new scenes and blackboards are
+queued. If the queue is full, the oldest items are dropped; clients notice dropped transitions by a gap in
+their numbers.
 """
 
 import time
@@ -26,10 +27,10 @@ _BIG_AT_MOST: Final = 500
 """Maximum total weight of waiting scenes and blackboards, which are large; more are skipped."""
 
 _BLOB: Final = 1 << 16
-"""Bytes of grids and pictures that add 1 to the weight of a scene."""
+"""Number of bytes of grids and pictures that adds 1 to the weight of a scene."""
 
 SCENE_EVERY_NS: Final = 30_000_000
-"""Minimum time (tree clock) between two scenes."""
+"""Minimum time (ns, tree clock) between two scenes."""
 
 
 _LISTS: Final = {
@@ -46,7 +47,7 @@ S = TypeVar("S", StaticScene, MovingScene)
 def merge_scenes(kind: type[S], scenes: Sequence[S]) -> S:
     """Merge *scenes* into a scene of class *kind*.
 
-    Sequences and maps are joined; of other values the first that is not None is kept.
+    Sequences and maps are joined. For every other field, the first value that is not None is kept.
     """
     merged: dict[str, Any] = {}
     for name in (field.name for field in fields(kind)):
@@ -59,7 +60,7 @@ def merge_scenes(kind: type[S], scenes: Sequence[S]) -> S:
 
 
 def weight(scene: MovingScene) -> int:
-    """Return how many large messages *scene* counts for."""
+    """Return the weight of *scene*: 1, and 1 more for each _BLOB bytes of grids and pictures."""
     blobs = [grid.cells for grid in scene.grids] + [picture.data for picture in scene.pictures]
     return 1 + sum(map(len, blobs)) // _BLOB
 
@@ -72,7 +73,10 @@ class StampedTransition(NamedTuple):
 
 
 class TickEnded(NamedTuple):
-    """The end of a tick of the root."""
+    """The end of a tick of the root.
+
+    *stamp* is ns of the tree's clock, *wall* ns since the epoch, and *duration* ns of wall time.
+    """
 
     tick: int
     stamp: int
@@ -99,7 +103,7 @@ class SceneTaken(NamedTuple):
 
 
 class NodeException(NamedTuple):
-    """An exception of a node."""
+    """An exception of the node at *path*."""
 
     stamp: int
     wall: int
@@ -130,7 +134,7 @@ class QueueingObserver(Observer):
         """
         self._big_put = 0
         self.ended_at = 0
-        """The monotonic time (ns) up to which the queued blackboards are the latest."""
+        """The monotonic time (ns) of the last tick whose changes of blackboards were queued."""
         self._boards = boards
         self._scenes = scenes
         self._next_scene: int | None = None

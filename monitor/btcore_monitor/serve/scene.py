@@ -1,4 +1,4 @@
-"""A server of the scene channel: queued items in, messages out, without sockets."""
+"""A server of the scene channel. It converts queued items to messages, and uses no sockets."""
 
 import io
 import logging
@@ -45,7 +45,7 @@ Frames = tuple[bytes, bytes]
 
 
 class SceneServer:
-    """Makes the stream of one tree, and replies to requests for its past.
+    """Creates the stream of messages about one tree, and replies to requests for past messages.
 
     Only the publisher's thread may use it.
     """
@@ -99,7 +99,7 @@ class SceneServer:
         """Yield the messages since the last call, in few large pieces.
 
         After each call of ZeroMQ this thread waits for the interpreter's lock: up to 5 ms (Python's switch
-        interval) while the tick thread computes. So few calls matter more than small messages.
+        interval) while the tick thread computes. So few large messages are faster than many small messages.
         """
         while self._sent < self.history.latest:
             piece = self.history.piece(self.tree_id, self._sent + 1)

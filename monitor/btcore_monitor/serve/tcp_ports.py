@@ -9,13 +9,14 @@ import zmq
 from btcore_monitor.errors import MonitorError
 
 PORTS: Final = 3
-"""port: requests · port + 1: notifications · port + 2: the scene channel."""
+"""Number of ports for Groot 2: requests (port), notifications (port + 1), the scene channel (port + 2)."""
 
 GROOT1_PORTS: Final = 2
-"""port: updates · port + 1: requests."""
+"""Number of ports for Groot 1: updates (port), requests (port + 1)."""
 
 GROOT1_ALONE: Final = 4
-"""port: updates · port + 1: requests · port + 3: the scene channel, two ports above the requests."""
+"""Number of ports for Groot 1 without Groot 2: updates (port), requests (port + 1), none at port + 2, and the
+scene channel (port + 3), which is always two ports above the requests."""
 
 _FREE_FROM: Final = 20_000
 _FREE_TO: Final = 32_000
@@ -46,8 +47,8 @@ def bind_in_a_row(sockets: Sequence[Socket | None], host: str, port: int, count:
     """Bind *sockets* to consecutive ports of *host*.
 
     Args:
-        sockets: The sockets; None leaves out a port.
-        host: The interface.
+        sockets: The sockets, in the order of their ports; None leaves out a port.
+        host: The address of the interface (``*``: all interfaces).
         port: The first port; 0 chooses free ports.
         count: The number of ports in the range, for error messages and free ports.
 

@@ -1,4 +1,4 @@
-"""Poll the blackboards of a robot, and react when it rejects a request."""
+"""Request the blackboards of a robot periodically, also of a robot that rejects a request for all of them."""
 
 from typing import Any
 
@@ -8,11 +8,11 @@ from btcore_monitor.wire.msgpack_values import Boards, decode_boards
 
 
 class BlackboardPoller:
-    """Makes the requests for a robot's blackboards, *rate* times per second (0: never).
+    """Creates the requests for a robot's blackboards, *rate* times per second (0: never).
 
-    A request covers all subtrees. BehaviorTree.CPP rejects that if a subtree is named ``ROOT`` or if there
-    are two outermost blackboards (``Groot2Publisher::generateBlackboardsDump``); then the poller requests
-    each blackboard separately.
+    A request asks for the blackboards of all subtrees. BehaviorTree.CPP rejects this request if a subtree is
+    named ``ROOT`` or if there are two outermost blackboards (``Groot2Publisher::generateBlackboardsDump``).
+    Then the poller requests each blackboard separately.
     """
 
     def __init__(self, rate: float) -> None:
@@ -36,7 +36,7 @@ class BlackboardPoller:
         self.due = 0.0 if self.rate > 0 else float("inf")
 
     def next_request(self, now: float) -> bytes:
-        """Return the body of the next request, at *now* (monotonic s)."""
+        """Return the body of the next request, which the caller sends at *now* (monotonic s)."""
         if not self._remaining:
             self._remaining = list(self._groups)
             self._received = {}
@@ -52,7 +52,8 @@ class BlackboardPoller:
             body: The body of the reply.
 
         Returns:
-            All blackboards by path, if no further reply is needed for them and a value changed; else None.
+            All blackboards by path. None while replies for other blackboards are missing, or if no value has
+            changed.
 
         Raises:
             ProtocolError: *body* is not a BLACKBOARD reply.

@@ -40,7 +40,7 @@ from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.fulltree import read_fulltree
 
 SCENE_FIRST: Final = 0.7
-"""Seconds that the feed waits for the scene channel of a robot that replies to Groot's requests."""
+"""Time (s, wall clock) to wait for the scene channel of a robot that replies to Groot's requests."""
 
 SILENT_AFTER: Final = 3.0
 """Seconds (wall clock) without a heartbeat after which a btcore robot counts as lost."""
@@ -83,7 +83,7 @@ class Feed(Closeable):
         self._reported_error = ""
 
     def poll(self, timeout: float) -> list[Event]:
-        """Return the events since the last call, after at most *timeout* s (wall clock) for the first."""
+        """Return the events since the last call. If there are none, wait up to *timeout* s (wall clock)."""
         deadline = time.monotonic() + timeout
         while True:
             events = self._gather()
@@ -95,7 +95,7 @@ class Feed(Closeable):
     def events(self, until_end: bool = False) -> Iterator[Event]:
         """Yield events until :meth:`stop`.
 
-        With *until_end*, stop also at the end of the robot's run, or when it is away for ABANDONED_AFTER.
+        With *until_end*, also stop when the robot reports the end of its run, or is away for ABANDONED_AFTER.
         """
         return chain.from_iterable(self.batches(until_end))
 
@@ -117,7 +117,7 @@ class Feed(Closeable):
         return self.events()
 
     def stop(self) -> None:
-        """End the iteration, from any thread or signal handler."""
+        """End the iteration. Any thread or signal handler may call this method."""
         self._stopped.set()
 
     def close(self) -> None:

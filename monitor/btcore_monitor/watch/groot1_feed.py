@@ -39,7 +39,7 @@ GROOT1: Final = DataSource(
         "blackboard": NOT_SENT,
     },
 )
-"""The topics that this protocol does not send."""
+"""The data source of this feed, with the topics that Groot 1's protocol does not send."""
 
 _ASK_AGAIN_AFTER: Final = 0.2
 _WAITING_AT_MOST: Final = 250
@@ -47,8 +47,10 @@ _UPDATES_A_TURN: Final = 50
 _UPDATE_AT_MOST: Final = 16 << 20
 _RECONNECT_MS: Final = 100
 _FUTURE_NS: Final = 5_000_000_000
-"""How far (ns) an update may be ahead of the estimated time, because the first update may have been delayed
-that long."""
+"""Maximum time (ns) by which an update may be ahead of the estimate of the robot's clock.
+
+The first update, from which the clock is estimated, may have been delayed that long.
+"""
 
 
 class Groot1Feed:
@@ -114,7 +116,7 @@ class Groot1Feed:
 
     @property
     def is_back(self) -> bool:
-        """Whether the robot of a shown tree sends messages again after it was away."""
+        """Whether a robot whose tree is shown sends messages again after it was away."""
         return self._shown and self._silent_since < self.alive_at
 
     @property
@@ -267,7 +269,7 @@ class Groot1Feed:
             self._change(change, events)
 
     def _compare(self, received: dict[int, int], t: int, wall: int, events: list[Event]) -> None:
-        """Compare the *received* statuses with the known statuses, and correct these."""
+        """Compare the known statuses with the *received* statuses, and correct the known statuses."""
         different = {uid: status for uid, status in received.items() if self._statuses[uid] != status}
         if self._is_certain and not any(different.values()):
             # A robot can be configured not to publish transitions to IDLE: StatusChangeLogger's

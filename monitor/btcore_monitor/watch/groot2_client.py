@@ -56,7 +56,7 @@ class Groot2Client(RequestClient):
                 return reply
             self.wait(self.deadline - time.monotonic())
 
-    # The same in steps, for callers that wait for other sockets too.
+    # `request` in two steps, for callers that wait for other sockets at the same time.
 
     def begin_request(self, kind: Request, body: bytes | None = None) -> None:
         """Send a request. A pending request is abandoned."""

@@ -1,11 +1,12 @@
 """Follow a robot that supports only Groot 2's protocol, by polling.
 
-The feed lets the robot record its transitions, and requests first the statuses and then the recorded
-transitions, again and again. Transitions that do not agree with the statuses are reported as a gap. Each
-request for transitions empties the robot's buffer. So if another client requests them too, if the robot
-rejects the request, or if ``record`` is false, the feed requests only statuses. Then changes between two
-requests are unseen, with one exception: the protocol sends the previous status of an idle node. In both cases
-the feed numbers the transitions itself, and ``TreeSeen.numbered`` is false.
+The feed makes the robot record its transitions. It periodically requests the statuses, and then the recorded
+transitions. Transitions that do not agree with the statuses are reported as a gap.
+
+Each request for transitions empties the robot's buffer. So the feed requests only statuses if another client
+requests transitions too, if the robot rejects the request, or if ``record`` is false. Then changes between
+two requests are not seen, with one exception: the protocol sends the previous status of an idle node. With
+and without a recording, the feed numbers the transitions itself, and ``TreeSeen.numbered`` is false.
 """
 
 import time
@@ -52,7 +53,7 @@ _FORGIVEN_AFTER: Final = 200
 """Batches without a gap after which earlier gaps no longer count."""
 
 _FASTER_FROM: Final = 400
-"""Transitions in a batch from which on requests become more frequent: the robot keeps only 1,000."""
+"""Transitions in a batch from which on requests become more frequent, because the robot keeps only 1,000."""
 _SLOWER_UNTIL: Final = 100
 """Transitions in a batch up to which requests become less frequent again."""
 _SHORTEST_INTERVAL: Final = 0.01
@@ -68,7 +69,7 @@ class Groot2Feed:
     Args:
         client: The client of the robot.
         blackboard_rate: How often blackboards are requested, in Hz (0: never).
-        record: Whether the robot records its transitions.
+        record: Whether the feed makes the robot record its transitions.
     """
 
     def __init__(self, client: Groot2Client, blackboard_rate: float, record: bool = True) -> None:
@@ -96,7 +97,7 @@ class Groot2Feed:
         self._next_status = 0.0
 
     def forget(self) -> None:
-        """Start again by requesting the tree. The recording of an unchanged tree continues."""
+        """Forget the tree and request it again. The recording of an unchanged tree continues."""
         self.tree = None
         self._records = None
         self._observed = None
@@ -167,7 +168,7 @@ class Groot2Feed:
         elif self._records is not None and self._record and self._validator is None:
             self._begin(Request.TOGGLE_RECORDING, b"start")
         elif self._records is None or self._boards.due >= self._next_status <= now:
-            # Statuses before recorded transitions: a batch must include all that led to the statuses.
+            # Statuses before recorded transitions: a batch must contain all transitions up to the statuses.
             self._next_status = now + self._every
             self._begin(Request.STATUS)
         elif self._boards.due <= now:
@@ -227,7 +228,7 @@ class Groot2Feed:
             self._show(self._clock.wall(), observed, events)
 
     def _start(self, wall: int) -> None:
-        """Begin a recording that starts at *wall* (robot's clock). The tree is shown with the first batch."""
+        """Begin a recording that starts at *wall* (ns, robot's clock). The first batch shows the tree."""
         assert self._records is not None
         answered_at = self._clock.wall()
         # The robot took its time between request and reply; the middle halves the maximum error.
@@ -352,7 +353,7 @@ class Groot2Feed:
         events.append(DataMissed(self._clock.t(wall), wall, self._seen_up_to, "transitions", reason))
 
     def _continue_without(self, request: Request | None, reason: str, events: list[Event]) -> bool:
-        """Continue without the data that the robot refused. Return false if the data is necessary."""
+        """Continue without the data that the robot refused to send. Return false if the data is necessary."""
         if request is Request.BLACKBOARD:
             wall = self._clock.wall()
             t = self._clock.t(wall)

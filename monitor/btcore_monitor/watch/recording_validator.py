@@ -34,7 +34,7 @@ class RecordingValidator:
         """Apply a batch of transitions.
 
         Args:
-            observed: The statuses at a time after the previous batch and not after this batch.
+            observed: The statuses that the robot sent after the previous batch and before this batch.
             batch: The recorded transitions, the oldest first.
 
         Returns:
@@ -84,8 +84,8 @@ class RecordingValidator:
 class RobotClock:
     """An estimate of a robot's wall clock (ns since the epoch), and the time of its tree.
 
-    Until the robot sends a time, it equals this machine's wall clock. It advances with the monotonic clock,
-    so changes of this machine's wall clock do not affect it.
+    Until the robot sends a time, the estimate equals this machine's wall clock. The estimate advances with
+    the monotonic clock, so changes of this machine's wall clock do not affect it.
     """
 
     def __init__(self) -> None:

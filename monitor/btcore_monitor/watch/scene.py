@@ -25,7 +25,7 @@ from btcore_monitor.wire.scene_channel import (
 )
 
 _WAITING_AT_MOST: Final = 5_000
-"""Maximum waiting messages that arrived too early; the client requests others again later."""
+"""Maximum stored messages that arrived too early. Further messages are dropped and requested again later."""
 
 _ASK_AGAIN_AFTER: Final = 2.0
 _FRAMES_A_TURN: Final = 500
@@ -43,7 +43,7 @@ class SceneClient:
         self.last_message = 0.0
         """When the last message arrived (monotonic s); 0: never."""
         self.error = ""
-        """Why the last message could not be decoded; empty if it could."""
+        """Why the last message could not be decoded; empty if it was decoded."""
         self.errors = 0
         """The number of messages that could not be decoded."""
         self._next = 1
@@ -133,7 +133,7 @@ class SceneClient:
         elif isinstance(message, PieceMessage):
             self._latest = max(self._latest, message.latest)
             if message.first <= self._next:
-                # messages in its range that it does not contain are lost for good
+                # Messages in the range of this piece that the piece does not contain are lost.
                 self._lost_up_to = max(self._lost_up_to, message.last)
                 self._end_request()
             for data in message.messages:

@@ -1,1 +1,4 @@
-"""Bytes ⇄ messages, without sockets: the protocols of Groot 1 and Groot 2, and the scene channel."""
+"""Encode and decode the messages of the protocols of Groot 1 and Groot 2, and of the scene channel.
+
+No module here uses sockets.
+"""

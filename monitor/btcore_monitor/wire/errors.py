@@ -1,10 +1,10 @@
-"""The errors of received bytes that do not fit a protocol."""
+"""The exceptions for received bytes that are invalid, and for requests that a robot rejects."""
 
 from btcore_monitor.errors import MonitorError
 
 
 class ProtocolError(MonitorError, ValueError):
-    """Received bytes do not fit the protocol. The message names the expected and the received data.
+    """Received bytes are invalid in the protocol. The message names the expected and the received data.
 
     Likely causes: another program answers at that address, or one side is much newer.
     """

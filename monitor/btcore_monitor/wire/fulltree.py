@@ -1,4 +1,4 @@
-"""Read the XML of a Groot 2 FULLTREE reply into an :class:`ObservedTree`, and write it.
+"""Convert the XML of a Groot 2 FULLTREE reply to an :class:`ObservedTree`, and back.
 
 The XML comes from the network and is not trusted. A document with a document type declaration is rejected
 before parsing, so there are no entities to expand, and the parser fetches nothing.
@@ -20,7 +20,8 @@ FAMILIES: Final[dict[str, Kind]] = {
     "Decorator": "decorator",
     "SubTree": "subtree",
 }
-"""Node families by the tags of a TreeNodesModel. The explicit form of a node has the same tags."""
+"""Node families by the tags in a TreeNodesModel. Nodes in the explicit form (``<Action ID="…"/>``) have these
+tags, too."""
 
 _TAGS: Final = {kind: tag for tag, kind in FAMILIES.items()}
 _NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
@@ -61,7 +62,7 @@ def read_fulltree(xml: bytes, tree_id: str) -> ObservedTree:
 
 
 def write_fulltree(tree: ObservedTree) -> bytes:
-    """Return the robot's own document for *tree*, or a document that is built from the known nodes."""
+    """Return the XML that the robot sent for *tree*. If it sent none, build the XML from the known nodes."""
     if tree.xml:
         return tree.xml
     root = etree.Element("root", BTCPP_format="4")
@@ -81,7 +82,7 @@ def write_fulltree(tree: ObservedTree) -> bytes:
             own = {"name": node.name}
         tag = "SubTree" if node.kind == "subtree" else node.id
         above[node.uid] = etree.SubElement(parent, tag, {**own, "_uid": str(node.uid), **node.ports})
-        # The models make a reader know the family of nodes with one child or none.
+        # Without a model, a reader could not infer the family of a node with one child or none.
         if node.kind != "subtree" and node.id not in known:
             known.add(node.id)
             etree.SubElement(models, _TAGS[node.kind], ID=node.id)

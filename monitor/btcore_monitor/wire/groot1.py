@@ -1,9 +1,9 @@
-"""Groot 1's protocol as in BehaviorTree.CPP 3.8 (``src/loggers/bt_zmq_publisher.cpp``): bytes ⇄ messages.
+"""Encode and decode Groot 1's protocol as in BehaviorTree.CPP 3.8 (``src/loggers/bt_zmq_publisher.cpp``).
 
 The request socket answers every request with the tree (groot1_tree.py). The publish socket sends updates of
 one frame each: the statuses of all nodes at the end of the previous update, and the transitions since then.
-Integers are little endian: the C++ publisher writes them with ``flatbuffers::WriteScalar``. Bytes that do
-not fit raise :class:`~btcore_monitor.wire.errors.ProtocolError`.
+Integers are little endian: the C++ publisher writes them with ``flatbuffers::WriteScalar``. Invalid bytes
+raise :class:`~btcore_monitor.wire.errors.ProtocolError`.
 """
 
 import struct
@@ -16,7 +16,7 @@ PUBLISH_PORT: Final = 1666
 """The port of updates. The next port answers requests."""
 
 BESIDE_GROOT2: Final = 2666
-"""The port of updates of a robot that publishes for Groot 2 too, which has 1667 and 1668."""
+"""The port of updates of a robot that also publishes for Groot 2, which needs the ports 1667 and 1668."""
 
 RATE: Final = 25
 """Maximum updates per second; the default of BehaviorTree.CPP's PublisherZMQ."""

@@ -1,4 +1,4 @@
-"""The tree in the reply of Groot 1's request socket: a flatbuffer ⇄ nodes and models → an ObservedTree.
+"""Encode and decode the tree in the reply of Groot 1's request socket, which is a flatbuffer.
 
 The schema is BehaviorTree.CPP 3.8's ``BT_logger_generated.h``. Groot 1 reads the buffer without any check,
 so every field that it reads is written: all statuses, vectors and strings, even if they are empty.
@@ -34,7 +34,7 @@ class WireNode(NamedTuple):
     """A node. *name* is its instance name (for a SubTree: the tree's ID), *id* its registration ID.
 
     *ports* are pairs of a port's name and its text in the XML: inputs first, then outputs. A port that is
-    both has two pairs.
+    both input and output has two pairs.
     """
 
     uid: int
@@ -55,7 +55,10 @@ class WirePort(NamedTuple):
 
 
 class WireModel(NamedTuple):
-    """The model of all nodes with the registration ID *id*. *type* 1 is the first of KINDS; 0 is none."""
+    """The model of all nodes with the registration ID *id*.
+
+    *type* is the position of the nodes' family in KINDS, counted from 1; 0 is undefined.
+    """
 
     id: str
     type: int

@@ -1,9 +1,9 @@
-"""Groot 2's protocol as in BehaviorTree.CPP 4.10: bytes ⇄ messages, without sockets.
+"""Encode and decode Groot 2's protocol as in BehaviorTree.CPP 4.10, without sockets.
 
 A request is a header of 6 bytes and, for some kinds, a second frame. A reply is a header of 22 bytes and, for
 some kinds, a second frame. An error reply is the frame ``error`` and a frame with a sentence. Integers are
 little endian: ``groot2_protocol.h`` copies them with ``memcpy`` in the byte order of the robot's processor,
-which is little endian on x86-64 and ARM. Bytes that do not fit raise
+which is little endian on x86-64 and ARM. Invalid bytes raise
 :class:`~btcore_monitor.wire.errors.ProtocolError`.
 """
 
@@ -133,7 +133,7 @@ def encode_reply(request: RequestHeader, tree_id: bytes, body: bytes | None = No
 
 
 def encode_error(sentence: str) -> list[bytes]:
-    """Return the frames of an error reply."""
+    """Return the frames of an error reply with the message *sentence*."""
     return [ERROR, sentence.encode("utf-8", "replace")]
 
 
@@ -154,7 +154,7 @@ def decode_reply(frames: Sequence[bytes]) -> Reply:
         RobotRefusedError: *frames* is an error reply.
         ProtocolError: *frames* is not a reply.
     """
-    # An error reply has no header, so nothing relates it to its request but the order of a REQ socket.
+    # An error reply has no header. It belongs to the last request, because a REQ socket sends one at a time.
     if len(frames) == 2 and frames[0] == ERROR:
         raise RobotRefusedError(frames[1].decode("utf-8", "replace"))
     if not 1 <= len(frames) <= 2:
@@ -189,7 +189,7 @@ def encode_statuses(codes: Iterable[tuple[int, int]]) -> bytes:
 
 
 def decode_statuses(body: bytes) -> dict[int, StatusRecord]:
-    """Return uid → status record of a STATUS buffer, in its order.
+    """Return the status records of a STATUS buffer by uid, in the order of the buffer.
 
     Raises:
         ProtocolError: *body* is not a STATUS buffer.
@@ -289,7 +289,7 @@ def boards_by_path(boards: Mapping[str, dict[str, Any]], main: str) -> dict[str,
     """Return the *boards* of a reply with paths as keys.
 
     Args:
-        boards: Values by the name of a blackboard and by key.
+        boards: The values by the blackboard's name and by key.
         main: The main tree's ID, which becomes ``""``. ``ROOT`` is left out if it equals the main blackboard.
     """
     by_path = {("" if name == main else name): board for name, board in boards.items()}

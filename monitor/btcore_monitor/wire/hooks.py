@@ -35,7 +35,10 @@ OVERRIDING: Final = ("SUCCESS", "FAILURE")
 
 
 class WireHook(NamedTuple):
-    """A hook. A node has at most one hook before (*position* 0) and one hook after (1) its tick."""
+    """A hook of the node *uid*, with the *position* PRE or POST and the *mode* BREAKPOINT or REPLACE.
+
+    A node has at most one hook before its tick and one hook after its tick.
+    """
 
     uid: int
     position: int = PRE
@@ -46,7 +49,7 @@ class WireHook(NamedTuple):
 
 
 class BreakpointUnlock(NamedTuple):
-    """How a tick that waits at a breakpoint continues."""
+    """The content of a BREAKPOINT_UNLOCK request: how a tick that waits at a breakpoint continues."""
 
     uid: int
     position: int
@@ -66,7 +69,7 @@ def encode_hooks(hooks: Sequence[WireHook]) -> bytes:
 
 
 def encode_place(uid: int, position: int) -> bytes:
-    """Return the second frame of HOOK_REMOVE."""
+    """Return the second frame of HOOK_REMOVE, for the hook of the node *uid* at *position* (PRE or POST)."""
     return json.dumps({"uid": uid, "position": position}).encode()
 
 
@@ -89,7 +92,7 @@ def decode_hooks(body: bytes) -> list[WireHook]:
 
 
 def decode_place(body: bytes) -> tuple[int, int]:
-    """Return the uid and the position of the hook that a HOOK_REMOVE request removes.
+    """Return the node's uid and the position (PRE or POST) of the hook that a HOOK_REMOVE request removes.
 
     Raises:
         JsonError: *body* is not JSON, or a member is missing or invalid.
@@ -140,10 +143,10 @@ def encode_dump(hooks: Iterable[WireHook]) -> bytes:
 
 
 def encode_breakpoint_reached(uid: int, unique_id: int) -> list[bytes]:
-    """Return the frames of a notification that a hook fires.
+    """Return the frames of a notification that a hook has fired.
 
     Args:
-        uid: The hook's node.
+        uid: The uid of the hook's node.
         unique_id: Any number of 32 bits.
     """
     return [RequestHeader(Request.BREAKPOINT_REACHED, unique_id).encode(), str(uid).encode()]

@@ -1,8 +1,10 @@
 """Values of a blackboard as MessagePack, by the rules of BehaviorTree.CPP's JSON exporter.
 
-A bool becomes 0 or 1, an enum or integer an int, a float a float32 if that is exact and else a float64.
-Sequences become arrays, dataclasses and named tuples maps with ``__type``. Other values, and entries that
-were never written, become nil. Keys are sorted, and an empty blackboard is nil.
+A bool becomes the integer 0 or 1, and an enum member becomes its value. A float becomes a float32 if that is
+exact, otherwise a float64. Lists, tuples, sets and numpy arrays become arrays, and mappings become maps.
+Dataclasses and named tuples become maps with the class's name at the key ``__type``. Integers and texts are
+unchanged. Values of other classes, and entries that were never written, become nil. Keys are sorted, and an
+empty blackboard is nil.
 """
 
 import dataclasses
@@ -19,7 +21,7 @@ Boards = Mapping[str, Mapping[str, Any]]
 """The values of blackboards: by the blackboard's name or path, then by key."""
 
 DEPTH_AT_MOST: Final = 16
-"""Maximum nesting; deeper values become nil. A list may contain itself."""
+"""Maximum nesting; deeper values become nil. A limit is necessary, because a list may contain itself."""
 
 _FLOAT32_MAX: Final = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]
 _INT64_MIN: Final = -(1 << 63)
@@ -29,9 +31,9 @@ _NIL: Final = b"\xc0"
 
 
 def to_portable(value: object, depth: int = DEPTH_AT_MOST) -> Any:
-    """Return *value* as None, int, float, str, lists, and dicts with str keys.
+    """Convert *value* to a portable value: None, int, float, str, or lists and dicts of these.
 
-    The result is a copy: it shares no mutable object with *value*.
+    The keys of dicts are str. The result shares no mutable object with *value*.
 
     Args:
         value: Any object.
@@ -73,14 +75,20 @@ def to_portable(value: object, depth: int = DEPTH_AT_MOST) -> Any:
 
 
 def encode_boards(boards: Mapping[str, Mapping[str, Any] | None]) -> bytes:
-    """Return the second frame of a BLACKBOARD reply: name → key → portable value, or nil without names."""
+    """Return the second frame of a BLACKBOARD reply. It is nil if there are no blackboards.
+
+    Args:
+        boards: Portable values by the blackboard's name and by key. An empty blackboard is sent as nil.
+    """
     if not boards:
         return _NIL
     return _packed({name: (board or None) for name, board in boards.items()})
 
 
 def decode_boards(body: bytes) -> dict[str, dict[str, Any]]:
-    """Return name → key → value of a BLACKBOARD reply; an empty blackboard is an empty dict.
+    """Return the values in a BLACKBOARD reply, by the blackboard's name and by key.
+
+    An empty blackboard is an empty dict.
 
     Raises:
         ProtocolError: *body* is not MessagePack, or not a map of maps.
@@ -99,7 +107,7 @@ def decode_boards(body: bytes) -> dict[str, dict[str, Any]]:
 
 
 def unpack_msgpack(body: bytes) -> Any:
-    """Return the value in *body*.
+    """Return the value that the MessagePack data in *body* describe.
 
     Raises:
         ProtocolError: *body* is not MessagePack, or a map has a key that is not text.

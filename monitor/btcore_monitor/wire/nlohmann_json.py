@@ -86,7 +86,7 @@ def _kind(value: Any) -> str:
 
 
 def require_member(value: Any, key: str) -> Any:
-    """Return the member *key* of *value*.
+    """Return the member *key* of the JSON object *value*.
 
     Raises:
         JsonError: *value* is not an object, or has no such member.
@@ -99,7 +99,9 @@ def require_member(value: Any, key: str) -> Any:
 
 
 def require_number(value: Any) -> int:
-    """Return *value* without its fraction. A bool is accepted, because nlohmann converts it to a number.
+    """Return *value* as an integer, without its fraction.
+
+    A bool is accepted, because nlohmann converts it to a number.
 
     Raises:
         JsonError: *value* is not a finite number.
@@ -110,7 +112,7 @@ def require_number(value: Any) -> int:
 
 
 def require_type(value: Any, kind: type[T]) -> T:
-    """Return *value*, an instance of *kind* (bool or str).
+    """Return *value* after checking that it is an instance of *kind* (bool or str).
 
     Raises:
         JsonError: *value* has another type.

@@ -1,8 +1,11 @@
-"""The scene channel: data that Groot 2's protocol does not carry. Messages ⇄ bytes, without sockets.
+"""Encode and decode the scene channel, btcore's own protocol for all data of a run, without sockets.
+
+The scene channel also carries data that Groot 2's protocol does not have: ticks, exceptions, the
+blackboards after each tick that changes them, and the scene (the robot, its sensors and its world).
 
 A publisher's XPUB socket sends two frames: a topic, and a MessagePack map with ``v`` (1), ``kind`` and the
 fields of the message. Under the topic ``stream`` it sends :class:`PieceMessage`, which holds messages of the
-stream, each encoded by itself. Each message has the robot's ``tree_id`` and a ``seq`` that counts from 1
+stream, each encoded separately. Each message has the robot's ``tree_id`` and a ``seq`` that counts from 1
 without gaps, so a client notices missing messages. When the robot replaces its tree, the topic also carries
 the :class:`TreeMessage` and :class:`StaticMessage` of the new tree. Under ``alive`` the publisher sends
 heartbeats; a heartbeat of an unknown tree makes a client request that tree.
@@ -13,7 +16,7 @@ a token that the client chooses, and the reply has the same topic:
 =====================  ====================================================================
 ``again/tree/TOKEN``   :class:`TreeMessage`, :class:`StaticMessage`
 ``again/N/TOKEN``      :class:`PieceMessage`: the stream from number N on, up to its ``last``
-``here/TOKEN``         no reply; a closing publisher waits shortly for clients that hold it
+``here/TOKEN``         no reply; a closing publisher waits briefly for its subscribers
 =====================  ====================================================================
 
 Stamps are ns of the tree's clock, ``wall`` is ns since the epoch, lengths are in metres, quaternions are
@@ -143,7 +146,7 @@ class RaisedMessage(StreamMessage):
 
 @dataclass(frozen=True, slots=True)
 class EndMessage(StreamMessage):
-    """The last message: the robot stops publishing. *status* is that of the last tick.
+    """The last message: the robot stops publishing. *status* is the tree's status at the end.
 
     *dropped* counts transitions that the robot itself lost because its queue was full.
     """
@@ -155,7 +158,10 @@ class EndMessage(StreamMessage):
 
 @dataclass(frozen=True, slots=True)
 class AliveMessage(Message):
-    """A heartbeat. *latest* is the newest number of the stream, so a client notices lost last messages."""
+    """A heartbeat.
+
+    *latest* is the number of the stream's newest message, so a client notices if the last messages were lost.
+    """
 
     kind: ClassVar[str] = "alive"
     latest: int
@@ -165,8 +171,9 @@ class AliveMessage(Message):
 class PieceMessage(Message):
     """A piece of the stream, past or present: its messages from *first* to *last*, encoded separately.
 
-    Numbers in that range that are missing in *messages* are lost for good. *latest* is the newest number of
-    the stream; if it is larger than *last*, the client can request more.
+    Messages with a number in this range that are not in *messages* are lost and cannot be requested again.
+    *latest* is the number of the stream's newest message; if it is larger than *last*, the client can request
+    more.
     """
 
     kind: ClassVar[str] = "piece"
@@ -201,14 +208,15 @@ _FIELDS: Final[Mapping[str, Sequence[tuple[str, Any]]]] = {
     kind: [(field.name, get_origin(field.type) or field.type) for field in fields(message)]
     for kind, message in _KINDS.items()
 }
-"""Names and classes of the fields by kind. Only the class of a container is checked here, not its items."""
+"""Names and classes of the fields, by the kind of message. Of a list or dict, only the class is checked."""
 _T = TypeVar("_T")
 
 
 def encode(message: Message) -> bytes:
     """Return *message* as MessagePack.
 
-    Its data must be portable (:mod:`btcore_monitor.wire.msgpack_values`).
+    Integers must fit into 64 bits. Objects that MessagePack does not support are converted to portable values
+    (:mod:`btcore_monitor.wire.msgpack_values`).
     """
     # `kind` is a class variable, so it is not among the fields.
     kind = message.kind

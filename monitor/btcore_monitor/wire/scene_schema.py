@@ -1,8 +1,9 @@
-"""Scenes on the wire: the messages of `btcore_scene` ⇄ plain maps, checked against their type annotations.
+"""Convert the messages of `btcore_scene` to plain maps for the wire, and back.
 
-A message is a map of its fields, without fields that are None or empty by default; a `Frame` is an array.
-Cells and rgb8 pixels are compressed; such an entry has ``coding``: ``zlib``. Unknown keys of a scene become
-its `extra`.
+A message becomes a map of its fields, and a `Frame` becomes an array. Fields with a value of None are left
+out, and so are empty fields, unless their default is None. Cells and rgb8 pixels are compressed; such an
+entry has the key ``coding`` with the value ``zlib``. Received maps are checked against the type annotations
+of the messages. Unknown keys of a received scene become its `extra`.
 """
 
 import zlib
@@ -18,7 +19,7 @@ from btcore_scene import Grid, MovingScene, Picture, StaticScene
 CELLS_AT_MOST: Final = 1 << 25
 """Maximum accepted cells of a grid or bytes of a picture: a few compressed bytes could fill the memory."""
 _LEVEL: Final = 1
-"""Compression level. It reduces costmaps to a twentieth; higher levels take several times as long."""
+"""Compression level. It reduces costmaps to 1/20 of their size; higher levels take several times as long."""
 
 Reader = Callable[[object, str], Any]
 Scene = StaticScene | MovingScene
@@ -68,7 +69,7 @@ def _plain(value: Any) -> Any:
     sent: dict[str, Any] = {}
     for field in fields(value):
         content = getattr(value, field.name)
-        # An empty sequence is sent where the default is None: no arrows remove all, None keeps them.
+        # An empty sequence is sent if the default is None: an empty `arrows` removes all, None keeps them.
         unset = field.default is not None and isinstance(content, list | tuple | dict) and not content
         if content is not None and not unset:
             sent[field.name] = _plain(content)
