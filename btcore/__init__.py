@@ -1,7 +1,7 @@
-"""Behavior trees written for BehaviorTree.CPP, run in Python.
+"""Run behavior trees that were written for BehaviorTree.CPP, in Python.
 
-A public name is imported from its module when it is first used, so that a small program does not pay for
-what it leaves alone.
+A public name is imported from its module when it is first used, so that a small program imports only the
+modules that it needs.
 """
 
 from importlib import import_module
@@ -11,7 +11,7 @@ from btcore import builds
 
 __version__ = "0.1.0"  # pyproject.toml reads it from here
 
-# The build is chosen before any module is imported that may be compiled.
+# Called before any further import, because a module that may be compiled must not be imported earlier.
 builds.select_build()
 
 if TYPE_CHECKING:
@@ -117,5 +117,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return the public names, imported or not."""
+    """Return the public names, including those that are not imported yet."""
     return sorted({*globals(), *__all__})

@@ -1,4 +1,4 @@
-"""``python -m btcore`` is ``btcore``."""
+"""Run the command ``btcore``, for ``python -m btcore``."""
 
 from btcore.cli.main import main
 

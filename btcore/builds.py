@@ -1,4 +1,4 @@
-"""Which of the engine's two builds runs: compiled with mypyc, or the pure source beside it.
+"""Selection of the engine's build: the files compiled with mypyc, or the Python source beside them.
 
 Python prefers a compiled file to the source beside it. This module makes Python ignore the compiled files
 in three cases: in a checkout, whose source may be newer than the compiled files; in an install in which a
@@ -22,7 +22,10 @@ HERE = Path(__file__).parent
 
 
 class SourceOnly:
-    """A finder for ``sys.meta_path`` that finds only the source files of btcore, for a *reason*."""
+    """A finder for ``sys.meta_path`` that finds only the source files of btcore, not the compiled files.
+
+    *reason* is the cause, for messages.
+    """
 
     def __init__(self, reason: str) -> None:
         self.reason = reason
@@ -77,7 +80,7 @@ def why_pure() -> str:
 
 
 def _load_library(file: Path) -> None:
-    # By its path, because an editable install makes only packages importable. Raises ImportError.
+    # Loaded by its path: it is not in a package, and an editable install makes only packages importable.
     spec = spec_from_file_location(LIBRARY, file)
     if LIBRARY in sys.modules or spec is None or spec.loader is None:
         return
@@ -110,7 +113,7 @@ def unused_build_message() -> str:
 
 
 def env_flag(variable: str) -> bool:
-    """Return whether the environment *variable* is set, but not to 0."""
+    """Return whether the environment variable called *variable* is set to a text other than "" and "0"."""
     return os.environ.get(variable, "0") not in ("", "0")
 
 
@@ -122,7 +125,10 @@ def _source_only() -> SourceOnly | None:
 
 
 def written_docstring(cls: type) -> str:
-    """Return the docstring of an engine class from its source: mypyc drops the docstrings of classes."""
+    """Return the docstring of a compiled engine class, from the source file; "" for other classes.
+
+    It is needed because mypyc drops the docstrings of classes.
+    """
     module = sys.modules[cls.__module__]
     file = Path(module.__file__ or "")
     if not cls.__module__.startswith("btcore.") or file.suffix == ".py":

@@ -1,8 +1,8 @@
 """Clocks: the time in integer nanoseconds, and a way to wait.
 
-A tree gets its clock as an argument. :class:`SystemClock` is real time. :class:`SimClock` advances at once to
-the time that is waited for, so that a test of minutes takes milliseconds. A simulated world has its own
-clock: waiting on it steps the physics.
+A tree gets its clock as an argument. :class:`SystemClock` is real time. :class:`SimClock` does not sleep: a
+wait advances its time at once, so that a test of simulated minutes takes milliseconds. A simulated world has
+its own clock: waiting on that clock advances the physics simulation.
 """
 
 import threading
@@ -77,14 +77,15 @@ class SimClock:
 
 
 def now_function(clock: Clock) -> Callable[[], int]:
-    """Return the fastest function for the time (ns) of *clock*: for SystemClock, that of Python itself."""
+    """Return the fastest function that returns the time (ns) of *clock*."""
     return time.monotonic_ns if type(clock) is SystemClock else clock.now
 
 
 class TickSchedule:
-    """The due times of periodic ticks: multiples of *period* (s) after *now* (ns).
+    """The due times of periodic ticks, which are *period* (s) apart; the first tick is at *now* (ns).
 
-    A late tick delays all following ticks. Missed ticks are not made up for.
+    Missed ticks are not made up for: after a delay of more than a period, the next tick is due at once, and
+    the following due times count from this tick.
     """
 
     def __init__(self, period: float, now: int) -> None:
@@ -92,7 +93,13 @@ class TickSchedule:
         self.due = now
 
     def next(self, now: int) -> int:
-        """Return the due time (ns) of the next tick at the time *now* (ns); early ticks do not change it."""
+        """Return the due time (ns) of the next tick.
+
+        A call before the current due time returns that time. A later call starts the next period.
+
+        Args:
+            now: The current time (ns).
+        """
         if now >= self.due:
             self.due = max(self.due + self.step, now)
         return self.due

@@ -1,4 +1,4 @@
-"""The table of diagnostic codes: severity, summary and documentation of each.
+"""The table of diagnostic codes, with the severity, the summary and the documentation of each code.
 
 docs/errors.md and docs/converting.md describe the codes; a test compares both pages with this table.
 """
@@ -7,11 +7,11 @@ import re
 from typing import Final, Literal
 
 Severity = Literal["error", "warning", "same meaning", "new meaning", "manual step"]
-"""The severity of a fault (error, warning), or the effect of a conversion to format 4."""
+"""The severity of a problem (error, warning), or the effect of a change in a conversion to format 4."""
 
 
 class DiagnosticCode(str):
-    """A code of the table below. It equals its text, say "E101"."""
+    """A diagnostic code of the table below: a str such as "E101", with a severity and a summary."""
 
     # A subclass of str, and not an Enum: a hundred members of an Enum would slow down `import btcore`.
     __slots__ = ("severity", "summary")
@@ -31,7 +31,7 @@ class DiagnosticCode(str):
 
     @property
     def documentation(self) -> str:
-        """The page of docs/ that describes the code, with the heading's anchor on GitHub."""
+        """The page of docs/ that describes the code; for errors and warnings with the heading's anchor."""
         if self.startswith("C"):
             return "converting.md"
         heading = f"{self} · {self.summary}".lower()

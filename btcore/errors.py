@@ -15,7 +15,7 @@ class Diagnostic(NamedTuple):
         file: The file; "" = the document was given as a text.
         line: The line, from 1; 0 = unknown.
         column: The column in characters, from 1; 0 = unknown.
-        hint: How to correct it, or "".
+        hint: How to correct the problem, or "".
         source: The text of the line.
         width: The number of characters to mark.
     """
@@ -31,7 +31,7 @@ class Diagnostic(NamedTuple):
 
     @property
     def is_error(self) -> bool:
-        """Whether it prevents loading the tree, or makes every tick raise."""
+        """Whether the problem prevents loading the tree, or makes every tick raise."""
         return self.code.severity == "error"
 
     @property
@@ -58,7 +58,7 @@ def excerpt(source: str, line: int, column: int, width: int = 1, room: int = 100
 
     Args:
         source: The line.
-        line: Its number, from 1.
+        line: The number of the line, from 1.
         column: The column of the first marked character, from 1; 0 = no marks.
         width: The number of marked characters.
         room: The maximum number of characters shown; a longer line is cut.
@@ -78,7 +78,7 @@ class BtcoreError(Exception):
 
 
 class TreeError(BtcoreError):
-    """A document from which no tree can be loaded. *diagnostics* holds all errors found in it."""
+    """No tree can be loaded from the document. *diagnostics* holds all errors found in the document."""
 
     def __init__(self, diagnostics: Iterable[Diagnostic]) -> None:
         self.diagnostics: tuple[Diagnostic, ...] = tuple(diagnostics)
@@ -113,8 +113,8 @@ class NodeExecutionError(BtcoreError):
         node_id: The registration ID of the node.
         cause: The original exception.
         doing: "ticking" or "being halted".
-        where: The position of the node in the XML.
-        backtrace: The paths of the nodes from the root to the node.
+        where: ``file:line`` of the node in the XML; "" = unknown.
+        backtrace: The paths of the nodes from the root to the node that raised.
         later_errors: The errors of other nodes, raised while the tree was halted afterwards.
     """
 

@@ -1,9 +1,11 @@
 """A reader of flatbuffers from untrusted sources, without generated code.
 
-The flatbuffers package checks neither whether an offset leads out of the buffer nor whether a few bytes
-claim to be a million tables; here both raise FlatbufferError. A table starts with its distance to its
-vtable, which lists the offset of each field from the table's start (0: absent). Strings, vectors and
-tables are reached by forward offsets. All numbers are little endian (https://flatbuffers.dev/internals).
+Unlike the flatbuffers package, this reader raises FlatbufferError for an offset that leads out of the buffer,
+and for a small buffer that refers to the same bytes so often that reading it would take very long.
+
+A table starts with the distance to its vtable. The vtable lists the offset of each field from the table's
+start; 0 = the field is absent. A field that is a string, a vector or a table holds the distance to its
+content. All numbers are little endian (https://flatbuffers.dev/internals).
 
 The client side of btcore_monitor imports this module, so it imports the standard library only.
 """
@@ -17,8 +19,8 @@ _U32: Final = struct.Struct("<I")
 _I8: Final = struct.Struct("<b")
 
 _SHARING: Final = 32
-"""How many times its own size may be read of a buffer; tables may share strings, so once is too few."""
-_TABLE_COST: Final = 8
+"""The maximum number of bytes read, as a multiple of the buffer's size; above 1, as tables share strings."""
+_TABLE_COST: Final = 8  # bytes that a table counts as
 
 
 class FlatbufferError(ValueError):
@@ -26,31 +28,34 @@ class FlatbufferError(ValueError):
 
 
 class Buffer:
-    """The bytes, and how many may still be read."""
+    """The bytes of a flatbuffer, and the number of bytes that may still be read."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
         self._left = _SHARING * len(data)
 
     def number(self, shape: struct.Struct, place: int) -> int:
-        """Return the number at byte *place*."""
+        """Return the number of the format *shape* at byte *place*. Raise FlatbufferError."""
         if place < 0 or place + shape.size > len(self.data):
             raise FlatbufferError(f"the flatbuffer points to byte {place}, but has {len(self.data)} bytes")
         return int(shape.unpack_from(self.data, place)[0])
 
     def forward(self, place: int) -> int:
-        """Return the target of the offset at *place*."""
+        """Return the position to which the offset at byte *place* points. Raise FlatbufferError."""
         return place + self.number(_U32, place)
 
     def spend(self, size: int) -> None:
-        """Count *size* bytes as read."""
+        """Count *size* bytes as read. Raise FlatbufferError if the limit is exceeded."""
         self._left -= size
         if self._left < 0:
             raise FlatbufferError("the flatbuffer refers to the same bytes too often")
 
 
 class Table:
-    """A table. Every method raises FlatbufferError where the bytes are invalid."""
+    """A table of a flatbuffer. Every method raises FlatbufferError if the bytes are invalid.
+
+    The *field* of the methods is the index of a field, from 0, in the order of the schema.
+    """
 
     def __init__(self, buffer: Buffer, start: int) -> None:
         buffer.spend(_TABLE_COST)

@@ -14,7 +14,7 @@ _RESERVED_IDS: Final = frozenset({"Root", "root"})
 
 
 def forbidden_in(name: str) -> str:
-    """Return the first character of *name* that is not allowed in an ID, or "" (UTF-8 letters are)."""
+    """Return the first character of *name* that is not allowed in an ID, or "". All letters are allowed."""
     return next((char for char in name if char in _FORBIDDEN), "")
 
 
@@ -56,5 +56,5 @@ def model_port_name_error(name: str) -> str:
 
 
 def is_port_name(name: str) -> bool:
-    """Return whether the attribute *name* is a port in format 4."""
+    """Return whether *name* is a valid port name in format 4."""
     return not port_name_error(name)

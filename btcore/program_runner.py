@@ -1,9 +1,9 @@
-"""Running a program without a tree of its own, for commands of other packages.
+"""Run a program that has no behavior tree, such as teleoperation, for commands of other packages.
 
 A command of class :class:`RunCommand` has the options of all extensions. :func:`require_resources` returns
-the resources that they provide, such as a robot. :func:`run_program` advances the time of their world. It
-ticks a tree of a single leaf that stays RUNNING, so that the viewer and the recorder work as in ``btcore
-run``.
+the resources that the extensions provide, such as a robot. :func:`run_program` advances the time of the
+robot's world until the program ends. Meanwhile it ticks a tree of a single leaf that stays RUNNING, so that
+the viewer and the recorder work as in ``btcore run``.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -45,7 +45,7 @@ class ProgramResult(NamedTuple):
     Attributes:
         ending: The reason why the program ended.
         code: The exit code.
-        seconds: The duration in s of the world's clock.
+        seconds: The duration (s) by the world's clock.
         report: The reports of the extensions.
     """
 
@@ -88,16 +88,18 @@ def run_program(
     shown: Sequence[object] = (),
     goes_on: Callable[[], bool] = lambda: True,
 ) -> ProgramResult:
-    """Advance the time of the world, in which the tasks on the robot's schedule run.
+    """Run a program: advance the time of the world until *goes_on* returns False or the duration has passed.
+
+    The work of the program is done in *goes_on*, or in tasks that were added to the robot's schedule before.
 
     Args:
         name: The ID, in CamelCase, that viewers show for the program.
         gathered: The result of `require_resources`.
         settings: The options of the command, including ``duration`` (s, or None) and ``fast``.
         end: Called once at the end, while the world still exists.
-        clock: The clock of a program without a world.
+        clock: The clock of a program without a world; by default the clock of the resources.
         shown: Further objects that viewers draw.
-        goes_on: Called ten times a second; the program ends when it returns False.
+        goes_on: Called ten times a second of the clock; the program ends when it returns False.
     """
 
     class Work(StatefulAction):

@@ -57,8 +57,8 @@ class RunExtension(Protocol):
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
         """Return the types of the resources that the extension itself needs to provide for *wanted*.
 
-        Called once, before any extension provides. An extension that requires something provides after
-        those that require nothing.
+        Called once, before `provide` of any extension. Extensions that require nothing provide their
+        resources first, then those that require something.
 
         Args:
             wanted: The types that leaves declare as resources, and those that other extensions require.
@@ -88,7 +88,7 @@ class RunExtension(Protocol):
     ) -> AbstractContextManager[object]:
         """Return a context that is entered before the first tick, and exited after the tree was halted.
 
-        Extensions that provided something enter before those that did not, and leave after them.
+        The contexts of extensions that provided something are entered first and exited last.
 
         Args:
             tree: The tree of the run.

@@ -52,7 +52,7 @@ class PossibleResults(NamedTuple):
 
     @property
     def results(self) -> frozenset[Status]:
-        """The possible results of all ticks, without RUNNING."""
+        """The possible results of a tick, be it the first or a later tick, without RUNNING."""
         return self.in_first_tick | self.after_running
 
     def passes(self, continue_on: Status) -> bool:
@@ -60,7 +60,7 @@ class PossibleResults(NamedTuple):
         return continue_on in self.results or SKIPPED in self.results
 
     def mapped(self, changes: dict[Status, Status]) -> "PossibleResults":
-        """Return the results with the replacements in *changes*."""
+        """Return a copy, with each status that is a key of *changes* replaced by its value there."""
         return PossibleResults(
             frozenset([changes.get(status, status) for status in self.in_first_tick]),
             frozenset([changes.get(status, status) for status in self.after_running]),
@@ -77,7 +77,7 @@ class Transition(NamedTuple):
     Attributes:
         number: The number of the transition within its tree, from 1 without gaps.
         stamp: The time (ns) of the tree's clock.
-        tick: The number of the tick that caused it; 0 before the first tick.
+        tick: The number of the tick in which it happened; 0 before the first tick.
         uid: The uid of the node.
         previous: The previous status.
         status: The new status.

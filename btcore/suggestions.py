@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 
 def nearest_name(word: str, names: Iterable[str]) -> str | None:
-    """Return the name that *word* most probably means, or None.
+    """Return the known name that is most similar to *word*, or None if no name is similar.
 
     Args:
         word: The mistyped name.

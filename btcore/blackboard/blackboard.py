@@ -27,7 +27,7 @@ from btcore.values import (
 
 
 class Entry:
-    """One value with its type.
+    """A value on the blackboard, with its type.
 
     Attributes:
         value: The value; None before the first write.
@@ -53,7 +53,7 @@ class Entry:
         self.stamp = stamp
 
 
-# To which types an inferred type may change: the Python literal 3 may also mean a float or a wider integer.
+# The types to which an inferred type may change: a Python int may stand for a float or a wider integer.
 _WIDER: Final[dict[str, tuple[ValueType, ...]]] = {
     INT.name: (INT64, DOUBLE, FLOAT),
     INT64.name: (DOUBLE, FLOAT),
@@ -69,7 +69,7 @@ class Blackboard:
     written with a text stays untyped, because the text may stand for a value of any type.
 
     Args:
-        parent: The scope around it; None = a root scope.
+        parent: The enclosing scope; None = this is a root scope.
         clock: The clock of the time stamps; by default the parent's clock, else the system's.
     """
 
@@ -123,15 +123,16 @@ class Blackboard:
             board = parent
 
     def create(self, key: str, declared: ValueType = ANY) -> Entry:
-        """Return the entry of *key* after remapping; create it in the last scope if it does not exist.
+        """Return the entry of *key* after remapping. If it is missing, create it where the remappings end.
 
         Args:
             key: The key.
-            declared: The type.
+            declared: The type that the caller needs.
 
         Raises:
-            BlackboardError: The entry has another type, neither type is ANY, and the entry does not hold a
-                text, which would be converted when it is read.
+            BlackboardError: The entry has another type. There is no error if one of the types is ANY, if the
+                entry is a string, which is converted when it is read, or if its inferred type may change.
+            ConversionError: The inferred type of the entry may change, but its value does not fit *declared*.
         """
         if self.parent is None and not self._outside and not self.autoremap and key[:1] != "@":
             # By far the most frequent case: no remapping to follow.
@@ -157,7 +158,7 @@ class Blackboard:
         raise self._clash(key, previous, declared)
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
-        """Write *value* to the entry of *key* after remapping; create it in the last scope if needed.
+        """Write *value* to the entry of *key* after remapping. Create it if it does not exist.
 
         Args:
             key: The key.
@@ -199,7 +200,7 @@ class Blackboard:
         self._entries.pop(key, None)
 
     def clone_into(self, other: "Blackboard") -> None:
-        """Copy the entries of this scope to *other*, and remove its other entries; keep its remappings."""
+        """Make the entries of *other* a copy of the entries of this scope. The remappings of *other* stay."""
         for key in [key for key in other._entries if key not in self._entries]:
             del other._entries[key]
         now = other.now()
@@ -228,7 +229,7 @@ class Blackboard:
         return sorted(keys)
 
     def hint(self, key: str) -> str:
-        """Return the hint of an error message about the unknown *key*: the nearest visible key."""
+        """Return the end of an error message about an unknown *key*: the most similar visible key, or ""."""
         return did_you_mean(key, self.visible_keys())
 
     def __getitem__(self, key: str) -> object:
@@ -252,11 +253,11 @@ class Blackboard:
         return iter([key for key, entry in self._entries.items() if entry.value is not None])
 
     def _known(self, key: str) -> Entry | None:
-        """Return the entry with whose type a declaration of *key* must agree."""
+        """Return the entry whose type must agree with a new declaration of *key*, or None."""
         return self.find(key)
 
     def _created(self, key: str, declared: ValueType) -> Entry:
-        """Create and return the entry of *key* in the last scope of its remappings."""
+        """Create and return the entry of *key* in the scope where its remappings end."""
         if not key.startswith("@"):
             return self._route(key, declared, False)
         bare = key[1:]

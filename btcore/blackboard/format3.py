@@ -8,9 +8,10 @@ from btcore.values import STRING, ValueType, to_builtin_number, type_of
 class LegacyBlackboard(Blackboard):
     """A scope of a tree of format 3.
 
-    It differs from :class:`Blackboard`: ``@`` and ``_`` have no meaning at the start of a key. An entry
-    that is created through remappings is stored in every scope on the way. An untyped entry never becomes
-    typed. A typed entry only accepts values of exactly its type, and texts if a port declared it.
+    The differences from :class:`Blackboard`: ``@`` and ``_`` have no meaning at the start of a key. An entry
+    that is created through remappings is stored in every scope that the remappings pass. An untyped entry
+    never becomes typed. A typed entry accepts only values of exactly its type; if a port declared the type,
+    it also accepts texts, which are converted.
     """
 
     def find(self, key: str) -> Entry | None:
@@ -28,7 +29,7 @@ class LegacyBlackboard(Blackboard):
             board = board.parent
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
-        """Write *value* to the entry of *key* after remapping; create it in the last scope if needed.
+        """Write *value* to the entry of *key* after remapping. Create it if it does not exist.
 
         Raises:
             BlackboardError: The value does not fit the type of the entry, or is None.
@@ -57,7 +58,7 @@ class LegacyBlackboard(Blackboard):
         return self._route(key, declared, False)
 
     def _route(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
-        """Return the entry at the end of the remappings of *key*, and store it in every scope on the way."""
+        """Return the entry where the remappings of *key* end, and store it in every scope that they pass."""
         way: list[tuple[Blackboard, str]] = []
         board: Blackboard = self
         while True:

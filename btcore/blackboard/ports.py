@@ -1,8 +1,9 @@
 """Ports: their declarations, and their bindings to literals and blackboard entries.
 
-A :class:`Port` is the declaration. A :class:`Binding` is the result of parsing the text of a port; it is
-created once, at load, for all nodes with the same text. An :class:`Input` is the binding of an input port to
-a blackboard. An :class:`Output` belongs to one node. So a tick only reads and writes.
+A :class:`Port` is the declaration. A :class:`Binding` is the result of parsing the text of a port. An
+:class:`Input` is the binding of an input port to a literal or a blackboard; nodes of one scope with the same
+text share it. An :class:`Output` is the binding of an output port of one node. All are created when the tree
+is loaded, so that a tick only reads and writes values.
 """
 
 import enum
@@ -40,14 +41,14 @@ class PortRole(enum.Enum):
     SCRIPT = enum.auto()  # a script
     CONDITION = enum.auto()  # a script whose result determines the node's result
     DURATION = enum.auto()  # milliseconds
-    REPETITIONS = enum.auto()  # −1 = forever
-    SUCCESSES = enum.auto()  # of the children; −1 = all
-    FAILURES = enum.auto()  # of the children; −1 = all
+    REPETITIONS = enum.auto()  # a number of repetitions; −1 = forever
+    SUCCESSES = enum.auto()  # a number of children that succeed; −1 = all
+    FAILURES = enum.auto()  # a number of children that fail; −1 = all
     QUEUE = enum.auto()  # values for the node's output port: a literal list, or an entry
     WATCHED_ENTRY = enum.auto()  # the entry that is checked for updates; braces are optional
     REMOVED_ENTRY = enum.auto()  # the text names the entry that is removed
-    WRITTEN_ENTRY = enum.auto()  # the text names the entry that is written …
-    WRITTEN_VALUE = enum.auto()  # … with this text
+    WRITTEN_ENTRY = enum.auto()  # the text names the entry that is written
+    WRITTEN_VALUE = enum.auto()  # the text that is written to the WRITTEN_ENTRY
 
 
 SCRIPT_ROLES: Final = (PortRole.SCRIPT, PortRole.CONDITION)
@@ -175,7 +176,11 @@ class Input(Binding):
     __slots__ = ()
 
     def bind_to(self, blackboard: Blackboard) -> "Input":
-        """Return this input bound to *blackboard*: itself the first time, else a copy."""
+        """Return an input with the same text that is bound to *blackboard*.
+
+        The first call returns this object, unless it holds a literal that a leaf could modify. All other
+        calls return a copy.
+        """
         if self.shared and self.blackboard is UNBOUND_BLACKBOARD:
             self.blackboard = blackboard
             return self

@@ -1,6 +1,7 @@
 """Pre- and post-condition scripts of a node: ``_skipIf``, ``_while``, ``_onSuccess`` and the others.
 
-They run on the blackboard of the node's scope. The scope of a SubTree element is the outer tree's.
+The scripts run on the blackboard of the node's scope. For a SubTree node, this is the outer tree's
+scope.
 """
 
 from collections.abc import Mapping
@@ -26,10 +27,16 @@ class ConditionScripts:
         self.post: Program | None = programs.get("_post")
 
     def check_preconditions(self, status: Status) -> Status:
-        """Return the status that replaces the tick of a node at *status*, or IDLE to tick it.
+        """Check the pre-conditions of a node before a tick.
 
         ``_failureIf``, ``_successIf`` and ``_skipIf`` are evaluated before a node starts. ``_while`` is also
-        evaluated while the node is RUNNING; the caller then halts a node that is SKIPPED.
+        evaluated while the node is RUNNING; if it is false then, the caller must halt the node.
+
+        Args:
+            status: The status of the node before the tick.
+
+        Returns:
+            The result of the node, which is then not ticked; IDLE = the node must be ticked.
         """
         if status is IDLE or status is SKIPPED:
             if self.failure_if is not None and condition_result(self.failure_if.run(self.blackboard)):
@@ -46,7 +53,7 @@ class ConditionScripts:
         return IDLE
 
     def run_postconditions(self, status: Status) -> None:
-        """Run ``_onSuccess`` or ``_onFailure``, by *status*, and ``_post``."""
+        """Run ``_onSuccess`` or ``_onFailure``, depending on the result *status*, and then ``_post``."""
         if status is SUCCESS:
             if self.on_success is not None:
                 self.on_success.run(self.blackboard)

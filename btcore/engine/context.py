@@ -11,10 +11,10 @@ from btcore.engine.observers import Observers
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class TreeState:
-    """The base class of state that the leaves of one tree share.
+    """The base class of objects that the leaves of one tree share.
 
-    A leaf with a parameter of a subclass gets the tree's instance. It is created without arguments for the
-    first such leaf. Every tree has its own instance.
+    A leaf whose function or ``__init__`` has a parameter of a subclass gets the instance that belongs to the
+    tree. The instance is created, without arguments, for the first such leaf of the tree.
     """
 
 
@@ -23,7 +23,7 @@ class TreeContext:
 
     Attributes:
         observers: None while nothing is subscribed, so that a transition costs one comparison.
-        deadlines: The time (ns) at which a node requested a tick, by the node's uid.
+        deadlines: For each node that requested a tick, by uid: the time (ns) at which the tick is due.
         on_wake: Called by each wake-up, on any thread; set by an event loop that runs the tree.
         lock: Held while the instrumentation of a node changes, which any thread may do.
     """
@@ -61,13 +61,17 @@ class TreeContext:
         return min(min(self.deadlines.values(), default=moment), moment)
 
     def take_wake_up(self) -> bool:
-        """Consume the pending wake-up. Return whether a signal or a passed deadline caused one."""
+        """Return whether a wake-up was pending, by a signal or a deadline that has passed. Consume it."""
         if self.deadlines:
             self._expire()
         return self._woken and self._take()
 
     def wait_until(self, moment: int) -> bool:
-        """Wait until *moment* (ns), the first deadline or a wake-up. Return whether a wake-up was pending."""
+        """Wait until *moment* (ns), the first deadline or a wake-up, and consume the wake-up.
+
+        Returns:
+            Whether a wake-up was pending, by a signal or a deadline that has passed.
+        """
         if self.deadlines:
             self._expire()
             moment = self.first_deadline(moment)
@@ -78,13 +82,13 @@ class TreeContext:
         return (woken or self._woken) and self._take()
 
     def doze(self, seconds: float) -> None:
-        """Wait for a wake-up for at most *seconds* (s) of real time, with any clock."""
+        """Wait at most *seconds* (s, real time even with another clock) for a wake-up, and consume it."""
         if not self._woken:
             self.wake.wait(seconds)
         self._take()
 
     def _take(self) -> bool:
-        # This order may count a wake-up twice that another thread sends in between, but never loses it.
+        # A wake-up that another thread sends between these lines may count twice, but is never lost.
         self._woken = False
         self.wake.clear()
         return True

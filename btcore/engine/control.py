@@ -22,7 +22,7 @@ from btcore.status import (
 )
 
 MIN_CHILDREN_FOR_BATCH_RESET: Final = 6
-"""From this number of children on, one record for all children is faster than one record for each."""
+"""The number of children from which a common record of their reset is faster than a record for each child."""
 
 
 def results_in_order(
@@ -31,7 +31,7 @@ def results_in_order(
     """Return the possible results of a node that ticks its children in order.
 
     Args:
-        children: The possible results of its children.
+        children: The possible results of the children.
         continue_on: The result of a child after which the next child is ticked. SKIPPED has the same effect.
         yields: Whether the node returns RUNNING after a child, except the last, completed in its first tick.
     """
@@ -66,11 +66,11 @@ def results_in_order(
 
 
 def results_of_any(cls: type[TreeNode], children: list[PossibleResults]) -> PossibleResults:
-    """Return the possible results of a node of *cls*, if only its declared results are known.
+    """Return the possible results of a node, if nothing is known but the results that its class declares.
 
     Args:
         cls: The class of the node.
-        children: The possible results of its children.
+        children: The possible results of the children.
     """
     may_run = any(child.may_run for child in children)
     ends = cls.may_return
@@ -139,7 +139,7 @@ class ControlNode(TreeNode):
         """Halt the children that are RUNNING, and reset all children.
 
         Raises:
-            NodeExecutionError: A child raised. All other children are halted and reset before.
+            NodeExecutionError: A child raised. All other children were halted and reset nevertheless.
         """
         observers = self._context.observers
         if observers is not None and self._batch_reset(observers):
@@ -228,7 +228,7 @@ class DecoratorNode(TreeNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Return the declared results; the child's results determine only SKIPPED and RUNNING."""
+        """Return the declared results. The child determines only whether SKIPPED and RUNNING are possible."""
         return results_of_any(cls, children)
 
     def halt_child(self) -> None:

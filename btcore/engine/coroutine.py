@@ -46,7 +46,7 @@ class CoroutineAction(StatefulAction):
     _future: Any = None
 
     def create_body(self) -> Any:
-        """Return a new generator or coroutine, for each start of the node."""
+        """Return a new generator or coroutine. Called at each start of the node."""
         raise NodeError(f"<{self.id}> has no body")
 
     def on_start(self) -> object:

@@ -1,4 +1,4 @@
-"""Functions as leaves: their input ports are read before each call, their resources once."""
+"""Functions as leaves. Input ports are read before each call, and resources are looked up once."""
 
 import inspect
 from collections.abc import Callable
@@ -14,7 +14,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 class LeafMark:
-    """The mark of a decorator on a function: condition or action, and the ID if given."""
+    """The mark that a decorator sets on a function: whether it is a condition, and the ID if given."""
 
     def __init__(self, is_condition: bool, ID: str | None) -> None:
         self.is_condition = is_condition
@@ -31,8 +31,9 @@ def action(*, ID: str | None = None) -> Callable[[F], F]: ...
 def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
     """Mark a function, a generator function or an ``async def`` as an action.
 
-    Parameters annotated with In or Put are its ports, all others are resources. It returns True, False or a
-    Status.
+    Parameters annotated with In or Put are ports. All other parameters are resources: objects that are passed
+    to :func:`btcore.load`, and the tree's Clock, Blackboard and :class:`TreeState` objects. The function
+    returns True, False or a Status.
 
     Args:
         function: The function.
@@ -48,8 +49,9 @@ def condition(*, ID: str | None = None) -> Callable[[F], F]: ...
 def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
     """Mark a function as a condition.
 
-    Parameters annotated with In or Put are its ports, all others are resources. It returns True, False or a
-    Status.
+    Parameters annotated with In or Put are ports. All other parameters are resources: objects that are passed
+    to :func:`btcore.load`, and the tree's Clock, Blackboard and :class:`TreeState` objects. The function
+    returns True, False or a Status.
 
     Args:
         function: The function.
@@ -81,7 +83,7 @@ class BoundFunction:
         """Call the function with the current values of the ports."""
         positional = self.positional
         count = len(positional)
-        # Most functions have few parameters: save the list.
+        # Most functions have few parameters: avoid creating a list.
         if not self.keywords:
             if count == 1:
                 return self.function(_value(positional[0]))
@@ -94,7 +96,7 @@ class BoundFunction:
 
 
 def _value(argument: object) -> object:
-    """Return the current value of *argument*: of the port, if it is an input port."""
+    """Return *argument*, or the current value of the port if *argument* is an input port."""
     return argument.read() if isinstance(argument, Input) else argument
 
 

@@ -65,8 +65,8 @@ class TreeNode:
     state_fields: ClassVar[tuple[str, ...] | None] = ()
     """The attributes that the node remembers between ticks, in addition to those of its base classes.
 
-    Saved and restored, together with statuses, blackboard and clock, they determine the tree's future. None =
-    the node cannot be saved while it is RUNNING.
+    To save and restore a tree, these attributes are sufficient together with the statuses, the blackboard and
+    the time. None = the node cannot be saved while it is RUNNING.
     """
     skips_alone: ClassVar[bool] = True
     """Whether a tick may return SKIPPED although no child was skipped."""
@@ -111,7 +111,9 @@ class TreeNode:
             self._guard = guard
 
     def prepare(self) -> None:
-        """Read once what the tree declares, after ``__init__`` ran and the children are set.
+        """Prepare the node for ticks, for example by compiling the script in a port.
+
+        Called once, after ``__init__`` ran and the children were set.
 
         Raises:
             NodeError: The node cannot be used as declared, for example without a mandatory port.
@@ -124,7 +126,7 @@ class TreeNode:
         """Return the possible results of a node of this class, for static checks.
 
         Args:
-            children: The possible results of its children, in order.
+            children: The possible results of the node's children, in order.
             literals: The values of the input ports that are given as literals, by name.
         """
         return UNKNOWN_RESULTS
@@ -173,7 +175,7 @@ class TreeNode:
 
     @property
     def tick_counts(self) -> TickCounts | None:
-        """The counters of its ticks, or None before :meth:`Tree.count_ticks` was called."""
+        """The tick counters of the node; None before :meth:`Tree.count_ticks` was called."""
         return None if self._guard is None else self._guard.tick_counts
 
     def count_ticks(self) -> TickCounts:
@@ -186,8 +188,9 @@ class TreeNode:
     def set_pre_tick_function(self, callback: "Callable[[Any], Status] | None") -> None:
         """Set the function that is called before each tick, with the node as argument; thread-safe.
 
-        If it returns SUCCESS or FAILURE, the node is not ticked and has this result. It is not called when a
-        pre-condition determines the result, nor for a node that has completed and was not reset.
+        If the function returns SUCCESS or FAILURE, the node is not ticked and has this result. The function
+        is not called when a pre-condition determines the result, nor for a node that has completed and was
+        not reset.
 
         Args:
             callback: The function; None removes it.
@@ -200,8 +203,9 @@ class TreeNode:
     def set_post_tick_function(self, callback: "Callable[[Any, Status], Status] | None") -> None:
         """Set the function that is called after each tick and its post-conditions; thread-safe.
 
-        Its arguments are the node and the status. If it returns SUCCESS or FAILURE, the node has this result
-        instead, even if a pre-condition or the pre-tick function determined the status.
+        The arguments of the function are the node and its result. If the function returns SUCCESS or FAILURE,
+        the node has this result instead, even if a pre-condition or the pre-tick function had determined the
+        result.
 
         Args:
             callback: The function; None removes it.
@@ -226,7 +230,8 @@ class TreeNode:
     def execute_tick(self) -> Status:
         """Tick the node as its parent does: run its conditions and store the result.
 
-        A class must define its override before a tree is loaded; later changes of the class have no effect.
+        A class that overrides this method must define it before the tree is loaded: an override that is added
+        to the class later has no effect.
         """
         return execute_tick(self, True)
 
@@ -246,7 +251,7 @@ class TreeNode:
     # --- halting
 
     def halt(self) -> None:
-        """Stop the node and set it to IDLE. To clean up, override it and call ``super().halt()``."""
+        """Stop the node and set it to IDLE. To clean up, override this method and call ``super().halt()``."""
         self.reset_status()
 
     def halt_node(self) -> None:
@@ -281,7 +286,7 @@ class TreeNode:
         """Return the value of input port *name*.
 
         Raises:
-            NodeError: The XML does not give the port, and it has no default.
+            NodeError: The port has neither a text in the XML nor a default.
             BlackboardError: The blackboard entry is missing or was never written.
             ConversionError: The value does not convert to the type of the port.
         """
@@ -291,7 +296,7 @@ class TreeNode:
         """Write *value* to output port *name*.
 
         Raises:
-            NodeError: The XML does not give the port, and it has no default.
+            NodeError: The port has neither a text in the XML nor a default.
             BlackboardError: The port is not bound to an entry, or the entry has another type.
             ConversionError: The value is not of the type of the port.
         """
@@ -306,7 +311,7 @@ class TreeNode:
         self._context.wake_up()
 
     def wake_at(self, moment: int) -> None:
-        """Request a tick at *moment* (ns of the tree's clock). It replaces the node's previous request."""
+        """Request a tick at *moment* (ns, tree's clock). This replaces an earlier request of the node."""
         self._context.deadlines[self.config.uid] = moment
 
     def cancel_wake_up(self) -> None:
@@ -314,8 +319,8 @@ class TreeNode:
         self._context.deadlines.pop(self.config.uid, None)
 
 
-# --- The implementations of the methods above. Parents call these functions and not the methods: mypyc looks
-# up a method that an interpreted class may override by name, which is slower than a call of a function.
+# --- The implementations of the methods above. Parents call these functions instead of the methods, because
+# mypyc looks up by name every method that an interpreted class may override, which takes longer.
 
 
 def execute_tick(node: TreeNode, itself: bool = False) -> Status:

@@ -9,7 +9,7 @@ from btcore.errors import NodeError
 
 EMPTY_MAPPING: Final[Mapping[str, str]] = MappingProxyType({})
 """The scripts or attributes of a node that has none: one read-only mapping for all nodes."""
-# Plain dicts, because every tick of a leaf reads them, and a dict is the fastest. Shared, so never written.
+# Shared by many nodes, so never modify them. Plain dicts, because each tick reads them, and dicts are fast.
 NO_INPUTS: Final[dict[str, Input]] = {}
 NO_OUTPUTS: Final[dict[str, Output]] = {}
 NO_ENUMS: Final[dict[str, int]] = {}
@@ -23,7 +23,7 @@ class NodeConfig:
         outputs: The bindings of the output ports, by name.
         scripts: The texts of the pre- and post-conditions, by attribute name, such as ``_skipIf``.
         attributes: All other attributes, as written.
-        enums: The enum names that scripts may use.
+        enums: The enum names that scripts may use, with their numbers.
         file: The file of the element; "" = the XML was given as a text.
         line: The line in which the element begins, from 1; 0 = the node is not from a document.
     """
@@ -59,14 +59,14 @@ class NodeConfig:
         self.enums = enums
 
     def input(self, name: str) -> Input:
-        """Return the input port *name*. Raise NodeError if the XML does not give it."""
+        """Return input port *name*. Raise NodeError if it has neither a text in the XML nor a default."""
         port = self.inputs.get(name)
         if port is None:
             raise NodeError(f"<{self.id}> needs port [{name}], which the tree does not give")
         return port
 
     def output(self, name: str) -> Output:
-        """Return the output port *name*. Raise NodeError if the XML does not give it."""
+        """Return output port *name*. Raise NodeError if it has neither a text in the XML nor a default."""
         port = self.outputs.get(name)
         if port is None:
             raise NodeError(f"<{self.id}> writes port [{name}], which the tree does not give")

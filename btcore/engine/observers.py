@@ -88,18 +88,21 @@ def _transition(
 class Observer:
     """The base class of observers of a tree. Override the methods for the events that you need.
 
-    All methods are called on the thread that ticks and delay the tree until they return: hand over slow work
-    to another thread.
+    All methods are called on the thread that ticks the tree, which waits until they return: hand over slow
+    work to another thread.
     """
 
     def transition(self, change: Transition) -> None:
-        """Handle a change of a node's stored status, immediately when it happens.
+        """Handle a change of a node's stored status. Called at once, during the tick.
 
         Override :meth:`transitions` instead unless you need each change at once: it is many times cheaper.
         """
 
     def transitions(self, changes: Transitions) -> None:
-        """Handle all changes since the last call, after each tick, before an error and after a halt."""
+        """Handle all changes since the last call, in chronological order.
+
+        Called after each tick and each halt, and before :meth:`raised`.
+        """
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Handle the end of a tick of the root.
@@ -112,7 +115,10 @@ class Observer:
         """
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
-        """Handle an error of a node. The tree still has the statuses of that moment, and is halted next.
+        """Handle an error of a node.
+
+        After an error in a tick, it is called before the tree is halted, so that the nodes still have their
+        statuses. After an error in a halt, it is called when all nodes have been halted.
 
         Args:
             error: The error, which names the node.
@@ -121,7 +127,7 @@ class Observer:
 
 
 class Observers:
-    """The observers of one tree, and the transitions of which they are not notified yet."""
+    """The observers of one tree, and the recorded transitions that were not delivered to them yet."""
 
     def __init__(self, clock: Clock) -> None:
         self.now: Callable[[], Any] = now_function(clock)
@@ -132,7 +138,7 @@ class Observers:
         self._batch_listeners: list[Observer] = []
         self._first = 1
         self._records: list[object] = []
-        # The number of transitions in _records, minus half the length of _records.
+        # The difference between the number of transitions in _records and half the length of _records.
         self._surplus = 0
         self._flushing = False
 
@@ -146,7 +152,7 @@ class Observers:
             self._notify_at_once(moment, config, IDLE, SUCCESS)
 
     def record_transition(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> None:
-        """Record any other transition of the node with *config*, at *moment* (ns).
+        """Record a transition of the node with *config*, at *moment* (ns).
 
         *moment* is typed as object because mypyc would unbox and box an int again.
         """
@@ -164,7 +170,7 @@ class Observers:
 
         Args:
             configs: The configs of the nodes.
-            before: Their previous statuses.
+            before: The previous statuses of the nodes.
             count: The number of nodes whose previous status was not IDLE.
         """
         records = self._records
@@ -207,7 +213,7 @@ class Observers:
             self._flushing = False
 
     def begin(self, tick: int) -> None:
-        """Start tick number *tick* of the root."""
+        """Notify the observers of the recorded transitions, then start tick number *tick* of the root."""
         self.flush()
         self.tick = tick
 

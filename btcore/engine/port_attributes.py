@@ -1,7 +1,8 @@
 """Getters and setters of ports that are attributes of a leaf.
 
-They are functions of this compiled module: :class:`~btcore.engine.signature.PortAttribute` is a property, and
-mypyc drops the ``__set__`` of a compiled descriptor class.
+:class:`~btcore.engine.signature.PortAttribute` is a property with these functions, and not a compiled
+descriptor class, because mypyc drops the ``__set__`` of such a class. The functions are in this module
+because it is compiled.
 """
 
 from collections.abc import Callable
@@ -11,11 +12,11 @@ from btcore.blackboard.ports import Port
 from btcore.engine.node import TreeNode
 
 PORT_PLACEHOLDER: Final = object()
-"""The argument for a port in a generated ``__init__`` (of a dataclass): assigning it has no effect."""
+"""The argument for a port in the ``__init__`` of a dataclass: assigning it to the port has no effect."""
 
 
 def port_getter(port: Port) -> Callable[[Any], object]:
-    """Return a function that reads the *port* of a node."""
+    """Return a function that reads *port* of a node, or raises AttributeError for an output."""
     name = port.name
     if not port.reads:
 
@@ -31,7 +32,7 @@ def port_getter(port: Port) -> Callable[[Any], object]:
 
 
 def port_setter(port: Port) -> Callable[[Any, object], None]:
-    """Return a function that writes a value to the *port* of a node."""
+    """Return a function that writes a value to *port* of a node, or raises AttributeError for an input."""
     name, writes = port.name, port.writes
 
     def write(node: TreeNode, value: object) -> None:

@@ -68,7 +68,10 @@ _ENGINE: Final = frozenset(
 
 
 class Parameter:
-    """One parameter of a leaf: a *port*, or a resource of type *resource_type*; *default* may be UNSET."""
+    """One parameter of a leaf: a *port*, or a resource of type *resource_type*.
+
+    A *default* of UNSET means that the parameter has no default.
+    """
 
     def __init__(
         self, name: str, keyword: bool, port: Port | None, resource_type: Any, default: object
@@ -163,7 +166,7 @@ def function_parameters(
     Args:
         function: The function or ``__init__`` method.
         types: The types that ports may have.
-        names: The local names with which annotations are resolved that are strings.
+        names: Local names, for resolving annotations that are strings.
         skip_first: Whether to leave out the first parameter, ``self``.
 
     Raises:
@@ -199,10 +202,10 @@ def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> lis
     Args:
         cls: The class.
         types: The types that ports may have.
-        names: The local names with which annotations are resolved that are strings.
+        names: Local names, for resolving annotations that are strings.
 
     Raises:
-        RegistrationError: An annotation is invalid, or a port hides an attribute of the engine.
+        RegistrationError: An annotation is invalid, or a port has the name of an attribute of the engine.
     """
     listed: dict[str, Port] = {}
     provided = getattr(cls, "provided_ports", None)
@@ -258,7 +261,7 @@ class PortAttribute(property):
         self.direction = port.direction
 
     def is_of(self, port: Port) -> bool:
-        """Whether *port* has the same direction, so that a subclass with *port* can keep the attribute."""
+        """Return whether *port* has the same direction. A subclass with *port* can then keep the property."""
         return self.direction is port.direction
 
 

@@ -15,9 +15,9 @@ from btcore.values import STRING
 class SetBlackboard(SyncAction):
     """Writes `value` to the entry named by `output_key` (the name itself, without braces), and succeeds.
 
-    A text is converted if the entry already has a type. `value="{key}"` copies the entry `key`; if
-    the destination does not exist, its type is copied too. FAILURE if the entry to copy is empty; an
-    error if it does not exist.
+    A text is converted if the entry already has a type. `value="{key}"` copies the entry `key`; if the
+    destination does not exist, it gets the same type. The node fails if the entry `key` was never written,
+    and raises an error if it does not exist.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -61,7 +61,7 @@ class SetBlackboard(SyncAction):
         return SUCCESS
 
     def nothing_to_copy(self, key: str) -> Status:
-        """Return the result for an empty entry to copy."""
+        """Return the result if the entry to copy was never written."""
         return FAILURE
 
     def write(self, key: str, value: object) -> None:

@@ -1,4 +1,4 @@
-"""Branches: the first child decides which of the others is ticked."""
+"""Branches: the result of the first child decides which of the other children is ticked."""
 
 from collections.abc import Mapping
 from typing import ClassVar

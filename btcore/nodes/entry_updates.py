@@ -15,7 +15,7 @@ from btcore.values import ANY_VALUE
 
 
 def entry_port() -> list[Port]:
-    """Return the port that all these nodes have."""
+    """Return the port `entry`, in a list: the ports of all nodes of this module."""
     return [Port("entry", type=ANY_VALUE, description="the entry to check", role=PortRole.WATCHED_ENTRY)]
 
 
@@ -28,7 +28,7 @@ def entry_key(node: TreeNode) -> str:
 
 
 def write_count(node: TreeNode, key: str, seen: int) -> int:
-    """Return how often the entry *key* has been written, or *seen* if there is no such entry."""
+    """Return how often the entry *key* was written; *seen*, the previous count, if there is no entry."""
     entry = node._blackboard.find(key)
     return seen if entry is None else entry.sequence_id
 
@@ -65,7 +65,7 @@ class EntryUpdatedDecorator(DecoratorNode):
         return status
 
     def halt(self) -> None:
-        """Halt the child. The last check is not forgotten."""
+        """Halt the child. The next check still counts the writes since the last check."""
         self._going = False
         super().halt()
 
@@ -97,7 +97,7 @@ class WaitValueUpdate(EntryUpdatedDecorator):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Declare every result and RUNNING as possible, in every tick."""
+        """Return that all results and RUNNING are possible in every tick."""
         return UNKNOWN_RESULTS
 
 

@@ -38,7 +38,7 @@ class Parallel3(ParallelNode):
     """Ticks in order the children that have not completed, until enough have succeeded or failed.
 
     The node succeeds as soon as `success_threshold` children have succeeded. It fails as soon as
-    `failure_threshold` children have failed, or so many that `success_threshold` can no longer be reached.
+    `failure_threshold` children have failed, or `success_threshold` can no longer be reached.
     The following children are then not ticked, and RUNNING children are halted. Otherwise it is RUNNING. A
     negative threshold −n means the number of children + 1 − n: −1 = all. A threshold above the number of
     children is an error.
@@ -143,14 +143,14 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
 class SetBlackboard3(SetBlackboard):
     """Writes `value` to the entry named by `output_key` (without braces), and succeeds.
 
-    `value="{key}"` copies the entry `key`, also if it is empty.
+    `value="{key}"` copies the entry `key`, even if it was never written.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "SetBlackboard"
 
     def nothing_to_copy(self, key: str) -> Status:
-        """Clear the destination: an empty entry is copied too."""
+        """Remove the value of the destination, as the entry to copy has no value. Return SUCCESS."""
         entry = self._blackboard.find(key)
         if entry is not None:
             entry.value = None
@@ -165,9 +165,9 @@ class SetBlackboard3(SetBlackboard):
 class BlackboardCheck(DecoratorNode):
     """Ticks its child while `value_A` equals `value_B`, else returns `return_on_mismatch` (default FAILURE).
 
-    Both are read as *element* in every tick. If they differ while the child is RUNNING, the child is
-    halted. A value that cannot be read or converted differs. Real numbers are equal if they differ by at
-    most C's FLT_EPSILON.
+    Both values are read in every tick, as the type *element*. If they differ while the child is RUNNING, the
+    child is halted. A value that cannot be read or converted counts as different. Real numbers are equal if
+    they differ by at most C's FLT_EPSILON.
     """
 
     element: ClassVar[ValueType] = STRING
@@ -214,7 +214,7 @@ class BlackboardCheck(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheckInt(BlackboardCheck):
-    """Ticks its child while `value_A` equals `value_B` as integers, else gives `return_on_mismatch`."""
+    """Ticks its child while `value_A` equals `value_B` as integers, else returns `return_on_mismatch`."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     element: ClassVar[ValueType] = INT
@@ -222,7 +222,7 @@ class BlackboardCheckInt(BlackboardCheck):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheckDouble(BlackboardCheck):
-    """Ticks its child while `value_A` equals `value_B` as real numbers, else gives `return_on_mismatch`."""
+    """Ticks its child while `value_A` equals `value_B` as real numbers, else returns `return_on_mismatch`."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     element: ClassVar[ValueType] = DOUBLE
@@ -230,7 +230,7 @@ class BlackboardCheckDouble(BlackboardCheck):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheckString(BlackboardCheck):
-    """Ticks its child while `value_A` equals `value_B` as texts, else gives `return_on_mismatch`."""
+    """Ticks its child while `value_A` equals `value_B` as texts, else returns `return_on_mismatch`."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     element: ClassVar[ValueType] = STRING
@@ -238,7 +238,7 @@ class BlackboardCheckString(BlackboardCheck):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheckBool(BlackboardCheck):
-    """Ticks its child while `value_A` equals `value_B` as truth values, else gives `return_on_mismatch`."""
+    """Ticks its child while `value_A` equals `value_B` as bools, else returns `return_on_mismatch`."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     element: ClassVar[ValueType] = BOOL

@@ -46,7 +46,7 @@ class LoopNode(DecoratorNode):
         ]
 
     def prepare(self) -> None:
-        """Convert a literal queue."""
+        """Look up the queue, and convert it if it is a literal."""
         self._queue = self.config.inputs.get("queue")
         if self._queue is None:
             raise NodeError(f"<{self.id}> needs port [queue]")
@@ -90,7 +90,7 @@ class LoopNode(DecoratorNode):
         if value is None:
             return
         if isinstance(value, deque):
-            # Shared with the entry: the loop removes the elements, and others may append more while it runs.
+            # Shared with the entry: the loop removes the elements, and other nodes may append more meanwhile.
             self._current = value
         elif self._current is None:
             # A copy, made once per start: later writes to the entry have no effect on this start.
@@ -108,7 +108,8 @@ class LoopNode(DecoratorNode):
 class LoopInt(LoopNode):
     """Ticks its child for each integer in `queue`, which it writes to `value`; one integer per tick.
 
-    RUNNING until the queue is empty, FAILURE as soon as the child fails.
+    The node is RUNNING until the queue is empty, and then returns `if_empty` (default SUCCESS). It fails as
+    soon as the child fails.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -119,7 +120,8 @@ class LoopInt(LoopNode):
 class LoopBool(LoopNode):
     """Ticks its child for each bool in `queue`, which it writes to `value`; one bool per tick.
 
-    RUNNING until the queue is empty, FAILURE as soon as the child fails.
+    The node is RUNNING until the queue is empty, and then returns `if_empty` (default SUCCESS). It fails as
+    soon as the child fails.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -130,7 +132,8 @@ class LoopBool(LoopNode):
 class LoopDouble(LoopNode):
     """Ticks its child for each real number in `queue`, which it writes to `value`; one number per tick.
 
-    RUNNING until the queue is empty, FAILURE as soon as the child fails.
+    The node is RUNNING until the queue is empty, and then returns `if_empty` (default SUCCESS). It fails as
+    soon as the child fails.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -141,7 +144,8 @@ class LoopDouble(LoopNode):
 class LoopString(LoopNode):
     """Ticks its child for each string in `queue`, which it writes to `value`; one string per tick.
 
-    RUNNING until the queue is empty, FAILURE as soon as the child fails.
+    The node is RUNNING until the queue is empty, and then returns `if_empty` (default SUCCESS). It fails as
+    soon as the child fails.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)

@@ -13,12 +13,26 @@ from btcore.values import INT
 
 
 def threshold(given: int, count: int) -> int:
-    """Return *given* as a number of *count* children: −1 = all, −2 = all except one; never below 0."""
+    """Return the number of children that *given*, the value of a port, means.
+
+    Args:
+        given: A number of children; −1 = all, −2 = all except one, and so on, but at least 0.
+        count: The number of all children.
+    """
     return max(count + given + 1, 0) if given < 0 else given
 
 
 def required_results(given: int, count: int, results: str) -> int:
-    """Return the threshold for *given*. Raise NodeError if *count* children cannot have so many *results*."""
+    """Return :func:`threshold`, after a check that it can be reached.
+
+    Args:
+        given: The value of a port.
+        count: The number of children.
+        results: "successes" or "failures", for the error message.
+
+    Raises:
+        NodeError: The threshold is greater than *count*.
+    """
     number = threshold(given, count)
     if count < number:
         raise NodeError(f"{count} children can never give {number} {results}")

@@ -15,11 +15,12 @@ from btcore.values import INT
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RepeatedNode(DecoratorNode):
-    """Ticks its child until it has returned *repeat_on* as often as the port *limit* gives; −1 = forever.
+    """Ticks its child until it has returned *repeat_on* as often as required, and returns *repeat_on*.
 
-    The opposite result of the child ends the node with this result. After a child that completed in its first
-    tick, the node wakes the tree and is RUNNING until the next tick. A skipped child makes the node SKIPPED
-    and does not change the count.
+    *repeat_on* is SUCCESS or FAILURE. The port called *limit* gives the required number; −1 = forever. If the
+    child returns the opposite of *repeat_on*, the node returns it at once. If *yields* is true and the child
+    completes in its first tick, the node wakes the tree and returns RUNNING; the next tick starts the child
+    again. A skipped child makes the node SKIPPED and does not change the count.
     """
 
     node_symbol: ClassVar[str] = "↺"
@@ -82,7 +83,7 @@ class RepeatedNode(DecoratorNode):
         return again
 
     def limit_after(self, limit: int) -> int:
-        """Return the limit after one more repetition."""
+        """Return the limit that applies after a repetition, given the *limit* before."""
         return limit
 
     def halt(self) -> None:

@@ -107,7 +107,7 @@ class KeepRunningUntilFailure(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Return FAILURE, if the child can fail."""
+        """Return FAILURE if the child can fail, else no result; RUNNING is always possible."""
         child = children[0]
         return PossibleResults(child.in_first_tick & cls.may_return, child.results & cls.may_return, True)
 
@@ -139,7 +139,7 @@ class RunOnce(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Return the child's results, and SKIPPED unless the result is repeated."""
+        """Return the child's results, and SKIPPED unless `then_skip` is false."""
         child = children[0]
         later = frozenset() if literals.get("then_skip") is False else frozenset({SKIPPED})
         return PossibleResults(child.results | later, child.after_running, child.may_run)

@@ -23,7 +23,7 @@ class OrderedNode(ControlNode):
     yields: ClassVar[bool] = False
     """Whether the node returns RUNNING after a child that completed in its first tick."""
     remembers: ClassVar[bool] = False
-    """Whether the next start begins with the child that ended the node; its predecessors are not reset."""
+    """Whether the next start begins with the child that ended the node; the children before are not reset."""
 
     _next: int = 0
     _skipped: int = 0
@@ -36,7 +36,7 @@ class OrderedNode(ControlNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Return the results that follow from the order of the children, for each child it may start with."""
+        """Return the results that follow from the order of the children, for each possible first child."""
         whole = results_in_order(children, cls.continue_on, cls.yields)
         first = whole.in_first_tick
         if cls.remembers:
@@ -70,7 +70,7 @@ class OrderedNode(ControlNode):
                 return RUNNING
             if status is going:
                 self._next = index = index + 1
-                # A child that was RUNNING before has given the parents a chance to halt the node already.
+                # Only after a first tick: parents could already halt the node while a child was RUNNING.
                 if self._yields and was_idle and index < count:
                     self.wake_up()
                     return RUNNING
@@ -103,7 +103,7 @@ class OrderedNode(ControlNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ReactiveNode(ControlNode):
-    """Ticks its children in order, in every tick from the first child; at most one child is RUNNING."""
+    """Ticks its children in order, starting with the first in every tick; at most one child is RUNNING."""
 
     runs_one_child: ClassVar[bool] = True
     continue_on: ClassVar[Status] = SUCCESS
@@ -194,7 +194,7 @@ class SequenceWithMemory(Sequence):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ReactiveSequence(ReactiveNode):
-    """Ticks its children in order, in every tick from the first child, while they succeed.
+    """Ticks its children in order, starting with the first child in every tick, while they succeed.
 
     If a child is RUNNING, all other children are halted and the node is RUNNING. If a child fails, all
     children are reset and the node fails. After a child that succeeds or is SKIPPED, the next child is
@@ -237,7 +237,7 @@ class AsyncFallback(Fallback):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ReactiveFallback(ReactiveNode):
-    """Ticks its children in order, in every tick from the first child, until a child succeeds or is RUNNING.
+    """Ticks its children in order, starting with the first in every tick, until one succeeds or is RUNNING.
 
     If a child is RUNNING, all other children are halted and the node is RUNNING. If a child succeeds, all
     children are reset and the node succeeds. After a child that fails or is SKIPPED, the next child is

@@ -15,7 +15,7 @@ from btcore.values import BOOL
 class SubTree(DecoratorNode):
     """Ticks the root of the tree named by `ID`, and returns its result.
 
-    The inner tree has its own blackboard, and the other attributes connect it with the outer tree's.
+    The inner tree has its own blackboard. The other attributes connect it with the outer tree's blackboard.
     `inner="{outer}"` makes the key `inner` of the inner tree the entry `outer` of the outer tree. Any other
     value is a constant that is written to the key `inner`. With `_autoremap` every key that the inner tree
     uses is the entry of the same name in the outer tree, except keys that begin with an underscore.

@@ -24,7 +24,7 @@ def values_equal(left: str, right: str, enums: dict[str, int]) -> bool:
     Args:
         left: A text.
         right: Another text.
-        enums: The integers that names stand for.
+        enums: The enum names with their numbers.
     """
     if left == right:
         return True
@@ -118,7 +118,7 @@ class SwitchNode(ControlNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch2(SwitchNode):
-    """Ticks the child whose case (of two) equals `variable`, else the last child."""
+    """Ticks the child whose case (`case_1` or `case_2`) equals `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
@@ -127,7 +127,7 @@ class Switch2(SwitchNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch3(SwitchNode):
-    """Ticks the child whose case (of three) equals `variable`, else the last child."""
+    """Ticks the child whose case (`case_1` to `case_3`) equals `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
@@ -136,7 +136,7 @@ class Switch3(SwitchNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch4(SwitchNode):
-    """Ticks the child whose case (of four) equals `variable`, else the last child."""
+    """Ticks the child whose case (`case_1` to `case_4`) equals `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
@@ -145,7 +145,7 @@ class Switch4(SwitchNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch5(SwitchNode):
-    """Ticks the child whose case (of five) equals `variable`, else the last child."""
+    """Ticks the child whose case (`case_1` to `case_5`) equals `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
@@ -154,7 +154,7 @@ class Switch5(SwitchNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch6(SwitchNode):
-    """Ticks the child whose case (of six) equals `variable`, else the last child."""
+    """Ticks the child whose case (`case_1` to `case_6`) equals `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:Switch"

@@ -1,4 +1,4 @@
-"""Nodes that wait on the tree's clock. They check the time when they are ticked, and wake the tree."""
+"""Nodes that wait on the tree's clock. They check the time in each tick, and request a tick at the end."""
 
 from collections.abc import Mapping
 from typing import ClassVar, cast
@@ -18,8 +18,8 @@ from btcore.values import UINT
 class Timeout(DecoratorNode):
     """Halts its child and fails if the child is still RUNNING `msec` milliseconds after the start.
 
-    0 = no limit. The tree is woken when the time has passed. If the child completes before, the node returns
-    its result.
+    0 = no limit. The tree is woken when the time has passed. If the child completes earlier, the node returns
+    the child's result.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
@@ -78,7 +78,7 @@ class Timeout(DecoratorNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Delay(DecoratorNode):
-    """Waits for `delay_msec` milliseconds, RUNNING, then ticks its child and returns its result.
+    """Is RUNNING for `delay_msec` milliseconds, then ticks its child and returns the child's result.
 
     The tree is woken when the time has passed. A RUNNING child is ticked again without a delay. After the
     child has completed, the next start waits again.
@@ -95,7 +95,7 @@ class Delay(DecoratorNode):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Return the child's results, none of them in the first tick."""
+        """Return the child's results; the node never completes in its first tick."""
         return PossibleResults(NO_RESULT, children[0].results, True)
 
     @staticmethod

@@ -1,1 +1,1 @@
-"""The registry: which nodes a tree may use, and how each of them is created."""
+"""The registry of the nodes that a tree may use, with the information to create each node."""

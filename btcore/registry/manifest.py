@@ -36,12 +36,12 @@ class Manifest:
         cls: The class of the nodes.
         ports: The ports by name, in the order of their declaration.
         parameters: The parameters of the function or of ``__init__``.
-        distribution: The package that registered it.
+        distribution: The package that registered the node.
         function: The function that the nodes call; None for a node class.
     """
 
     is_overridable = False
-    """Whether a node that a user registers under the same ID replaces it: True for installed libraries."""
+    """Whether a later node with the same ID replaces this node: True for nodes of installed libraries."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class Manifest:
 
     @property
     def required_resources(self) -> list[Any]:
-        """The types of the resources that the caller of load() must pass."""
+        """The types of the resources that the caller of load() must pass for a node."""
         return [
             parameter.resource_type
             for parameter in self.parameters
@@ -87,7 +87,7 @@ class Manifest:
         ]
 
     def same_thing(self, other: "Manifest") -> bool:
-        """Return whether both have the same class or function, which may have been imported twice."""
+        """Return whether *other* has the same class or function, even if it was imported twice."""
         mine, its = self.function or self.cls, other.function or other.cls
         return mine is its or self.origin == other.origin
 
@@ -207,7 +207,10 @@ class Resources(list[object]):
         self._found: dict[Parameter, object] = {}
 
     def of(self, parameter: Parameter) -> object:
-        """Return the first resource of the parameter's type, else its default, which may be UNSET."""
+        """Return the first resource of the parameter's type, else the default of the parameter, or UNSET.
+
+        A missing :class:`TreeState` is created. Raise TypeError if isinstance() does not support the type.
+        """
         if parameter not in self._found:
             self._found[parameter] = self._look_for(parameter)
         return self._found[parameter]
@@ -259,8 +262,8 @@ def create_manifest(
         ID: The registration ID.
         thing: The class or the function.
         types: The types that ports may have.
-        names: The local names with which annotations are resolved that are strings.
-        distribution: The package that registers it.
+        names: Local names, for resolving annotations that are strings.
+        distribution: The package that registers the node.
         format: The XML format whose rules for port names apply.
 
     Raises:

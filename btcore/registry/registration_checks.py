@@ -1,4 +1,4 @@
-"""Checks at registration: names, ports, defaults and methods with which no tree could work."""
+"""Checks at registration: names, ports, defaults and methods that would make every tree fail."""
 
 from collections.abc import Sequence
 from inspect import isabstract
@@ -24,7 +24,7 @@ _OVERRIDDEN: Final[tuple[tuple[type[TreeNode], str], ...]] = (
 
 
 def check_id(ID: str) -> None:
-    """Raise RegistrationError if *ID* cannot be a tag."""
+    """Raise RegistrationError if *ID* cannot be a tag in the XML."""
     if not ID:
         raise RegistrationError("the ID of a node must not be empty")
     if is_reserved(ID):
@@ -68,7 +68,7 @@ def default_value_error(port: Port) -> str:
 
 
 def _is_known(kind: ValueType) -> bool:
-    """Return whether texts of *kind* convert already: a user's type may get its converter later."""
+    """Return whether texts can be converted to *kind* already: a user's type may get a converter later."""
     if isinstance(kind, VectorType):
         return _is_known(kind.item)
     return kind.converts and not isinstance(kind, UserType)

@@ -1,4 +1,4 @@
-"""The registry of the nodes that a tree may use: built-in nodes, user's nodes and node libraries."""
+"""The registry of the nodes that a tree may use: built-in nodes, the user's nodes and node libraries."""
 
 import importlib
 import inspect
@@ -42,11 +42,11 @@ class Registry:
 
     @classmethod
     def standard(cls) -> "Registry":
-        """Return a new registry of the built-in nodes of BehaviorTree.CPP 4.10, and 3.8 for format 3."""
+        """Return a new registry of the built-in nodes of BehaviorTree.CPP: 4.10, and 3.8 for format 3."""
         registry = cls()
         for format, nodes in BUILTIN_NODES.items():
             for ID, node in nodes.items():
-                common = BUILTIN_NODES[7 - format].get(ID) is node  # in the other format, too
+                common = BUILTIN_NODES[7 - format].get(ID) is node  # 7 - format: the other format, 3 or 4
                 table = registry._shared if common else registry._of_format[format]
                 table[ID] = node
         registry._libraries.append("btcore")
@@ -105,7 +105,8 @@ class Registry:
             things: The functions and classes.
             ID: The tag in the XML, for a single thing. By default the ID given to the decorator, else the
                 name of the class, or the name of the function in CamelCase.
-            format: 3 or 4 = register for trees of this format only; port names in format 3 have fewer rules.
+            format: 3 or 4 = register for trees of this XML format only; None = for both formats. Format 3
+                allows more port names.
 
         Raises:
             RegistrationError: A thing cannot be registered, or its ID is registered already.
@@ -158,7 +159,14 @@ class Registry:
         self.types.add(python_type, from_text, **more)
 
     def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None:
-        """Register an enum, whose names scripts and ports may then use."""
+        """Register an enum, whose names scripts and ports may then use.
+
+        Args:
+            enum: The class, or a mapping of names to numbers.
+
+        Raises:
+            RegistrationError: A name is registered with another number, or a value is not an integer.
+        """
         self.types.add_enum(enum)
 
     # --- substitution
@@ -174,6 +182,9 @@ class Registry:
             filter: A registration ID, an instance name, or a full path with the wildcards ``*`` and ``?``.
             by: The ID of a registered node, a function, a node class, or a ``TestNodeConfig`` of
                 btcore.testing.
+
+        Raises:
+            RegistrationError: The function or class cannot be used as a node.
         """
         offered = None if inspect.isclass(by) else getattr(by, "manifest", None)
         if callable(offered):
@@ -183,7 +194,7 @@ class Registry:
         self.substitutions[filter] = SubstitutionRule(filter, by)
 
     def apply_substitutions(self, config: NodeConfig, manifest: Manifest, children: int) -> Manifest:
-        """Return the manifest for a node, after the substitution rules.
+        """Return the manifest from which a node is created, after the substitution rules were applied.
 
         Args:
             config: The configuration of the node.
@@ -296,7 +307,7 @@ class Registry:
 
         If the module has a function ``register(nodes)``, or ``module:function`` names another function,
         this function is called to register the nodes. Otherwise the node classes and the functions marked
-        as leaves that the module defines are registered.
+        with ``@action`` or ``@condition`` that the module defines are registered.
 
         Args:
             library: A module, its name, ``module:function``, or the path of a Python file.
@@ -360,7 +371,7 @@ def _import(library: str, name: str | None) -> ModuleType:
     except RegistrationError:
         raise
     except ModuleNotFoundError as error:
-        # Is the plugin itself missing, or a module that it imports?
+        # The plugin itself may be missing, or a module that it imports.
         if error.name is not None and (library == error.name or library.startswith(error.name + ".")):
             raise RegistrationError(
                 f"plugin '{title}' is not found: give the name of a module that can be imported, "

@@ -1,4 +1,4 @@
-"""Substitution rules: they replace nodes of a tree by other nodes, as in BehaviorTree.CPP."""
+"""Substitution rules, which replace nodes of a tree by other nodes, as in BehaviorTree.CPP."""
 
 import re
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from btcore.suggestions import did_you_mean
 
 
 class SubstitutionRule:
-    """One rule: nodes that match *filter* are created from *by*, a manifest or the ID of a registered node.
+    """A rule that replaces nodes: *by*, a manifest or an ID, replaces the nodes that match *filter*.
 
     *filter* is a registration ID, an instance name, or a full path in which ``*`` stands for any text
     and ``?`` for any character.
@@ -34,7 +34,7 @@ class SubstitutionRule:
     def replacement_manifest(
         self, config: NodeConfig, children: int, known: Mapping[str, Manifest]
     ) -> Manifest:
-        """Return the manifest that replaces the manifest of a node.
+        """Return the manifest from which a node that matches the rule is created.
 
         Args:
             config: The configuration of the node.
@@ -64,7 +64,7 @@ class SubstitutionRule:
 
 
 def first_matching_rule(rules: dict[str, SubstitutionRule], config: NodeConfig) -> SubstitutionRule | None:
-    """Return the first of *rules*, in the order of their addition, that applies to the node of *config*."""
+    """Return the rule that applies to the node of *config*: the first in the order of *rules*, or None."""
     for rule in rules.values():
         if rule.matches(config):
             return rule

@@ -46,7 +46,7 @@ class Expression:
         self.width = token.width
 
     def evaluate(self, board: Blackboard) -> object:
-        """Return the value on *board*. Raise ScriptError."""
+        """Evaluate the expression on *board*, and return its value. Raise ScriptError."""
         raise NotImplementedError
 
     def fault(self, message: str) -> ScriptError:
@@ -95,7 +95,7 @@ class UnaryOperation(Expression):
         self.operand: Expression = operand
 
     def evaluate(self, board: Blackboard) -> object:
-        """Return the value after the signs, a float."""
+        """Apply the signs to the operand, and return the result, a float."""
         value = self.operand.evaluate(board)
         try:
             for sign in reversed(self.signs):
@@ -183,7 +183,10 @@ class Comparison(Chain):
 
 
 class ConditionalExpression(Expression):
-    """``condition ? a : b``. The condition is true for a number, or a text with a number, except zero."""
+    """``condition ? a : b``. The condition is a number or a text that starts with a number.
+
+    It is true unless the number is zero.
+    """
 
     def __init__(
         self, text: str, token: Token, condition: Expression, then: Expression, other: Expression
@@ -210,7 +213,10 @@ class ConditionalExpression(Expression):
 
 
 class Assignment(Expression):
-    """``name := value``, or ``=``, ``+=``, ``-=``, ``*=`` and ``/=``, for which the entry must exist."""
+    """An assignment to an entry. ``name := value`` creates a missing entry.
+
+    The operators ``=``, ``+=``, ``-=``, ``*=`` and ``/=`` require that the entry exists.
+    """
 
     def __init__(
         self, text: str, token: Token, target: Expression, value: Expression, enums: Mapping[str, int]
@@ -222,11 +228,11 @@ class Assignment(Expression):
         self.enums: Mapping[str, int] = enums
 
     def evaluate(self, board: Blackboard) -> object:
-        """Return the stored value."""
+        """Assign the value to the entry, and return the stored value."""
         target = self.target
         if not isinstance(target, Name):
             raise self.fault(f"only the name of an entry is allowed before '{self.operator}'")
-        # Created before the value is evaluated, as in BehaviorTree.CPP: the entry exists even if that raises.
+        # Created before the evaluation, as in BehaviorTree.CPP: it exists even if the evaluation raises.
         entry = board.find(target.name)
         if entry is None:
             entry = self._create(board, target)

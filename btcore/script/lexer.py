@@ -1,4 +1,4 @@
-"""The lexer of scripts: text → tokens."""
+"""The lexer of scripts: it splits a text into tokens."""
 
 from typing import Final
 
@@ -25,7 +25,7 @@ class Token:
 
     Attributes:
         kind: The kind of the token; for an operator, its text.
-        text: The text, for a string without the quotes.
+        text: The text; the text of a string is without the quotes.
         start: The index of the first character in the script.
         width: The number of characters in the script.
     """
@@ -38,7 +38,7 @@ class Token:
 
 
 def tokenize(text: str) -> list[Token]:
-    """Return the tokens of *text* and an END. Text that is not a token becomes a MALFORMED token."""
+    """Return the tokens of *text*, then an END token. Invalid text becomes a MALFORMED token."""
     tokens: list[Token] = []
     size = len(text)
     at = 0

@@ -1,6 +1,6 @@
 """The operators of scripts, with the typing rules of BehaviorTree.CPP 4.10.
 
-All functions raise ConversionError; the caller adds the position in the script.
+The functions raise ConversionError for invalid operands; the caller adds the position in the script.
 """
 
 import math
@@ -13,7 +13,7 @@ from btcore.values import STRING, UINT64, ValueType, as_bool, as_double, as_int,
 from btcore.values.numbers import MAX_INT64, MAX_UINT64, MIN_INT64, leading_float
 
 _SIGNS: Final[list[str]] = ["+", "-", "*", "/", "..", "&", "|", "^", "&&", "||"]
-# In this order, a single comparison determines whether an operator is arithmetic, bitwise or logical.
+# The order of _SIGNS allows to check with a single comparison whether an operator is arithmetic or bitwise.
 OPERATORS: Final[dict[str, int]] = {sign: number for number, sign in enumerate(_SIGNS)}
 _ADD: Final = 0
 _SUBTRACT: Final = 1
@@ -29,7 +29,13 @@ _TWO_TO_63: Final = 9223372036854775808.0
 
 
 def operate(operator: int, left: object, right: object) -> object:
-    """Return the result of an operator of OPERATORS; None for ``..`` with two numbers."""
+    """Return the result of a binary operator; None for ``..`` with two numbers, as in BehaviorTree.CPP.
+
+    Args:
+        operator: The number of the operator in OPERATORS.
+        left: The left operand.
+        right: The right operand.
+    """
     first = number_of(left)
     second = number_of(right)
     if first is not None and second is not None:
@@ -54,7 +60,10 @@ def operate(operator: int, left: object, right: object) -> object:
 
 
 def negated(sign: str, value: object) -> float:
-    """Apply the prefix *sign* to *value*: ``-``, ``!``, or ``~`` for the integer part in 64 bits."""
+    """Return the result of the prefix operator *sign*, which is ``-``, ``!`` or ``~``, for *value*.
+
+    ``~`` inverts the bits of the integer part, an integer of 64 bits.
+    """
     number = number_of(value)
     if number is None:
         raise ConversionError(f"'{sign}' needs a number, not {description(value)}")
@@ -118,7 +127,7 @@ def readable_number(text: str, enums: Mapping[str, int]) -> float:
 
 
 def assigned_value(value: object, old: object, kind: ValueType) -> object:
-    """Return *value* as stored in an entry of the type *kind* with the value *old*, whose type is kept."""
+    """Return *value* converted to the type of *old*, the present value of an entry of the type *kind*."""
     if isinstance(value, str) and isinstance(old, str):
         return value
     number = number_of(value)

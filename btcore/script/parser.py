@@ -1,4 +1,4 @@
-"""The parser of scripts: tokens → syntax tree, with the operator precedences of BehaviorTree.CPP."""
+"""The parser of scripts: it builds a syntax tree, with the operator precedences of BehaviorTree.CPP."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -17,7 +17,7 @@ from btcore.script.expressions import (
 from btcore.script.lexer import BOOLEAN, END, INTEGER, MALFORMED, NAME, REAL, STRING, Token, tokenize
 from btcore.values.numbers import MAX_INT64, leading_float
 
-# The operators from the loosest level to the tightest, with the numbers of the levels from 1.
+# The operators by precedence: level 1 binds the loosest, the last level the tightest.
 _LEVELS: Final = (":= = += -= *= /=", "?", "||", "&&", "== != < > <= >=", "| ^", "&", "+ - ..", "* /")
 _BINDING: Final[dict[str, int]] = {
     operator: level for level, operators in enumerate(_LEVELS, start=1) for operator in operators.split()
@@ -31,7 +31,7 @@ _DEEPEST: Final = 200
 
 
 class Parser:
-    """Reads the statements of one script."""
+    """A parser of one script, which is a sequence of statements."""
 
     def __init__(self, text: str, enums: Mapping[str, int]) -> None:
         self.text: str = text
@@ -62,7 +62,7 @@ class Parser:
         return token
 
     def _expression(self, least: int) -> Expression:
-        """Parse a value and the operators after it whose level is at least *least*."""
+        """Parse a value, and the operators after the value whose precedence level is at least *least*."""
         self.depth += 1
         if self.depth > _DEEPEST:
             raise self._error(self._next(), f"the expression is nested more than {_DEEPEST} deep")
@@ -83,7 +83,7 @@ class Parser:
                 left = self._choice(token, left)
                 break
             chain = left if isinstance(left, OperatorChain) else OperatorChain(self.text, token, left)
-            # A tighter level on the right, because these operators are evaluated from left to right.
+            # A tighter level for the right operand, because equal levels are evaluated from left to right.
             chain.extend(token, self._expression(binding + 1))
             left = chain
         self.depth -= 1

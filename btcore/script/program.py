@@ -38,10 +38,10 @@ def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program
 
     Args:
         text: The source of the script.
-        enums: The numbers of the enum names. It is read in every run, so that names may be added later.
+        enums: The enum names with their numbers. Names may be added later: every run reads the mapping.
 
     Raises:
-        ScriptError: The script has a syntax error; the error has the column.
+        ScriptError: The script has a syntax error; the exception gives the column.
     """
     return Program(text, Parser(text, _NO_ENUMS if enums is None else enums).statements())
 
@@ -49,10 +49,10 @@ def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program
 def condition_result(value: object) -> bool:
     """Return the result of a condition's script as a bool.
 
-    Zero is false, and every positive float is true.
+    Zero is false. The integer 1 and every positive float are true.
 
     Raises:
-        ScriptError: The value is negative, an integer except 0 and 1, a text, or missing.
+        ScriptError: The value is a negative float, an integer except 0 and 1, a text or None.
     """
     if isinstance(value, float) and value >= 0.0:
         return value != 0.0

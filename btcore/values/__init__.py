@@ -1,4 +1,4 @@
-"""Values in text and on the blackboard by the rules of BehaviorTree.CPP, and their types."""
+"""The types of ports and blackboard entries, and conversions, by the rules of BehaviorTree.CPP."""
 
 from btcore.values.known_types import (
     Float32,

@@ -1,9 +1,10 @@
-"""The types that a registry knows: the type of a Python annotation, and the type of a value.
+"""The types that a registry knows, and the type that belongs to a Python annotation or to a value.
 
-Python's ``int`` is C++'s ``int`` of 32 bits, as in the ports of BehaviorTree.CPP: a text or an entry beyond
-32 bits fits an ``In[Int64]``, but not an ``In[int]``. The type of an integer that user code writes is ``int``
-if it has 32 bits, else ``long``, else ``unsigned long``. An ``In[float]`` or ``In[Int64]`` may still change
-the type of such an entry when the tree is loaded.
+Python's ``int`` stands for C++'s ``int`` of 32 bits, as in the ports of BehaviorTree.CPP: a text or an entry
+beyond 32 bits fits a port ``In[Int64]``, but not a port ``In[int]``. If user code writes an integer to a new
+entry, the type of the entry is ``int`` if the integer fits 32 bits, else ``long`` if it fits, else
+``unsigned long``. When a tree is loaded whose port ``In[float]`` or ``In[Int64]`` uses such an entry, the
+entry gets the type of the port.
 """
 
 import types
@@ -61,10 +62,10 @@ _OF_CLASS: Final[dict[object, ValueType]] = {
 
 
 class TypeRegistry:
-    """The types of annotations, of the user's classes, and of names.
+    """The types by Python annotation and by C++ name, including the user's classes and enums.
 
     Attributes:
-        enums: The numbers of the names that scripts and enum ports may use.
+        enums: The enum names that scripts and enum ports may use, with their numbers.
     """
 
     def __init__(self) -> None:
@@ -111,13 +112,13 @@ class TypeRegistry:
         to_text: Callable[[Any], str] | None = None,
         name: str | None = None,
     ) -> ValueType:
-        """Register the text form of a class, and return its type.
+        """Register a class with its text form (the conversions from and to text). Return the type.
 
         Args:
             python_type: The class.
             from_text: Converts a text to a value.
             to_text: Converts a value to a text.
-            name: The name in the protocols and in models; by default the name of the class.
+            name: The name of the type in monitoring protocols and XML models; by default the class's name.
 
         Raises:
             RegistrationError: The class has a text form already, or another type has this name.
@@ -146,7 +147,10 @@ class TypeRegistry:
         return kind
 
     def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None:
-        """Register an enum for scripts and ports, given as a class or as numbers by name.
+        """Register an enum, whose names scripts and ports may then use.
+
+        Args:
+            enum: The class, or a mapping of names to numbers.
 
         Raises:
             RegistrationError: A name is registered with another number, or a value is not an integer.
@@ -185,7 +189,7 @@ class TypeRegistry:
 
 
 def type_of(value: object) -> ValueType:
-    """Return the type that an entry gets from its first *value*: ANY for an empty list.
+    """Return the type of an entry whose first value is *value*; ANY for an empty list.
 
     Raises:
         BlackboardError: An integer has more than 64 bits.
@@ -224,7 +228,7 @@ def to_builtin_number(value: object) -> object:
 
 
 def parse_constant(text: str) -> object:
-    """Return the constant in an attribute of a SubTree of format 4: an int, a float, or the text itself."""
+    """Return the constant that *text* stands for in format 4: an int, a float, or else the text itself."""
     number = whole_int(text)
     if number is not None:
         return number
@@ -235,7 +239,8 @@ def parse_constant(text: str) -> object:
 def to_text(value: object) -> str:
     """Return *value* as BehaviorTree.CPP's ``toStr`` writes it.
 
-    Numbers by ``%d`` and ``%f``, bools as ``true`` and ``false``, lists as ``json:[…]``, enums by name.
+    Integers are written with ``%d``, floats with ``%f``, bools as ``true`` and ``false``, lists as
+    ``json:[…]``, and enum members by name.
 
     Raises:
         ConversionError: The value is None, or has no text form.

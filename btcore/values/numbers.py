@@ -78,19 +78,33 @@ def whole_int(text: str) -> int | None:
 
 
 def c_int(text: str, low: int, high: int) -> int:
-    """Return the result of C's ``strtol`` for *text*, from *low* to *high* (format 3)."""
+    """Return the result of C's ``strtol`` for *text* (format 3).
+
+    Raises:
+        ConversionError: There is no integer, or it is not in the range from *low* to *high*.
+    """
     match = re.match(_C_INTEGER, text)
     return _integer(text, None if match is None else match.group(1), low, high)
 
 
 def c_unsigned(text: str, bits: int) -> int:
-    """Return the result of C's ``strtoul`` for *text*, cut to *bits* (format 3). ``-1`` is the maximum."""
+    """Return the result of C's ``strtoul`` for *text*, cut to *bits* bits (format 3).
+
+    A negative number wraps around: ``-1`` becomes the maximum.
+
+    Raises:
+        ConversionError: There is no integer, or it has more than 64 bits.
+    """
     value = c_int(text, -MAX_UINT64, MAX_UINT64)
     return value % (1 << 64) % (1 << bits)
 
 
 def c_float(text: str, single: bool = False) -> float:
-    """Return the result of C's ``strtod`` (or ``strtof``) for *text* (format 3)."""
+    """Return the result of C's ``strtod``, or of ``strtof`` if *single*, for *text* (format 3).
+
+    Raises:
+        ConversionError: There is no number, or it is too large or too close to zero for the precision.
+    """
     match = re.match(_C_REAL, text)
     if match is None:
         raise ConversionError(f"'{text}' is not a number")
@@ -105,7 +119,7 @@ def c_float(text: str, single: bool = False) -> float:
 
 
 def lenient_int(text: str) -> int:
-    """Return an item of format 3's ``vector<int>``: 0 for invalid text; large numbers wrap to 32 bits."""
+    """Return *text* as an item of format 3's ``vector<int>``: invalid text is 0; numbers wrap at 32 bits."""
     match = re.match(_C_INTEGER, text)
     if match is None:
         return 0
@@ -115,7 +129,7 @@ def lenient_int(text: str) -> int:
 
 
 def lenient_float(text: str) -> float:
-    """Return an item of format 3's ``vector<double>``: 0 for invalid text."""
+    """Return *text* as an item of format 3's ``vector<double>``: invalid text is 0."""
     match = re.match(_C_REAL, text)
     if match is None:
         return 0.0
@@ -129,7 +143,7 @@ def lenient_float(text: str) -> float:
 
 
 def wrap_signed(value: int, bits: int) -> int:
-    """Return *value* cut to a signed integer of *bits*, as a cast in C."""
+    """Return *value* cut to a signed integer of *bits* bits, as by a cast in C."""
     half = 1 << (bits - 1)
     return (value + half) % (1 << bits) - half
 
@@ -144,7 +158,7 @@ def to_single_precision(value: float) -> float:
 
 
 def json_items(text: str) -> list[object]:
-    """Return the array in the JSON *text*, given without ``json:``. Raise ConversionError."""
+    """Return the items of the JSON array *text*, without the prefix ``json:``. Raise ConversionError."""
     value = read_json(text)
     if not isinstance(value, list):
         raise ConversionError(f"'json:{text}' is not a JSON array")
@@ -152,7 +166,11 @@ def json_items(text: str) -> list[object]:
 
 
 def read_json(text: str) -> object:
-    """Return the value of the JSON *text*. Raise ConversionError, also for NaN and an infinite double."""
+    """Return the value of the JSON *text*.
+
+    Raises:
+        ConversionError: The text is not JSON (NaN and Infinity are not), or a real is too large for a double.
+    """
     import json
 
     try:
@@ -182,9 +200,10 @@ def _integer(text: str, digits: str | None, low: int, high: int) -> int:
 
 
 def _bounded(digits: str) -> int:
-    """Return the integer of a sign and digits; of more than 64 bits, some integer beyond 64 bits.
+    """Return the integer with the sign and digits *digits*; ±2^70 for an integer of more than 20 digits.
 
-    Python's int() raises for thousands of digits, and takes quadratic time.
+    All callers treat integers beyond 64 bits alike. Python's int() raises for thousands of digits, and takes
+    quadratic time.
     """
     if len(digits) < _DIGITS_OF_64_BITS:
         return int(digits)
@@ -199,7 +218,7 @@ def _finite(number: str, text: str, as_single: bool) -> float:
     value = float(number)
     if value != value or number.lstrip("+-")[0] in "iI":
         return value
-    # A zero with another digit than 0 before the exponent is too close to zero.
+    # If a digit before the exponent is not 0, the number is not zero but too close to zero for a double.
     if math.isinf(value) or (value == 0.0 and re.match("[^eE]*[1-9]", number)):
         raise ConversionError(f"'{text}' is out of range for a double")
     if not as_single:

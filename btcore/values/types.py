@@ -1,8 +1,8 @@
 """The types of ports and entries: their names in C++, their text forms, and which values they accept.
 
-The rules are those of BehaviorTree.CPP 4.10. ``from_text`` is its ``convertFromString``. ``cast`` is its
-``Any::cast``, which reads a stored value as a type. ``adapt`` is the check in its ``Blackboard::set``, which
-writes a value to an entry of a type.
+The rules are those of BehaviorTree.CPP 4.10. ``from_text`` corresponds to ``convertFromString``. ``cast``
+corresponds to ``Any::cast``, which reads a stored value as another type. ``adapt`` corresponds to the check
+in ``Blackboard::set``, which writes a value to an entry that already has a type.
 """
 
 import math
@@ -42,10 +42,10 @@ _SMALL_REAL: Final = 2.0**31
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ValueType:
-    """The type of a port or of an entry. Subclass it for a type that a Python class does not determine.
+    """The type of a port or of an entry. Subclass it for a type that is more specific than a Python class.
 
     Attributes:
-        name: The name of the type in C++, in the protocols and in models.
+        name: The name of the type in C++, in monitoring protocols and in XML models.
         strong: Whether the type restricts the values. False for types that accept any value.
         converts: Whether a text is converted when it is written to an entry of this type, and checked when
             the tree is loaded. False for enums, which are looked up when they are read.
@@ -66,7 +66,7 @@ class ValueType:
         )
 
     def to_text(self, value: object) -> str:
-        """Return *value* as text, which for most types :meth:`from_text` reads. Raise ConversionError."""
+        """Return *value* as text; for most types, :meth:`from_text` reads it back. Raise ConversionError."""
         raise ConversionError(f"{self.name} has no text form; give it one with add_type(…, to_text=…)")
 
     @property
@@ -77,7 +77,7 @@ class ValueType:
     def set_converters(
         self, from_text: Callable[[str], object] | None, to_text: Callable[[Any], str] | None
     ) -> None:
-        """Replace the converters. Raise RegistrationError for a type with rules of its own."""
+        """Replace the converters. Raise RegistrationError for a type with built-in conversion rules."""
         raise RegistrationError(f"{self.python_type.__qualname__} has a text form already")
 
     def accepts(self, value: object) -> bool:
@@ -91,7 +91,7 @@ class ValueType:
         raise mismatch(value, self)
 
     def adapt(self, value: object) -> object:
-        """Return *value*, not a text, as stored in an entry of this type. Raise ConversionError."""
+        """Return *value* in the form in which an entry of this type stores it. Raise ConversionError."""
         if self.accepts(value):
             return value
         raise mismatch(value, self)
@@ -105,7 +105,7 @@ class ValueType:
 
 
 def mismatch(value: object, wanted: ValueType) -> ConversionError:
-    """Return the error for a *value* that does not fit the type *wanted*; None is an entry without value."""
+    """Return the error for a *value* that does not fit *wanted*; None stands for an unwritten entry."""
     if value is None:
         return ConversionError("there is no value: the entry was never written")
     return ConversionError(f"{value!r} is not a valid {wanted.name}")
@@ -139,7 +139,11 @@ def as_double(number: int | float) -> float:
 
 
 def as_bool(number: int | float) -> bool:
-    """Return *number* as a bool. Raise ConversionError for integers except 0 and 1, and negative reals."""
+    """Return *number* as a bool; every positive float is true.
+
+    Raises:
+        ConversionError: The number is an integer except 0 and 1, or a negative float.
+    """
     if isinstance(number, float):
         if number < 0.0:
             raise ConversionError(f"{number!r} is not a valid bool: it is negative")
@@ -150,7 +154,17 @@ def as_bool(number: int | float) -> bool:
 
 
 def as_int(number: int | float, low: int, high: int, name: str = "int64_t") -> int:
-    """Return *number* as an integer from *low* to *high*. Raise ConversionError unless it is exact."""
+    """Return *number* as an integer.
+
+    Args:
+        number: The number.
+        low: The minimum.
+        high: The maximum.
+        name: The name of the integer type, for the error message.
+
+    Raises:
+        ConversionError: The number is not an integer from *low* to *high*.
+    """
     if isinstance(number, float):
         if -_SMALL_REAL < number < _SMALL_REAL:
             value = int(number)
@@ -193,7 +207,7 @@ class IntegerType(ValueType):
         return type(value) is int and self.low <= value <= self.high
 
     def cast(self, value: object) -> int:
-        """Return a number in the range, or the number at the start of a text."""
+        """Return a number, or the number at the start of a text, as an integer. Raise ConversionError."""
         if isinstance(value, str):
             return leading_int(value, self.low, self.high, self.low == 0)
         number = number_of(value)
@@ -202,14 +216,14 @@ class IntegerType(ValueType):
         return as_int(number, self.low, self.high, self.name)
 
     def adapt(self, value: object) -> int:
-        """Return a number in the range, if it is exact as an integer."""
+        """Return a number as an integer. Raise ConversionError unless it is an integer in the range."""
         if isinstance(value, (int, float)):
             return as_int(value, self.low, self.high, self.name)
         raise mismatch(value, self)
 
 
 class RealType(ValueType):
-    """Floating-point numbers; *is_single* means C++'s float, to which values are rounded."""
+    """Floating-point numbers: C++'s float if *is_single*, to which values are rounded, else double."""
 
     def __init__(self, name: str, is_single: bool) -> None:
         super().__init__(name, float)
@@ -230,7 +244,11 @@ class RealType(ValueType):
         return isinstance(value, float)
 
     def cast(self, value: object) -> float:
-        """Return a number, or the number at the start of a text; an integer only if it is exact."""
+        """Return a number, or the number at the start of a text, as a float.
+
+        Raises:
+            ConversionError: The value is not a number, or an integer that is not exact as a double.
+        """
         if type(value) is float and not self.is_single:
             return value
         if isinstance(value, str):
@@ -242,7 +260,7 @@ class RealType(ValueType):
         return to_single_precision(real) if self.is_single else real
 
     def adapt(self, value: object) -> float:
-        """Return a number; an integer only if it is exact as a double."""
+        """Return a number as a float. Raise ConversionError for an integer that is not exact as a double."""
         if isinstance(value, (int, float)):
             return self.cast(value)
         raise mismatch(value, self)
@@ -264,7 +282,7 @@ class BoolType(ValueType):
         return "true" if self.cast(value) else "false"
 
     def cast(self, value: object) -> bool:
-        """Return a bool, or a number as a bool; a text is not accepted."""
+        """Return a bool, or a number as a bool. Raise ConversionError, also for every text."""
         number = number_of(value)
         if number is None:
             raise mismatch(value, self)
@@ -272,7 +290,7 @@ class BoolType(ValueType):
 
 
 class StringType(ValueType):
-    """Text."""
+    """Strings of any content."""
 
     def from_text(self, text: str, format: int = 4) -> str:
         """Return the text itself."""
@@ -293,7 +311,7 @@ class StringType(ValueType):
 
 
 class AnyType(ValueType):
-    """A type that accepts any value: of a port without a type, or ``BT::Any``."""
+    """A type that accepts any value: the type of a port declared without a type, or ``BT::Any``."""
 
     def __init__(self, name: str, converts: bool) -> None:
         super().__init__(name, object, strong=False, converts=converts)
@@ -319,7 +337,7 @@ def number_text(number: int | float) -> str:
 
 
 def real_text(value: float) -> str:
-    """Return *value* as C's ``%f`` writes it, with the sign of a NaN."""
+    """Return *value* as C's ``%f`` writes it; a NaN with a sign bit is ``-nan``."""
     if value != value and math.copysign(1.0, value) < 0:
         return "-nan"
     return f"{value:f}"
@@ -352,11 +370,11 @@ class VectorType(ValueType):
         return ";".join([self.item.to_text(value) for value in items])
 
     def accepts(self, value: object) -> bool:
-        """Return whether *value* is a list, and all its items are of the type."""
+        """Return whether *value* is a list, and all its items are of the item type."""
         return isinstance(value, list) and self._accepts_all(value)
 
     def cast(self, value: object) -> list[object]:
-        """Return the list itself if all its items are of the type, else a list of converted items."""
+        """Return the list itself if all its items are of the item type, else a list of converted items."""
         if not isinstance(value, (list, tuple)):
             raise mismatch(value, self)
         if isinstance(value, list) and self._accepts_all(value):
@@ -407,7 +425,7 @@ _DIRECTION_NAMES: Final = ("Input", "Output", "InOut")
 
 
 class ConvertibleType(ValueType):
-    """A class of the user's, with the converters that it was registered with, if any."""
+    """The type of a user's class or enum, with the converters from and to text that the user registered."""
 
     def __init__(
         self,
@@ -435,10 +453,11 @@ class ConvertibleType(ValueType):
 
 
 class EnumType(ConvertibleType):
-    """A Python Enum, converted from the names in *names* (name → number), from members' names or numbers.
+    """The type of a Python Enum. A text may be a registered name, or the name or number of a member.
 
-    A converter from text replaces the members' names: it is called for a text that is neither a registered
-    name nor a member's number.
+    *names* are the registered enum names with their numbers. If the user registered a converter from text, it
+    replaces the members' names: it is called for a text that is neither a registered name nor a member's
+    number.
     """
 
     def __init__(
@@ -469,7 +488,7 @@ class EnumType(ConvertibleType):
             number = leading_int(text, MIN_INT64, MAX_INT64)
         except ConversionError:
             number = -1
-        # Not for a text that only starts with a number, such as "7x", or "07".
+        # The whole text must be the number: "7x" and "07" are not accepted.
         if str(number) == text and number in self._by_number:
             return self._by_number[number]
         if self._from_text is not None:
@@ -497,7 +516,7 @@ class EnumType(ConvertibleType):
         return member.name if self._to_text is None else self._to_text(member)
 
     def cast(self, value: object) -> Enum:
-        """Return a member, given itself, its number or its text."""
+        """Return the member for *value*: a member, its number or its text. Raise ConversionError."""
         if isinstance(value, Enum) and isinstance(value, self.python_type):
             return value
         if isinstance(value, str):
@@ -512,7 +531,7 @@ class EnumType(ConvertibleType):
 
 
 class StatusType(EnumType):
-    """A node's status, given by its upper-case name. Format 3 does not have SKIPPED."""
+    """The status of a node; its text is the upper-case name. Format 3 does not have SKIPPED."""
 
     def from_text(self, text: str, format: int = 4) -> Enum:
         """Return the status with the name *text*. Raise ConversionError."""
@@ -524,7 +543,7 @@ class StatusType(EnumType):
 
 
 class DirectionType(EnumType):
-    """The direction of a port, such as ``Input`` or ``INPUT``. Format 3 reads any other text as InOut."""
+    """The direction of a port; its text is ``Input`` or ``INPUT`` etc. Format 3 reads other text as InOut."""
 
     def from_text(self, text: str, format: int = 4) -> Enum:
         """Return the direction with the name *text*. Raise ConversionError."""
@@ -541,10 +560,14 @@ class DirectionType(EnumType):
 
 
 class UserType(ConvertibleType):
-    """A class of the user's. A dataclass without converters has the text form ``json:{…}``."""
+    """The type of a user's class. A dataclass without converters has the text form ``json:{…}``."""
 
     def from_text(self, text: str, format: int = 4) -> object:
-        """Return the result of the converter. Raise ConversionError for any exception that it raises."""
+        """Return the dataclass that ``json:{…}`` describes, else the result of the converter.
+
+        Raises:
+            ConversionError: There is no converter, or it raised an exception, or the JSON is invalid.
+        """
         if format != 3 and text.startswith("json:") and is_dataclass(self.python_type):
             return self._from_json(text[5:])
         if self._from_text is None:
@@ -555,7 +578,7 @@ class UserType(ConvertibleType):
             raise ConversionError(f"'{text}' is not a valid {self.name}: {error}") from error
 
     def to_text(self, value: object) -> str:
-        """Return the result of the converter."""
+        """Return the result of the converter; without a converter, a dataclass as ``json:{…}``."""
         if self._to_text is not None:
             return self._to_text(value)
         if is_dataclass(value) and not isinstance(value, type):
