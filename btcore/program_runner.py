@@ -1,4 +1,4 @@
-"""Run a program that has no behavior tree, such as teleoperation, for commands of other packages.
+"""Run a program without a behavior tree of its own, such as teleoperation, for other packages.
 
 A command of class :class:`RunCommand` has the options of all extensions. :func:`require_resources` returns
 the resources that the extensions provide, such as a robot. :func:`run_program` advances the time of the

@@ -77,7 +77,7 @@ class Transition(NamedTuple):
     Attributes:
         number: The number of the transition within its tree, from 1 without gaps.
         stamp: The time (ns) of the tree's clock.
-        tick: The number of the tick in which it happened; 0 before the first tick.
+        tick: The number of the latest tick that had started; 0 before the first tick.
         uid: The uid of the node.
         previous: The previous status.
         status: The new status.

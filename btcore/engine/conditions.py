@@ -1,7 +1,7 @@
 """Pre- and post-condition scripts of a node: ``_skipIf``, ``_while``, ``_onSuccess`` and the others.
 
-The scripts run on the blackboard of the node's scope. For a SubTree node, this is the outer tree's
-scope.
+The scripts run on the blackboard of the node's scope. For a SubTree node, this is the scope of
+the outer tree.
 """
 
 from collections.abc import Mapping

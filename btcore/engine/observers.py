@@ -21,8 +21,8 @@ _new_tuple: Final[Any] = tuple.__new__
 class Transitions:
     """The transitions of one tick in chronological order, a lazy sequence of :class:`Transition`.
 
-    The thread that ticks records references only. The Transition objects are created on first access, on any
-    thread.
+    To save time, the thread that ticks the tree records only times, nodes and statuses. The Transition
+    objects are created on first access, on any thread.
     """
 
     def __init__(self, first: int, tick: int, records: list[object], count: int) -> None:
@@ -93,7 +93,7 @@ class Observer:
     """
 
     def transition(self, change: Transition) -> None:
-        """Handle a change of a node's stored status. Called at once, during the tick.
+        """Handle a change of a node's stored status. Called at once when the status changes.
 
         Override :meth:`transitions` instead unless you need each change at once: it is many times cheaper.
         """

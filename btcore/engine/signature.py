@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class PortMark:
-    """Marks an annotation as a port."""
+    """A mark in an annotation, which declares a port; *put* is true for ``Put[…]``."""
 
     def __init__(self, direction: Direction, put: bool = False) -> None:
         self.direction = direction

@@ -15,7 +15,7 @@ from btcore.values import ANY_VALUE
 
 
 def entry_port() -> list[Port]:
-    """Return the port `entry`, in a list: the ports of all nodes of this module."""
+    """Return a list with the port `entry`, the only port of each node of this module."""
     return [Port("entry", type=ANY_VALUE, description="the entry to check", role=PortRole.WATCHED_ENTRY)]
 
 
@@ -28,7 +28,7 @@ def entry_key(node: TreeNode) -> str:
 
 
 def write_count(node: TreeNode, key: str, seen: int) -> int:
-    """Return how often the entry *key* was written; *seen*, the previous count, if there is no entry."""
+    """Return how often the entry *key* was written, or *seen*, the previous count, if it is missing."""
     entry = node._blackboard.find(key)
     return seen if entry is None else entry.sequence_id
 
@@ -97,7 +97,7 @@ class WaitValueUpdate(EntryUpdatedDecorator):
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
-        """Return that all results and RUNNING are possible in every tick."""
+        """Return that every tick may have any result or be RUNNING."""
         return UNKNOWN_RESULTS
 
 

@@ -18,9 +18,10 @@ class RepeatedNode(DecoratorNode):
     """Ticks its child until it has returned *repeat_on* as often as required, and returns *repeat_on*.
 
     *repeat_on* is SUCCESS or FAILURE. The port called *limit* gives the required number; −1 = forever. If the
-    child returns the opposite of *repeat_on*, the node returns it at once. If *yields* is true and the child
-    completes in its first tick, the node wakes the tree and returns RUNNING; the next tick starts the child
-    again. A skipped child makes the node SKIPPED and does not change the count.
+    child returns the opposite of *repeat_on*, the node returns this result at once. If *yields* is true, the
+    child returns *repeat_on* in its first tick and repetitions remain, the node wakes the tree and returns
+    RUNNING; the next tick starts the child again. A skipped child makes the node SKIPPED and does not change
+    the count.
     """
 
     node_symbol: ClassVar[str] = "↺"

@@ -1,4 +1,4 @@
-"""Nodes that wait on the tree's clock. They check the time in each tick, and request a tick at the end."""
+"""Nodes that wait on the tree's clock. They check it in each tick, and wake the tree in time."""
 
 from collections.abc import Mapping
 from typing import ClassVar, cast
@@ -18,8 +18,8 @@ from btcore.values import UINT
 class Timeout(DecoratorNode):
     """Halts its child and fails if the child is still RUNNING `msec` milliseconds after the start.
 
-    0 = no limit. The tree is woken when the time has passed. If the child completes earlier, the node returns
-    the child's result.
+    An `msec` of 0 means no limit. The tree is woken when the time has passed. If the child completes earlier,
+    the node returns the child's result.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)

@@ -1,4 +1,4 @@
-"""TryCatch: a sequence whose last child handles a failure."""
+"""TryCatch: a sequence whose last child handles a failure of the other children."""
 
 from typing import ClassVar
 

@@ -42,7 +42,7 @@ class Registry:
 
     @classmethod
     def standard(cls) -> "Registry":
-        """Return a new registry of the built-in nodes of BehaviorTree.CPP: 4.10, and 3.8 for format 3."""
+        """Return a new registry of the built-in nodes: of BehaviorTree.CPP 4.10, or of 3.8 in format 3."""
         registry = cls()
         for format, nodes in BUILTIN_NODES.items():
             for ID, node in nodes.items():

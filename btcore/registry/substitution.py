@@ -11,7 +11,7 @@ from btcore.suggestions import did_you_mean
 
 
 class SubstitutionRule:
-    """A rule that replaces nodes: *by*, a manifest or an ID, replaces the nodes that match *filter*.
+    """A rule by which nodes that match *filter* are created from *by*, a manifest or a registered node's ID.
 
     *filter* is a registration ID, an instance name, or a full path in which ``*`` stands for any text
     and ``?`` for any character.

@@ -13,7 +13,7 @@ from btcore.values import STRING, UINT64, ValueType, as_bool, as_double, as_int,
 from btcore.values.numbers import MAX_INT64, MAX_UINT64, MIN_INT64, leading_float
 
 _SIGNS: Final[list[str]] = ["+", "-", "*", "/", "..", "&", "|", "^", "&&", "||"]
-# The order of _SIGNS allows to check with a single comparison whether an operator is arithmetic or bitwise.
+# Keep this order: a single comparison determines whether an operator is arithmetic, bitwise or logical.
 OPERATORS: Final[dict[str, int]] = {sign: number for number, sign in enumerate(_SIGNS)}
 _ADD: Final = 0
 _SUBTRACT: Final = 1

@@ -52,7 +52,7 @@ def condition_result(value: object) -> bool:
     Zero is false. The integer 1 and every positive float are true.
 
     Raises:
-        ScriptError: The value is a negative float, an integer except 0 and 1, a text or None.
+        ScriptError: The value is a negative float, an integer except 0 and 1, or not a number.
     """
     if isinstance(value, float) and value >= 0.0:
         return value != 0.0

@@ -97,7 +97,7 @@ class ValueType:
         raise mismatch(value, self)
 
     def same(self, other: "ValueType") -> bool:
-        """Return whether both are the same type."""
+        """Return whether *other* is the same type."""
         return self is other or (self.name == other.name and self.python_type is other.python_type)
 
     def __repr__(self) -> str:
