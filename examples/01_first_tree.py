@@ -1,11 +1,11 @@
-"""A leaf, a tree in XML, a tick."""
+"""Define a leaf in Python and a tree in XML, and tick the tree."""
 
 from btcore import In, Registry, condition, loads
 
 
 @condition
 def battery_ok(level: In[float], minimum: In[float] = 0.2) -> bool:
-    """The battery holds more than *minimum* (0–1)."""
+    """SUCCESS if the battery's *level* (0–1) is above *minimum* (0–1)."""
     return level > minimum
 
 

@@ -24,7 +24,7 @@ class Drive(StatefulAction):
 
 @action
 async def grasp() -> bool:
-    """Close the gripper, which takes 2 s; open it if interrupted."""
+    """Close the gripper for 2 s, then put it at rest. A halt puts it at rest immediately."""
     try:
         await sleep(2.0)
         return True

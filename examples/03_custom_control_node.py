@@ -1,10 +1,10 @@
-"""A control node of one's own: it rates its children and ticks the best."""
+"""A custom control node that compares the scores of its children and ticks the best child."""
 
 from btcore import ControlNode, In, Registry, Status, action, loads
 
 
 class Best(ControlNode):
-    """Tick the child whose entry in the blackboard, named after the child, is highest."""
+    """Tick the child with the highest score: the blackboard entry with the child's name."""
 
     def tick(self) -> Status:
         self.set_status(Status.RUNNING)

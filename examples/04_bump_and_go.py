@@ -1,4 +1,4 @@
-"""The simulated Tiago, driven by a tree from Python: no command line, no screen."""
+"""Drive the simulated Tiago with a tree, in a Python program without a command line or a window."""
 
 import btcore
 from btcore_robot import leaves

@@ -1,4 +1,4 @@
-"""Publish a tree, and be its monitor: what `btcore monitor` and Groot 2 see."""
+"""Publish a tree, and receive its structure and status changes, as `btcore monitor` does."""
 
 from btcore import Registry, SimClock, loads
 from btcore_monitor.events import ConnectionChanged, StatusChanged, TreeSeen

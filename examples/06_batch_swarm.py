@@ -1,4 +1,7 @@
-"""A swarm of 5,000 robots forages by one tree: ``python 06_batch_swarm.py [PICTURE.png]`` draws it."""
+"""Run the same tree for 5,000 robots that carry food home.
+
+``python 06_batch_swarm.py PICTURE.png`` also draws the robots and their trails.
+"""
 
 import sys
 
@@ -20,7 +23,7 @@ TREE = """
 
 
 class GoTo(batch.StatefulAction):
-    """Drive 0.25 m a tick, until there."""
+    """Drive 0.25 m per tick towards *place*, until the robot is less than 0.3 m from it."""
 
     place: In[Texts]
     at: InOut[Rows] = "{at}"
@@ -35,7 +38,7 @@ class GoTo(batch.StatefulAction):
         left = np.linalg.norm(way, axis=1)
         self.at = self.at + way * np.minimum(1.0, 0.25 / np.maximum(left, 1e-9))[:, None]
         self.battery = self.battery - 0.004
-        return np.where(left < 0.3, 2, 1)  # SUCCESS or RUNNING
+        return np.where(left < 0.3, 2, 1)  # 2 is SUCCESS, 1 is RUNNING
 
 
 draw = np.random.default_rng(seed=1)

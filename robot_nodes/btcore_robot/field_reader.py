@@ -1,4 +1,4 @@
-"""Data files read field by field, so that each mistake is reported with its place."""
+"""A reader of data files, field by field, that reports each mistake with its place in the file."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def did_you_mean(word: str, names: Iterable[str]) -> str:
-    """Return ``did you mean 'house'? `` when one of *names* is near to *word*, else an empty text."""
+    """Return ``did you mean 'house'? `` if a name in *names* is similar to *word*, else an empty string."""
     matches = get_close_matches(word, list(names), n=1, cutoff=0.6)
     return f"did you mean '{matches[0]}'? " if matches else ""
 
@@ -32,10 +32,10 @@ def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
 
 
 class FieldReader:
-    """The fields of one object of a file, read by name; a field without a default is required.
+    """Reads the fields of an object in a file by name. A field without a default is required.
 
-    Every method raises the exception that `mistake` makes. Subclasses define `mistake`, and may override
-    `shown` and `parse_number` for their file format.
+    For a missing or invalid field every method raises the exception that `mistake` returns. Subclasses define
+    `mistake`, and may override `shown` and `parse_number` for their file format.
     """
 
     def __init__(self, fields: Mapping[str, Any]) -> None:
@@ -47,7 +47,7 @@ class FieldReader:
         raise NotImplementedError
 
     def shown(self, value: object) -> str:
-        """Return *value* as a message shows it."""
+        """Return *value* as text for error messages."""
         return repr(value)
 
     def parse_number(self, value: object) -> float | None:
@@ -61,7 +61,7 @@ class FieldReader:
         return key in self._fields
 
     def number(self, key: str, default: float | None = None, *, over: float | None = None) -> float:
-        """Return a finite number, greater than *over* if that is given."""
+        """Return a finite number. If *over* is given, the number must be greater than *over*."""
         value = self._field(key, default)
         number = self.parse_number(value)
         if number is None:
@@ -91,7 +91,7 @@ class FieldReader:
         return rows
 
     def text(self, key: str, default: str | None = None, *, among: Sequence[str] = ()) -> str:
-        """Return a text, one of *among* if that is given."""
+        """Return a string. If *among* is given, the string must be in *among*."""
         value = self._field(key, default)
         if not isinstance(value, str):
             raise self._unexpected(key, value, "a text")

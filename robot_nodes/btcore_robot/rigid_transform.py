@@ -30,7 +30,7 @@ class Transform:
 
     @classmethod
     def from_pose(cls, pose: Pose2D) -> "Transform":
-        """Return the transform of a frame at *pose* on the floor of another frame."""
+        """Return the transform of a frame at *pose* in the x-y plane of its parent frame."""
         half = pose.yaw / 2.0
         return cls((pose.x, pose.y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
 
@@ -61,7 +61,7 @@ class Transform:
         )
 
     def compose(self, other: "Transform") -> "Transform":
-        """Return ``a2b * b2c`` for ``a2b.compose(b2c)``."""
+        """Return ``a2c`` for ``a2b.compose(b2c)``, the same as ``a2b * b2c``."""
         return self * other
 
     def inverse(self) -> "Transform":

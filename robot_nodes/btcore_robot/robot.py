@@ -29,7 +29,7 @@ CMD_VEL = 10
 class RobotClock(Protocol):
     """The robot's clock, in which all stamps are given.
 
-    Waiting on a simulated robot's clock steps its world.
+    Waiting on the clock of a simulated robot runs the simulation.
     """
 
     def now(self) -> int:
@@ -50,7 +50,8 @@ class RobotClock(Protocol):
 class Phase(IntEnum):
     """The order of tasks that are due at the same time.
 
-    A tree waits for that time and is ticked after all tasks.
+    Lower phases run first. A tree that is due at the same time is ticked after all tasks. JUDGE is for tasks
+    that measure the run.
     """
 
     PHYSICS = 0
@@ -161,9 +162,9 @@ class LaserScan:
 class CameraImage:
     """A camera image in the optical frame *frame* (z forward, x right, y down).
 
-    *rgb* has the shape ``(height, width, 3)``. *depth*, of a camera that measures it, has the shape
-    ``(height, width)``: the distance (m) along z, ``+inf`` where nothing is within reach. It is None for a
-    camera without depth. *stamp* is the time (ns) at which the image was taken.
+    *rgb* has the shape ``(height, width, 3)``. *depth* is the distance (m) along z of every pixel, with the
+    shape ``(height, width)``; it is ``+inf`` where nothing is within reach. For a camera that does not
+    measure depth it is None. *stamp* is the time (ns) at which the image was taken.
     """
 
     rgb: NDArray[np.uint8]
@@ -412,7 +413,10 @@ class Waypoints:
 
 @dataclass(frozen=True, slots=True)
 class GoalOutcome:
-    """The end of a navigation: *goal* in the frame ``map``, *status* in words, and time *stamp* (ns)."""
+    """The end of a navigation to *goal* (in the frame ``map``) at the time *stamp* (ns).
+
+    *status* is ``SUCCEEDED``, ``CANCELED`` or ``ABORTED``.
+    """
 
     goal: Pose2D
     status: str

@@ -60,7 +60,10 @@ class NavigationExtension(RunExtension):
         self._locator: ObjectLocator | None = None
 
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
-        """Return the robot and its map if leaves navigate or explore, the robot if they track."""
+        """Return the types of the required resources.
+
+        Leaves that navigate or explore require a robot and a map. Leaves that only track require a robot.
+        """
         navigates, explores, tracks = _required_features(wanted)
         if not (navigates or explores or tracks):
             return ()
@@ -73,7 +76,7 @@ class NavigationExtension(RunExtension):
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:
-        """Create the resources that leaves require.
+        """Create the navigation, exploration, head tracker and object locator that leaves require.
 
         Raises:
             click.UsageError: The user's map or parameters cannot be used.
@@ -106,7 +109,7 @@ class NavigationExtension(RunExtension):
     def attach(
         self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> Iterator[None]:
-        """At the end of the run, shut down the tracker and the locator, and save a map that is not saved."""
+        """At the end of the run, stop tracker and locator, and save the map if the tree has not saved it."""
         _check_waypoints(getattr(tree, "nodes", ()))
         try:
             yield
@@ -164,7 +167,7 @@ def _exploration(robot: Robot, settings: Mapping[str, Any], provided: Sequence[o
     from btcore.bundled_trees import folder
     from btcore_robot.navigation.mapping.exploration import Exploration
 
-    # Of an existing map only the keep-out areas count: table tops, which the laser cannot detect.
+    # Only the keep-out areas of an existing map are used: table tops, which the laser cannot detect.
     map, parameters = _map(settings, provided), _parameters(settings)
     keepout = map.keepout if map is not None else ()
     with _plugin_errors_reported(settings):
@@ -173,7 +176,7 @@ def _exploration(robot: Robot, settings: Mapping[str, Any], provided: Sequence[o
 
 @contextmanager
 def _plugin_errors_reported(settings: Mapping[str, Any]) -> Iterator[None]:
-    """Report a node library that the parameters name and that cannot be loaded as a usage error."""
+    """Raise a usage error if a node library that the parameters name cannot be loaded."""
     from btcore import RegistrationError
 
     try:
@@ -183,7 +186,7 @@ def _plugin_errors_reported(settings: Mapping[str, Any]) -> Iterator[None]:
 
 
 def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyMap | None":
-    """Return the user's map, or else the world's map."""
+    """Return the map of ``--map``; without the option, the world's map, or None."""
     from btcore_robot.navigation.occupancy_map import MapError, OccupancyMap, load_map
 
     file = settings.get("map_file")

@@ -69,10 +69,10 @@ class _Tasks:
 
 
 class RealTime(_Tasks):
-    """The monotonic clock of the machine. Tasks run while a thread waits in `wait_until`, and not otherwise.
+    """The monotonic clock of the machine. Tasks run only while a thread waits in `wait_until`.
 
-    A late task is called with the actual time, and its missed calls are omitted: a slow task delays the
-    others but its calls never accumulate. *missed* counts the omitted calls.
+    A late task is called with the actual time, and its missed calls are omitted. A slow task delays the
+    other tasks, but its calls never accumulate. *missed* counts the omitted calls.
     """
 
     def __init__(self) -> None:
@@ -100,10 +100,11 @@ class RealTime(_Tasks):
 
 
 class SimulatedTime(_Tasks):
-    """A time that advances in `wait_until` only, as fast as the tasks run.
+    """A time that advances only in `wait_until` and `run_next`, as fast as the tasks run.
 
-    *pace* may slow it down: it is called with the current time, the next time (both ns) and the event of the
-    waiting thread. It returns when the next time may begin; True ends the wait.
+    *pace* can slow it down. Before each advance in `wait_until`, *pace* is called with the current time, the
+    next time (both ns) and the event that ends the wait. It returns when the time may advance. It returns
+    True to end the wait, otherwise False.
     """
 
     def __init__(self, start: int = 0, pace: Pace | None = None) -> None:

@@ -1,4 +1,7 @@
-"""Checks of the `Robot` protocol: call `check_robot` in a test of your own robot."""
+"""Checks of the `Robot` protocol: call `check_robot` in a test of your own robot.
+
+All ``check_…`` functions raise AssertionError with a sentence that describes the violation of the protocol.
+"""
 
 import math
 import threading
@@ -119,7 +122,7 @@ def check_frame(frame: TransformStamped, now: int) -> None:
 
 
 def check_camera(robot: Robot) -> None:
-    """Check the shape, type, frame and stamp of a camera image, and its depth, if there are any."""
+    """Check the shape, type, frame and stamp of a camera image and its depth, if the robot has a camera."""
     wait(robot, 0.3)
     image, camera_info = robot.camera(), robot.camera_info
     if image is None:
@@ -202,13 +205,13 @@ def check_torso(robot: Robot) -> None:
 
 
 def check_standing(robot: Robot) -> None:
-    """Check that a robot without a command stands."""
+    """Check that a robot without a command does not move."""
     twist = drive_for(robot, None, 0.5)
     assert is_standing(twist), f"without a command a robot stands, but its odometry reports {twist}"
 
 
 def check_driving(robot: Robot) -> None:
-    """Check that *v* is in m/s, and that forward is +x of the base."""
+    """Check that *v* is in m/s, and that a positive *v* drives the robot forward, along +x of the base."""
     start = robot.odometry()
     v = min(0.1, robot.base.v_max)
     twist = drive_for(robot, (v, 0.0), 1.0)
@@ -223,7 +226,7 @@ def check_driving(robot: Robot) -> None:
 
 
 def check_turning(robot: Robot) -> None:
-    """Check that *w* is in rad/s, and that positive is to the left."""
+    """Check that *w* is in rad/s, and that a positive *w* turns the robot to the left."""
     start = robot.odometry().pose.yaw
     w = min(0.5, robot.base.w_max)
     twist = drive_for(robot, (0.0, w), 1.0)
@@ -243,7 +246,7 @@ def check_limits(robot: Robot) -> None:
 
 
 def check_timeout(robot: Robot) -> None:
-    """Check that a command expires."""
+    """Check that a command expires after the base's ``command_timeout``."""
     twist = drive_for(robot, (0.0, min(0.5, robot.base.w_max)), 0.5)
     assert not is_standing(twist), "the robot was commanded to turn, but it stands"
     twist = drive_for(robot, None, robot.base.command_timeout + 1.0)
@@ -253,7 +256,7 @@ def check_timeout(robot: Robot) -> None:
 
 
 def check_stop(robot: Robot) -> None:
-    """Check that `stop` stops the robot, whatever the priority of the command before."""
+    """Check that ``stop()`` stops the robot, whatever the priority of the last command."""
     robot.drive(0.0, min(0.5, robot.base.w_max), priority=100)
     wait(robot, 0.1)
     robot.stop()
@@ -262,7 +265,7 @@ def check_stop(robot: Robot) -> None:
 
 
 def check_priority(robot: Robot) -> None:
-    """Check that of two sources the higher priority wins."""
+    """Check that the robot follows the source of commands with the higher priority."""
     w = min(0.5, robot.base.w_max)
     for _ in range(10):
         robot.drive(0.0, w, priority=90)
@@ -309,7 +312,13 @@ def check_battery(robot: Robot) -> None:
 
 
 def drive_for(robot: Robot, command: tuple[float, float] | None, seconds: float) -> Twist2D:
-    """Repeat a command at 10 Hz, or send none, for *seconds* (s); return the odometry's twist then."""
+    """Repeat a command at 10 Hz for *seconds* (s), and return the odometry's twist at the end.
+
+    Args:
+        robot: The robot to drive.
+        command: The velocity (m/s, rad/s); with None no command is sent.
+        seconds: The duration (s).
+    """
     for _ in range(round(seconds * 10)):
         if command is not None:
             robot.drive(*command)
@@ -323,7 +332,7 @@ def is_standing(twist: Twist2D) -> bool:
 
 
 def wait_for_scan(robot: Robot, seconds: float) -> LaserScan:
-    """Return the first scan; raise AssertionError if none arrives within *seconds* (s)."""
+    """Wait for the first scan and return it; raise AssertionError if no scan arrives within *seconds* (s)."""
     for _ in range(round(seconds * 10)):
         scan = robot.scan()
         if scan is not None:
@@ -333,6 +342,6 @@ def wait_for_scan(robot: Robot, seconds: float) -> LaserScan:
 
 
 def wait(robot: Robot, seconds: float) -> bool:
-    """Wait for *seconds* (s) on the robot's clock; return whether an event ended the wait."""
+    """Wait for *seconds* (s) on the robot's clock; return the result of ``wait_until``."""
     clock = robot.clock
     return clock.wait_until(clock.now() + round(seconds * NS_PER_S), threading.Event())

@@ -1,4 +1,4 @@
-"""The transform tree: poses of frames relative to each other, now and in the recent past, by tf2's rules."""
+"""The transform tree, as in ROS's tf2: present and recent poses of frames relative to each other."""
 
 import math
 from bisect import bisect_left
@@ -36,7 +36,7 @@ class ExtrapolationError(TransformError):
 
 
 class _Link:
-    """A frame in its parent: static, or with transforms in the order of their stamps."""
+    """The poses of a frame in its parent: one static pose, or poses in the order of their stamps."""
 
     __slots__ = ("child", "holds", "parent", "stamps", "static", "transforms")
 
@@ -119,7 +119,8 @@ class TransformTree:
             holds: The time (ns) after the stamp for which the newest pose remains valid.
 
         Raises:
-            TransformError: The frame is below itself, or its numbers are not a transform.
+            TransformError: The frame would be its own ancestor, its quaternion does not have length 1, or its
+                position is not finite.
         """
         link = self._links.get(frame.child)
         if link is None or link.parent != frame.parent or link.static:
@@ -128,10 +129,11 @@ class TransformTree:
         link.put(frame.stamp, Transform(frame.position, frame.quaternion), holds)
 
     def set_static(self, frame: TransformStamped) -> None:
-        """Store the pose of *frame* for all times.
+        """Store the pose of *frame* as a static pose, which is valid at all times.
 
         Raises:
-            TransformError: The frame is below itself, or its numbers are not a transform.
+            TransformError: The frame would be its own ancestor, its quaternion does not have length 1, or its
+                position is not finite.
         """
         _check(frame)
         link = self._add_link(frame, static=True)
@@ -143,11 +145,12 @@ class TransformTree:
         Args:
             target: The frame of the result.
             source: The frame whose pose is requested.
-            stamp: The time (ns) of the pose; None: the newest time at which all frames in between are known.
+            stamp: The time (ns) of the pose; by default the newest time at which all frames in between are
+                known.
 
         Raises:
             UnknownFrameError: A frame is not in the tree.
-            ConnectivityError: No chain of frames connects the two.
+            ConnectivityError: No chain of frames connects *source* and *target*.
             ExtrapolationError: The time is outside the stored period.
         """
         up, down = self._chain(target, source)
@@ -193,8 +196,8 @@ class TransformTree:
     def _chain(self, target: str, source: str) -> tuple[tuple[_Link, ...], tuple[_Link, ...]]:
         """Return the links from *source* up to the common ancestor, and those from *target* up to it.
 
-        The result is cached until the tree changes its shape: `lookup` is called for every scan and every
-        tick.
+        The result is cached until a link is added or replaced, because `lookup` is called for every scan and
+        every tick.
         """
         chain = self._chains.get((target, source))
         if chain is None:
@@ -227,7 +230,10 @@ class TransformTree:
 
 
 def _product(links: tuple[_Link, ...], stamp: int) -> Transform | None:
-    """Return the pose of the first link's child in the last link's parent; None without links."""
+    """Return the pose of the first link's child in the last link's parent at *stamp* (ns).
+
+    Return None without links.
+    """
     result: Transform | None = None
     for link in links:
         step = link.transforms[0] if link.static else link.at(stamp)
@@ -258,7 +264,7 @@ def _seconds(nanoseconds: int) -> str:
 
 
 class FrameBroadcaster:
-    """Publishes the robot's frames in a tree: ``odom`` → ``base_footprint``, and its links and sensors.
+    """Writes the robot's frames to a transform tree: ``odom`` → ``base_footprint``, links and sensors.
 
     Schedule `step` at `RATE` with ``Phase.TRANSFORMS``.
     """
@@ -275,7 +281,7 @@ class FrameBroadcaster:
         self._base = base
 
     def step(self, now: int) -> None:
-        """Publish the current frames, each with the stamp that the robot gives it. *now* is not used."""
+        """Write the current frames to the tree, each with the robot's stamp. *now* (ns) is not used."""
         odometry = self._robot.odometry()
         base = Transform.from_pose(odometry.pose)
         frame = TransformStamped(self._base, self._odom, base.position, base.quaternion, odometry.stamp)

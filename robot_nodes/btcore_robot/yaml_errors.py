@@ -1,4 +1,4 @@
-"""YAML files read with errors of the caller's class, which name the place in the file."""
+"""Conversion of PyYAML's errors to errors of the caller's class, with the place in the file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,11 +9,11 @@ import yaml
 
 @contextmanager
 def yaml_errors(path: Path, error_type: type[Exception]) -> Iterator[None]:
-    """Replace PyYAML's errors within the ``with`` block by errors with the file, the line and the column.
+    """Convert PyYAML's errors in the ``with`` block to errors with the file, the line and the column.
 
     Args:
-        path: The file that is read.
-        error_type: The class of the errors.
+        path: The file that the block reads.
+        error_type: The class of the new errors.
     """
     try:
         yield

@@ -26,7 +26,7 @@ class BatteryModel:
         self.lowest = level
         """The lowest level so far (percent)."""
         self.recharges = 0
-        """The number of recharges."""
+        """The number of calls of `fill`."""
 
     @property
     def empty(self) -> bool:

@@ -49,7 +49,7 @@ def parse_camera(text: str) -> CameraSettings | None:
 
 
 class Camera:
-    """A pinhole camera with depth that renders a picture on request, at most at its rate."""
+    """A pinhole camera with depth. It renders pictures on request, at most as often as its rate allows."""
 
     def __init__(self, visible: RenderScene, mount: CameraMount, size: CameraSettings) -> None:
         self._visible = visible
@@ -76,8 +76,8 @@ class Camera:
         """Return the newest picture; render another picture first if the camera's rate allows it.
 
         Args:
-            model: The robot's body.
-            link: The engine's index of the link that carries the camera.
+            model: The robot's body in the physics engine.
+            link: PyBullet's index of the link that carries the camera.
             now: The simulated time (ns).
             dead: Whether the camera has failed; then no new picture is rendered.
 
@@ -90,7 +90,7 @@ class Camera:
         return self.newest
 
     def _count(self, now: int) -> int:
-        # The number of the frame period that contains *now*: pictures follow a fixed grid of time.
+        # The index of the frame period that contains *now* (ns). Each period has at most one picture.
         return int(now * self.facts.rate / 1e9)
 
     def _draw(self, model: PhysicsBody, link: int, now: int) -> CameraImage:
@@ -106,8 +106,8 @@ class Camera:
         """Return the camera's pose in the world frame.
 
         Args:
-            model: The robot's body.
-            link: The engine's index of the link that carries the camera.
+            model: The robot's body in the physics engine.
+            link: PyBullet's index of the link that carries the camera.
 
         Returns:
             The position (m) and the orientation (quaternion; x forward, z up).

@@ -47,7 +47,7 @@ class ClearanceMap:
         return other
 
     def clearance_at(self, x: float, y: float) -> float:
-        """Return the clearance (m) of the cell at the point (m); 0 outside the map."""
+        """Return the clearance (m) of the cell at the point *x*, *y* (m); 0 outside the map."""
         row, col = self.map.cell(x, y)
         return float(self.clearances[row, col]) if self.map.inside(x, y) else 0.0
 
@@ -63,7 +63,7 @@ class ClearanceMap:
         return float(self.clearances[places[:, 0], places[:, 1]].min())
 
     def connected(self, points: list[Point], room: float) -> bool:
-        """Check that a body that needs *room* can go from each point to every other point.
+        """Return whether a body that needs *room* can go from each point to every other point.
 
         Args:
             points: Positions (m).
@@ -77,7 +77,10 @@ class ClearanceMap:
         return len(labels) <= 1 and 0 not in labels  # 0 is the label of cells without enough clearance
 
     def random_point(self, random: np.random.Generator, room: float) -> Point | None:
-        """Return the middle of a random cell with a clearance of at least *room* (m), or None if none has."""
+        """Return the middle (m) of a random cell with a clearance of at least *room* (m).
+
+        Return None if there is no such cell.
+        """
         cells = np.flatnonzero(self.clearances >= room)
         if not len(cells):
             return None
@@ -90,8 +93,8 @@ class ClearanceMap:
         """Return a random point that can be reached from *start* on a straight line.
 
         Args:
-            random: The random generator.
-            start: Where the line begins (m).
+            random: The source of the random distances and directions.
+            start: The start of the line (m).
             room: The clearance that the whole line needs (m).
             nearest: The smallest distance of the point (m).
             farthest: The greatest distance of the point (m).

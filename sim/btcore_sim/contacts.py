@@ -1,4 +1,4 @@
-"""The robot's contacts with other bodies, counted as events: collisions and grazes."""
+"""The number of the robot's contacts with other bodies: collisions (fast) and grazes (slow)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,10 @@ _TOUCH = 0.001  # m: the engine stops bodies slightly before they overlap
 
 @dataclass(slots=True)
 class Contact:
-    """A contact of the robot with *body*: *first* and *last* time (ns), greatest closing *speed* (m/s)."""
+    """A contact of the robot with *body* (PyBullet's ID) from *first* to *last* (ns).
+
+    *speed* (m/s) is the greatest closing speed.
+    """
 
     body: int
     first: int
@@ -34,7 +37,7 @@ Velocity = tuple[Sequence[float], Sequence[float], Sequence[float]]  # linear; a
 
 
 class ContactCounter:
-    """A counter of the robot's contacts. Contacts with the *floor* do not count.
+    """A counter of the robot's collisions and grazes. Contacts with the *floor* do not count.
 
     A contact's speed is measured before the physics step that resolves it, because that step removes the
     speed.
@@ -52,12 +55,12 @@ class ContactCounter:
 
     @property
     def collisions(self) -> int:
-        """The number of collisions."""
+        """The number of contacts with a closing speed above `COLLISION_SPEED`."""
         return sum(event.hard for event in self.events)
 
     @property
     def grazes(self) -> int:
-        """The number of grazes."""
+        """The number of contacts that are not collisions."""
         return len(self.events) - self.collisions
 
     def before_step(self, now: int) -> None:

@@ -17,7 +17,10 @@ STANDING = Twist2D(0.0, 0.0)
 
 
 class CommandMultiplexer:
-    """Select among velocity sources: the highest priority wins, for 0.5 s after its last command."""
+    """Selects among several sources of velocity commands by their priorities.
+
+    A command is passed on unless a source of higher priority has sent a command within the last 0.5 s.
+    """
 
     def __init__(self) -> None:
         self._last_commands: dict[int, int] = {}
@@ -37,8 +40,9 @@ class CommandMultiplexer:
 class DifferentialDrive:
     """The conversion of velocity commands to wheel speeds within the base's limits.
 
-    A command above a limit is scaled down as a whole, and the speed changes along the straight line between
-    two commands in (v, w). Both keep the turning radius, as Tiago's controller does.
+    For a command above a limit, v and w are multiplied by the same factor, which keeps the turning radius.
+    After a new command, v and w change in proportion, so that both reach the new values at the same time.
+    Tiago's controller does the same.
     """
 
     def __init__(self, facts: BaseInfo, wheel_radius: float, separation: float) -> None:
@@ -86,7 +90,7 @@ class DifferentialDrive:
         Args:
             now: The simulated time (ns).
             seconds: The duration of the step (s).
-            obeys: False to ramp towards standing whatever the command is (empty battery).
+            obeys: False to stop the base whatever the command is, for example with an empty battery.
 
         Returns:
             The new velocity (m/s, rad/s).
@@ -96,7 +100,7 @@ class DifferentialDrive:
         if goal == twist:
             return twist
         dv, dw = goal.v - twist.v, goal.w - twist.w
-        # The number of steps like this that the change needs, by the slower of both accelerations.
+        # The number of steps of this duration that the change takes with the slower of the two accelerations.
         needed = max(abs(dv) / (self.facts.v_rate * seconds), abs(dw) / (self.facts.w_rate * seconds))
         self.twist = goal if needed <= 1.0 else Twist2D(twist.v + dv / needed, twist.w + dw / needed)
         return self.twist
@@ -120,7 +124,7 @@ class WheelErrorModel:
         self.left, self.right = (float(scale) for scale in random.normal(1.0, facts.scale_sigma, 2))
 
     def turning(self) -> float:
-        """Return the angle (rad) that the wheels measure for one radian, drawn for every reading."""
+        """Return the angle (rad) that the wheels measure for a turn of 1 rad, drawn anew on every call."""
         return 1.0 + self._facts.slip + self._facts.slip_sigma * float(self._random.standard_normal())
 
 
@@ -129,7 +133,8 @@ class WheelOdometry:
     """Dead reckoning: the pose since the start, from the angles of the wheels.
 
     Between two readings the base is assumed to drive along the chord of the arc, whose direction is the
-    heading half-way (second-order Runge-Kutta). *errors* adds the errors of real wheels.
+    heading half-way (second-order Runge-Kutta). *wheel_radius* and *separation* are in m. *angles* (rad) are
+    the angles of the left and the right wheel at the last reading. *errors* adds the errors of real wheels.
     """
 
     wheel_radius: float

@@ -1,4 +1,4 @@
-"""The error of invalid worlds, robots and scenarios."""
+"""The exception for invalid worlds, robots, faults and events."""
 
 
 class SimError(Exception):

@@ -64,7 +64,7 @@ def parse_event(text: str) -> Event:
     """Parse an event of the option ``--event``.
 
     Args:
-        text: ``box:TIME[@DISTANCE[,OFFSET]]`` or ``kidnap:TIME`` (s, m).
+        text: ``box:TIME[@DISTANCE[,OFFSET]]`` or ``kidnap:TIME``; the time in s, distance and offset in m.
 
     Raises:
         SimError: *text* has another form, an unknown kind, or a distance that is too small.
@@ -114,11 +114,14 @@ class EventTarget(Protocol):
         """Return the velocity (m/s, rad/s) that is commanded to the wheels."""
 
     def teleport(self, pose: Pose2D) -> None:
-        """Move the robot to *pose*. Its odometry does not notice."""
+        """Move the robot to *pose*, without a change of its odometry."""
 
 
 class EventRunner:
-    """Trigger *events* for *robot* of *radius* (m). *people* returns the positions (m) of all people."""
+    """Triggers *events* for *robot*, which has the radius *radius* (m).
+
+    *floor* is the clearance map of the world. *people* returns the positions (m) of all people.
+    """
 
     def __init__(
         self,
@@ -130,7 +133,7 @@ class EventRunner:
         people: Callable[[], Sequence[Point]],
     ) -> None:
         self.event_log: list[dict[str, object]] = []
-        """The events so far: kind, time (s), place (m), and from where the robot was carried."""
+        """The events so far: kind, time (s) and place (m); for ``kidnap`` also the robot's pose before."""
         self._world = world
         self._robot = robot
         self._radius = radius
@@ -164,10 +167,10 @@ class EventRunner:
         return True
 
     def fits(self, box: SceneObject, pose: Pose2D) -> bool:
-        """Check whether *box* may drop in front of a robot at *pose*.
+        """Return whether *box* may drop in front of a robot at *pose*.
 
-        The box needs free floor that is visible from the robot, a distance from waypoints and people, and
-        has to leave a way past it and from the robot to all waypoints.
+        The box needs free floor that is visible from the robot. It must keep a distance from waypoints and
+        people. The robot must still be able to drive past the box and to all waypoints.
 
         Args:
             box: The box at the place where it would drop.
@@ -207,13 +210,13 @@ class EventRunner:
 
 
 def ahead_of(pose: Pose2D, radius: float, event: Event, box: SceneObject) -> SceneObject:
-    """Return *box* at the place that *event* names, turned to the robot's heading.
+    """Return *box* at the distance and offset of *event* from the robot, turned to the robot's heading.
 
     Args:
         pose: The robot's pose (m, rad).
         radius: The robot's radius (m).
         event: The event that drops the box.
-        box: The box.
+        box: The box to place.
     """
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
     along = radius + event.distance + box.size[0] / 2

@@ -14,7 +14,7 @@ PARTS = {
     "camera": "no new picture comes",
     "wheel": "the motor of the left wheel doesn't turn",
 }
-"""The parts that can fail, with the effect."""
+"""The parts that can fail, each with the effect of its failure."""
 
 _FORM = re.compile(r"(?P<part>[^:]*):(?P<start>\d+(?:\.\d+)?)-(?P<end>\d+(?:\.\d+)?)?")
 
@@ -43,7 +43,7 @@ def parse_fault(text: str) -> Fault:
     """Parse a fault of the option ``--fault``.
 
     Args:
-        text: ``PART:START-END`` (s). Without END the fault lasts until the end of the run.
+        text: ``PART:START-END``, with the times in s. Without END the fault lasts until the end of the run.
 
     Raises:
         SimError: *text* has another form, an unknown part, or an end before its start.

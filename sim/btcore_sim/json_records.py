@@ -35,7 +35,7 @@ class JsonRecord(FieldReader):
         return value
 
     def points(self, key: str) -> dict[str, tuple[float, float]]:
-        """Return an object of points [x, y] by name, empty if the field is missing.
+        """Return the points [x, y] of an object, by name; empty if the field is missing.
 
         Raises:
             SimError: The field has another type.
@@ -80,7 +80,7 @@ class JsonRecord(FieldReader):
         return parts[0], parts[1], parts[2], parts[3]
 
     def nested(self, key: str, parse: Callable[["JsonRecord"], Value]) -> Value:
-        """Return the result of *parse* for a nested object.
+        """Return the result of *parse* for the nested object in the field *key*.
 
         Raises:
             SimError: The field is missing or has another type, or *parse* does not read all of its fields.
@@ -91,7 +91,7 @@ class JsonRecord(FieldReader):
         return JsonRecord(value, self._inner(key)).read_whole(parse)
 
     def nested_list(self, key: str, parse: Callable[["JsonRecord"], Value]) -> list[Value]:
-        """Return the results of *parse* for a list of nested objects.
+        """Return the results of *parse* for the list of nested objects in the field *key*.
 
         Raises:
             SimError: The field is missing or has another type, or *parse* does not read all of its fields.
@@ -114,15 +114,15 @@ class JsonRecord(FieldReader):
         return result
 
     def mistake(self, key: str, problem: str) -> SimError:
-        """Return an error in the field *key*, with the place in the file."""
+        """Return an exception for the field *key*; its message contains the place in the file."""
         return self.error(f"'{key}' {problem}")
 
     def shown(self, value: object) -> str:
-        """Return *value* in JSON."""
+        """Return *value* as JSON text, for messages."""
         return json.dumps(value)
 
     def error(self, problem: str) -> SimError:
-        """Return an error in this object, with the place in the file."""
+        """Return an exception for this object; its message contains the place in the file."""
         return SimError(f"{self.where}: {problem}")
 
     def _inner(self, step: str) -> str:

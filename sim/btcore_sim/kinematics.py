@@ -1,4 +1,4 @@
-"""Forward kinematics of a described robot: the frames of URDF links, sensors and fixed frames.
+"""Forward kinematics of a robot from its description: frames of URDF links, sensors and fixed frames.
 
 The root is ``base_footprint``, on the floor below the base link. Wheels and casters have no frames, because
 no sensor is mounted on them.
@@ -45,7 +45,7 @@ class _Joint:
 
 
 class Kinematics:
-    """All frames of a robot.
+    """Computes the frames of a robot from the positions of its joints.
 
     Raises:
         SimError: A frame has an unknown parent, is its own ancestor, or is defined twice.
@@ -67,7 +67,7 @@ class Kinematics:
         self._check(description)
 
     def frames(self, positions: Sequence[float], stamp: int) -> list[TransformStamped]:
-        """Return every frame's transform in its parent.
+        """Return the pose of every frame in its parent frame.
 
         Args:
             positions: The positions of the joints in `joints` (rad or m).

@@ -130,7 +130,8 @@ def _against_rounds(rounds: Floats, x: float, y: float, angles: Floats, distance
 def _pairs(start: Floats, width: Floats, angles: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the pairs of a ray (index of *angles*) and an object (index of *start*) that may intersect.
 
-    Object k is within the sector from ``start[k]`` over ``width[k]`` (rad).
+    Seen from the laser, object k is in the sector that begins at ``start[k]`` (rad) and is ``width[k]`` (rad)
+    wide.
     """
     begin = np.remainder(start - _MARGIN - angles[0], _TURN)
     # A sector may contain the first ray's direction. The same sector a turn earlier covers the rest of it.
@@ -145,7 +146,7 @@ def _pairs(start: Floats, width: Floats, angles: Floats) -> tuple[NDArray[np.int
 
 
 def _slab(origin: Floats, direction: Floats, half: Floats) -> tuple[Floats, Floats]:
-    """Return the distances at which rays enter and leave the slab between ±*half* along one axis."""
+    """Return the distances (m) at which rays enter and leave the slab from -*half* to *half* on an axis."""
     inverse = 1.0 / np.where(np.abs(direction) < _PARALLEL, _PARALLEL, direction)
     lower, upper = (-half - origin) * inverse, (half - origin) * inverse
     return np.minimum(lower, upper), np.maximum(lower, upper)
@@ -154,7 +155,7 @@ def _slab(origin: Floats, direction: Floats, half: Floats) -> tuple[Floats, Floa
 class MovableObstacles:
     """Intersections of rays with movable objects at their present poses.
 
-    *things* maps the engine's body numbers to the objects.
+    *things* maps PyBullet's IDs of the bodies to the objects.
     """
 
     def __init__(self, client: int, things: Mapping[int, SceneObject]) -> None:
@@ -210,7 +211,10 @@ class MovableObstacles:
 
 
 class Laser:
-    """A robot's laser: its geometry, and noise from its own random generator."""
+    """Measures scans with the geometry *facts*, and adds noise from *random*.
+
+    *still* contains the objects that never move, *moved* the movable objects.
+    """
 
     def __init__(
         self,
@@ -231,9 +235,9 @@ class Laser:
         """Return a scan with normally distributed noise.
 
         Args:
-            x: The laser's position in the world frame (m).
-            y: As *x*.
-            z: As *x*.
+            x: The x coordinate (m) of the laser in the world frame.
+            y: The y coordinate (m) of the laser.
+            z: The height (m) of the laser.
             yaw: The laser's heading (rad).
             stamp: The time of the scan (ns).
         """
@@ -256,9 +260,9 @@ class Laser:
         """Return the true distance along each ray.
 
         Args:
-            x: The laser's position in the world frame (m).
-            y: As *x*.
-            z: As *x*.
+            x: The x coordinate (m) of the laser in the world frame.
+            y: The y coordinate (m) of the laser.
+            z: The height (m) of the laser.
             yaw: The laser's heading (rad).
 
         Returns:

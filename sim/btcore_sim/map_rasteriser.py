@@ -1,4 +1,4 @@
-"""The occupancy map of a world, drawn from its objects: the result of a perfect mapping run."""
+"""Drawing of a world's occupancy map from its objects, as a perfect mapping run would make it."""
 
 import math
 
@@ -20,7 +20,7 @@ RESOLUTION = 0.05
 """Side length (m) of a cell of the maps that are part of the package."""
 
 _MARGIN = 2  # cells around the outermost object
-_UNDERFOOT = 0.02  # m: the robot drives over lower objects
+_UNDERFOOT = 0.02  # m: the robot can drive over objects of at most this height
 
 
 def rasterise(
@@ -64,7 +64,10 @@ def overhangs(scene: Scene, height: float = LASER_HEIGHT) -> tuple[Rectangle, ..
 
 
 def _snapped(edge: float, resolution: float) -> float:
-    """Return a corner on the grid of *resolution*, so that walls drawn on that grid fill whole cells."""
+    """Return the multiple of *resolution* that is `_MARGIN` cells below *edge* (m).
+
+    Walls at multiples of the resolution then fill whole cells.
+    """
     return round((math.floor(edge / resolution + 1e-9) - _MARGIN) * resolution, 9)
 
 
@@ -74,7 +77,7 @@ def draw(
     """Set the cells whose middles are less than half a cell from *thing*.
 
     Args:
-        thing: The object.
+        thing: The object to draw.
         cells: The cells, shape ``(rows, columns)``, row 0 at the origin's y; changed in place.
         origin: The lower left corner of the cells (m).
         resolution: The side length of a cell (m).

@@ -10,10 +10,10 @@ from btcore_sim.errors import SimError
 from btcore_sim.scene import Scene, SceneObject
 
 PASSAGE = 0.9
-"""Width (m) that stays free on one side of every box, enough for a robot to pass."""
+"""Width (m) of the passage that stays free on at least one side of every box, so that a robot can pass."""
 
 FROM_WAYPOINTS = 1.0
-"""Smallest distance (m) between a box and any waypoint or the start."""
+"""Smallest distance (m) between a box and any waypoint or the robot's fixed start."""
 
 _MASS = 6.0  # kg
 _COLOR = (122, 132, 70, 255)
@@ -21,14 +21,15 @@ _TRIES = 300  # attempts to place a box
 
 
 def with_obstacles(scene: Scene, count: int, random: np.random.Generator) -> Scene:
-    """Return the scene with additional boxes of 0.3–0.5 m on its free floor that block no way.
+    """Return the scene with additional boxes at random places on its free floor.
 
-    A robot that needs `PASSAGE` can still drive between all waypoints, and past each box.
+    The boxes are 0.3–0.5 m long and wide, and block no way: a robot that needs a passage of width `PASSAGE`
+    can still drive between all waypoints and past each box.
 
     Args:
-        scene: The world.
+        scene: The world without the boxes.
         count: The number of boxes.
-        random: The random generator.
+        random: The source of the random sizes and poses.
 
     Raises:
         SimError: There is not enough room for *count* boxes.
@@ -66,13 +67,13 @@ def _draw(scene: Scene, floor: ClearanceMap, name: str, random: np.random.Genera
 
 
 def passable(floor: ClearanceMap, box: SceneObject, course: float | None = None) -> bool:
-    """Check that `PASSAGE` is free on at least one side of a box.
+    """Return whether a passage of width `PASSAGE` is free on at least one side of a box.
 
     Args:
         floor: The clearance map without the box.
-        box: The box.
-        course: The direction in which a robot passes (rad). With None, a passage along either of the box's
-            own axes is enough.
+        box: The box at its planned pose.
+        course: The direction (rad) in which a robot drives past the box. With None, a passage along either of
+            the box's own axes is enough.
     """
     for along in (course,) if course is not None else (box.yaw, box.yaw + math.pi / 2):
         cos, sin = math.cos(along), math.sin(along)

@@ -13,10 +13,10 @@ from btcore_sim.scene import Color, Scene, SceneObject
 from btcore_sim.world import World
 
 RADIUS = 0.25
-"""m."""
+"""Radius (m) of the cylinder that represents a person."""
 
 HEIGHT = 1.7
-"""m."""
+"""Height (m) of a person."""
 
 SPEED = 0.5
 """Walking speed (m/s)."""
@@ -31,8 +31,8 @@ _NAME = "person_"
 _RATE = 20.0  # Hz of decisions; between two decisions the engine moves the bodies by their velocities
 _ROOM = RADIUS + FROM_WALLS + 0.03  # m: the clearance of a path; the map is exact to half a cell (0.025 m)
 _PERSONAL = 0.3  # m that people keep from each other
-_AGAIN = 0.1  # m: hysteresis; a person walks on when the distance is larger by this than when it stopped
-_CHOICES = 4  # candidates for a goal, of which the farthest is taken
+_AGAIN = 0.1  # m: hysteresis: to walk on, a person needs this more than the distance at which it stops
+_CHOICES = 4  # number of candidates for a goal; the farthest becomes the goal
 _TRIES = 20  # attempts to find the candidates
 _PATIENCE = 2.0  # s for which a person waits before it chooses another goal
 _FAR = 1.5  # m between a person and the robot at the start; between two people it is 1 m
@@ -45,7 +45,7 @@ def with_people(scene: Scene, count: int, random: np.random.Generator) -> Scene:
     Args:
         scene: The world.
         count: The number of people.
-        random: The random generator.
+        random: The source of the random places.
 
     Raises:
         SimError: There is not enough room for *count* people.
@@ -82,7 +82,10 @@ def _place(
 
 @dataclass(slots=True)
 class Person:
-    """A person: position and goal (m), present speed (m/s), and how long (s) the person has been standing."""
+    """A person: position and goal (m), present speed (m/s), and for how long (s) the person has waited.
+
+    *body* is PyBullet's ID of the body.
+    """
 
     body: int
     x: float
@@ -99,10 +102,10 @@ class Person:
 
 
 class PeopleSimulation:
-    """The walking people of a world. Their speed is `SPEED`.
+    """The walking people of a world. They walk at `SPEED`.
 
-    *robot* returns the robot's pose, and *radius* (m) is the robot's. A person stops when the robot is ahead
-    and nearer than `POLITE`. After a while the person chooses a goal in a direction away from the robot.
+    *robot* returns the robot's pose, and *radius* (m) is the robot's radius. A person stops when the robot is
+    ahead and nearer than `POLITE`. After 2 s the person chooses a goal in a direction away from the robot.
     People do not walk into a standing robot, nor into the obstacles of the *floor*.
     """
 
@@ -125,7 +128,7 @@ class PeopleSimulation:
 
     def _decide(self, now: int) -> None:
         robot = self._robot()
-        # All people move before anybody decides, so that decisions do not depend on the order of the people.
+        # All people move before the first person decides, so that the order of the people has no effect.
         for person in self.people:
             step = min(person.speed / _RATE, math.dist((person.x, person.y), person.goal))
             heading = person.heading
@@ -160,9 +163,10 @@ class PeopleSimulation:
         return min(_ROOM, self._floor.clearance_at(person.x, person.y))
 
     def _choose(self, person: Person, away_from: Sequence[Point]) -> None:
-        """Choose the farthest of some random goals whose direction leads nearer to none of *away_from*.
+        """Choose the farthest of up to four random goals.
 
-        Without a suitable goal the person keeps the old goal if *away_from* is given, and otherwise stands.
+        The direction to the goal must not lead nearer to any point of *away_from*. Without such a goal the
+        person keeps the old goal if *away_from* is given, and otherwise stands.
         """
         here = before = (person.x, person.y)
         if away_from:

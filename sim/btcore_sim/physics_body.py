@@ -16,21 +16,21 @@ Pose3D = tuple[Vector, Quaternion]
 
 
 class PhysicsBody:
-    """The robot's body in the engine.
+    """The robot's body in the physics engine.
 
     Raises:
-        SimError: The engine cannot read the URDF, or the description names links or joints that it lacks.
+        SimError: The engine cannot read the URDF, or the URDF lacks a link that the description names.
     """
 
     def __init__(self, world: World, description: RobotDescription, start: Pose2D) -> None:
         self.description = description
         self._client = world.client
         self.body_id = self._load(start)
-        """The engine's number of the body."""
+        """PyBullet's ID of the body."""
         self.joints: dict[str, int] = {}
-        """The engine's number of every joint, by name."""
+        """PyBullet's index of every joint, by name."""
         self.links = {pybullet.getBodyInfo(self.body_id, physicsClientId=self._client)[0].decode(): -1}
-        """The engine's number of every link, by name; -1 is the base link."""
+        """PyBullet's index of every link, by name; -1 is the base link."""
         for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self._client)):
             info = pybullet.getJointInfo(self.body_id, index, physicsClientId=self._client)
             self.joints[info[1].decode()] = index
@@ -38,18 +38,18 @@ class PhysicsBody:
         self._set_ground_links()
 
     def joint(self, name: str) -> int:
-        """Return the engine's number of the joint *name*. Raises `SimError` for an unknown joint."""
+        """Return PyBullet's index of the joint *name*. Raises `SimError` for an unknown joint."""
         return self._known("joint", name, self.joints)
 
     def link(self, name: str) -> int:
-        """Return the engine's number of the link *name*. Raises `SimError` for an unknown link."""
+        """Return PyBullet's index of the link *name*. Raises `SimError` for an unknown link."""
         return self._known("link", name, self.links)
 
     def hold(self, joint: int, position: float, force: float, speed: float) -> None:
         """Move a joint to a position and hold it there.
 
         Args:
-            joint: The engine's number of the joint.
+            joint: PyBullet's index of the joint.
             position: The target (m or rad).
             force: The motor's greatest force (N or N·m).
             speed: The joint's greatest speed (m/s or rad/s).
@@ -68,7 +68,7 @@ class PhysicsBody:
         """Turn joints at constant speeds.
 
         Args:
-            joints: The engine's numbers of the joints.
+            joints: PyBullet's indices of the joints.
             rates: The speed of each joint (rad/s).
             torque: The motors' greatest torque (N·m).
         """
@@ -82,7 +82,7 @@ class PhysicsBody:
         )
 
     def joint_positions(self, joints: Sequence[int]) -> list[float]:
-        """Return the positions (rad or m) of the joints."""
+        """Return the positions (rad or m) of the joints with the indices *joints*."""
         states = pybullet.getJointStates(self.body_id, joints, physicsClientId=self._client)
         return [state[0] for state in states]
 
@@ -100,7 +100,7 @@ class PhysicsBody:
         pybullet.resetBaseVelocity(self.body_id, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], **engine)
 
     def link_place(self, link: int) -> Pose3D:
-        """Return the pose of a link's frame in the world frame."""
+        """Return the pose of the link with the index *link* in the world frame."""
         if link < 0:
             return self.place()
         state = pybullet.getLinkState(

@@ -42,7 +42,7 @@ def box_faces(size: Sequence[float]) -> Floats:
 
 
 def cylinder_faces(radius: float, length: float) -> Floats:
-    """Return the faces of an upright cylinder (m) around the origin, shape ``(n, 4, 3)``."""
+    """Return the faces of an upright cylinder around the origin; all lengths in m, shape ``(n, 4, 3)``."""
     around = np.linspace(0.0, 2 * math.pi, _SIDES + 1)
     x, y = radius * np.cos(around), radius * np.sin(around)
     half = length / 2
@@ -58,7 +58,7 @@ def cylinder_faces(radius: float, length: float) -> Floats:
 
 
 def sphere_faces(radius: float) -> Floats:
-    """Return the faces of a sphere (m) around the origin, shape ``(n, 4, 3)``."""
+    """Return the faces of a sphere of *radius* (m) around the origin, shape ``(n, 4, 3)``."""
     around = np.linspace(0.0, 2 * math.pi, _SIDES // 2 + 1)
     up = np.linspace(-math.pi / 2, math.pi / 2, _RINGS + 1)
 
@@ -79,7 +79,7 @@ def shape_faces(kind: str, size: Sequence[float]) -> Floats:
 
     Args:
         kind: ``box``, ``cylinder`` or ``sphere``.
-        size: In m: three sides of a box; diameter, diameter, height of a cylinder; radius of a sphere.
+        size: The sides of a box; diameter, diameter and height of a cylinder; or radius of a sphere (m).
     """
     if kind == "box":
         return box_faces(size)
@@ -89,7 +89,7 @@ def shape_faces(kind: str, size: Sequence[float]) -> Floats:
 
 
 class RenderScene:
-    """The faces of the floor, of all objects and of the robot itself. A URDF's meshes are left out."""
+    """The faces of the floor, of all objects and of the robot. The meshes of its URDF are left out."""
 
     def __init__(self, world: World, model: PhysicsBody) -> None:
         self._world = world

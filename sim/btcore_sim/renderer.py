@@ -1,9 +1,9 @@
-"""A software renderer: pictures with depth of flat faces, as a pinhole camera sees them.
+"""A software renderer that draws flat faces as a pinhole camera sees them, and their depth.
 
 Each face that is turned to the camera is filled as a polygon, and the nearest face wins in every pixel. The
 depth test compares inverse depths, because over a plane the inverse of the depth is linear in column and row.
 320x240 pixels of a furnished house take 2 to 7 ms, a quarter of the time of PyBullet's own software renderer.
-A test compares the pictures of both.
+A test compares the pictures of both renderers.
 """
 
 import math
@@ -23,7 +23,7 @@ _LEVEL = 1e-9  # pixels: the smallest height of an edge, to avoid a division by 
 
 
 class Renderer:
-    """The renderer of a camera's pictures."""
+    """Renders pictures for the camera with the pinhole model *facts*."""
 
     def __init__(self, facts: CameraInfo) -> None:
         self.facts = facts
@@ -45,7 +45,8 @@ class Renderer:
                 ``(n, 4, 3)``.
             colors: The faces' colours (RGB, 0–255), shape ``(n, 3)``.
             eye: The camera's position in the world frame (m).
-            axes: The directions right, down and ahead as columns, shape ``(3, 3)``.
+            axes: The camera's directions right, down and ahead in the world frame as columns, shape
+                ``(3, 3)``.
 
         Returns:
             Colours, shape ``(height, width, 3)``, and depth (m, along the camera's axis), shape ``(height,

@@ -36,7 +36,7 @@ class Wheels:
 
 @dataclass(frozen=True, slots=True)
 class LaserMount:
-    """A planar laser on *link* at *position* (m)."""
+    """A planar laser with the properties *facts*, on *link* at *position* (m)."""
 
     facts: LaserInfo
     link: str
@@ -47,7 +47,8 @@ class LaserMount:
 class CameraMount:
     """A camera on *link* at *position* (m); *roll* (rad) turns the link's axes to x forward, z up.
 
-    *fov* (rad) is the horizontal angle of view, *near* and *far* (m) are the limits of the rendered depth.
+    *fov* (rad) is the horizontal angle of view, *near* and *far* (m) are the limits of the rendered depth,
+    and *frame* is the optical frame.
     """
 
     link: str
@@ -61,7 +62,7 @@ class CameraMount:
 
 @dataclass(frozen=True, slots=True)
 class HeadJoints:
-    """The joints that turn the head, and their motors' *torque* (N·m)."""
+    """The names of the joints that turn the head, and the greatest *torque* (N·m) of each motor."""
 
     facts: HeadInfo
     pan: str
@@ -71,7 +72,7 @@ class HeadJoints:
 
 @dataclass(frozen=True, slots=True)
 class TorsoJoint:
-    """The joint that lifts the torso, and its motor's *force* (N)."""
+    """The name of the joint that lifts the torso, and the greatest *force* (N) of its motor."""
 
     facts: TorsoInfo
     joint: str

@@ -98,7 +98,7 @@ class RobotExtension:
         self._report: dict[str, object] = {}
 
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
-        """Return nothing: the simulator needs no other resources."""
+        """Return an empty sequence: the simulator needs no resources of other extensions."""
         return ()
 
     def provide(
@@ -106,8 +106,8 @@ class RobotExtension:
     ) -> Sequence[object]:
         """Return the simulated robot with its waypoints, and the world's map, as far as they are needed.
 
-        If another extension provides a robot, there is no simulated robot and no map: the simulated world
-        has nothing to do with a real robot.
+        If another extension provides a robot, return an empty sequence, because the map of the simulated
+        world does not fit another robot.
 
         Args:
             settings: The values of the options.

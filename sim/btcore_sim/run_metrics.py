@@ -25,7 +25,10 @@ _SAME_PLACE = 0.05  # m: greatest distance between a goal and the waypoint that 
 
 
 class KidnapRecovery:
-    """The recovery of a robot that was carried away at *began* (ns) after *driven* (m) of driving."""
+    """The recovery of the localisation after the robot was carried to another place.
+
+    *began* (ns) is the time at which it was carried, *driven* (m) the distance that it had driven before.
+    """
 
     def __init__(self, began: int, driven: float) -> None:
         self._began = began
@@ -35,7 +38,7 @@ class KidnapRecovery:
         self._astray = 0.0
 
     def watch(self, now: int, driven: float, off: float | None) -> None:
-        """Take a measurement.
+        """Record a measurement of the localisation.
 
         Args:
             now: The simulated time (ns).
@@ -52,7 +55,7 @@ class KidnapRecovery:
         self._driven = driven
 
     def figures(self) -> dict[str, float | None]:
-        """Return ``t`` (s), ``noticed_s``, ``found_s`` (None for never) and ``astray_m``."""
+        """Return the values of an entry of ``carried``; see `RunMetrics.figures`."""
         return {
             "t": self._began / NS_PER_S,
             "noticed_s": None if self._noticed is None else round(self._noticed, 3),
@@ -62,7 +65,10 @@ class KidnapRecovery:
 
 
 class RunMetrics:
-    """Measurements of *body*, and of *navigator* (if there is one) ten times a second."""
+    """Measures a run of the robot *body*.
+
+    If there is a *navigator*, its pose estimate is compared with the true pose ten times a second.
+    """
 
     def __init__(self, body: SimulatedRobot, navigator: NavigationReporter | None) -> None:
         self._body = body
@@ -83,10 +89,13 @@ class RunMetrics:
         ``battery_min`` (percent) and ``odometry_error_m`` are always present, the other values only with a
         navigator. ``localization_error_m`` has ``median`` and ``max``, ``localization_yaw_error_rad`` has
         ``max``; they are None without measurements. ``unlocalized_s`` is the time during which the navigator
-        had no pose estimate. If the robot was carried away, ``carried`` has an entry for each time:
-        the time ``t`` (s), the time until the navigator noticed it (``noticed_s``), the time until
-        the estimate was correct again (``found_s``; None for never), and the distance driven with a wrong
-        estimate (``astray_m``).
+        had no pose estimate. ``waypoints_visited`` lists the names of the waypoints that the robot reached,
+        except ``recharge``. ``recharges`` and ``goals_failed`` are numbers.
+
+        If the robot was carried to another place, ``carried`` has an entry for each time: ``t`` (s) is the
+        time at which it was carried, ``noticed_s`` the duration until the navigator noticed it, ``found_s``
+        the duration until the estimate was correct again, and ``astray_m`` the distance driven with a wrong
+        estimate. A duration is None if the event did not happen.
         """
         body = self._body
         figures: dict[str, object] = {
@@ -129,7 +138,7 @@ class RunMetrics:
         self._yaw_error = max(self._yaw_error, abs(wrap_angle(estimate.yaw - true.yaw)))
 
     def _evaluate(self, outcomes: Sequence[GoalOutcome]) -> None:
-        """Evaluate the goals that have ended since the last call."""
+        """Record the failed goals and the reached waypoints since the last call."""
         for outcome in outcomes[self._outcomes_seen :]:
             self._outcomes_seen += 1
             if outcome.status == "ABORTED":
@@ -141,7 +150,7 @@ class RunMetrics:
 
 
 def odometry_error(body: SimulatedRobot) -> float:
-    """Return the distance (m) of the odometry's position, from the true start on, to the true position."""
+    """Return the distance (m) between the true position and the position by odometry from the true start."""
     start, pose, true = body.start_pose, body.odometry().pose, body.true_pose()
     cos, sin = math.cos(start.yaw), math.sin(start.yaw)
     x, y = start.x + cos * pose.x - sin * pose.y, start.y + sin * pose.x + cos * pose.y
@@ -149,13 +158,13 @@ def odometry_error(body: SimulatedRobot) -> float:
 
 
 def waypoint(goal: Pose2D, waypoints: Mapping[str, tuple[float, float]]) -> str | None:
-    """Return the name of the waypoint at *goal*, or None if there is no waypoint."""
+    """Return the name of the waypoint within 5 cm of *goal*, or None if there is no waypoint."""
     near = (name for name, (x, y) in waypoints.items() if math.hypot(goal.x - x, goal.y - y) <= _SAME_PLACE)
     return next(near, None)
 
 
 def navigator_among(resources: Sequence[object]) -> NavigationReporter | None:
-    """Return the first navigator among *resources*, or None."""
+    """Return the first of *resources* that is a `NavigationReporter`, or None."""
     return next((resource for resource in resources if isinstance(resource, NavigationReporter)), None)
 
 

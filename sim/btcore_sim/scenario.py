@@ -1,4 +1,4 @@
-"""Additions of a run to its world: start pose, people, obstacles that are not on the map, and events."""
+"""The additions of a run to its world: start pose, people, obstacles that are not on the map, events."""
 
 import math
 from collections.abc import Sequence
@@ -21,17 +21,17 @@ _TRIES = 300  # attempts to draw a place
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """The number of *people* and *obstacles*, and the *events*."""
+    """The numbers of *people* and *obstacles* that a run adds to its world, and the *events* of the run."""
 
     people: int = 0
     obstacles: int = 0
     events: Sequence[Event] = ()
 
     def scene(self, scene: Scene, seed: int) -> Scene:
-        """Return the scene with people, obstacles and the boxes of events.
+        """Return the scene with people, obstacles and the boxes that events will drop.
 
         Args:
-            scene: The world.
+            scene: The world without these additions.
             seed: The seed of the random places.
 
         Raises:
@@ -44,11 +44,11 @@ class Scenario:
         return with_boxes(scene, self.events) if self.events else scene
 
     def begin(self, world: World, robot: EventTarget, radius: float) -> EventRunner | None:
-        """Start the people and the events.
+        """Let the people walk, and schedule the events.
 
         Args:
             world: The world, made from the result of `scene`.
-            robot: The robot.
+            robot: The robot that the events affect.
             radius: The robot's radius (m).
 
         Returns:
@@ -68,9 +68,9 @@ def with_start(scene: Scene, text: str, random: np.random.Generator, radius: flo
     `PASSAGE`, with a random heading; a world with its own rule for random starts keeps that rule.
 
     Args:
-        scene: The world.
+        scene: The world with its own rule for the start.
         text: ``random``, ``X,Y`` (m) or ``X,Y,YAW`` (m, degrees).
-        random: The random generator.
+        random: The source of the random pose.
         radius: The robot's radius (m).
 
     Raises:

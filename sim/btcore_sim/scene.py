@@ -1,4 +1,4 @@
-"""Descriptions of worlds: walls and objects on a floor, and the robot's start.
+"""Descriptions of worlds: walls and objects on a floor, and the start pose of the robot.
 
 A world is a JSON object. Lengths are in metres, angles in radians, colours ``#rrggbb``::
 
@@ -9,12 +9,11 @@ A world is a JSON object. Lengths are in metres, angles in radians, colours ``#r
 ``position`` is the middle of the object's underside; z is optional and 0 by default. ``kind`` is ``box`` with
 ``size``, ``cylinder`` with ``radius`` and ``height``, or ``table`` with ``size``, ``top`` and ``leg``: a
 board of thickness *top* on four square legs of width *leg*. A ``mass`` (kg) above 0 makes a box or a cylinder
-movable. ``start`` is either an ``area`` (x and y from, x and y to) in which the pose is drawn at random, or a
-``pose`` (x, y, yaw).
+movable. ``start`` is either an ``area`` in which the pose is drawn at random, or a ``pose`` (x, y, yaw).
 
-A world may also have ``waypoints`` (name → [x, y]), ``keepout``, a list of rectangles (x and y from, x and y
-to) that robots must not enter although they may be empty, and ``physics_rate`` (Hz), the rate of the physics
-steps.
+A world may also have ``waypoints`` (name → [x, y]), ``keepout``, a list of rectangles that robots must not
+enter although they may be empty, and ``physics_rate`` (Hz), the rate of the physics steps. An ``area`` and a
+rectangle consist of smallest x, smallest y, greatest x and greatest y.
 """
 
 import itertools
@@ -35,7 +34,7 @@ SCENES = Path(__file__).parent / "scenes"
 Color = tuple[int, int, int, int]
 
 Rectangle = tuple[float, float, float, float]
-"""x and y from, x and y to (m)."""
+"""Smallest x, smallest y, greatest x and greatest y (m)."""
 
 PHYSICS_RATE = 240
 """Default number of physics steps per second of simulated time; 240 Hz is PyBullet's default too."""
@@ -74,7 +73,7 @@ class SceneObject:
         return self.position[2] + self.size[2] <= 0.0
 
     def meets(self, z: float) -> bool:
-        """Return whether a horizontal plane at *z* (m) cuts the object."""
+        """Return whether the horizontal plane at the height *z* (m) cuts the object."""
         return self.position[2] <= z <= self.position[2] + self.size[2]
 
     def outline(self) -> Rectangle:
@@ -101,9 +100,10 @@ class SceneObject:
 class Scene:
     """The description of a world: its objects (*things*), and the rule for the start pose.
 
-    The start pose is drawn in *area* (x and y from, x and y to, m), with at least *clearance* (m) between the
-    robot's footprint and any object, unless *pose* is given. *keepout* lists areas that robots must not
-    enter, *physics_rate* (Hz) is the rate of the physics steps.
+    The robot starts at *pose*. If *pose* is None, the start pose is drawn in *area*, with at least
+    *clearance* (m) between the robot's footprint and any object. *waypoints* maps names to positions x, y
+    (m). *floor* is the colour of the floor. *keepout* lists areas that robots must not enter. *physics_rate*
+    (Hz) is the rate of the physics steps.
     """
 
     name: str
@@ -121,7 +121,7 @@ class Scene:
         """Return the fixed start pose, or draw a pose uniformly among those with enough clearance.
 
         Args:
-            random: The random generator.
+            random: The source of the random pose.
             radius: The robot's radius (m).
 
         Raises:

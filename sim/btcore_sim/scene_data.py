@@ -1,4 +1,4 @@
-"""Conversion of a world and a robot to messages of `btcore_scene`. The world's frame is ``map``."""
+"""Conversion of a world and a robot to messages of `btcore_scene`, in the frame ``map`` of the world."""
 
 import math
 from collections import Counter
@@ -31,7 +31,7 @@ def world_parts(world: World) -> list[Part]:
 
 
 def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
-    """Return the shapes of the URDF, each in the frame of its link. Meshes are left out."""
+    """Return the shapes of the robot's URDF, each in the frame of its link. Meshes are left out."""
     names = {link: name for name, link in model.links.items()}
     parts: list[Part] = []
     counts: Counter[int] = Counter()
@@ -57,7 +57,7 @@ def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
 
 
 def frames(world: World, model: PhysicsBody) -> list[Frame]:
-    """Return the present pose of every frame."""
+    """Return the present poses of the robot's links, the movable objects and the laser."""
     links = [Frame(name, "map", *model.link_place(link)) for name, link in model.links.items()]
     for number in world.movable:
         place = pybullet.getBasePositionAndOrientation(number, physicsClientId=world.client)
@@ -67,7 +67,7 @@ def frames(world: World, model: PhysicsBody) -> list[Frame]:
 
 
 def laser_data(laser: LaserInfo) -> Laser:
-    """Return the geometry of *laser*."""
+    """Return the frame, angles and range limits of *laser* as a message."""
     return Laser(
         frame=laser.frame,
         angle_min=laser.angle_min,
@@ -78,13 +78,13 @@ def laser_data(laser: LaserInfo) -> Laser:
 
 
 def waypoint_data(world: World) -> list[Place]:
-    """Return the world's waypoints, except the start, where the robot is visible."""
+    """Return the world's waypoints, except ``start``, because the robot is displayed there."""
     named = world.scene.waypoints.items()
     return [Place(name=name, position=(x, y, 0.0)) for name, (x, y) in named if name != "start"]
 
 
 def camera_data(lens: CameraInfo) -> Camera:
-    """Return the geometry of the camera."""
+    """Return the frame, picture size and focal lengths of a camera as a message."""
     return Camera(
         name=_CAMERA,
         frame=lens.frame,

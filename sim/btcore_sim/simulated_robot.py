@@ -61,7 +61,7 @@ class SimulatedRobot(Robot):
         world: The world.
         description: The robot's description; the Tiago by default.
         camera: The settings of the camera, or None to switch it off.
-        faults: The parts that fail, and when.
+        faults: The parts that fail, and the periods in which they fail.
         battery: The battery's level at the start (percent).
 
     Raises:
@@ -81,7 +81,7 @@ class SimulatedRobot(Robot):
         self.description = description if description is not None else load_description()
         self._faults = FaultSchedule(faults)
         self.cells = BatteryModel(battery)
-        """The battery."""
+        """The model of the battery."""
         self._empty = False
         wheels = self.description.wheels
         start = world.scene.start(world.random("start"), self.description.base.radius)
@@ -96,7 +96,7 @@ class SimulatedRobot(Robot):
         torso = self.description.torso
         self._torso = [self.model.joint(torso.joint)] if torso else []
         self._kinematics = Kinematics(self.description)
-        # The order of the kinematics, so that the positions can be passed on unchanged.
+        # In the order in which `Kinematics.frames` expects the positions.
         self._joints = [self.model.joint(name) for name in self._kinematics.joints]
         self._base = DifferentialDrive(self.description.base, wheels.radius, wheels.separation)
         self._sources = CommandMultiplexer()
@@ -183,7 +183,11 @@ class SimulatedRobot(Robot):
         return self._kinematics.frames(self.model.joint_positions(self._joints), self.world.now())
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
-        """Command the velocity *v* (m/s) and *w* (rad/s); see `Robot.drive`."""
+        """Command the velocity *v* (m/s) and *w* (rad/s); see `Robot.drive`.
+
+        Raises:
+            ValueError: *v* or *w* is not finite.
+        """
         if not (math.isfinite(v) and math.isfinite(w)):
             raise ValueError(f"the velocity command v={v} m/s, w={w} rad/s is not finite")
         now = self.world.now()
@@ -208,7 +212,7 @@ class SimulatedRobot(Robot):
         return self._odometry
 
     def move_head(self, pan: float, tilt: float) -> None:
-        """Turn the head to *pan* and *tilt* (rad), clipped to the head's limits, at the head's speed."""
+        """Turn the head to *pan* and *tilt* (rad), limited to `head_info`, at the head's greatest speed."""
         head = self.description.head
         if head is None:
             return
@@ -244,7 +248,7 @@ class SimulatedRobot(Robot):
         self.cells.fill()
 
     def lift(self, height: float) -> None:
-        """Move the torso to *height* (m), clipped to its limits, at its speed."""
+        """Move the torso to *height* (m), limited to `torso`, at the maximum speed of the torso."""
         torso = self.description.torso
         if torso is not None:
             height = min(max(height, torso.facts.lift_min), torso.facts.lift_max)
@@ -270,7 +274,7 @@ class SimulatedRobot(Robot):
         return self._base.twist.v, self._base.twist.w
 
     def scene_static(self) -> StaticScene:
-        """Return the shapes of world and robot, the sensors' geometry, and named places."""
+        """Return the parts of the scene that do not change: shapes, the sensors' geometry, and waypoints."""
         self._last_picture_stamp = -1  # a new viewer gets the newest picture even if it is an old picture
         lens = self.camera_info
         if lens is not None:

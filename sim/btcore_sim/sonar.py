@@ -10,12 +10,15 @@ from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import SonarMount
 from btcore_sim.world import MOVABLE, STATIC
 
-_AROUND = 6  # rays on each ring of the cone
-_RINGS = (0.5, 1.0)  # of half the cone's angle
+_AROUND = 6  # number of rays on each ring of the cone
+_RINGS = (0.5, 1.0)  # angles of the rings, as fractions of half the cone's angle
 
 
 class Sonars:
-    """All sonars of a robot. As in REP 117, +inf is no echo, and -inf an echo below the minimum range."""
+    """All sonars of a robot.
+
+    As in REP 117, a range of +inf means no echo, and -inf means an echo below the minimum range.
+    """
 
     def __init__(self, client: int, mounts: Sequence[SonarMount]) -> None:
         self._client = client

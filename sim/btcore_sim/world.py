@@ -1,8 +1,8 @@
 """A simulated world: physics, a schedule of tasks, and a clock.
 
 Simulated time advances only inside `World.wait_until`, always in the same steps. With *fast* the steps follow
-each other without a pause; otherwise each step waits for the wall clock. The same seed gives the same run in
-any process. Several worlds in a process are independent.
+each other without a pause; otherwise each step waits for the wall clock. Runs with the same seed are
+identical, also in different processes. Several worlds in a process are independent.
 """
 
 import math
@@ -33,7 +33,7 @@ With 50 iterations the driven distance is exact to 0.2 % at 240 steps a second, 
 MOVABLE, STATIC, GROUND_LINK, FLOOR, HULL = 1, 2, 4, 8, 16
 
 _OPEN = 5.0  # m of visible floor around the start in a scene without objects
-_PATIENCE = NS_PER_S // 5  # ns by which a real-time run may be late before its time is shifted
+_PATIENCE = NS_PER_S // 5  # ns: a real-time run catches up after a delay of at most this duration
 
 
 class World:
@@ -68,9 +68,9 @@ class World:
         )
         self.floor = self._make_floor()
         self.bodies = {self._make(thing): thing for thing in scene.things}
-        """The objects of the scene by the engine's number of their bodies."""
+        """The objects of the scene, by PyBullet's IDs of their bodies."""
         self.movable = tuple(body for body, thing in self.bodies.items() if not thing.still)
-        """The bodies that can move, because of a push or by `move_kinematic_body`."""
+        """PyBullet's IDs of the bodies that can move: by a push, or by `move_kinematic_body`."""
         self.schedule.every(self.rate, Phase.PHYSICS, self._step)
 
     def now(self) -> int:
@@ -94,16 +94,17 @@ class World:
     def random(self, purpose: str) -> np.random.Generator:
         """Return a random generator that depends only on the seed and *purpose*.
 
-        Separate generators keep one source of noise unchanged when another draws more numbers.
+        Each purpose has its own generator. Drawing more numbers for a purpose does not change the numbers for
+        other purposes.
         """
         return random_generator(self._seed, purpose)
 
     def around_steps(self, before: Callable[[int], None], after: Callable[[int], None]) -> None:
-        """Register callbacks for every physics step; both receive the simulated time (ns).
+        """Register two callbacks that are called around every physics step with the simulated time (ns).
 
         Args:
-            before: The callback before the step.
-            after: The callback after the step.
+            before: The callback that is called before the step.
+            after: The callback that is called after the step.
         """
         self._before.append(before)
         self._after.append(after)
@@ -114,7 +115,7 @@ class World:
             pybullet.stepSimulation(physicsClientId=self.client)
 
     def kinematic_bodies(self, prefix: str) -> list[int]:
-        """Return the kinematic bodies whose objects' names begin with *prefix*, in the scene's order."""
+        """Return PyBullet's IDs of the kinematic objects whose names begin with *prefix*, in scene order."""
         return [
             body
             for body, thing in self.bodies.items()
@@ -127,11 +128,11 @@ class World:
         """Place a kinematic body, and set its velocity.
 
         Args:
-            body: The engine's number of the body.
-            x: The position of the middle of its underside (m).
-            y: As *x*.
+            body: PyBullet's ID of the body.
+            x: The x coordinate (m) of the middle of the body's underside.
+            y: The y coordinate (m) of the middle of the body's underside.
             yaw: The heading (rad).
-            z: As *x*.
+            z: The height (m) of the body's underside.
             v: The speed in the direction of the heading (m/s).
         """
         engine = {"physicsClientId": self.client}
@@ -195,7 +196,11 @@ class World:
 
 
 class Pacer:
-    """Synchronises simulated time with the wall clock. If the simulation is late, time slows down."""
+    """Synchronises simulated time with the wall clock.
+
+    The simulation catches up after a delay of at most 0.2 s. A longer delay remains, so simulated time then
+    stays behind the wall clock.
+    """
 
     def __init__(self) -> None:
         self._offset: int | None = None
@@ -227,13 +232,13 @@ class Pacer:
 
 
 def random_generator(seed: int, purpose: str) -> np.random.Generator:
-    """Return the random generator of a world with *seed* for *purpose*."""
+    """Return a random generator that depends only on *seed* and *purpose*; see `World.random`."""
     # CRC-32, because hash() of a string differs between processes.
     return np.random.default_rng([seed, zlib.crc32(purpose.encode())])
 
 
 def scene_extent(scene: Scene) -> Rectangle:
-    """Return the bounding rectangle of the scene (m); an empty scene has some floor around its start."""
+    """Return the bounding rectangle of the scene (m). An empty scene extends 5 m beyond its start area."""
     x0, y0, x1, y1 = scene.area
     if not scene.things:
         return x0 - _OPEN, y0 - _OPEN, x1 + _OPEN, y1 + _OPEN

@@ -1,4 +1,4 @@
-"""Reports of the colour detection, in the log and as a picture."""
+"""Reports of the detected coloured objects, in the log and as a picture."""
 
 from collections.abc import Mapping, Sequence
 
@@ -19,12 +19,15 @@ PERIOD = 1.0
 
 
 class ColourWatcher(Process):
-    """A process that logs each second which objects were detected on ``detection``.
+    """A process that logs, once a second, the last objects published on the topic ``detection``.
 
     Args:
         context: The resources that processes share.
-        ranges: The limits of hue, saturation and value.
+        ranges: The lower and upper limits of hue, saturation and value, as `parse_hsv_ranges` returns them.
         each: Whether every object is marked separately in the picture.
+
+    Raises:
+        click.UsageError: The robot has no camera, or the camera is off.
     """
 
     def __init__(self, context: ProcessContext, ranges: list[int], each: bool) -> None:
@@ -40,12 +43,12 @@ class ColourWatcher(Process):
         self.create_timer(PERIOD, self.report)
 
     def on_detection(self, message: Detections) -> None:
-        """Store the detections."""
+        """Store the detections for the next report."""
         self.detection_count += 1
         self.last = message
 
     def report(self) -> None:
-        """Log the objects."""
+        """Log the position and size of each object."""
         if self.last is None:
             self.info("Nothing of that colour is in sight")
             return
@@ -69,7 +72,11 @@ class ColourWatcher(Process):
         return {"pictures_with_colour": self.detection_count}
 
     def draw(self) -> NDArray[np.uint8]:
-        """Return the camera image with other colours dimmed and detections marked."""
+        """Return the camera image (RGB) with other colours dimmed and detections marked.
+
+        Raises:
+            click.UsageError: There is no camera image.
+        """
         robot = self.context.robot
         image = robot.camera() if robot is not None else None
         if image is None:
@@ -97,7 +104,11 @@ def camera_scene(robot: Robot, objects: Sequence[Detection]) -> MovingScene:
 
 
 def parse_hsv_ranges(text: str) -> list[int]:
-    """Return the six numbers of ``h,H,s,S,v,V``. Raises click.BadParameter if *text* is invalid."""
+    """Return the six numbers of ``h,H,s,S,v,V``: the limits of hue, saturation and value.
+
+    Raises:
+        click.BadParameter: *text* does not consist of six whole numbers in the valid ranges.
+    """
     parts = text.split(",")
     try:
         numbers = [int(part) for part in parts]

@@ -1,4 +1,4 @@
-"""Reports of the virtual force field: the smallest distance, and a picture of the strongest repulsion."""
+"""Reports of the virtual force field (VFF): smallest range, and a picture of the strongest repulsion."""
 
 import math
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ _NAMES = {0: "repulsive", 1: "result", 2: "attractive"}
 
 
 class ForceWatcher(Process):
-    """A process that stores the arrows on ``vff_debug`` at the time of the strongest repulsion."""
+    """A process that stores the forces, published as arrows on ``vff_debug``, at the strongest repulsion."""
 
     def __init__(self, context: ProcessContext) -> None:
         super().__init__("vff_watcher", context)
@@ -48,7 +48,7 @@ class ForceWatcher(Process):
         return {"nearest_m": round(self.nearest, 3)}
 
     def draw(self) -> NDArray[np.uint8]:
-        """Return a picture of the strongest repulsion: laser points, robot and forces; ahead is up."""
+        """Return a picture (RGB) of the strongest repulsion: laser points, robot and forces; ahead is up."""
         view = TopView((-REACH, -REACH), (REACH, REACH), (480, 480))
         view.points(_ahead_up(self._points))
         assert self.context.robot is not None
@@ -79,7 +79,7 @@ class ForceWatcher(Process):
 
 
 def scene_arrow(arrow: Arrow, name: str) -> btcore_scene.Arrow:
-    """Return *arrow* as a message of the scene, called *name*."""
+    """Convert *arrow* to an arrow named *name* for the viewers."""
     red, green, blue, opacity = (round(255 * part) for part in arrow.colour)
     color = (red, green, blue, opacity)
     return btcore_scene.Arrow(name=name, frame=arrow.frame, start=arrow.start, end=arrow.end, color=color)

@@ -17,7 +17,13 @@ PERIOD = 1.0
 
 
 class HeadWatcher(Process):
-    """A process that runs a head tracker, turns the base at *turn* (rad/s), and logs the head's position."""
+    """A process that runs a head tracker, turns the base at *turn* (rad/s), and logs the head's position.
+
+    *reactive* selects the tuning `REACTIVE` of the tracker.
+
+    Raises:
+        click.UsageError: The robot has no head with a camera, or the camera is off.
+    """
 
     def __init__(self, context: ProcessContext, turn: float, reactive: bool) -> None:
         super().__init__("head_watcher", context)
@@ -32,7 +38,7 @@ class HeadWatcher(Process):
         self.create_timer(PERIOD, self.report)
 
     def drive(self) -> None:
-        """Turn the base."""
+        """Command the base to turn."""
         self.robot.drive(0.0, self.turn)
 
     def report(self) -> None:
@@ -66,7 +72,11 @@ class HeadWatcher(Process):
         }
 
     def draw(self) -> NDArray[np.uint8]:
-        """Return the image of the head's camera with the object marked."""
+        """Return the image (RGB) of the head's camera with the object marked.
+
+        Raises:
+            click.UsageError: There is no camera image.
+        """
         image = self.robot.camera()
         if image is None:
             raise click.UsageError("there is no camera image to draw on")

@@ -33,7 +33,7 @@ class ObstacleWatcher(Process):
         self.create_timer(0.1, self.drive_and_record)
 
     def on_arrows(self, message: Arrows) -> None:
-        """Store the arrow."""
+        """Store the arrow to the obstacle."""
         self.arrows = message.arrows
 
     def drive_and_record(self) -> None:
@@ -47,7 +47,10 @@ class ObstacleWatcher(Process):
         self.positions.append((x, y))
 
     def results(self) -> Mapping[str, object]:
-        """Return the last position (m) of the obstacle in ``odom``, and the extent (m) of all positions."""
+        """Return the last position (m) of the obstacle in ``odom``, and the spread (m) of all positions.
+
+        The spread is the diagonal of the smallest rectangle, along the axes, that contains all positions.
+        """
         if not self.positions:
             return {"obstacle": None}
         positions = np.array(self.positions)
@@ -56,7 +59,7 @@ class ObstacleWatcher(Process):
         return {"obstacle": {"x": round(x, 3), "y": round(y, 3)}, "spread_m": round(spread, 3)}
 
     def draw(self) -> NDArray[np.uint8]:
-        """Return a top view of the robot's trail, the laser's points and all positions of the obstacle."""
+        """Return a top view (RGB) of the robot's trail, the laser points and the obstacle's positions."""
         view = self._trail.draw({"": TRAIL}, "the obstacle's places in odom, ten a second", self.positions)
         view.points(self.positions, OBSTACLES, 4.0)
         view.legend({"detected_obstacle": OBSTACLES, "the robot's way": TRAIL})

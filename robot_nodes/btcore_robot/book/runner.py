@@ -1,4 +1,4 @@
-"""The common parts of the ``btcore book`` commands: options, a robot in its world, an executor."""
+"""The common parts of the ``btcore book`` commands: options, the robot, and the executor of processes."""
 
 import functools
 import json
@@ -50,10 +50,10 @@ def world_command(
     """Return a decorator that adds a function to a group, as a command that runs in a robot's world.
 
     Args:
-        group: The group.
+        group: The group to which the command is added.
         name: The name of the command.
         help_line: The line that describes the command in the group's help.
-        options: Options that the command has in addition to those of its decorators.
+        options: Decorators that add further options to the command, besides the options for all worlds.
     """
 
     def decorate(function: Callable[..., int]) -> click.Command:
@@ -66,7 +66,7 @@ def world_command(
 
 
 def report_usage_errors(function: Callable[..., int]) -> Callable[..., int]:
-    """Return *function* with the errors of the user's files and programs reported as usage errors."""
+    """Wrap *function* so that it raises click.UsageError in place of a `RobotError`."""
 
     @functools.wraps(function)
     def call(*arguments: Any, **settings: Any) -> int:
@@ -79,9 +79,9 @@ def report_usage_errors(function: Callable[..., int]) -> Callable[..., int]:
 
 
 class BookRunner:
-    """A run of processes in the world of a robot or, without a robot, on a clock alone.
+    """A run of processes with a robot, or with a clock alone.
 
-    An executor runs all processes. The robot's frames are published in the transform tree 50 times a second.
+    An executor runs all processes. The robot's frames are written to the transform tree 50 times a second.
 
     Args:
         ctx: The context of the command.
@@ -113,7 +113,7 @@ class BookRunner:
         return cast(Robot, self.context.robot)
 
     def add(self, *processes: Process) -> None:
-        """Run *processes*, and print a warning for each parameter that its process does not declare."""
+        """Add *processes* to the run. Print a warning for each parameter that a process does not declare."""
         for process in processes:
             for warning in process.unused_warnings():
                 click.echo(f"warning: {warning}", err=True)
@@ -132,7 +132,7 @@ class BookRunner:
             name: The name of the run.
             get_results: A function that returns the results at the end.
             draw: A function that returns the picture (RGB) at the end.
-            shown: Objects that a viewer shows during the run.
+            shown: Objects with ``scene_static()`` and ``scene_moving()`` that a viewer shows during the run.
 
         Returns:
             The exit code.
@@ -175,6 +175,9 @@ def _print(line: LogMessage) -> None:
 def _since(
     clock: RealTime | SimulatedTime, log_sink: Callable[[LogMessage], None]
 ) -> Callable[[LogMessage], None]:
-    """Return a log sink that counts stamps from now on: the monotonic clock has no meaningful start."""
+    """Return a log sink that makes stamps relative to the present time.
+
+    The start of the monotonic clock has no meaning.
+    """
     start = clock.now()
     return lambda line: log_sink(LogMessage(line.level, line.stamp - start, line.name, line.text))

@@ -23,7 +23,7 @@ _PNG_PARAMETERS = [cv2.IMWRITE_PNG_COMPRESSION, 9]
 
 
 class TopView:
-    """A picture of the rectangle from *low* to *high* (x, y in m) with a grid of 1 m; colours are RGB.
+    """A picture of a rectangle of the floor with a grid of 1 m. Colours are RGB (0–255).
 
     Args:
         low: The corner with the lowest x and y (m).
@@ -76,14 +76,14 @@ class TopView:
         cv2.arrowedLine(self.image, first, last, colour, width, cv2.LINE_AA, _SHIFT, tip)
 
     def robot(self, pose: Pose2D, radius: float) -> None:
-        """Draw the robot at *pose* as a circle of *radius* (m) with a line in its heading."""
+        """Draw the robot at *pose* as a circle of *radius* (m) with a line towards its heading."""
         self.circle(pose.x, pose.y, radius, ROBOT)
         self.circle(pose.x, pose.y, radius, INK, 2)
         nose = pose.x + radius * np.cos(pose.yaw), pose.y + radius * np.sin(pose.yaw)
         self.line([(pose.x, pose.y), nose], INK, 2)
 
     def legend(self, entries: dict[str, Colour], title: str = "") -> None:
-        """Draw texts with their colours at the lower left, and the *title* at the upper left."""
+        """Draw the texts of *entries* with their colours at the lower left, and *title* at the upper left."""
         if title:
             cv2.putText(self.image, title, (12, 24), _FONT, 0.55, INK, 1, cv2.LINE_AA)
         left, base = 12, self._size[1] - 12

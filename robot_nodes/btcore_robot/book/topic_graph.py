@@ -13,7 +13,10 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def draw_graph(topics: Topics) -> NDArray[np.uint8]:
-    """Return a drawing (RGB) of the topics that have publishers and subscribers, with both."""
+    """Return a picture (RGB) of the topics with at least one publisher and one subscriber.
+
+    Arrows connect the publishers with the topics, and the topics with the subscribers.
+    """
     connected = [topic for topic in topics if topic.publishers and topic.subscriptions]
     publishers = _rows([sorted(set(topic.publishers)) for topic in connected])
     subscribers = _rows([sorted({item.owner for item in topic.subscriptions}) for topic in connected])
@@ -40,7 +43,7 @@ def draw_graph(topics: Topics) -> NDArray[np.uint8]:
 
 
 def _rows(names: list[list[str]]) -> dict[str, int]:
-    """Return the height (pixels) of each name: the mean of its topics' heights, moved to avoid overlaps."""
+    """Return the y (pixels) of each process: the mean y of its topics, moved down to avoid overlaps."""
     places: dict[str, list[int]] = {}
     for index, group in enumerate(names):
         for name in group:

@@ -1,4 +1,4 @@
-"""A record of a robot's trail and laser points, ten times a second, for a drawing from above."""
+"""A record of a robot's poses and laser points, ten times a second, for a picture from above."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,7 +18,10 @@ _CELL = 0.08  # m: the side of a square in which only the first laser point is k
 
 
 class Trail:
-    """The poses of a robot by odometry, with a *state* at each, and its laser points, all in ``odom``."""
+    """Records the odometry poses and the laser points of a robot, both in the frame ``odom``.
+
+    *state* returns the text that is stored with each pose, for example the state of a controller.
+    """
 
     def __init__(self, context: ProcessContext, state: Callable[[], str] = lambda: "") -> None:
         assert context.robot is not None
@@ -34,7 +37,7 @@ class Trail:
     def draw(
         self, colours: dict[str, Colour], title: str, extra: Sequence[tuple[float, float]] = ()
     ) -> TopView:
-        """Return a top view of the trail, coloured by state, the laser points, and the robot at its end.
+        """Return a top view of the trail, coloured by state, with the laser points and the robot's last pose.
 
         Args:
             colours: The colour of each state.
@@ -56,7 +59,7 @@ class Trail:
         return view
 
     def laser_points(self) -> NDArray[np.float64]:
-        """Return the laser points, one for each small square: x, y (m) in ``odom``, shape ``(n, 2)``."""
+        """Return the laser points, one per square of 8 cm: x, y (m) in ``odom``, shape ``(n, 2)``."""
         return np.array(list(self._laser_points.values()), dtype=np.float64).reshape(-1, 2)
 
     def _record(self, now: int) -> None:

@@ -1,1 +1,4 @@
-"""The book's controllers, which compute commands from sensor data without a tree."""
+"""Controllers that compute commands from sensor data, without a tree.
+
+They are the controllers of the book *A Concise Introduction to Robot Programming with ROS2*.
+"""

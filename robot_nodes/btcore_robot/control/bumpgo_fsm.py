@@ -1,4 +1,8 @@
-"""Bump and go by a state machine (the book's chapter 3), and the chapter's exercises: turns to free space."""
+"""Bump and go by a state machine, and variants that turn to free space.
+
+The state machine is from chapter 3 of the book *A Concise Introduction to Robot Programming with ROS2*, the
+variants are the chapter's exercises.
+"""
 
 import math
 from collections.abc import Callable
@@ -29,11 +33,11 @@ AHEAD = math.radians(30.0)
 At 1 m this is 0.5 m to each side: the robot's radius and 0.2 m of margin.
 """
 LONGEST_TURN = 2 * math.pi / SPEED_ANGULAR
-"""The maximum duration (s) of a turn that the laser ends: a full turn has shown every direction."""
+"""The maximum duration (s) of a turn in `ClosedLoop`: after a full turn the laser has seen all directions."""
 
 
 class BumpGoState(Enum):
-    """The state of the machine."""
+    """A state of the state machine of `BumpGo`."""
 
     FORWARD = "forward"
     BACK = "back"
@@ -42,9 +46,10 @@ class BumpGoState(Enum):
 
 
 StateHandler = Callable[[LaserScan, int], tuple[Twist2D, BumpGoState | None]]
-"""A state's action: from the newest scan and the time (ns) in the state to the velocity and the next state.
+"""A function that handles a state in each control cycle.
 
-The next state is None while the state does not change.
+Its arguments are the newest scan and the time (ns) since the state began. It returns the velocity and the
+next state. The next state is None if the state does not change.
 """
 
 
@@ -148,12 +153,12 @@ def clearances(scan: LaserScan) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 
 def clearance_ahead(scan: LaserScan) -> float:
-    """Return the free distance (m) ahead."""
+    """Return the free distance (m) straight ahead, within `AHEAD` to each side."""
     return float(clearances(scan)[np.argmin(np.abs(scan.angles()))])
 
 
 def freest_direction(scan: LaserScan) -> float:
-    """Return the direction (rad) with the most free space; of equal directions the nearest to ahead."""
+    """Return the direction (rad) with the most free space; if several are equal, the nearest to 0."""
     free = clearances(scan)
     angles = scan.angles()
     freest = np.flatnonzero(free >= free.max() - 1e-9)
@@ -198,7 +203,7 @@ class OpenLoop(BumpGo):
         super().enter(state)
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Turn for the time that the angle takes."""
+        """Turn by the chosen angle, for the time that was computed for it."""
         needed = abs(self.angle) / SPEED_ANGULAR * NS_PER_S
         return Twist2D(0.0, math.copysign(SPEED_ANGULAR, self.angle)), (
             BumpGoState.FORWARD if elapsed >= needed else None

@@ -1,4 +1,7 @@
-"""Tracking of coloured objects with the head: the book's detector, tracker and controller (chapter 5.2)."""
+"""Tracking of coloured objects with the head: object detector, tracker and head controller.
+
+They are from chapter 5.2 of the book *A Concise Introduction to Robot Programming with ROS2*.
+"""
 
 import math
 from collections.abc import Callable
@@ -11,20 +14,20 @@ from btcore_robot.robot import Phase, Robot
 from btcore_scene import MovingScene, StaticScene
 
 COMMAND_TIMEOUT = 100_000_000
-"""The maximum age (ns) of a command; without a newer command the head returns to its centre position."""
+"""The maximum age (ns) of a command. After an older command the head returns to its centre position."""
 
 
 class PID:
-    """A controller that converts an error into a command.
+    """A PID controller that computes a command from an error.
 
-    An error smaller than *min_error* counts as 0, and an error larger than *max_error* as *max_output*. An
-    error in between is scaled to *min_output* … *max_output*. The gains apply to the scaled error. Each call
-    multiplies the integral by 2/3. The default gains are those of the book's class.
+    The size of the error is first scaled. Below *min_error* the scaled size is 0, and above *max_error* it is
+    *max_output*. In between it is ``min_output + size * (max_output - min_output)``. The gains apply to the
+    scaled error. Each call multiplies the integral by 2/3. The default gains are from the book's class.
 
     Args:
         min_error: The size of an error below which it counts as 0.
         max_error: The size of an error above which it counts as *max_output*.
-        min_output: The size of the scaled error at its lower end.
+        min_output: The scaled size of the smallest error that counts, if *min_error* is 0.
         max_output: The maximum size of the scaled error and of the command.
     """
 
@@ -37,7 +40,7 @@ class PID:
         self.reset()
 
     def set_gains(self, proportional: float, integral: float, derivative: float) -> None:
-        """Set the gains."""
+        """Set the gains of the scaled error, of its decaying sum and of its change since the last call."""
         self._kp, self._ki, self._kd = proportional, integral, derivative
 
     def reset(self) -> None:
@@ -71,14 +74,17 @@ class TrackerTuning:
 
 
 BOOK_TUNING = TrackerTuning(10.0, (0.4, 0.05, 0.55))
-"""The values that the book's controller sets when it is configured."""
+"""The values of the book's controller."""
 REACTIVE = TrackerTuning(20.0, (0.8, 0.1, 0.55))
-"""The values of the book's exercise: twice the rate, twice the proportional and integral gains."""
+"""The values for an exercise of the book: twice the rate, twice the proportional and integral gains."""
 
 
 @dataclass(frozen=True, slots=True)
 class PanTiltCommand:
-    """An object's position in the image: -1 … 1, *pan* positive to the right, *tilt* downwards."""
+    """An object's position in the image, from -1 to 1: *pan* positive to the right, *tilt* downwards.
+
+    *stamp* is the time (ns) of the image.
+    """
 
     pan: float
     tilt: float
@@ -86,7 +92,7 @@ class PanTiltCommand:
 
 
 def command_from_detection(detection: Detection) -> PanTiltCommand:
-    """Return the position of the detection's centre of mass relative to the size of the image."""
+    """Return the position of the detection's centre of mass relative to the image: -1 and 1 are its edges."""
     width, height = detection.image_size
     return PanTiltCommand(detection.x / width * 2 - 1, detection.y / height * 2 - 1, detection.stamp)
 
@@ -94,9 +100,9 @@ def command_from_detection(detection: Detection) -> PanTiltCommand:
 class HeadTracker(LifecycleComponent):
     """While active, detect objects within *colours* in the camera's images and turn the head towards them.
 
-    Without a detection for 100 ms, and when the tracker is deactivated, the head returns to its centre
-    position. Images are requested while the tracker is active only. `configure` returns False for a robot
-    without a head or a camera.
+    The head returns to its centre position when the last detection is older than 100 ms, and when the tracker
+    is deactivated. Images are requested only while the tracker is active. `configure` returns False for a
+    robot without a head.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Driving with keys: the velocity of each key, sources of keys, and the time for which a key counts."""
+"""Driving with keys: the velocity of each key, and keys from the terminal or from a script."""
 
 import os
 import select
@@ -14,9 +14,12 @@ from btcore_robot.robot import NS_PER_S, Robot, Twist2D
 KEY_VEL_PRIORITY = 90
 """The priority of a keyboard's commands (twist_mux configuration of Tiago)."""
 KEY_TIMEOUT = round(0.75 * NS_PER_S)
-"""The time (ns) for which a key counts. A terminal repeats a held key, the first time after about 0.5 s."""
+"""The time (ns) for which a key counts as held after it was received.
+
+A terminal repeats a held key; the first repetition comes after about 0.5 s.
+"""
 FORWARD, BACKWARD, TURN = 0.3, -0.2, 0.5
-"""The velocities of the keys: m/s, m/s, rad/s."""
+"""The speeds of the keys: forward (m/s), backward (m/s) and turning (rad/s)."""
 
 _KEYS = {
     "w": Twist2D(FORWARD, 0.0),
@@ -38,15 +41,18 @@ class KeyInputError(RobotError):
 
 
 class KeySource(Protocol):
-    """A source of keys."""
+    """A source of the keys that drive the robot."""
 
     def pressed(self, now: int) -> str | None:
-        """Return the key that is held at *now* (ns), None if there is none, or "x" to end the drive."""
+        """Return the key that is held, None if no key is held, or "x" to end the drive.
+
+        *now* is the time (ns) since the start of the drive.
+        """
 
 
 @dataclass(frozen=True, slots=True)
 class ScriptedKeys(KeySource):
-    """Keys that are held one after another: pairs of a key and its end (ns from the start)."""
+    """Keys that are held in sequence. *holds* has pairs of a key and its end (ns from the start)."""
 
     holds: tuple[tuple[str, int], ...]
 
@@ -56,7 +62,9 @@ class ScriptedKeys(KeySource):
 
 
 def parse_key_script(text: str) -> ScriptedKeys:
-    """Return the keys in *text*, ``w:5,a:2,…``: each with the time (s) for which it is held.
+    """Return the keys in *text*, such as ``w:5,a:2``: each key with the time (s) for which it is held.
+
+    Without a time, a key is held for 1 s.
 
     Raises:
         KeyInputError: A key or a time is invalid.
@@ -106,7 +114,7 @@ class Terminal(KeySource):
         termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._terminal_attributes)
 
     def pressed(self, now: int) -> str | None:
-        """Return the last key while it counts."""
+        """Return the last key until `KEY_TIMEOUT` after it was received; "x" if a key ends the drive."""
         for key in parse_keys(self._read()):
             self._pressed = (key, now)
             if key in END_KEYS:
@@ -117,12 +125,12 @@ class Terminal(KeySource):
 
     def _read(self) -> str:
         read = b""
-        # Read without waiting whatever has been typed since the last call.
+        # Read the keys typed since the last call, without waiting for more.
         while select.select([sys.stdin], [], [], 0.0)[0]:
             more = os.read(sys.stdin.fileno(), 64)
             if not more:
-                return read.decode(errors="ignore") + "\x04"
                 # End of input, for example when a pipe is closed: end the drive.
+                return read.decode(errors="ignore") + "\x04"
             read += more
         return read.decode(errors="ignore")
 

@@ -1,7 +1,8 @@
-"""Obstacle avoidance by a virtual force field (the book's chapter 5.1).
+"""Obstacle avoidance by a virtual force field (VFF).
 
-A vector attracts the robot forward, near obstacles repel it, and the sum determines the velocity. The numbers
-are ``numpy.float32``, including angles, as in the book's test with an obstacle straight ahead: there the sign
+The algorithm is from chapter 5.1 of the book *A Concise Introduction to Robot Programming with ROS2*.
+A vector attracts the robot forward, near obstacles repel it, and the sum determines the velocity. All
+numbers, including angles, are ``numpy.float32``: in the book's test with an obstacle straight ahead, the sign
 of the remaining lateral force depends on single precision.
 """
 
@@ -38,17 +39,21 @@ class Forces:
 
 
 def forces_from_nearest(scan: LaserScan) -> Forces:
-    """Return the forces with repulsion by the nearest reading only, the first of equals; NaN is ignored."""
+    """Return the forces if only the nearest reading repels the robot.
+
+    Of several nearest readings the first is used. NaN is ignored.
+    """
     ranges, angles = _readings(scan)
     index = int(np.argmin(ranges))
     return _sum(_push(ranges[index : index + 1], angles[index : index + 1]))
 
 
 def forces_from_all(scan: LaserScan) -> Forces:
-    """Return the forces with repulsion by all near readings: the book's exercise.
+    """Return the forces if all near readings repel the robot: an exercise of the book.
 
-    The repulsion is the sum over eight sectors of the mean repulsion of the readings in each sector. A wall
-    thus does not repel more because many rays hit it, and an obstacle on the opposite side has its effect.
+    The repulsion is the sum over eight sectors of the mean repulsion of the near readings in each sector.
+    A wall therefore does not repel more strongly because many rays hit it, and an obstacle on the opposite
+    side still has an effect.
     """
     ranges, angles = _readings(scan)
     sectors = np.floor(angles / np.float32(np.pi / 4)).astype(np.int64)
@@ -60,7 +65,11 @@ def forces_from_all(scan: LaserScan) -> Forces:
 
 
 def velocity(result: Vector) -> Twist2D:
-    """Return the velocity for the vector *result*: its length is the speed, its angle the angular speed."""
+    """Return the velocity for the vector *result*.
+
+    The speed is the length of the vector, at most `SPEED_MAX`. The angular speed is its angle, at most
+    `TURN_MAX` in each direction.
+    """
     v = np.hypot(result[0], result[1])
     w = np.arctan2(result[1], result[0])
     return Twist2D(min(max(float(v), 0.0), SPEED_MAX), min(max(float(w), -TURN_MAX), TURN_MAX))
@@ -90,8 +99,8 @@ class Avoidance(Process):
     """Drive by the force field, 20 times a second, while the newest scan is younger than 1 s.
 
     The process subscribes to ``input_scan`` and publishes on ``output_vel``. Without a recent scan it
-    publishes nothing: a base stops without new commands. On ``vff_debug`` it publishes the forces as arrows
-    if there is a subscriber: blue is the attraction, red the repulsion, green the sum.
+    publishes nothing, and the base stops because it receives no new commands. On ``vff_debug`` it publishes
+    the forces as arrows if there is a subscriber: blue is the attraction, red the repulsion, green the sum.
     """
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
@@ -140,13 +149,13 @@ class AvoidanceFromAll(Avoidance):
         return forces_from_all(scan)
 
     def velocity(self, result: Vector) -> Twist2D:
-        """Return the velocity for *result*; the forward component of *result* limits the speed."""
+        """Return the velocity for the vector *result*; its forward component limits the speed."""
         twist = velocity(result)
         return Twist2D(min(max(float(result[0]), 0.0), twist.v), twist.w)
 
 
 def force_arrows(field: Forces, stamp: int) -> Arrows:
-    """Return the forces as arrows in ``base_footprint``, with the book's colours and numbers."""
+    """Return the forces as arrows in ``base_footprint``, with the colours and numbers of the book."""
 
     def arrow(number: int, vector: Vector, colour: Colour) -> Arrow:
         end = (float(vector[0]), float(vector[1]), 0.0)

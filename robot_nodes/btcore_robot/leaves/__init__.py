@@ -1,4 +1,4 @@
-"""The robot's leaves: a library of tree nodes, found by the entry point group ``btcore.nodes``."""
+"""The robot's leaves: a library of tree nodes, found in the entry point group ``btcore.nodes``."""
 
 from btcore import Registry
 from btcore_robot.leaves.battery import BatteryChecker, Recharge
@@ -31,7 +31,7 @@ __all__ = [
 
 
 def register(nodes: Registry) -> None:
-    """Register every leaf of this library and the type of poses."""
+    """Register every leaf of this library and the port type `Pose2D`."""
     register_pose_type(nodes)
     nodes.add(Back, Forward, Patrol, Turn, TurnToFree, WaitForScan, is_obstacle)
     nodes.add(BatteryChecker, GetWaypoint, LocateObjects, Move, Recharge, TrackObjects)

@@ -1,4 +1,8 @@
-"""Leaves for the battery, with the numbers of the book's patrol (chapter 6.3)."""
+"""Leaves for the battery: check its level and charge it.
+
+Their numbers are from the patrol in the book *A Concise Introduction to Robot Programming with ROS2*
+(chapter 6.3).
+"""
 
 import math
 from typing import Annotated
@@ -10,9 +14,9 @@ LEVEL_KEY = "battery_level"
 """The blackboard entry of the estimated level (0–100)."""
 FULL = 100.0
 DRAIN = 0.5
-"""The level (0–100) that a second costs for each m/s and rad/s of commanded velocity."""
+"""The level (0–100) that one second uses per m/s or rad/s of commanded velocity."""
 DRAIN_AT_REST = 0.01
-"""The level that each second costs in any case."""
+"""The level (0–100) that one second uses in addition, also at rest."""
 CHARGING_TICKS = 50
 """The number of ticks for which Recharge is RUNNING."""
 
@@ -20,10 +24,11 @@ CHARGING_TICKS = 50
 class BatteryChecker(Condition):
     """SUCCESS while the battery's estimated level is *low* or more.
 
-    The estimate is the blackboard entry ``battery_level``. A missing entry starts with the level that the
-    robot reports, or with 100 if the robot reports none. Each tick subtracts what the time since the last
-    tick costs at the current commanded velocity. After a period without ticks, the whole period is therefore
-    charged at the velocity found afterwards, as in the book.
+    The estimate (0–100) is the blackboard entry ``battery_level``. A missing entry starts with the level that
+    the robot reports, or with 100 if the robot does not report a level. Each tick lowers the estimate by the
+    charge that the time since the last tick uses at the currently commanded velocity. After a period without
+    ticks, the whole period counts with this velocity, as in the book *A Concise Introduction
+    to Robot Programming with ROS2*.
     """
 
     low: Annotated[In[float], "The level (0–100) below which the check fails."] = 10.0
@@ -34,7 +39,7 @@ class BatteryChecker(Condition):
         self.last_check = robot.clock.now()
 
     def tick(self) -> Status:
-        """Update the estimate and compare it with the limit."""
+        """Update the estimate and compare it with *low*."""
         now = self.robot.clock.now()
         seconds = (now - self.last_check) / NS_PER_S
         self.last_check = now

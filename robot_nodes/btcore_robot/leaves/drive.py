@@ -1,8 +1,8 @@
 """Leaves that drive. They send a velocity command on every tick, because a base stops without new commands.
 
-Speeds and times are those of the book's bump-and-go and patrol (*A Concise Introduction to Robot Programming
-with ROS2*, chapters 6.2 and 6.3). Back commands 0.3 m/s backwards; a Tiago's base limits this to 0.2 m/s.
-TurnToFree is the closed control loop of the book's chapter 3.
+Speeds and times are those of bump-and-go and the patrol in chapters 6.2 and 6.3 of the book *A Concise
+Introduction to Robot Programming with ROS2*. Back commands 0.3 m/s backwards; a Tiago's base limits this to
+0.2 m/s. TurnToFree is the closed control loop of the book's chapter 3.
 """
 
 import math
@@ -88,8 +88,8 @@ class Patrol(_Manoeuvre):
 class TurnToFree(StatefulAction):
     """Turn at 0.5 rad/s towards the freest direction until *clear* metres are free ahead, then SUCCESS.
 
-    FAILURE when a full turn finds no free direction. A direction is free as far as no laser ray within 30° to
-    either side hits something. Without a scan the robot stands and the node is RUNNING.
+    FAILURE when a full turn finds no free direction. The free distance in a direction is the smallest range
+    of the laser rays within 30° to either side. Without a scan the robot stands and the node is RUNNING.
     """
 
     clear: Annotated[In[float], "The distance (m) that has to be free ahead."] = 2.0
@@ -100,7 +100,7 @@ class TurnToFree(StatefulAction):
         self.started = 0
 
     def on_start(self) -> Status:
-        """Reset the side and start."""
+        """Forget the side of the last turn, and check the scan."""
         self.side = 0.0
         return self.on_running()
 

@@ -10,9 +10,12 @@ from btcore_robot.navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 
 LOOKING_TIME = 1_000_000_000
-"""The time (ns) that the robot stays at a goal to see the frontier, before the frontier is excluded."""
+"""The time (ns) for which the robot stays at a goal to see the unknown area beside it.
+
+If the area is then still unknown, the goal is excluded.
+"""
 CHECK_PERIOD = 1_000_000_000
-"""The period (ns) of the check whether a frontier is still unknown while the robot drives to it."""
+"""The period (ns) of the check whether the area at the goal is still unknown during the drive."""
 DEFAULT_FILE = "map.yaml"
 
 log = logging.getLogger(__name__)
@@ -32,10 +35,10 @@ class Explorer(Protocol):
         """Return the next goal in the frame ``map``, or None if there is nothing left to explore."""
 
     def is_goal_unknown(self) -> bool:
-        """Return whether the area to look at from the last `next_goal` is still unknown."""
+        """Return whether the area around the last goal of `next_goal` is still unknown."""
 
     def exclude_goal(self) -> None:
-        """Exclude the last `next_goal` from now on."""
+        """Exclude the area around the last goal of `next_goal` from further exploration."""
 
     def save(self, path: Path) -> None:
         """Write the current map to *path*.
@@ -54,9 +57,10 @@ class MapFile:
 
 
 class Explore(StatefulAction):
-    """Drive to the borders of the known floor, one after another: RUNNING, then SUCCESS if none is left.
+    """Drive to all borders of the known floor, one after another: RUNNING, then SUCCESS if no border is left.
 
-    Goals that cannot be reached or show nothing are excluded. A halt cancels the drive.
+    Goals that cannot be reached, or from which no unknown area becomes visible, are excluded. A halt cancels
+    the drive.
     """
 
     def __init__(self, explorer: Explorer, robot: Robot) -> None:
@@ -107,7 +111,7 @@ class Explore(StatefulAction):
             self.handle = None
 
     def send_next_goal(self) -> Status:
-        """Send the next goal if there is one."""
+        """Send the next goal, or return SUCCESS if there is no goal left."""
         self.last_check, self.arrived = self.clock.now(), None
         if self.explorer.must_wait():
             return Status.RUNNING

@@ -41,7 +41,7 @@ class _KeepActive(StatefulAction):
         return self.on_running()
 
     def on_running(self) -> Status:
-        """Activate the component again if it was deactivated elsewhere."""
+        """Activate the component if it is inactive, for example because another program deactivated it."""
         if self.component.state is LifecycleState.INACTIVE:
             self.component.activate()
         return Status.RUNNING
@@ -53,14 +53,14 @@ class _KeepActive(StatefulAction):
 
 
 class TrackObjects(_KeepActive):
-    """Keep the head tracker active. Always RUNNING; a halt deactivates it."""
+    """Keep the head tracker active. Always RUNNING; a halt deactivates the tracker."""
 
     def __init__(self, tracker: HeadTrackerProtocol) -> None:
         self.component = tracker
 
 
 class LocateObjects(_KeepActive):
-    """Keep the object locator active and write its results.
+    """Keep the object locator active and write its results to *boxes*.
 
     Always RUNNING; a halt deactivates the locator.
     """

@@ -24,7 +24,8 @@ class PoseNavigator(Protocol):
 class Move(StatefulAction):
     """Navigate to *goal*: RUNNING on the way, SUCCESS on arrival, FAILURE when navigation gives up.
 
-    A halt cancels the goal. A goal that was cancelled elsewhere is a SUCCESS, as in the book.
+    A halt cancels the goal. If another client cancels the goal, the result is SUCCESS, as in the book
+    *A Concise Introduction to Robot Programming with ROS2*.
     """
 
     goal: Annotated[In[Pose2D], "The goal in the frame map: x;y or x;y;yaw (m, rad), or a blackboard entry."]
@@ -70,14 +71,14 @@ class Move(StatefulAction):
             self.handle = None
 
     def fail(self, code: int, message: str) -> Status:
-        """Log the error, write it to the outputs, and return FAILURE."""
+        """Log the error, write *code* and *message* to the output ports, and return FAILURE."""
         goal = self.goal
         log.warning("%s: can't go to (%.2f, %.2f): %s", self.path, goal.x, goal.y, message)
         self.write_outputs(code, message)
         return Status.FAILURE
 
     def write_outputs(self, code: int, message: str) -> None:
-        """Write the outputs that the tree connects."""
+        """Write *code* and *message* to the output ports that the tree connects."""
         outputs = self.config.outputs
         if "error_code" in outputs:
             self.error_code = code

@@ -15,11 +15,11 @@ def is_obstacle(
     corridor: Annotated[In[float], "The width (m) of the corridor to check; 0: the middle beam alone."] = 0.0,
     timeout: Annotated[In[float], "A scan older than this (s) counts as an obstacle; 0: never."] = 0.0,
 ) -> bool:
-    """SUCCESS when there is an obstacle ahead, nearer than *distance*.
+    """SUCCESS when there is an obstacle ahead, nearer than *distance*, else FAILURE.
 
     With a *corridor*, every echo ahead within half its width to either side counts. Without a corridor only
-    the middle beam counts, as in the book. Before the first scan there is no obstacle, unless a *timeout* is
-    set.
+    the middle beam of the laser counts, as in the book *A Concise Introduction to Robot Programming with
+    ROS2*. Before the first scan there is no obstacle, unless a *timeout* is set.
     """
     scan = robot.scan()
     if timeout > 0.0 and is_stale(scan, robot.clock.now(), timeout):
@@ -39,7 +39,7 @@ class WaitForScan(StatefulAction):
     """
 
     timeout: Annotated[In[float], "The maximum age (s) of a scan."] = 0.5
-    # With a recent scan it succeeds on its first tick, so it may be the first child of a reactive node.
+    # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
     may_complete_on_start = True
 
     def __init__(self, robot: Robot) -> None:

@@ -9,7 +9,7 @@ from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 
 NAV2_PARTS: Final = 9
-"""The number of parts of a pose in Nav2's format."""
+"""The number of parts of a pose in Nav2's format: ``stamp;frame;x;y;z;qx;qy;qz;qw``."""
 
 
 def register_pose_type(nodes: Registry) -> None:
@@ -52,7 +52,7 @@ POSE_FORMAT_HINT = "the form is x;y or x;y;yaw in m and rad, like 1.5;-2;0.5"
 
 
 def pose_to_text(pose: Pose2D) -> str:
-    """Return *pose* as ``x;y;yaw`` (m, rad)."""
+    """Return *pose* as the text ``x;y;yaw`` (m, rad)."""
     return f"{pose.x:g};{pose.y:g};{pose.yaw:g}"
 
 
@@ -77,7 +77,7 @@ class PoseList(ValueType):
         return [pose_from_text(text)]
 
     def to_text(self, value: object) -> str:
-        """Return ``x;y;yaw`` of each pose, separated by ``|``."""
+        """Return the poses as ``x;y;yaw`` (m, rad), separated by ``|``."""
         return "|".join(pose_to_text(pose) for pose in self.cast(value))
 
     def accepts(self, value: object) -> bool:
@@ -96,4 +96,4 @@ class PoseList(ValueType):
 
 
 Poses = Annotated[list[Pose2D], PoseList()]
-"""The annotation of a port with several poses."""
+"""The type annotation of a port with a list of poses."""

@@ -1,4 +1,7 @@
-"""A leaf that selects the next waypoint of the book's patrol (chapter 6.3)."""
+"""A leaf that selects the next waypoint of a patrol.
+
+The patrol is from chapter 6.3 of the book *A Concise Introduction to Robot Programming with ROS2*.
+"""
 
 from typing import Annotated
 
@@ -18,21 +21,22 @@ BOOK_WAYPOINTS = Waypoints(
         "wp3": Pose2D(-0.56, 0.24, 0.0),
     }
 )
-"""The waypoints of the book's house: the default when the world defines no waypoints."""
+"""The waypoints of the house in the book: the default when the world defines no waypoints."""
 
 
 class PatrolProgress(TreeState):
-    """The number of patrol waypoints that the GetWaypoint nodes of a tree have written."""
+    """The number of patrol waypoints that the GetWaypoint nodes of a tree have written so far."""
 
     def __init__(self) -> None:
         self.visited = 0
 
 
 class GetWaypoint(SyncAction):
-    """Write a waypoint: the charger for ``recharge``, else the next of wp1, wp2, wp3, wp1 … in turn.
+    """Write a waypoint: the charger for ``recharge``, otherwise wp1, wp2, wp3, wp1 … in turn.
 
-    All GetWaypoint nodes of a tree share the count. A waypoint counts when it is written: a waypoint to which
-    the drive is interrupted is skipped, as in the book.
+    All GetWaypoint nodes of a tree share the sequence. It advances when a waypoint is written. If the drive
+    to a waypoint is interrupted, the waypoint is skipped, as in the book *A Concise Introduction to Robot
+    Programming with ROS2*.
     """
 
     wp_id: Annotated[In[str], "'recharge', or any other text for the next waypoint of the patrol."] = "next"

@@ -1,1 +1,4 @@
-"""The book's perception: objects and obstacles from sensor data."""
+"""Detection of objects and obstacles in sensor data.
+
+The methods are from the book *A Concise Introduction to Robot Programming with ROS2*.
+"""

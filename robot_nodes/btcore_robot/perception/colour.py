@@ -1,4 +1,7 @@
-"""Detection of coloured objects in an image by hue, saturation and value (the book's chapter 5.2)."""
+"""Detection of coloured objects in an image by hue, saturation and value.
+
+The method is from chapter 5.2 of the book *A Concise Introduction to Robot Programming with ROS2*.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +20,10 @@ MIN_AREA = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class ColourRange:
-    """Ranges with both limits included: hue 0–180 (OpenCV's unit of 2°), saturation and value 0–255."""
+    """A range of colours: the lower and upper limit, both included, of hue, saturation and value.
+
+    The hue is 0–180 (OpenCV's unit of 2°), saturation and value are 0–255.
+    """
 
     hue: tuple[int, int] = (0, 180)
     saturation: tuple[int, int] = (0, 255)
@@ -25,7 +31,7 @@ class ColourRange:
 
 
 WOOD = ColourRange((15, 20), (50, 200), (20, 200))
-"""The colour of the book's wooden furniture (its detector.yaml)."""
+"""The colour of wooden furniture, from the book's parameter file detector.yaml."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +95,9 @@ def debug_image(
     """Return the image (RGB) with pixels outside *colours* dimmed and *objects* marked.
 
     Args:
-        image: The image.
+        image: The camera image.
         colours: The range of colours that stays bright.
-        objects: The detections to mark; if omitted, the box around all pixels of the colour.
+        objects: The detections to mark; by default the box around all pixels of the colour.
     """
     mask = colour_mask(image, colours)
     shown = np.where(mask[:, :, None] > 0, image.rgb, image.rgb // 3).astype(np.uint8)
@@ -126,9 +132,9 @@ class Detections:
 class ObjectDetector(Process):
     """Detect objects by colour in the images on ``input_image`` and publish them on ``detection``.
 
-    ``hsv_ranges`` contains the limits of hue (0–180), saturation and value (0–255), each from and to. The
-    process works only while ``detection`` has subscribers. With the parameter ``each`` every patch is a
-    separate object; without it all pixels of the colour are a single object.
+    The parameter ``hsv_ranges`` contains the lower and upper limits of hue (0–180), saturation and value
+    (0–255). With the parameter ``each`` every patch is a separate object; without it all pixels of the colour
+    are a single object. The process works only while ``detection`` has subscribers.
     """
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:

@@ -1,4 +1,7 @@
-"""Coloured objects as boxes in space, from images with depth (an exercise of the book's chapter 6)."""
+"""Location of coloured objects in space, as boxes, from images with depth.
+
+This is an exercise of chapter 6 of the book *A Concise Introduction to Robot Programming with ROS2*.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,11 +18,14 @@ from btcore_robot.transforms import TransformError, TransformTree
 from btcore_scene import BoundingBox, MovingScene, StaticScene
 
 MIN_PIXELS = 20
-"""The minimum number of pixels of an object."""
+"""The minimum number of pixels of an object; smaller patches are ignored."""
 MAX_DEPTH_STEP = 0.1
 """The relative depth step between neighbouring pixels above which they belong to different objects."""
 NO_DEPTH = 1e9
-"""The depth (m) of a pixel without depth: behind all others, so that no object loses its edge."""
+"""The depth (m) assumed for a pixel without depth.
+
+It is greater than any real depth, so that objects beside the pixel do not lose their edges.
+"""
 OUTLIER_PERCENT = 1.0
 """The percentage of points at each end of each axis that is ignored, because depth errors are large there."""
 
@@ -46,8 +52,8 @@ def detect_boxes(
 ) -> list[BoundingBox3D]:
     """Return a box for every patch of *colours* in *image*, the largest patch first.
 
-    Patches end where the colour ends and where the depth jumps: of two objects, one behind the other, each is
-    a patch.
+    A patch ends where the colour ends or the depth jumps. Two objects, one behind the other, are therefore
+    two patches.
 
     Args:
         image: The image; without depth the result is empty.
@@ -114,7 +120,7 @@ def _box(cloud: NDArray[np.float64], frame: str, stamp: int) -> BoundingBox3D:
 class ObjectLocator(LifecycleComponent):
     """While active, detect objects within *colours* in the robot's camera images and locate them in *frame*.
 
-    Images are requested while the locator is active only. An image is ignored if *transforms* does not know
+    Images are requested only while the locator is active. An image is ignored if *transforms* does not know
     the camera's pose at its stamp. `configure` returns False for a robot without a camera.
     """
 

@@ -1,4 +1,7 @@
-"""An obstacle as a frame of the transform tree, and reports by transforms (the book's chapter 4)."""
+"""Processes that publish an obstacle as a frame of the transform tree, and log its position.
+
+They are from chapter 4 of the book *A Concise Introduction to Robot Programming with ROS2*.
+"""
 
 import math
 
@@ -12,7 +15,7 @@ BASE_FRAME = "base_footprint"
 ODOM_FRAME = "odom"
 
 PERIOD = 0.5
-"""The period (s) of the monitor's reports: 2 Hz."""
+"""The period (s) of the reports of the obstacle's position."""
 LIFETIME = 1.0
 """The time (s) for which an arrow is shown."""
 NEAR, FAR = 0.5, 3.0
@@ -43,17 +46,20 @@ class ObstacleDetector(Process):
             self.on_detection(scan, Transform((distance, 0.0, 0.0)))
 
     def on_detection(self, scan: LaserScan, laser2object: Transform) -> None:
-        """Publish the obstacle's frame at *laser2object*."""
+        """Publish the obstacle's frame at the pose *laser2object* in the laser's frame."""
         self.context.transforms.set_static(_frame(scan.frame, laser2object, scan.stamp))
 
 
 class ObstacleDetectorImproved(ObstacleDetector):
-    """Publish the obstacle at the middle ray as a frame below ``odom``, independent of the robot."""
+    """Publish the obstacle at the middle ray as a frame below ``odom``.
+
+    The frame stays at the obstacle when the robot moves.
+    """
 
     default_name = "obstacle_detector_improved"
 
     def on_detection(self, scan: LaserScan, laser2object: Transform) -> None:
-        """Publish the obstacle's frame in ``odom``, by the laser's pose at the stamp of *scan*."""
+        """Publish the obstacle's frame below ``odom``, with the laser's pose at the stamp of *scan*."""
         transforms = self.context.transforms
         try:
             odom2laser = transforms.lookup(ODOM_FRAME, scan.frame, scan.stamp)

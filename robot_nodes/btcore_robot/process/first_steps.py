@@ -1,4 +1,7 @@
-"""The programs of the book's second chapter: a logger, a publisher, a subscriber, and parameters."""
+"""First programs: a logger, a publisher, a subscriber, and a process with parameters.
+
+They are from chapter 2 of the book *A Concise Introduction to Robot Programming with ROS2*.
+"""
 
 from dataclasses import dataclass
 
@@ -10,7 +13,7 @@ PERIOD = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Int32:
-    """A message with one number, ``std_msgs/Int32``."""
+    """A message with a whole number, as ``std_msgs/Int32``."""
 
     data: int
 
@@ -57,7 +60,7 @@ class NumberSubscriber(Process):
 
 
 class Localization(Process):
-    """Declare parameters, and log an error if the two lists have different lengths."""
+    """Declare parameters and log them, or log an error if ``topics`` and ``topic_types`` differ in length."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("localization_node", context, options)

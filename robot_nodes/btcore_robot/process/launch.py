@@ -1,4 +1,4 @@
-"""Launch files: the programs to start with their names and parameters, in ROS 2's YAML format.
+"""Launch files in ROS 2's YAML format: the programs to start, with their names and parameters.
 
 ::
 
@@ -52,10 +52,14 @@ class LaunchEntry:
     line: int
 
     def options(self, own_name: str) -> ProcessOptions:
-        """Return the options of the program.
+        """Return the options of the program's processes.
 
         Args:
-            own_name: The default name of its process, by which parameters are selected from a file.
+            own_name: The default name of the program's process. Without a name in the launch file, it
+                selects the parameters in a parameter file.
+
+        Raises:
+            ParameterError: A parameter file cannot be used.
         """
         values: dict[str, ParameterValue] = {}
         for parameter in self.parameters:
@@ -72,7 +76,7 @@ def read_launch(path: Path, depth: int = 0) -> list[LaunchEntry]:
 
     Args:
         path: The launch file.
-        depth: The number of files that include it.
+        depth: The number of launch files between the first file and this file, to detect endless includes.
 
     Raises:
         LaunchError: The file cannot be read or is not a valid launch file.

@@ -1,4 +1,4 @@
-"""Components with ROS 2's lifecycle: they are configured and activated by their user."""
+"""Components with ROS 2's lifecycle: their user configures, activates and deactivates them."""
 
 from collections.abc import Callable
 from enum import IntEnum
@@ -47,7 +47,7 @@ class LifecycleComponent:
     def change_state(self, transition: LifecycleTransition) -> bool:
         """Request *transition*; return False if it is invalid in the current state or refused."""
         target = _TARGETS.get((self.state, transition))
-        # The callback of CONFIGURE is `on_configure`, and so on.
+        # For example, the callback of CONFIGURE is `on_configure`.
         callback: Callable[[], bool] = getattr(self, f"on_{transition.name.lower()}")
         if target is None or not callback():
             return False
@@ -75,21 +75,21 @@ class LifecycleComponent:
         return self.change_state(LifecycleTransition.SHUTDOWN)
 
     def on_configure(self) -> bool:
-        """Prepare for work. Return False to refuse."""
+        """Prepare for work. Return False to refuse the transition."""
         return True
 
     def on_activate(self) -> bool:
-        """Start to work. Return False to refuse."""
+        """Start to work. Return False to refuse the transition."""
         return True
 
     def on_deactivate(self) -> bool:
-        """Stop working. Return False to refuse."""
+        """Stop working. Return False to refuse the transition."""
         return True
 
     def on_cleanup(self) -> bool:
-        """Release the resources of `on_configure`. Return False to refuse."""
+        """Release the resources of `on_configure`. Return False to refuse the transition."""
         return True
 
     def on_shutdown(self) -> bool:
-        """Release everything; by default stop as in `on_deactivate`. Return False to refuse."""
+        """Release all resources; by default call `on_deactivate`. Return False to refuse the transition."""
         return self.on_deactivate()

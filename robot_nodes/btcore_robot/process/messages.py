@@ -1,4 +1,4 @@
-"""Messages other than the robot's own data types."""
+"""Message types of topics, in addition to the data types in `btcore_robot.robot`."""
 
 from dataclasses import dataclass
 
@@ -24,7 +24,7 @@ class Arrow:
 
     *number* distinguishes arrows of the same publisher: a new arrow replaces an arrow with the same number.
     *shaft* and *head* are diameters (m). *colour* is red, green, blue and opacity (0–1). The arrow disappears
-    after *lifetime* (s); 0 means never. *stamp* is its time (ns).
+    after *lifetime* (s); 0 means never. *stamp* (ns) is the time to which the arrow belongs.
     """
 
     number: int
@@ -40,6 +40,6 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True)
 class Arrows:
-    """Several arrows of the same time."""
+    """Several arrows that are published together."""
 
     arrows: tuple[Arrow, ...]

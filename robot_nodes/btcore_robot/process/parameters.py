@@ -1,4 +1,4 @@
-"""Parameters of a process: declared with a default, and set at its start by a file or by options."""
+"""Parameters of a process: it declares them with a default; files or options set them at its start."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: 
 
 
 class Parameters:
-    """The parameters of the process *owner*; *given* are the values set at its start."""
+    """The parameters of the process named *owner*. *given* contains the values set at its start."""
 
     def __init__(self, owner: str, given: Mapping[str, ParameterValue]) -> None:
         self._owner = owner
@@ -30,7 +30,7 @@ class Parameters:
 
         Args:
             name: The name of the parameter.
-            default: The default, which also determines the type.
+            default: The default value, which also determines the type.
 
         Raises:
             ParameterError: The given value has another type (a whole number is accepted for a float).
@@ -72,7 +72,9 @@ class Parameters:
 
 
 def load_process_parameters(path: Path, name: str) -> dict[str, ParameterValue]:
-    """Return the parameters in a file for a process; its own values override those for all (``/**``).
+    """Return the parameters of a process in a file.
+
+    The values under the process's name override the values for all processes (``/**``).
 
     Args:
         path: The parameter file.

@@ -1,4 +1,4 @@
-"""A process (a ROS node) with publishers, subscriptions, timers and parameters; and its executor."""
+"""A process (like a ROS 2 node) with publishers, subscriptions, timers and parameters, and the executor."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -13,10 +13,10 @@ from btcore_robot.transforms import TransformTree
 Message = TypeVar("Message")
 
 MAX_DELIVERY_ROUNDS = 1000
-"""The maximum number of delivery rounds at the same time before an endless message loop is assumed."""
+"""The maximum number of delivery rounds before callbacks are assumed to publish to each other endlessly."""
 
 QUEUE_DEPTH = 10
-"""The default depth of a subscription's queue: the book's number."""
+"""The default of the maximum number of messages in a subscription's queue."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class ProcessContext:
 
     Args:
         clock: The clock of the processes.
-        schedule: The schedule of their timers.
+        schedule: The schedule that calls the timers of the processes.
         log_sink: A function that receives every log message.
         robot: The robot, if the processes have one.
     """
@@ -60,7 +60,11 @@ class ProcessContext:
 
 @dataclass(frozen=True, slots=True)
 class ProcessOptions:
-    """Options of a process at its start: a *name* in place of its own, topics to *remap*, *parameters*."""
+    """Options of a process at its start.
+
+    *name* replaces its default name. *remap* maps old names of topics to new names. *parameters* maps the
+    names of parameters to their values.
+    """
 
     name: str | None = None
     remap: Mapping[str, str] = field(default_factory=dict)
@@ -83,10 +87,10 @@ class Timer:
 
 
 class Process:
-    """A program of the robot. A subclass creates timers and subscriptions in ``__init__``.
+    """A program of the robot, like a ROS 2 node. A subclass creates timers and subscriptions in ``__init__``.
 
-    A process runs after it has been added to an executor: see `Executor.add`. *name* is its default name,
-    which *options* may override.
+    A process runs after `Executor.add` has added it to an executor. *name* is its default name, which
+    *options* may override.
     """
 
     def __init__(self, name: str, context: ProcessContext, options: ProcessOptions | None = None) -> None:
@@ -155,15 +159,15 @@ class Process:
         return self._names.get(full_name(topic), full_name(topic))
 
     def info(self, text: str) -> None:
-        """Log *text*."""
+        """Log *text* with the level INFO."""
         self._log("INFO", text)
 
     def warn(self, text: str) -> None:
-        """Log *text* as a warning."""
+        """Log *text* as a warning, with the level WARN."""
         self._log("WARN", text)
 
     def error(self, text: str) -> None:
-        """Log *text* as an error."""
+        """Log *text* as an error, with the level ERROR."""
         self._log("ERROR", text)
 
     def destroy(self) -> None:
@@ -192,10 +196,10 @@ class MessageLoopError(RobotError):
 class Executor:
     """An executor that runs the timers of its processes when they are due, and delivers their messages.
 
-    It is single-threaded: a callback ends before the next begins. Messages are delivered at the time of their
-    publication, in rounds. In each round every subscription receives at most one message: processes in the
-    order in which they were added, and their subscriptions in the order of creation. A process without an
-    executor receives no messages, and its timers are inactive.
+    It is single-threaded: a callback ends before the next callback begins. Messages are delivered at the time
+    of their publication, in rounds. In each round every subscription receives at most one message. A round
+    visits the processes in the order in which they were added, and their subscriptions in the order of
+    creation. A process without an executor receives no messages, and its timers are inactive.
     """
 
     def __init__(self, schedule: Schedule, clock: RobotClock) -> None:
@@ -240,9 +244,9 @@ class Executor:
             end()
 
     def wake(self) -> None:
-        """Schedule the delivery of a new message at the current time, in the phase of processes."""
+        """Schedule the delivery of pending messages at the current time, in the phase `Phase.PROCESSES`."""
         if self._cancel_wake_up is None and not self._running:
-            # A periodic task, cancelled after its first call.
+            # `spin_some` cancels this periodic task, so that it runs only once.
             self._cancel_wake_up = self._schedule.every(
                 1.0, Phase.PROCESSES, lambda now: self.spin_some(), first=self._clock.now()
             )

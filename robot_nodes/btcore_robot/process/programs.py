@@ -33,19 +33,19 @@ PROGRAMS: dict[str, tuple[tuple[str, str], ...]] = {
     "displacement": ((_DETECTOR, "Displacement"),),
     "bridge": (("btcore_robot.process.robot_bridge", "RobotBridge"),),
 }
-"""The processes of every program: module and class of each."""
+"""The processes of every program, each as the names of its module and its class."""
 
 ProcessFactory = Callable[[ProcessContext, ProcessOptions], Process]
 
 
 class UnknownProgramError(RobotError):
-    """The program does not exist; the message lists the programs or suggests a name."""
+    """There is no program of that name. The message lists the programs or suggests a name."""
 
 
 def create_processes(
     program: str, context: ProcessContext, options: ProcessOptions | None = None
 ) -> list[Process]:
-    """Return the processes of *program*, which belong to the same executor.
+    """Create the processes of a program. Add all of them to the same executor.
 
     Args:
         program: The name of the program.

@@ -1,4 +1,7 @@
-"""The robot as a process with the book's topic names: publishes sensor data, subscribes to commands."""
+"""A process that connects the robot to topics: it publishes sensor data and subscribes to commands.
+
+The topic names are those of the book *A Concise Introduction to Robot Programming with ROS2*.
+"""
 
 from collections.abc import Callable
 
@@ -16,7 +19,7 @@ VELOCITIES = {"/cmd_vel": 10, "/nav_vel": 10, "/key_vel": 90, "/joy_vel": 100}
 """The velocity topics and the priority of each (twist_mux configuration of Tiago)."""
 
 PERIOD = 0.02
-"""The period (s) of the check for new data: the period of the odometry."""
+"""The period (s) of the check for new data, which is the period of the odometry."""
 
 
 class RobotBridge(Process):
@@ -41,7 +44,7 @@ class RobotBridge(Process):
         self.create_timer(PERIOD, self.publish)
 
     def publish(self) -> None:
-        """Publish new data."""
+        """Publish the scan, odometry, head position and image that are newer than the last published data."""
         robot = self.robot
         scan = robot.scan()
         if scan is not None and self._is_new(SCAN_TOPIC, scan.stamp):

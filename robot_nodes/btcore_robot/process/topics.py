@@ -1,4 +1,4 @@
-"""Typed topics: each subscription receives the published messages through a queue of its own."""
+"""Typed topics: each subscription has its own queue of published messages."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ class TopicError(RobotError):
 
 
 class Subscription(Generic[Message]):
-    """A callback's queue of at most *depth* messages; when it is full the oldest message is dropped.
+    """A queue of at most *depth* messages for a callback. When it is full, the oldest message is dropped.
 
     *wake* is called when a message arrives. *lost* is the number of dropped messages.
     """
