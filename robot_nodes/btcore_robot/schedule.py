@@ -1,9 +1,9 @@
 """Clocks with a schedule of periodic tasks, for worlds, robots and programs without a robot.
 
 `RealTime` follows the wall clock, `SimulatedTime` jumps from one due task to the next. Both run their tasks
-on the thread that waits, one at a time, in the order of due times, then of ranks, then of the calls of
-`every`. The k-th period of a task at *hertz* ends ``k * 1e9 / hertz`` ns after its start, rounded down, so
-that no error accumulates.
+on the thread that waits, one at a time, in the order of due times. At the same time, tasks run in the order
+of ranks; with the same rank, in the order of the calls of `every`. The k-th period of a task at *hertz* ends
+``k * 1e9 / hertz`` ns after its start, rounded down, so that no error accumulates.
 """
 
 import heapq

@@ -1,4 +1,4 @@
-"""The number of the robot's contacts with other bodies: collisions (fast) and grazes (slow)."""
+"""A counter of the robot's contacts with other bodies: collisions (fast) and grazes (slow)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -29,7 +29,7 @@ class Fault:
 
 
 class FaultSchedule:
-    """All failures of one run."""
+    """The failures of a run: which part has failed at which time."""
 
     def __init__(self, faults: Sequence[Fault] = ()) -> None:
         self._faults = tuple(faults)

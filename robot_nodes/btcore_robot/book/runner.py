@@ -109,7 +109,7 @@ class BookRunner:
 
     @property
     def robot(self) -> Robot:
-        """The robot. A run without a robot must not use it."""
+        """The robot. Do not use this property in a run without a robot."""
         return cast(Robot, self.context.robot)
 
     def add(self, *processes: Process) -> None:

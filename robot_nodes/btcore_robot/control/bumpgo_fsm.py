@@ -28,7 +28,7 @@ SCAN_TIMEOUT = 1 * NS_PER_S
 DIAGONAL = math.pi / 4
 """The angle (rad) of a diagonal, to the left and to the right."""
 AHEAD = math.radians(30.0)
-"""The angle (rad) to each side of a direction within which there must be no obstacle for a free direction.
+"""A direction is free if there is no obstacle within this angle (rad) to either side.
 
 At 1 m this is 0.5 m to each side: the robot's radius and 0.2 m of margin.
 """
@@ -102,7 +102,7 @@ class BumpGo(Process):
         self.changes += 1
 
     def forward(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Drive forward."""
+        """Return the velocity forward; the next state is BACK at an obstacle, STOP without a recent scan."""
         next_state = None
         if self.is_stale(scan):
             next_state = BumpGoState.STOP
@@ -112,16 +112,16 @@ class BumpGo(Process):
         return Twist2D(SPEED_LINEAR, 0.0), next_state
 
     def back(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Drive backwards."""
+        """Return the velocity backwards; the next state after 2 s is TURN."""
         # Strictly more than the time, as in the book.
         return Twist2D(-SPEED_LINEAR, 0.0), BumpGoState.TURN if elapsed > BACKING_TIME else None
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Turn to the left."""
+        """Return the velocity of a turn to the left; the next state after 2 s is FORWARD."""
         return Twist2D(0.0, SPEED_ANGULAR), BumpGoState.FORWARD if elapsed > TURNING_TIME else None
 
     def stop(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Stand until there is a recent scan."""
+        """Return the velocity 0; the next state is FORWARD when there is a recent scan."""
         return Twist2D(0.0, 0.0), None if self.is_stale(scan) else BumpGoState.FORWARD
 
     def is_stale(self, scan: LaserScan) -> bool:
@@ -183,7 +183,7 @@ class Diagonals(BumpGo):
         super().enter(state)
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Turn to the chosen side."""
+        """Return the velocity of a turn to the chosen side; the next state after 2 s is FORWARD."""
         twist, next_state = super().turn(scan, elapsed)
         return Twist2D(twist.v, self.side * twist.w), next_state
 
@@ -203,7 +203,7 @@ class OpenLoop(BumpGo):
         super().enter(state)
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Turn by the chosen angle, for the time that was computed for it."""
+        """Return the velocity of the turn; the next state is FORWARD after the time for the angle."""
         needed = abs(self.angle) / SPEED_ANGULAR * NS_PER_S
         return Twist2D(0.0, math.copysign(SPEED_ANGULAR, self.angle)), (
             BumpGoState.FORWARD if elapsed >= needed else None
@@ -218,6 +218,6 @@ class ClosedLoop(OpenLoop):
     """
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Turn until the laser shows free space ahead."""
+        """Return the velocity of the turn; the next state is FORWARD when there is free space ahead."""
         done = clearance_ahead(scan) >= 2 * OBSTACLE_DISTANCE or elapsed > LONGEST_TURN * NS_PER_S
         return Twist2D(0.0, math.copysign(SPEED_ANGULAR, self.angle)), BumpGoState.FORWARD if done else None

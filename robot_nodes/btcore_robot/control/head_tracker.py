@@ -22,7 +22,8 @@ class PID:
 
     The size of the error is first scaled. Below *min_error* the scaled size is 0, and above *max_error* it is
     *max_output*. In between it is ``min_output + size * (max_output - min_output)``. The gains apply to the
-    scaled error. Each call multiplies the integral by 2/3. The default gains are from the book's class.
+    scaled error, which keeps its sign. Each call multiplies the integral by 2/3. The default gains are from
+    the book's class.
 
     Args:
         min_error: The size of an error below which it counts as 0.
@@ -132,7 +133,7 @@ class HeadTracker(LifecycleComponent):
         return True
 
     def on_activate(self) -> bool:
-        """Start the periodic steps."""
+        """Start to call `step` at the rate of the tuning."""
         self._command = None
         self._stop_steps = self.robot.schedule.every(self.tuning.rate, Phase.HEAD, self.step)
         return True

@@ -118,7 +118,7 @@ class Avoidance(Process):
         self.scan = scan
 
     def field(self, scan: LaserScan) -> Forces:
-        """Return the forces for *scan*."""
+        """Return the forces if only the nearest reading of *scan* repels the robot."""
         return forces_from_nearest(scan)
 
     def velocity(self, result: Vector) -> Twist2D:
@@ -145,7 +145,7 @@ class AvoidanceFromAll(Avoidance):
     """
 
     def field(self, scan: LaserScan) -> Forces:
-        """Return the forces for *scan*."""
+        """Return the forces if all near readings of *scan* repel the robot."""
         return forces_from_all(scan)
 
     def velocity(self, result: Vector) -> Twist2D:

@@ -27,8 +27,8 @@ class BatteryChecker(Condition):
     The estimate (0–100) is the blackboard entry ``battery_level``. A missing entry starts with the level that
     the robot reports, or with 100 if the robot does not report a level. Each tick lowers the estimate by the
     charge that the time since the last tick uses at the currently commanded velocity. After a period without
-    ticks, the whole period counts with this velocity, as in the book *A Concise Introduction
-    to Robot Programming with ROS2*.
+    ticks, the whole period counts with this velocity, as in the book *A Concise Introduction to Robot
+    Programming with ROS2*.
     """
 
     low: Annotated[In[float], "The level (0–100) below which the check fails."] = 10.0

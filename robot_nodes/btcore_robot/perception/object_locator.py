@@ -142,7 +142,7 @@ class ObjectLocator(LifecycleComponent):
         return self.robot.camera_info is not None
 
     def on_activate(self) -> bool:
-        """Start the periodic steps."""
+        """Start to call `step` at `RATE`."""
         self._stop_steps = self.robot.schedule.every(RATE, Phase.HEAD, self.step)
         return True
 

@@ -211,7 +211,7 @@ class Executor:
         self._running = False
 
     def add(self, process: Process) -> None:
-        """Run *process* from now on."""
+        """Run the timers of *process* and deliver its messages from now on."""
         process.executor = self
         self.processes.append(process)
         for timer in process.timers:
@@ -219,7 +219,7 @@ class Executor:
         self.wake()
 
     def remove(self, process: Process) -> None:
-        """Stop running *process*."""
+        """Stop the timers of *process* and the delivery of its messages."""
         self.processes.remove(process)
         process.executor = None
         for timer in process.timers:
