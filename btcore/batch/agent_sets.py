@@ -67,7 +67,11 @@ class AgentSets:
         return np.flatnonzero(self.mask(agents))
 
     def from_user_mask(self, mask: object) -> int:
-        """Return the set that a user's *mask* selects; None = all agents. Raise BtcoreError for no mask."""
+        """Return the set of the agents that a user's *mask* selects; None selects all agents.
+
+        Raises:
+            BtcoreError: *mask* is not an array of bools of shape (agents,).
+        """
         if mask is None:
             return self.all_agents
         wanted = f"a mask must have {self.count} bools, one per agent"
@@ -81,7 +85,10 @@ class AgentSets:
 
 
 class Counters:
-    """A counter for each agent, from 0, as binary digits: plane *k* is the set of the agents with bit *k*."""
+    """A counter for each agent, initially 0.
+
+    The counts are stored as bit planes: plane *k* is the set of the agents whose count has bit *k* set.
+    """
 
     def __init__(self) -> None:
         self.planes: list[int] = []
@@ -130,7 +137,7 @@ class Counters:
         return agents
 
     def numbers(self, agent_sets: AgentSets) -> NDArray[np.int64]:
-        """Return the counts of all agents."""
+        """Return the counts of all agents, shape (agents,)."""
         counts = np.zeros(agent_sets.count, dtype=np.int64)
         for index, plane in enumerate(self.planes):
             counts += agent_sets.mask(plane).astype(np.int64) << index
@@ -138,9 +145,10 @@ class Counters:
 
 
 class UnaryCounters:
-    """A counter for each agent, up to a small maximum: level *k* is the set of the agents with more than *k*.
+    """A counter for each agent, from 0 to a small *maximum*.
 
-    Unlike :class:`Counters`, it compares counts without any computation.
+    Level *k* is the set of the agents whose count is greater than *k*. So a comparison is a look-up, without
+    the computation that :class:`Counters` needs.
     """
 
     def __init__(self, maximum: int) -> None:
@@ -153,7 +161,7 @@ class UnaryCounters:
         return copy
 
     def add(self, agents: int) -> None:
-        """Increment the counts of *agents*."""
+        """Increment the counts of *agents* that are below the maximum."""
         for index, level in enumerate(self.levels):
             self.levels[index] = level | agents
             agents &= level
@@ -161,7 +169,7 @@ class UnaryCounters:
                 return
 
     def at_least(self, number: int) -> int:
-        """Return the agents whose count is *number* or more; -1 (all agents) for 0."""
+        """Return the agents whose count is *number* or more; -1 (all bits set, all agents) for 0 or less."""
         return -1 if number <= 0 else self.levels[number - 1] if number <= len(self.levels) else 0
 
     def clear(self, agents: int) -> None:

@@ -1,4 +1,4 @@
-"""A scope of a batch's blackboard, for users: columns by key."""
+"""The blackboard of a batch, as user code accesses it: the entries of one scope, by key."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -11,11 +11,12 @@ from btcore.errors import BlackboardError, BtcoreError, ConversionError
 
 
 class BatchBlackboard:
-    """The entries of one scope; each entry is an array with the values of all agents.
+    """The entries of one scope (a subtree's blackboard); an entry is an array with the values of all agents.
 
-    ``board["battery"]`` returns the array itself, of shape (agents,): float64, int64, bool, or object for
-    texts and other values. It may be modified. An entry of shape (agents, …) is of float64.
-    ``board["battery"] = …`` accepts such an array, or a single value for all agents.
+    ``board["battery"]`` returns the stored array, not a copy: to modify the array is to modify the entry. Its
+    shape is (agents,), and its dtype float64, int64, bool, or object for texts and other values. An array of
+    shape (agents, …), with several numbers for each agent, is float64. ``board["battery"] = …`` accepts an
+    array of any of these kinds, or a single value for all agents.
     """
 
     def __init__(self, columns: ColumnTable, scope: Blackboard) -> None:
@@ -42,11 +43,15 @@ class BatchBlackboard:
 
         Raises:
             BlackboardError: The values do not fit the type of the entry, or the array has another shape.
+            BtcoreError: *mask* is not an array of bools of shape (agents,).
         """
         self._set(key, values, mask, True)
 
     def initialise(self, key: str, values: Any) -> None:
-        """Write the first values of *key*, and keep the type of an entry of the plan. See :meth:`set`."""
+        """Write the initial values of *key*, as :meth:`set` does, but never determine the type of an entry.
+
+        Loading the ordinary tree has determined the types already.
+        """
         self._set(key, values, None, False)
 
     def _set(self, key: str, values: Any, mask: Mask | None, infer: bool) -> None:
@@ -59,7 +64,7 @@ class BatchBlackboard:
             store(slot, agents, value, lambda _, error: errors.append(error), infer)
         except ConversionError as error:
             errors.append(error)
-        # The values of agents without an error are written.
+        # At this point the values of the agents without an error have been written.
         if errors:
             raise BlackboardError(f"cannot write the blackboard entry '{key}': {errors[0]}") from errors[0]
 

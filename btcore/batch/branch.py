@@ -1,4 +1,4 @@
-"""Branches and switches of a batch."""
+"""IfThenElse, WhileDoElse and Switch of a batch."""
 
 from typing import Any
 
@@ -11,10 +11,10 @@ from btcore.nodes.switch import values_equal
 
 
 class BranchNode(BatchNode):
-    """A node with a condition and one or two branches."""
+    """The base class of nodes with a condition and one or two branches."""
 
     def check_child_count(self, agents: int) -> bool:
-        """Return whether there are two or three children; if not, fail for *agents*."""
+        """Return whether there are two or three children; if not, record an error for *agents*."""
         count = len(self.children)
         if count in (2, 3):
             return True
@@ -28,7 +28,7 @@ class IfThenElse(BranchNode):
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
-        # For each child, the agents that have chosen it; nothing for the condition.
+        # For each child, the agents for which the condition has chosen it. Element 0, the condition, stays 0.
         self._chosen = [0, 0, 0]
 
     def tick(self, agents: int) -> Results:
@@ -60,7 +60,7 @@ class IfThenElse(BranchNode):
         return results
 
     def halt(self, agents: int) -> None:
-        """Halt the children; the condition is ticked again next time."""
+        """Halt the children, and forget the choice: the next tick starts with the condition."""
         for index in (1, 2):
             self._chosen[index] ^= self._chosen[index] & agents
         super().halt(agents)
@@ -105,11 +105,11 @@ class Switch(BatchNode):
         self.variable = BatchInput(self, "variable")
         self.cases = [BatchInput(self, f"case_{number}") for number in range(1, plan.child_count[0])]
         self._running = [0] * len(children)
-        # The chosen child by the values of the variable and the cases.
+        # The index of the chosen child, by the values of the variable and the cases.
         self._choices: dict[tuple[Any, ...], int] = {}
 
     def tick(self, agents: int) -> Results:
-        """Tick each agent's child, after halting another child that is RUNNING."""
+        """Tick the child that each agent's values choose. If another child is RUNNING, halt it before."""
         children = self.children
         if len(children) != len(self.cases) + 1:
             message = f"<{self.id}> takes {len(self.cases)} cases and a default, not {len(children)} children"
@@ -133,7 +133,7 @@ class Switch(BatchNode):
         return results
 
     def _chosen(self, agents: int) -> list[int]:
-        """Return the agents that tick each child."""
+        """Return, for each child, those of *agents* for which it is chosen."""
         chosen = [0] * len(self.children)
         groups: list[tuple[tuple[Any, ...], int]] = [((), agents)]
         for port in (self.variable, *self.cases):

@@ -17,9 +17,9 @@ Values: TypeAlias = NDArray[Any]
 
 
 class Form(IntEnum):
-    """The kind of elements in an array of values."""
+    """The kind of the values in an array."""
 
-    NUMBER = 0  # int64 or float64; a set of agents records which of the float64 count as integers
+    NUMBER = 0  # int64 or float64; a set of agents records which float64 values count as integers
     TRUTH = 1  # bools
     TEXT = 2  # str objects
     OBJECT = 3  # any Python objects; None = no value
@@ -39,7 +39,7 @@ class BatchValue(NamedTuple):
     Attributes:
         data: An array with a value for each agent, or a single value for all agents.
         form: The kind of the values.
-        integers: The agents whose number is an integer, although *data* may be real.
+        integers: The set of the agents whose number counts as an integer, even if *data* is float64.
     """
 
     data: Any
@@ -48,7 +48,7 @@ class BatchValue(NamedTuple):
 
 
 def dtype_of(kind: ValueType) -> "np.dtype[Any]":
-    """Return the dtype in which leaves get values of *kind*."""
+    """Return the dtype of the array in which a leaf gets values of the type *kind*."""
     if isinstance(kind, BoolType):
         return np.dtype(np.bool_)
     if isinstance(kind, EnumType) or kind is UINT64:
@@ -74,7 +74,7 @@ def infer_type(data: Any) -> ValueType:
 
 
 def to_objects(value: BatchValue, agent_sets: AgentSets, agents: int) -> Values:
-    """Return the values of *agents* as an array of Python objects; other elements are unspecified."""
+    """Return the values of *agents* as an array of Python objects; elements of other agents are arbitrary."""
     data, form, integers = value
     integers &= agents
     if np.ndim(data) == 0:
@@ -102,15 +102,17 @@ def to_objects(value: BatchValue, agent_sets: AgentSets, agents: int) -> Values:
 class Column:
     """The values of one blackboard entry for all agents.
 
-    Leaves may keep what they have read. So the first write after a read replaces the array by a copy. If a
-    user holds the array (*is_shared*), it stays in place, and leaves get copies instead.
+    Leaves may keep the arrays that they have read, and these must not change. So the first write after a read
+    replaces the array by a copy. But if user code has got the array from :meth:`shared_array` (*is_shared*),
+    the array is never replaced for this reason, and leaves get copies instead.
 
     Attributes:
         entry: The entry in the batch's scope; its declared type applies to all agents.
         exists: The agents that have the entry.
         written: The agents that have a value.
-        values: The array; None before the first write. Integers of more than 53 bits are Python objects.
-        integers: The agents whose number counts as an integer although *values* are float64.
+        values: The array; None before the first write. It contains Python objects if an integer needs more
+            than 53 bits.
+        integers: The agents whose number counts as an integer although *values* is float64.
     """
 
     def __init__(self, name: str, entry: Entry, agent_sets: AgentSets, exists: int) -> None:
@@ -131,7 +133,7 @@ class Column:
         return self.entry.declared
 
     def integers_among(self, agents: int) -> int:
-        """Return those of *agents* whose number is an integer."""
+        """Return those of *agents* whose number counts as an integer."""
         if self.values is not None and self.values.dtype == np.int64:
             return agents
         return self.integers & agents
@@ -145,14 +147,14 @@ class Column:
         return self._view
 
     def shared_array(self) -> Values:
-        """Return the array itself, which a user may keep, and modify between two ticks."""
+        """Return the stored array, which user code may keep, and may modify between two ticks."""
         self._release_view()
         assert self.values is not None
         self.is_shared = True
         return self.values
 
     def refresh(self) -> None:
-        """Make leaves read the array again, because a user may have modified it."""
+        """Discard the copy for leaves, because user code may have modified the array since."""
         if self.is_shared:
             self._view = None
 
@@ -194,13 +196,13 @@ class Column:
         self.written |= agents
 
     def _release_view(self) -> None:
-        """Leave the array to the leaves that have read it, unless they have read a copy."""
+        """Before a write, replace the array by a copy if leaves may hold a view of it."""
         if self._view is not None and not self.is_shared and self.values is not None:
             self.values = self.values.copy()
         self._view = None
 
     def put_objects(self, agents: int, objects: Values) -> None:
-        """Store Python objects for *agents*, as numbers, bools or texts if all of them are such."""
+        """Store Python objects for *agents*. If all are numbers, all bools or all texts, use that form."""
         if not agents:
             return
         mask = self.agent_sets.mask(agents)
@@ -256,14 +258,14 @@ class Column:
 class ColumnTable:
     """The columns of a batch, by scope and key.
 
-    The scopes are blackboards without values, copied from those of the plan, the ordinary tree. So remapping,
-    ``@`` and autoremap work as for a single agent. Each entry of a scope has one column, which starts with
-    the plan's value for all agents.
+    The plan is the ordinary tree from which the batch is compiled. The scopes are copies of the plan's
+    blackboards, without values. So remapping, ``@`` and autoremap work as for a single agent. Each entry of a
+    scope has one column, which starts with the plan's value for all agents.
 
     Attributes:
-        scopes: The scopes, by the identity of the plan's blackboards.
-        version: The number of entries that were created after the batch. A :class:`Slot` caches its column
-            until the version changes.
+        scopes: The scopes, by the ``id()`` of the plan's blackboards.
+        version: The number of entries that were created since the creation of the batch. A :class:`Slot`
+            caches its column until the version changes.
     """
 
     def __init__(self, plan: Tree, agent_sets: AgentSets, clock: Clock) -> None:
@@ -298,7 +300,7 @@ class ColumnTable:
         return None if entry is None else self.column_of(entry, key)
 
     def create(self, board: Blackboard, key: str, declared: ValueType = ANY) -> Column:
-        """Return the column of *key*; create it at the end of the remappings if needed.
+        """Return the column of *key*; if needed, create the entry in the last scope of its remappings.
 
         Raises:
             BlackboardError: The key cannot be created, or has another type.
@@ -312,7 +314,8 @@ class ColumnTable:
     def column_for_write(self, board: Blackboard, key: str) -> tuple[Column, bool]:
         """Return the column to which *key* is written, and whether it belongs to the scope *board* itself.
 
-        It differs from :meth:`create` if a remapped key contains an ``@``, as in ``Blackboard.set``.
+        If *key* is remapped to a key that begins with ``@``, the ``@`` is an ordinary character of that key,
+        unlike in :meth:`create`. ``Blackboard.set`` does the same.
 
         Raises:
             BlackboardError: The key cannot be created.
@@ -329,7 +332,7 @@ class ColumnTable:
         return self.column_of(entry, key), False
 
     def refresh(self) -> None:
-        """Make leaves read all arrays again that users may have modified between two ticks."""
+        """Discard the copies for leaves of all arrays that user code may have modified between two ticks."""
         for column in self._columns.values():
             column.refresh()
 
@@ -342,7 +345,7 @@ class ColumnTable:
 
 
 class Slot:
-    """A key in one scope. Its columns are looked up again only after entries were created."""
+    """A key in one scope, which caches the column of the key until an entry is created anywhere."""
 
     def __init__(self, columns: ColumnTable, board: Blackboard, key: str) -> None:
         self.columns = columns
@@ -369,5 +372,9 @@ class Slot:
         return self._for_write
 
     def get_or_create_column(self, declared: ValueType = ANY) -> Column:
-        """Return the column; create it with the type *declared* if needed. Raise BlackboardError."""
+        """Return the column; create it with the type *declared* if needed.
+
+        Raises:
+            BlackboardError: The key cannot be created, or has another type.
+        """
         return self.column or self.columns.create(self.board, self.key, declared)

@@ -1,4 +1,4 @@
-"""Compilation of an ordinary tree to the nodes of a batch."""
+"""Compilation of an ordinary tree, the plan, to the nodes of a batch."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -16,7 +16,10 @@ from btcore.tree.tree import Tree
 
 
 def batch_class(cls: type[TreeNode]) -> type[BatchNode] | None:
-    """Return the counterpart in the batch engine that *cls* itself declares, not a base class."""
+    """Return the class of the batch engine that replaces *cls*, or None.
+
+    Only a declaration in *cls* itself counts: a subclass may behave differently from its base class.
+    """
     declared = vars(cls).get("batch_class", "")
     if not declared:
         return None
@@ -30,7 +33,7 @@ class BatchCompiler:
 
     Args:
         context: The shared state of the batch.
-        leaves: The leaves by ID.
+        leaves: The declarations of the leaves, by registration ID.
 
     Attributes:
         nodes: All nodes, in pre-order after :meth:`compile`.
@@ -43,7 +46,11 @@ class BatchCompiler:
         self._diagnostics: list[Diagnostic] = []
 
     def compile(self, tree: Tree) -> BatchNode:
-        """Return the root for *tree*. Raise TreeError with all nodes that the batch engine cannot run."""
+        """Return the root of the batch for *tree*.
+
+        Raises:
+            TreeError: The batch engine cannot run *tree*; the error lists all nodes that it cannot run.
+        """
         if tree.format != 4:
             message = f"the batch engine runs trees of format 4, and '{tree.id}' is of format {tree.format}"
             raise unsupported(tree.root.config, message, "convert it to format 4 with btcore convert")

@@ -12,7 +12,7 @@ from btcore.errors import NodeExecutionError
 
 
 class NodeLike(Protocol):
-    """A node of a batch, for modules that node.py imports."""
+    """The interface of ``BatchNode``, for modules that cannot import node.py because it imports them."""
 
     path: str
     id: str
@@ -27,14 +27,14 @@ class BatchContext:
     """The shared state of one batch.
 
     Attributes:
-        columns: The blackboards.
+        columns: The columns of the blackboard.
         resources: The objects that leaves can get by type.
         raised: The agents for which a node has raised in this tick. They take no further part in it, and are
             halted at its end.
         errors: The errors of this tick, each with its agents. Errors of one node with the same type and
             message are stored as one error.
         woken: The agents that must be ticked again without delay.
-        timers: All timers of the nodes.
+        timers: The timers of all nodes.
     """
 
     def __init__(self, columns: ColumnTable, clock: Clock, resources: Sequence[object]) -> None:

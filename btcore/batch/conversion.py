@@ -1,4 +1,4 @@
-"""Conversion of values between leaves, users and columns: the rules of :class:`ValueType` on arrays.
+"""Conversion of values between leaves, user code and columns: the rules of :class:`ValueType` on arrays.
 
 Values for which arrays are not exact enough are converted agent by agent, by the ordinary engine's code.
 """
@@ -29,11 +29,15 @@ from btcore.values import FLOAT, INT64, STRING, UINT64, ValueType
 from btcore.values.types import MAX_EXACT, BoolType, IntegerType, RealType
 
 FailureCallback = Callable[[int, BtcoreError], None]
-"""Is called with the agents whose value was rejected, and the error."""
+"""A function that is called with the set of the agents whose value was rejected, and the error."""
 
 
 def array_of(value: Any) -> Values:
-    """Return *value* as an array; a single value for all agents has no dimension. Raise ConversionError."""
+    """Return *value* as an array; a single value for all agents becomes an array of shape ().
+
+    Raises:
+        ConversionError: *value* cannot be an array, for example because its rows differ in length.
+    """
     try:
         return np.asarray(value)
     except ValueError as error:
@@ -41,10 +45,14 @@ def array_of(value: Any) -> Values:
 
 
 def normalise_values(value: Any, agent_sets: AgentSets) -> BatchValue:
-    """Return what a leaf or a user has given, an array or a single value for all agents, in its form.
+    """Return *value*, from a leaf or from user code, as a :class:`BatchValue` of the fitting form.
+
+    Args:
+        value: An array with a value for each agent, or a single value for all agents.
+        agent_sets: The agents of the batch.
 
     Raises:
-        ConversionError: It is not an array with a value for each agent.
+        ConversionError: The length of the array is not the number of agents, or *value* cannot be an array.
     """
     array = array_of(value)
     if array.ndim == 0:
@@ -77,10 +85,13 @@ def normalise_values(value: Any, agent_sets: AgentSets) -> BatchValue:
 def cast(
     value: BatchValue, kind: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
 ) -> tuple[Any, int]:
-    """Convert the values of *agents* to *kind*, as ``ValueType.cast`` does.
+    """Convert the values of *agents* to the type *kind*, as ``ValueType.cast`` does.
+
+    *fail* is called for the agents whose value cannot be converted.
 
     Returns:
-        The values, an array of the kind's dtype or a single value, and the agents whose value converts.
+        The converted values (an array, or a single value for all agents), and the agents whose value could
+        be converted.
     """
     data, form, integers = value
     if not kind.strong or (kind is STRING and form is TEXT) or (isinstance(kind, BoolType) and form is TRUTH):
@@ -121,7 +132,7 @@ def cast(
 
 
 def read_column(column: Column, kind: ValueType, agents: int, fail: FailureCallback) -> Values:
-    """Return the values of *column* for a leaf's port of *kind*. All *agents* must have a value."""
+    """Return the values of *column* for a leaf's port of the type *kind*. All *agents* must have a value."""
     values = column.readonly_view()
     if column.form is NUMBER and values.dtype == dtype_of(kind) and kind is not FLOAT:
         if not isinstance(kind, IntegerType) or column.kind is kind or kind is INT64:
@@ -137,11 +148,11 @@ def store(slot: Slot, agents: int, value: BatchValue, fail: FailureCallback, inf
     """Write values as ``Blackboard.set`` does: the first values determine the type of an untyped entry.
 
     Args:
-        slot: The key.
+        slot: The key, in the scope of the node that writes.
         agents: The agents whose values are written.
         value: The values.
-        fail: Is called for agents whose value does not fit the entry's type.
-        infer: Whether an untyped entry of the scope itself gets a type.
+        fail: Called with the agents whose value does not fit the entry's type, and the error.
+        infer: Whether the values determine the type of an untyped entry that is stored in the scope itself.
 
     Raises:
         BlackboardError: The entry cannot be created.
@@ -153,7 +164,7 @@ def store(slot: Slot, agents: int, value: BatchValue, fail: FailureCallback, inf
     agent_sets = column.agent_sets
     data, form, _ = value
     if not is_local:
-        # Behind a remapping, an entry accepts texts and values of its type, and does not convert.
+        # An entry that is reached by a remapping accepts texts and values of its type, and converts nothing.
         if not column.exists and not isinstance(data, str):
             entry.declared = infer_type(data)
             entry.inferred = True
@@ -174,7 +185,7 @@ def store(slot: Slot, agents: int, value: BatchValue, fail: FailureCallback, inf
 
 
 def _is_of(kind: ValueType, value: BatchValue, agents: int) -> bool:
-    """Return whether all values are certainly of *kind*, without checking each."""
+    """Return whether all values are certainly of *kind*, without a check of each value."""
     data, form, integers = value
     if form is NUMBER and isinstance(kind, RealType):
         return not integers & agents
@@ -184,7 +195,7 @@ def _is_of(kind: ValueType, value: BatchValue, agents: int) -> bool:
 
 
 def _reject_other_types(column: Column, objects: Values, agents: int, fail: FailureCallback) -> int:
-    """Return those of *agents* whose value is of the column's type; fail for the others."""
+    """Return those of *agents* whose value is of the column's type; call *fail* for the others."""
     kind = column.kind
     for index in column.agent_sets.indices(agents):
         if not kind.accepts(objects[index]):
@@ -195,7 +206,7 @@ def _reject_other_types(column: Column, objects: Values, agents: int, fail: Fail
 
 
 def _accepts(kind: ValueType, form: Form) -> bool:
-    """Return whether an entry of *kind* takes values of *form* without a check of each."""
+    """Return whether an entry of *kind* takes values of *form* without a check of each value."""
     if form is ROWS:
         return kind.python_type is np.ndarray
     if form is NUMBER:
@@ -208,7 +219,7 @@ def _accepts(kind: ValueType, form: Form) -> bool:
 def _adapt(
     objects: Values, kind: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
 ) -> int:
-    """Convert *objects* in place as for an entry of *kind*. Return the agents whose value converts."""
+    """Convert *objects* in place to values of an entry of *kind*. Return the agents without an error."""
     for index in agent_sets.indices(agents):
         value = objects[index]
         try:

@@ -27,7 +27,7 @@ class SubTree(BatchDecorator):
 
 
 class ResultDecorator(BatchDecorator):
-    """Ticks its child, and changes its result."""
+    """The base class of decorators that change the result of their child."""
 
     def tick(self, agents: int) -> Results:
         """Tick the child."""
@@ -35,7 +35,7 @@ class ResultDecorator(BatchDecorator):
         return self.map_results(*self.child.execute(agents))
 
     def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
-        """Return the results of the node for the results of its child."""
+        """Return the results of the node, given the results of its child."""
         raise NotImplementedError
 
 
@@ -104,7 +104,11 @@ class RunOnce(BatchDecorator):
 
 
 class RepeatedNode(BatchDecorator):
-    """Ticks its child until the child has completed as often as the limit requires; −1 = no limit."""
+    """The base class of Repeat and RetryUntilSuccessful, which tick the child until a count reaches a limit.
+
+    The count is the number of the child's successes if *continues_on_success*, else of its failures. The port
+    *limit_port* contains the limit; −1 = no limit.
+    """
 
     continues_on_success: ClassVar[bool] = True
     limit_port: ClassVar[str]
@@ -113,11 +117,11 @@ class RepeatedNode(BatchDecorator):
         super().__init__(plan, context, children)
         self.limit = BatchInput(self, self.limit_port)
         self._counts = Counters()
-        # A number for all agents if the limit is a literal, else an array.
+        # A number for all agents if the limit is a literal, else an array with the limit of each agent.
         self._limits: Any = None
 
     def tick(self, agents: int) -> Results:
-        """Tick the child repeatedly."""
+        """Tick the child. If a RUNNING child completes and the limit is not reached, tick it again at once."""
         agents = self._read_limits(agents)
         if not agents:
             return 0, 0, 0, 0
@@ -145,7 +149,7 @@ class RepeatedNode(BatchDecorator):
                 stopped |= stops
             active = self._below_limit(continues)
             done |= continues ^ active
-            # After a child that completed in its first tick, the node yields, and wakes the tree.
+            # After a child that completed in its first tick, return RUNNING and request another tick.
             yielding = active & fresh
             if yielding:
                 self.context.woken |= yielding
@@ -169,7 +173,7 @@ class RepeatedNode(BatchDecorator):
         return self.drop_failed(agents)
 
     def _update_limits(self, agents: int) -> None:
-        """Read the limits of *agents* again after the child has completed, if the class does so."""
+        """Read the limits of *agents* again after the child has completed. The default does nothing."""
 
     def _below_limit(self, agents: int) -> int:
         """Return those of *agents* whose count is below the limit."""

@@ -1,8 +1,8 @@
 """The leaves of a batch as their authors write them: a function or a class for all agents at once.
 
-Ports are declared as in the ordinary engine, but with the types of arrays: ``In[Floats]`` is a column of
-    doubles,
-``Put[Floats]`` a callable that takes a column.
+Ports are declared as in the ordinary engine, but with array types. A column is an array with a value for each
+agent, shape (agents,). A parameter ``In[Floats]`` gets a column of doubles; a parameter ``Put[Floats]`` gets
+a function that writes a column of doubles.
 """
 
 import inspect
@@ -39,7 +39,7 @@ Texts: TypeAlias = NDArray[np.object_]
 Rows: TypeAlias = Annotated[NDArray[np.float64], ANY]
 """A column with a row of numbers for each agent, of shape (agents, …)."""
 Statuses: TypeAlias = NDArray[np.uint8]
-"""A status for each agent, as an integer like :class:`Status`."""
+"""A column of statuses, as the integer values of :class:`Status`."""
 
 _OF_DTYPE: Final[dict[object, ValueType]] = {
     np.float64: DOUBLE,
@@ -61,7 +61,7 @@ class LeafParameter(NamedTuple):
 
     Attributes:
         name: The name.
-        port: The port, or None for another parameter.
+        port: The port; None if the parameter is not a port.
         annotation: The type, which determines the value of a parameter that is not a port.
         default: The default value, or UNSET.
         keyword: Whether the parameter is keyword-only.
@@ -80,7 +80,7 @@ class LeafDeclaration:
 
     Attributes:
         id: The registration ID.
-        base_class: The kind of the ordinary leaf that represents it in the plan, the ordinary tree.
+        base_class: The base class of the ordinary leaf that represents it in the plan, the ordinary tree.
         ports: The ports.
         parameters: The parameters of the function, or of the class's ``__init__``.
         implementation: The function, or the class, of which each node gets an instance.
@@ -93,7 +93,7 @@ class LeafDeclaration:
     implementation: "Callable[..., Any] | type[StatefulAction]"
 
     def stand_in(self) -> type[TreeNode]:
-        """Return an ordinary leaf class with the same ports, for the plan."""
+        """Return an ordinary leaf class with the same ports, with which the plan can be loaded."""
         ports = self.ports
 
         def tick(_: TreeNode, *__: object) -> Status:
@@ -111,7 +111,7 @@ class LeafDeclaration:
 
 
 class StatefulAction:
-    """An action of several ticks, for all agents at once.
+    """An action that may take several ticks, for all agents at once.
 
     Ports are annotated attributes: reading a port returns the column; assigning a port writes the values of
     the agents for which the method was called. Each method gets the mask of these agents, and is not called
@@ -127,15 +127,23 @@ class StatefulAction:
     """Returns the time (ns) of the batch's clock."""
 
     def on_start(self, mask: Mask) -> object:
-        """Start the action for the agents of *mask*, which are IDLE. Return what :func:`action` describes."""
+        """Start the action for the agents of *mask*, for which it is IDLE.
+
+        Returns:
+            The result of each agent, in one of the forms that :func:`action` lists. RUNNING is allowed.
+        """
         raise NotImplementedError(f"{type(self).__qualname__} has no on_start()")
 
     def on_running(self, mask: Mask) -> object:
-        """Continue the action for the agents of *mask*, which are RUNNING."""
+        """Continue the action for the agents of *mask*, for which it is RUNNING.
+
+        Returns:
+            The result of each agent, in one of the forms that :func:`action` lists. RUNNING is allowed.
+        """
         raise NotImplementedError(f"{type(self).__qualname__} has no on_running()")
 
     def on_halted(self, mask: Mask) -> None:
-        """Clean up for the agents of *mask*, which were halted while RUNNING."""
+        """Clean up for the agents of *mask*, for which the action was halted while RUNNING."""
 
 
 @overload
@@ -143,12 +151,12 @@ def action(function: F, /) -> F: ...
 @overload
 def action(*, ID: str | None = None) -> Callable[[F], F]: ...
 def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
-    """Make a function an action for all agents at once, which completes within its tick.
+    """Declare a function as an action for all agents at once, which completes within its tick.
 
     Parameters with In or Put are ports. A parameter of type Mask gets the mask of the ticked agents, Indices
     their indices. Any other parameter is a resource. The function returns an array of bools (True is SUCCESS)
     or of statuses (uint8), of shape (agents,), or a single bool or Status for all agents. Results for agents
-    that are not ticked are ignored. The status 0 (IDLE) is an error of this agent.
+    that are not ticked are ignored. For a ticked agent, the status 0 (IDLE) is an error.
 
     Args:
         function: The function.
@@ -162,7 +170,7 @@ def condition(function: F, /) -> F: ...
 @overload
 def condition(*, ID: str | None = None) -> Callable[[F], F]: ...
 def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
-    """Make a function a condition for all agents at once; see :func:`action`."""
+    """Declare a function as a condition for all agents at once; see :func:`action`."""
     return _marked(function, Condition, ID)
 
 
@@ -236,7 +244,7 @@ def _class_declaration(cls: type[StatefulAction], types: TypeRegistry) -> LeafDe
 
 
 class PortAttribute(property):
-    """A port as an attribute: reading returns the column, assigning writes it."""
+    """A port as an attribute: reading it returns the column, assigning to it writes the column."""
 
     def __init__(self, port: Port) -> None:
         self.port = port

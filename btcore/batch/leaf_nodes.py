@@ -25,7 +25,7 @@ class LeafNode(BatchNode):
     Args:
         plan: The ordinary leaf that represents the node.
         context: The shared state of the batch.
-        leaf: The declaration.
+        leaf: The declaration of the leaf.
     """
 
     def __init__(self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
@@ -33,7 +33,11 @@ class LeafNode(BatchNode):
         self.leaf = leaf
 
     def resource(self, parameter: LeafParameter) -> object:
-        """Return the value of a parameter that is not a port. Raise TreeError if there is none."""
+        """Return the value of a parameter that is not a port.
+
+        Raises:
+            TreeError: No resource has the parameter's type, and the parameter has no default.
+        """
         if parameter.annotation is Clock:
             return self.context.clock
         if parameter.annotation is NodeName:
@@ -48,7 +52,7 @@ class LeafNode(BatchNode):
         raise unsupported(self.config, message, "pass it to BatchTree.load(…, resources=[…])")
 
     def results(self, returned: object, agents: int) -> Results:
-        """Return what a leaf has returned for *agents* as sets of agents; invalid results are errors."""
+        """Convert the value *returned* by a leaf for *agents*; record an error for invalid results."""
         agent_sets = self.context.agent_sets
         if isinstance(returned, np.ndarray) and returned.shape == (agent_sets.count,):
             if returned.dtype == np.bool_:
@@ -81,7 +85,7 @@ class LeafNode(BatchNode):
         wrong = agents ^ (either | skipped)
         if skipped:
             wrong |= skipped & either
-        # A reduction is faster than the comparisons of all elements.
+        # The reduction is faster than a comparison of each element.
         if np.bitwise_or.reduce(returned) > 7 or np.bitwise_or.reduce(returned) < 0:
             wrong |= from_mask((returned > 4) | (returned < 0)) & agents
         if wrong:
@@ -166,7 +170,7 @@ class FunctionNode(LeafNode):
 
 
 class StatefulNode(LeafNode):
-    """A leaf with an instance of a class."""
+    """A leaf that calls the methods of an instance of a class."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
         super().__init__(plan, context, leaf)

@@ -1,7 +1,8 @@
-"""The base classes of all nodes of a batch: ticking, halting and stored statuses, as sets of agents.
+"""The base classes of all nodes of a batch: ticking, halting and stored statuses.
 
-For each agent, the order within a tick is the same as in :mod:`btcore.engine.node`. The order among agents
-does not matter, because agents share no state.
+A parameter *agents* is a set of agents (see :mod:`btcore.batch.agent_sets`), and so are stored statuses. For
+each agent, the order within a tick is the same as in :mod:`btcore.engine.node`. The order among agents does
+not matter, because agents share no state.
 """
 
 from typing import Final, TypeAlias
@@ -18,13 +19,16 @@ from btcore.errors import Diagnostic, TreeError
 from btcore.status import NodeType
 
 Results: TypeAlias = tuple[int, int, int, int]
-"""The agents with SUCCESS, FAILURE, RUNNING and SKIPPED; agents for which a node has raised are in no set."""
+"""The sets of the agents with the results SUCCESS, FAILURE, RUNNING and SKIPPED, in this order.
+
+Agents for which a node has raised an exception are in no set.
+"""
 
 NO_RESULTS: Final[Results] = (0, 0, 0, 0)
 
 
 def merge_results(first: Results, second: Results) -> Results:
-    """Return the results of two groups of agents."""
+    """Return the results of two groups of agents in one tuple."""
     return first[0] | second[0], first[1] | second[1], first[2] | second[2], first[3] | second[3]
 
 
@@ -39,9 +43,9 @@ class BatchNode:
     Constructors raise TreeError if the batch engine cannot run the node as it is used in the tree.
 
     Args:
-        plan: The ordinary node that it replaces.
+        plan: The node of the ordinary tree that this node replaces.
         context: The shared state of the batch.
-        children: Its children.
+        children: The children, in order.
 
     Attributes:
         board: The blackboard of the node's scope.
@@ -73,7 +77,7 @@ class BatchNode:
 
     @property
     def status(self) -> NDArray[np.uint8]:
-        """The stored status of each agent, as an integer like :class:`Status`."""
+        """The stored status of each agent, as the integer value of its :class:`Status`, shape (agents,)."""
         return status_array(self.context, self.success, self.failure, self.running, 0)
 
     def __repr__(self) -> str:
@@ -82,7 +86,7 @@ class BatchNode:
     # --- ticking
 
     def tick(self, agents: int) -> Results:
-        """Execute the node's own behavior for *agents*."""
+        """Execute the node's own behavior for *agents*, without its conditions."""
         raise NotImplementedError
 
     def execute(self, agents: int) -> Results:
@@ -142,7 +146,7 @@ class BatchNode:
             self.running ^= self.running & agents
 
     def halt(self, agents: int) -> None:
-        """Stop what is RUNNING for *agents*, and store IDLE."""
+        """Halt the RUNNING children for *agents*, and store IDLE."""
         self.reset_children(agents)
         self.reset(agents)
 
@@ -174,7 +178,7 @@ class BatchDecorator(BatchNode):
         self.child = children[0]
 
     def execute(self, agents: int) -> Results:
-        """Tick the node as any node, then reset a child that has completed."""
+        """Tick the node, then reset the child for the agents for which it has completed."""
         results = super().execute(agents)
         child = self.child
         completed = child.success | child.failure
@@ -186,7 +190,7 @@ class BatchDecorator(BatchNode):
 def status_array(
     context: BatchContext, success: int, failure: int, running: int, skipped: int
 ) -> NDArray[np.uint8]:
-    """Return a status for each agent, as an integer like :class:`Status`; IDLE for agents in no set."""
+    """Return the status of each agent as an integer, shape (agents,); IDLE for agents in no set."""
     agent_sets = context.agent_sets
     # RUNNING, SUCCESS, FAILURE and SKIPPED are 1, 2, 3 and 4: each of the three bits is a set of agents.
     low = agent_sets.mask(running | failure).view(np.uint8)
@@ -225,7 +229,7 @@ class BatchConditions:
         return success, failure, running, skipped
 
     def check_preconditions(self, node: BatchNode, agents: int) -> tuple[int, int, int, int]:
-        """Return the agents with SUCCESS, FAILURE and SKIPPED without a tick, and the agents to tick."""
+        """Return the agents with SUCCESS, FAILURE and SKIPPED due to a pre-condition, and those to tick."""
         success = failure = skipped = 0
         idle = agents ^ node.not_idle(agents)
         remaining = agents ^ idle
@@ -250,7 +254,7 @@ class BatchConditions:
         return success, failure, skipped, remaining | idle
 
     def run_postconditions(self, node: BatchNode, success: int, failure: int) -> None:
-        """Run ``_onSuccess``, ``_onFailure`` and ``_post``."""
+        """Run ``_onSuccess``, ``_onFailure`` and ``_post`` for the agents with these results."""
         if success and self.on_success is not None:
             self.on_success.run(success)
         if failure and self.on_failure is not None:
@@ -261,6 +265,6 @@ class BatchConditions:
                 self.post.run(completed)
 
     def run_on_halted(self, agents: int) -> None:
-        """Run ``_onHalted``."""
+        """Run ``_onHalted`` for *agents*, if the node has this script."""
         if self.on_halted is not None:
             self.on_halted.run(agents, "being halted")

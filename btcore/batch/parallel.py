@@ -1,4 +1,4 @@
-"""Parallels of a batch."""
+"""Parallel and ParallelAll of a batch."""
 
 from btcore.batch.agent_sets import UnaryCounters
 from btcore.batch.context import BatchContext
@@ -10,7 +10,7 @@ from btcore.nodes.parallel import threshold
 
 
 class ParallelNode(BatchNode):
-    """Ticks the children that have not completed, which differ between agents."""
+    """The base class of parallels. It stores, for each child, the agents for which it has completed."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
@@ -19,7 +19,7 @@ class ParallelNode(BatchNode):
         self._failures = UnaryCounters(len(children))
 
     def _forget(self, agents: int) -> None:
-        """Mark all children as not completed."""
+        """Mark all children as not completed for *agents*."""
         for index, completed in enumerate(self._completed):
             if completed:
                 self._completed[index] = completed ^ (completed & agents)
@@ -27,7 +27,7 @@ class ParallelNode(BatchNode):
         self._failures.clear(agents)
 
     def fail_impossible(self, agents: int, count: str) -> None:
-        """Fail for *agents*, because the node has too few children for *count*."""
+        """Record for *agents* that the node has too few children for *count*, such as "3 failures"."""
         message = f"{len(self.children)} children can never give {count}"
         self.context.fail(self, agents, NodeError(message))
 
@@ -46,7 +46,7 @@ class Parallel(ParallelNode):
         self.failure_count = BatchInput(self, "failure_count")
 
     def tick(self, agents: int) -> Results:
-        """Tick the children that have not completed, by groups of agents with the same counts."""
+        """Tick the children that have not completed, for each group of agents with the same port values."""
         results = NO_RESULTS
         for successes, group in self.success_count.groups(agents):
             for failures, subgroup in self.failure_count.groups(group):
@@ -88,7 +88,7 @@ class Parallel(ParallelNode):
                 active ^= won
                 self._forget(won)
                 self.reset_children(won)
-            # BehaviorTree.CPP tests with ==, so more failures than allowed do not count.
+            # BehaviorTree.CPP compares with ==: more failures than failure_count do not make the node fail.
             lost = active & self._failures.at_least(allowed)
             lost ^= lost & self._failures.at_least(allowed + 1)
             lost |= active & self._failures.at_least(count - needed + 1)
@@ -113,7 +113,7 @@ class ParallelAll(ParallelNode):
         self.max_failures = BatchInput(self, "max_failures")
 
     def tick(self, agents: int) -> Results:
-        """Tick the children that have not completed, by groups of agents with the same count."""
+        """Tick the children that have not completed, for each group of agents with the same port value."""
         results = NO_RESULTS
         for max_failures, group in self.max_failures.groups(agents):
             results = merge_results(results, self._tick(group, max_failures))

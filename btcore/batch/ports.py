@@ -18,7 +18,7 @@ class BatchInput:
     Args:
         node: The node.
         name: The name of the port.
-        port: The declaration of the port, if it differs from the ordinary node's.
+        port: The declaration of the port; None for the declaration of the ordinary node.
 
     Attributes:
         literal: The value for all agents, if :attr:`is_literal`.
@@ -55,7 +55,7 @@ class BatchInput:
         return self.slot is None and self.error is None
 
     def available(self, agents: int) -> int:
-        """Return those of *agents* that have a value; the tick of the others fails."""
+        """Return those of *agents* that have a value; record an error for the others."""
         if self.error is not None:
             self._report(agents, self.error)
             return 0
@@ -83,7 +83,7 @@ class BatchInput:
     def read(self, agents: int) -> Values:
         """Return the values of *agents*, which all have a value, in a read-only array of shape (agents,).
 
-        The tick of agents whose value does not convert fails; use ``drop_failed`` afterwards.
+        For agents whose value cannot be converted, an error is recorded. Use ``drop_failed`` afterwards.
         """
         if self.slot is None:
             if self._constant is None:
@@ -100,7 +100,7 @@ class BatchInput:
         return read_column(column, self.kind, agents, self._fail)
 
     def current(self) -> Values:
-        """Return the values of the agents that are being ticked; fail for agents without a value."""
+        """Return the values of the agents that are being ticked; record an error for agents without value."""
         agents = self.available(self.agents)
         if agents:
             return self.read(agents)
@@ -112,7 +112,7 @@ class BatchInput:
         self._report(agents, ConversionError(message))
 
     def groups_or(self, agents: int, default: Any) -> list[tuple[Any, int]]:
-        """Call :meth:`groups`, but use *default* for agents without a value instead of failing."""
+        """Call :meth:`groups`, but use *default* for agents without a value instead of an error."""
         if self.is_literal:
             return [(self.literal, agents)]
         self._is_quiet, self._without_value = True, 0
@@ -124,7 +124,7 @@ class BatchInput:
         return [*groups, (default, rest)] if rest else groups
 
     def groups(self, agents: int) -> list[tuple[Any, int]]:
-        """Return the different values of *agents*, each with its agents; agents without a value fail."""
+        """Return the distinct values, each with its agents; record an error for agents without a value."""
         if not self._is_quiet:
             self._without_value = 0
         agents = self.available(agents)
@@ -152,7 +152,7 @@ class BatchInput:
 
 
 class BatchOutput:
-    """An output port of one node. *agents* are the agents that the node is being ticked for."""
+    """An output port of one node. The attribute *agents* is the set of the agents to write for."""
 
     def __init__(self, node: BatchNode, name: str) -> None:
         self.node = node
@@ -173,6 +173,7 @@ class BatchOutput:
         Raises:
             NodeError: The tree does not give the port.
             BlackboardError: The port is not bound to a key.
+            ConversionError: *values* is an array of another length.
         """
         if self.kind is None:
             raise NodeError(f"<{self.node.id}> writes port [{self.name}], which the tree does not give")
@@ -193,7 +194,7 @@ class BatchOutput:
         store(self.slot, agents, value, self._fail)
 
     def _put_doubles(self, slot: Slot, agents: int, values: Any) -> bool:
-        """Write the most frequent case, an array of the column's own type, without conversion."""
+        """Write *values* without conversion, if they are doubles for a DOUBLE entry. Return False if not."""
         if type(values) is not np.ndarray or values.shape != self._shape or values.dtype != np.float64:
             return False
         column, _ = slot.column_for_write()

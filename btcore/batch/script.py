@@ -48,11 +48,11 @@ _NEGATED_COMPARISONS: Final[dict[str, Any]] = {
     ">=": np.less,
 }
 NO_VALUE: Final = BatchValue(0.0, NUMBER, 0)
-"""The result if no agents are left."""
+"""The result if no agents are left to evaluate for."""
 
 
 class ScriptRun:
-    """One evaluation of a script. If it fails for an agent, it ends for this agent, and so does the tick."""
+    """One evaluation of a script. An error for an agent ends the evaluation and the tick of this agent."""
 
     def __init__(self, node: NodeLike, doing: str) -> None:
         self.context = node.context
@@ -81,9 +81,10 @@ class ScriptRun:
 
         Args:
             agents: The agents.
-            function: Computes the result of a single agent.
+            function: Computes the result of a single agent, or raises ConversionError.
             values: The arguments.
-            script_error: Makes an error at the place in the script from the message of a ConversionError.
+            script_error: Returns an error with the position in the script, given the message of a
+                ConversionError.
 
         Returns:
             The results as Python objects, and the agents for which *function* did not fail.
@@ -114,7 +115,7 @@ class Scope(NamedTuple):
 
     Attributes:
         node: The node whose blackboard has the entries.
-        enums: The names of numbers.
+        enums: The numbers of the enum names.
         copies: Whether to copy the values of entries, because the same statement may change them.
     """
 
@@ -204,11 +205,11 @@ class BatchUnaryOperation(BatchExpression):
         self.operand = compile_expression(operation.operand, scope)
 
     def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
-        """Return the value after the operators, a real number."""
+        """Return the value after the operators, which is a real number for each agent."""
         value = self.operand.evaluate(run, agents)
         agents = run.drop_failed(agents)
         for sign in reversed(self.operation.signs):
-            # "~" needs the check of the range that the ordinary engine does.
+            # "~" is left to the ordinary engine, which checks the range of the operand.
             if is_number(value) and sign != "~":
                 data = to_doubles(value)
                 value = BatchValue(-data if sign == "-" else data == 0.0, NUMBER, 0)
@@ -275,7 +276,7 @@ class BatchBinaryOperations(BatchChain):
         return run.value_from_objects(results, agents)
 
     def _truths(self, value: BatchValue, agents: int) -> Any:
-        """Return the numbers as bools; None if some may not be convertible."""
+        """Return the numbers as bools; None if some of them may be invalid as bools."""
         data = value.data
         if not isinstance(data, np.ndarray):
             return bool(data) if data in (0, 1) else None
@@ -288,7 +289,7 @@ class BatchBinaryOperations(BatchChain):
 
 
 class BatchComparison(BatchChain):
-    """``a < b <= c``: true if each neighbouring pair is. After a false pair, the rest is not evaluated."""
+    """``a < b <= c``: true if each pair of neighbours is. After a false pair, the rest is not evaluated."""
 
     def __init__(self, comparison: Comparison, scope: Scope) -> None:
         super().__init__(comparison, scope)
@@ -374,7 +375,7 @@ class BatchConditional(BatchExpression):
         then, other = self.then.evaluate(run, chosen), self.other.evaluate(run, rest)
         mask = agent_sets.mask(chosen)
         if then.form is other.form and then.form in (NUMBER, TRUTH, TEXT):
-            # Texts as objects: numpy's own text type would change them.
+            # Texts stay objects, because the conversion to numpy's own text type would change them.
             first = np.asarray(then.data, dtype=object) if then.form is TEXT else then.data
             integers = then.integers & chosen | other.integers & rest
             return BatchValue(np.where(mask, first, other.data), then.form, integers)
@@ -472,7 +473,7 @@ class BatchAssignment(BatchExpression):
         stay_integers = column.integers_among(agents ^ new)
         unchecked = stay_integers ^ (stay_integers & integers)
         if unchecked:
-            # Real numbers for entries with integers: possible without a check of each if all are integral.
+            # Real numbers for entries with integers need no check of each number if all are integral.
             integral = (np.rint(data) == data) & (np.abs(data) <= MAX_EXACT)
             if isinstance(integral, np.ndarray):
                 unchecked ^= unchecked & run.agent_sets.from_mask(integral)
@@ -522,7 +523,7 @@ class BatchAssignment(BatchExpression):
 
 
 def compile_expression(expression: Expression, scope: Scope) -> BatchExpression:
-    """Return *expression* for a batch."""
+    """Return the counterpart of a parsed *expression* for a batch."""
     if isinstance(expression, Literal):
         return BatchLiteral(expression.value)
     if isinstance(expression, Name):
@@ -557,8 +558,8 @@ class BatchProgram:
             value = expression.value if isinstance(expression, Assignment) else expression
             scope = Scope(node, enums, copies=_has_assignment(value))
             self._statements.append(compile_expression(expression, scope))
-        # numpy warns of a division by zero and of overflow, which are not errors in scripts. Scripts that
-        # only compare do not need the context manager that turns the warnings off, which takes time.
+        # numpy warns of a division by zero and of overflow, which are not errors in scripts. The context
+        # manager that suppresses the warnings takes time, and scripts that only compare do not need it.
         self._is_quiet = not any(map(_computes, expressions))
 
     def run(self, agents: int, doing: str = "ticking") -> int:
@@ -568,7 +569,7 @@ class BatchProgram:
         return run.drop_failed(agents)
 
     def split(self, agents: int) -> tuple[int, int]:
-        """Return those of *agents* for which the last statement is true, and for which it is false."""
+        """Return those of *agents* for which the last statement is true, and those for which it is false."""
         run = ScriptRun(self.node, "ticking")
         value = self._evaluate(run, agents)
         agents = run.drop_failed(agents)
@@ -595,7 +596,10 @@ class BatchProgram:
 
 
 def select_true(run: ScriptRun, value: BatchValue, agents: int) -> int:
-    """Return those of *agents* for which *value*, the result of a condition, is true; others may fail."""
+    """Return those of *agents* for which *value*, the result of a condition, is true.
+
+    If the value of an agent is neither true nor false, an error is recorded for this agent.
+    """
     data, form, integers = value
     agent_sets = run.agent_sets
     if form is NUMBER or form is TRUTH:

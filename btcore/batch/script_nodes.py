@@ -33,7 +33,11 @@ class AlwaysFailure(BatchNode):
 
 
 def compile_port(node: BatchNode, port: str) -> BatchProgram:
-    """Compile the script in *port*. Raise TreeError for a script on the blackboard."""
+    """Compile the script in *port*.
+
+    Raises:
+        TreeError: The port is bound to a blackboard entry instead of a literal.
+    """
     bound = node.config.inputs[port]
     if bound.key is not None:
         message = f"the script of <{node.id}> is on the blackboard, where each agent may have another script"
@@ -69,7 +73,7 @@ class Precondition(BatchDecorator):
         super().__init__(plan, context, children)
         self.program = compile_port(self, "if")
         self.otherwise = BatchInput(self, "else")
-        # The agents for which the script was true, and the child has not completed since.
+        # The agents for which the script was true and the child has not completed since.
         self._going = 0
 
     def tick(self, agents: int) -> Results:
@@ -104,7 +108,7 @@ class Precondition(BatchDecorator):
 
 
 class SetBlackboard(BatchNode):
-    """Writes a text, or copies an entry."""
+    """Writes the text in `value` to an entry, or copies another entry to it."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)

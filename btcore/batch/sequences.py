@@ -11,7 +11,7 @@ from btcore.errors import NodeError
 
 
 class OrderedNode(BatchNode):
-    """Ticks its children in order, and remembers for each agent which child is next."""
+    """The base class of nodes that tick their children in order, and store each agent's next child."""
 
     continues_on_success: ClassVar[bool] = True
     yields: ClassVar[bool] = False
@@ -33,7 +33,7 @@ class OrderedNode(BatchNode):
             self._skips.clear(agents ^ self.not_idle(agents))
         self.set_running(agents)
         waiting: list[tuple[int, int]] = []
-        # Agents whose next child is not the first join at their next child.
+        # Agents whose next child is not the first enter the loop at their next child.
         active = agents
         for index in range(1, count):
             starts_here = next_child[index]
@@ -66,7 +66,7 @@ class OrderedNode(BatchNode):
             if skipped:
                 self._skips.add(skipped)
             active = continues | skipped
-        # Only now, because the loop would otherwise tick the next child in the same tick.
+        # Set only now, because the loop would otherwise tick the next child in the same tick.
         for index, yielding in waiting:
             next_child[index] |= yielding
         skipped = 0
@@ -81,16 +81,16 @@ class OrderedNode(BatchNode):
         return ended, completed, running, skipped
 
     def _remember(self, index: int, ticked: int, continues: int, running: int) -> None:
-        """Make the child *index* the next child of the agents that stay there."""
+        """Make the child *index* the next child of the agents that stay at it."""
         if index:
             self._next[index] |= running
 
     def _end_early(self, index: int, agents: int) -> None:
-        """Reset the children after the child *index* has ended the node for *agents*."""
+        """Reset children for *agents*, for which the result of the child *index* has ended the node."""
         self.reset_children(agents)
 
     def _forget(self, agents: int) -> None:
-        """Make the first child the next child."""
+        """Make the first child the next child of *agents*."""
         for index, starts_here in enumerate(self._next):
             if starts_here:
                 self._next[index] = starts_here ^ (starts_here & agents)
@@ -146,7 +146,7 @@ class SequenceWithMemory(OrderedNode):
 
 
 class ReactiveNode(BatchNode):
-    """Ticks its children from the first child in every tick; only one child can be RUNNING."""
+    """The base class of nodes that start every tick with the first child. Only one child can be RUNNING."""
 
     continues_on_success: ClassVar[bool] = True
 

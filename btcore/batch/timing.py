@@ -7,7 +7,7 @@ from btcore.engine.node import TreeNode
 
 
 class TimedDecorator(BatchDecorator):
-    """A decorator with a timer."""
+    """The base class of decorators with a timer."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
@@ -23,7 +23,7 @@ class TimedDecorator(BatchDecorator):
 
 
 class Timeout(TimedDecorator):
-    """Halts its child and fails if the child is still RUNNING some time after the start."""
+    """Halts its child and fails if the child is still RUNNING `msec` milliseconds after the start."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
@@ -68,7 +68,7 @@ class Timeout(TimedDecorator):
 
 
 class Delay(TimedDecorator):
-    """Is RUNNING until some time has passed since the start, then ticks its child."""
+    """Is RUNNING for `delay_msec` milliseconds, then ticks its child."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
@@ -100,7 +100,7 @@ class Delay(TimedDecorator):
 
 
 class Sleep(BatchNode):
-    """Is RUNNING for some time, then succeeds."""
+    """Is RUNNING for `msec` milliseconds, then succeeds."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)

@@ -31,8 +31,9 @@ class BatchNodeError(NodeExecutionError):
 
     Attributes:
         agents: The indices of the agents.
-        statuses: What the tick would have returned; IDLE for agents for which a node has raised.
-        later_errors: The errors of agents for which another node has raised, or the same node another error.
+        statuses: The array that the tick would have returned; IDLE for agents for which a node has raised.
+        later_errors: The other errors of the tick and of the halt after it, each a BatchNodeError: errors of
+            other nodes, or another error of the same node for other agents.
     """
 
     def __init__(self, error: NodeExecutionError, agents: Indices, statuses: Statuses) -> None:
@@ -52,7 +53,7 @@ class BatchTree:
     """A behavior tree that is ticked for many agents at once; each agent behaves as if it had its own tree.
 
     Args:
-        plan: The ordinary tree, which is not modified.
+        plan: The ordinary tree from which the batch is made. It is not modified.
         agents: The number of agents.
         leaves: Functions (``@batch.action``, ``@batch.condition``) and classes (``batch.StatefulAction``)
             that work on numpy arrays.
@@ -63,7 +64,7 @@ class BatchTree:
         nodes: All nodes in depth-first pre-order.
         blackboards: The scope of each subtree, by path; the path of the main tree is "".
         ticks: The number of ticks.
-        status: The result of each agent's last tick.
+        status: The result of each agent's last tick, shape (agents,); IDLE after a halt.
 
     Raises:
         TreeError: The batch engine cannot run a node.
@@ -143,7 +144,7 @@ class BatchTree:
         blackboard: Mapping[str, Any] | None = None,
         clock: Clock | None = None,
     ) -> "BatchTree":
-        """Load a tree from an XML *text*. Everything else is as in :meth:`load`."""
+        """Load a tree from the XML *text*; the other parameters and the errors are those of :meth:`load`."""
         leaves, registry, board = _prepare(leaves, nodes, blackboard, clock)
         plan = loads(text, nodes=registry, tree=tree, blackboard=board, clock=clock)
         return cls(plan, agents, leaves, resources)._initialise(blackboard)
@@ -162,15 +163,21 @@ class BatchTree:
             mask: The agents to tick, an array of shape (agents,); None = all agents.
 
         Returns:
-            A status for each agent, as an integer like :class:`Status`; 0 for agents that were not ticked.
+            The status of each agent, as the integer value of its :class:`Status`; 0 (IDLE) for agents that
+            were not ticked.
 
         Raises:
             BatchNodeError: A node has raised for some agents. The tick of the other agents is complete.
+            BtcoreError: *mask* is not an array of bools of shape (agents,).
         """
         return self._tick(self.agent_sets.from_user_mask(mask))
 
     def tick_once(self, mask: Mask | None = None) -> Statuses:
-        """Call :meth:`tick`, and repeat it for RUNNING agents that were woken."""
+        """Call :meth:`tick`, then tick RUNNING agents again while a wake-up is pending for them.
+
+        Nodes such as AsyncSequence and Delay request wake-ups. The parameter, the result and the errors are
+        those of :meth:`tick`.
+        """
         agents = self.agent_sets.from_user_mask(mask)
         statuses = self._tick(agents)
         while True:
@@ -200,7 +207,7 @@ class BatchTree:
         return statuses
 
     def _errors(self, statuses: Statuses) -> list[BatchNodeError]:
-        """Return the errors since the tick, or the halt, began."""
+        """Return the errors since the start of the tick or halt."""
         errors = self.context.errors.values()
         return [BatchNodeError(error, self.agent_sets.indices(agents), statuses) for error, agents in errors]
 
@@ -217,6 +224,7 @@ class BatchTree:
 
         Raises:
             BatchNodeError: A node has raised. All other nodes were halted.
+            BtcoreError: *mask* is not an array of bools of shape (agents,).
         """
         agents = self.agent_sets.from_user_mask(mask)
         np.copyto(self.status, 0, where=self.agent_sets.mask(agents))
@@ -259,7 +267,11 @@ class BatchTree:
         return self.blackboards[""]
 
     def node(self, path: str) -> BatchNode:
-        """Return the node with a full path or, if it is unique, with a name. Raise BtcoreError."""
+        """Return the node with the full path *path*, or the only node with the name *path*.
+
+        Raises:
+            BtcoreError: There is no such node, or several nodes have this name.
+        """
         found = [node for node in self.nodes if node.path == path]
         found = found or [node for node in self.nodes if node.name == path]
         if len(found) == 1:
@@ -282,9 +294,10 @@ class BatchTree:
 def _prepare(
     leaves: Sequence[Any], nodes: Registry | None, values: Mapping[str, Any] | None, clock: Clock | None
 ) -> tuple[list[LeafDeclaration], Registry, Blackboard]:
-    """Return what loading the plan needs: the leaves, a registry with their stand-ins, and a blackboard.
+    """Return the arguments for loading the plan: declarations of the leaves, a registry and a blackboard.
 
-    The blackboard contains the values of the first agent.
+    The registry contains an ordinary stand-in for each leaf. The blackboard contains the values of the first
+    agent.
     """
     registry = nodes.copy() if nodes is not None else Registry.standard()
     declarations = read_declarations(leaves, registry.types)
