@@ -2,15 +2,15 @@
 
     python benchmarks/batch.py [--pairs 9] [--agents 100 1000 10000 100000] [--json]
 
-The tree is that of a robot that recharges its battery: 20 nodes, with 8 leaves that have ports, two scripts
-and a subtree. The leaves compute the same in both engines: on numbers in the ordinary engine, on arrays in
-the batch. The agents start with different batteries, so they are at different places of the tree in every
-tick.
+The tree controls a robot that recharges its battery. It has 20 nodes, among them 8 leaves with ports, two
+scripts and a subtree. The leaves compute the same in both engines: with numbers in the ordinary engine, with
+arrays in the batch. The agents start with different battery levels, so that every tick executes different
+nodes for different agents.
 
 The ordinary engine ticks a tree for each agent, but at most 1,000 trees; the time for more agents is
 extrapolated, because the trees are independent. A thousand trees do not fit into the processor's caches, so
-the ratio to the throughput of ten trees is reported too. The engines run in pairs, and the order alternates
-from pair to pair. The figures are medians over the pairs, with quartiles.
+the ratio for ten trees (extrapolated likewise) is reported too. The engines run in pairs, and the order
+alternates from pair to pair. The figures are medians over the pairs, with quartiles.
 """
 
 import gc
@@ -29,11 +29,11 @@ from measure.report import Report, arguments, at_least
 
 MAX_TREES = 1_000
 CACHED_TREES = 10
-"""The number of trees that fit into the processor's caches."""
+"""A number of trees that fit into the processor's caches."""
 TICKS = 20
 THROUGHPUT = at_least(compiled=20, pure=20)
 TARGET_AGENTS = 1_000
-"""The number of agents from which the target applies."""
+"""The smallest number of agents to which the target applies."""
 
 DOCUMENT = """
 <root BTCPP_format="4" main_tree_to_execute="Main">
@@ -153,7 +153,7 @@ def batched(agents: list[dict[str, float]]) -> BatchTree:
 
 
 def check_same_results(agents: int) -> None:
-    """Check that both engines return the same statuses, and write the same batteries."""
+    """Assert that both engines return the same statuses and write the same battery levels."""
     values = initial_values(agents)
     trees, swarm = ordinary(values), batched(values)
     for _ in range(100):
@@ -170,12 +170,12 @@ def tick_all(ticks: Sequence[Callable[[], object]]) -> None:
 
 
 def rounds(trees: Sequence[btcore.Tree], swarm: BatchTree, count: int) -> Iterator[Mapping[str, Work]]:
-    """Yield *count* rounds and another for the warm-up; the engines are measured in alternating order."""
+    """Yield *count* rounds after a round for the warm-up; the order of the engines alternates."""
     ticks = [tree.tick_exactly_once for tree in trees]
     ordinary, batch = partial(tick_all, ticks), partial(tick_all, [swarm.tick])
     cached = partial(tick_all, ticks[:CACHED_TREES])
     for index in range(count + 1):
-        gc.collect()  # so that no engine pays for the garbage of the other
+        gc.collect()  # so that no engine collects the garbage of the other engine
         if index % 2:
             yield {"batch": batch, "ordinary": ordinary, "cached": cached}
         else:
@@ -183,7 +183,7 @@ def rounds(trees: Sequence[btcore.Tree], swarm: BatchTree, count: int) -> Iterat
 
 
 def compare(report: Report, agents: int) -> None:
-    """Add a row for *agents* agents."""
+    """Measure both engines with *agents* agents, and add a row to *report*."""
     given = initial_values(agents)
     trees, swarm = ordinary(given[:MAX_TREES]), batched(given)
     taken = measure_rounds(rounds(trees, swarm, report.pairs))

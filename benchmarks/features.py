@@ -5,8 +5,8 @@
 Each tree is a Sequence of 100 children, and is compared with the same tree without the feature: the ratio is
 the time for a child with the feature divided by the time without it. The leaves are classes written in
 Python; instead of a port, the leaf without the feature reads or writes a plain attribute. The leaves of
-py_trees access its blackboard by a client. A script is compared with Python's ``eval`` of the compiled
-expression.
+py_trees access py_trees' own blackboard by a client. A script is compared with Python's ``eval`` of the
+compiled expression.
 """
 
 from collections.abc import Callable
@@ -113,11 +113,11 @@ COMPARISONS = [
     ("py_trees, reading an entry / an input port", "py_trees reads", "port, an entry"),
     ("py_trees, writing an entry / an output port", "py_trees writes", "port written"),
 ]
-"""The text of each row, and the names of the two trees that are compared."""
+"""The text of each row, and the names of the two trees whose times are divided."""
 
 
 def grow(child: str) -> Tree:
-    """Return a Sequence of WIDTH children *child*."""
+    """Return a tree that is a Sequence of WIDTH copies of the XML element *child*."""
     nodes = Registry.standard()
     nodes.add(Succeed, HasAttribute, HasInput, SetsAttribute, HasOutput, without, with_input)
     main = f'<BehaviorTree ID="Main"><Sequence>{child * WIDTH}</Sequence></BehaviorTree>'
@@ -129,7 +129,7 @@ def grow(child: str) -> Tree:
 
 
 def evaluating() -> Work:
-    """Return the work of WIDTH scripts, done by Python's ``eval``: an expression and an assignment."""
+    """Return a function that does the same as WIDTH scripts ``n := n + 1``, with Python's ``eval``."""
     code = compile("n + 1", "script", "eval")
     names: dict[str, object] = {"__builtins__": {}, "n": 1}
     evaluate: Callable[..., object] = eval

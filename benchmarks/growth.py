@@ -4,9 +4,9 @@
 
 Each ratio is the cost per item (a node that is ticked or loaded, a level that is ticked, an entry that is
 read and written) at the size of the row, divided by the cost per item at the smallest size: 1 means that the
-cost per item does not depend on the size. The sizes are measured in turns, like the contenders of other
-benchmarks. Data that exceed the processor's caches slow down every program; a plain dict of the same size
-shows by how much.
+cost per item does not depend on the size. The sizes are measured in turns, as other benchmarks measure the
+programs that they compare. Data that exceed the processor's caches slow down every program; a plain dict of
+the same size shows by how much.
 
 Trees with many nodes are Sequences of up to 10 children, whose leaves are a class written in Python. Deep
 trees are chains of nested subtrees, and chains of Inverters that a Builder creates, since XML elements can be
@@ -32,11 +32,11 @@ DEPTHS = (10, 100, 1_000, 2_000)
 ENTRIES = (10, 100, 1_000, 10_000, 100_000)
 BRANCHES = 10
 LOADED_AT_LEAST = 1_000
-"""The smallest number of nodes whose loading is measured: below, the fixed costs of a load dominate."""
+"""The smallest number of nodes whose loading is measured: for fewer nodes, fixed costs dominate."""
 
 
 def bushy(size: int) -> str:
-    """Return a document whose tree has *size* nodes."""
+    """Return an XML document whose tree has *size* nodes: Sequences of up to 10 children, and leaves."""
 
     def grow(room: int) -> str:
         if room == 1:
@@ -70,20 +70,20 @@ def built(depth: int) -> Tree:
 
 
 def registry() -> Registry:
-    """Return a registry with the leaf of the trees."""
+    """Return a registry with Succeed, the leaf of the trees."""
     nodes = Registry.standard()
     nodes.add(Succeed)
     return nodes
 
 
 def board(entries: int) -> Work:
-    """Return work that reads and writes an entry of a blackboard, another entry each time."""
+    """Return a function that reads and writes an entry of a blackboard; each call uses the next entry."""
     blackboard = Blackboard()
     for key in (keys := shuffled_keys(entries)):
         blackboard[key] = 0
     steps = cycle(keys)
 
-    # Always another entry: the same entry would stay in the cache, whatever the size of the blackboard.
+    # Each call uses another entry, because a single entry would stay in the processor's cache.
     def work() -> None:
         key = next(steps)
         blackboard[key] = blackboard[key]
@@ -92,7 +92,7 @@ def board(entries: int) -> Work:
 
 
 def plain_dict(entries: int) -> Work:
-    """Return the same work with a dict, whose values are wrapped in objects as those of a blackboard are."""
+    """Return the counterpart of `board` for a dict of lists; a blackboard also wraps values in objects."""
     keys = shuffled_keys(entries)
     boxes: dict[str, list[object]] = {key: [0] for key in keys}
     steps = cycle(keys)
@@ -112,7 +112,7 @@ def shuffled_keys(entries: int) -> list[str]:
 
 
 class TreeGroup:
-    """As few trees as possible that have *size* nodes together: a tree has at most 65,535."""
+    """As few trees as possible that have *size* nodes together, since a tree has at most 65,535 nodes."""
 
     def __init__(self, size: int) -> None:
         trees = -(-size // MAX_NODES)
@@ -127,11 +127,11 @@ class TreeGroup:
         return words if len(self.texts) == 1 else f"{words} in {len(self.texts)} trees"
 
     def load(self, nodes: Registry) -> list[Tree]:
-        """Return the trees."""
+        """Load the trees."""
         return [btcore.loads(text, nodes=nodes) for text in self.texts]
 
     def ticked(self, nodes: Registry) -> Work:
-        """Return work that ticks all trees, one after the other."""
+        """Return a function that ticks all trees, one after the other."""
         ticks = [tree.tick_once for tree in self.load(nodes)]
         if len(ticks) == 1:
             return ticks[0]
@@ -173,9 +173,9 @@ def add(report: Report, what: str, sizes: Mapping[str, int], taken: Measured, un
 
     Args:
         report: The report.
-        what: The name of the rows, with {} for the size.
+        what: The name of the rows, with ``{}`` for the text in *sizes*.
         sizes: The number of nodes or levels, by the text for the row.
-        taken: The times, by the number of nodes or levels.
+        taken: The measured times, by the number of nodes or levels (as text).
         unit: The unit of the time per node or level.
     """
     ns = {"ns": 1, "µs": 1000}[unit]

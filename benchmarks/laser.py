@@ -2,12 +2,12 @@
 
     python benchmarks/laser.py [--pairs 15] [--worlds house aws_house] [--json]
 
-A scan of Tiago's laser has 666 rays, which are cast against all static and movable objects of the scene, and
-noise. The reference is pybullet's `rayTestBatch` with the same rays in the same world; it has neither noise
-nor the special values of REP 117, and its arguments are created before the measurement. Both must find the
-same distances. The scans are made at the scene's waypoints, in turn. A pair consists of a scan and a call of
-the reference, directly after each other; ratios are computed within a pair. Times are processor times of a
-single thread. The share is relative to the time between two scans.
+A scan of Tiago's laser casts 666 rays against all static and movable objects of the scene, and adds noise.
+The reference is pybullet's `rayTestBatch` with the same rays in the same world; it has neither noise nor the
+special values of REP 117, and its arguments are created before the measurement. Both must find the same
+distances. The scans are made at the scene's waypoints, in turn. A pair consists of a scan and a call of the
+reference, directly after each other; ratios are computed within a pair. Times are processor times of a single
+thread. A column shows the time of a scan as a percentage of the time between two scans.
 """
 
 import math
@@ -30,7 +30,7 @@ TOLERANCE = 0.005  # m
 
 Point = tuple[float, float, float]
 Hit = tuple[int, int, float, Point, Point]
-"""A result of pybullet: the body or -1, the link, the fraction of the ray, the point and the normal."""
+"""A result of pybullet: body (-1: no hit), link, fraction of the ray (0 to 1), point (m) and normal."""
 
 
 def peer_rays(world: World, place: Point, angles: Floats, reach: float) -> Callable[[], list[Hit]]:
@@ -39,7 +39,7 @@ def peer_rays(world: World, place: Point, angles: Floats, reach: float) -> Calla
     Args:
         world: The world.
         place: The start of all rays (m).
-        angles: The directions of the rays (rad).
+        angles: The directions of the rays in the world (rad), shape ``(rays,)``.
         reach: The length of the rays (m).
     """
     x, y, z = place
@@ -49,7 +49,7 @@ def peer_rays(world: World, place: Point, angles: Floats, reach: float) -> Calla
 
 
 def scans(world: World, count: int) -> Iterator[Mapping[str, Work]]:
-    """Yield *count* pairs of the reference and a scan, and another for the warm-up."""
+    """Yield *count* pairs of the reference and a scan, after a pair for the warm-up."""
     facts = load_description().laser.facts
     still = RayCaster.of([thing for thing in world.scene.things if thing.still])
     moved = MovableObstacles(world.client, {body: world.bodies[body] for body in world.movable})

@@ -25,11 +25,11 @@ LEAVES_A_CONTROL = 4
 CONTROLS_A_GROUP = 10
 SIZES = (100, 1_000, 10_000, 60_000)
 TARGETS = {10_000: at_most(compiled=6)}
-"""The largest ratio of the time for loading to lxml's time for parsing, by the number of nodes."""
+"""The targets by number of nodes: the largest ratio of btcore's loading time to lxml's parsing time."""
 
 
 class Drive(btcore.StatefulAction):
-    """Two input ports: an entry and a number."""
+    """A leaf with two input ports: a blackboard entry and a literal number."""
 
     goal: In[str]
     speed: In[float]
@@ -44,7 +44,7 @@ class Drive(btcore.StatefulAction):
 
 
 class Measure(btcore.SyncAction):
-    """An input port and an output port."""
+    """A leaf with an input port and an output port."""
 
     sensor: In[int]
     distance: Out[float]
@@ -56,12 +56,12 @@ class Measure(btcore.SyncAction):
 
 @condition
 def near(distance: In[float], limit: In[float]) -> bool:
-    """A function with two input ports."""
+    """A leaf that is a function with two input ports."""
     return distance < limit
 
 
 def leaf(number: int) -> str:
-    """Return the element of leaf *number*, with a unique name and, except for some literals, unique ports."""
+    """Return the XML element of leaf *number*. Its name is unique, and so are most of its port values."""
     kind = number % 4
     if kind == 0:
         return f'<Drive name="drive {number}" goal="{{goal_{number}}}" speed="0.5"/>'
@@ -73,7 +73,7 @@ def leaf(number: int) -> str:
 
 
 def document(nodes: int) -> str:
-    """Return a document of about *nodes* nodes: a Sequence of Fallbacks of Sequences of leaves."""
+    """Return an XML document of about *nodes* nodes: a Sequence of Fallbacks of Sequences of leaves."""
     lines: list[str] = ['<root BTCPP_format="4">', '<BehaviorTree ID="Main">']
     made = 0
 

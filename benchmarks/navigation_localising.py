@@ -1,12 +1,13 @@
-"""How long an update of the localiser takes, compared with an implementation that follows the formula.
+"""How long an update of the localiser takes, compared with a direct implementation of the formula.
 
     python benchmarks/navigation_localising.py [--pairs 15] [--particles 500 1000 2000] [--beams 60]
 
 An update moves the particles, computes their weights from the likelihood field, and resamples them by KLD
 sampling. The naive reference differs only in the weights: it computes a sine and a cosine for each beam of
 each particle with numpy, and must find the same weights. Ratios are computed within a pair; times are
-processor times. The share is relative to the 100 ms between two scans. Below the table are the times of the
-check of a scan, of a correction of the pose by scan matching, and of a fifth of a search of the whole map.
+processor times. Percentages are relative to the 100 ms between two scans. Below the table are the times of
+the check of a scan, of a correction of the pose by scan matching, and of a fifth of the search for the robot
+in the whole map.
 """
 
 import math
@@ -45,7 +46,12 @@ class NaiveField:
         self._z = obstacle_distances(field_map, 2.0)
 
     def weights(self, particles: Floats, points: Floats) -> Floats:
-        """Return the weight 1 + Σ pz³ of each particle, shape ``(n,)``."""
+        """Return the weight 1 + Σ pz³ of each particle, shape ``(n,)``.
+
+        Args:
+            particles: The poses x (m), y (m), yaw (rad), shape ``(n, 3)``.
+            points: The ends of the beams in the robot's frame (m), shape ``(k, 2)``.
+        """
         bearings, lengths = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
         angles = particles[:, 2, None] + bearings
         x = particles[:, 0, None] + lengths * np.cos(angles)
@@ -61,7 +67,7 @@ class NaiveField:
 
 
 def beam_ends(field_map: OccupancyMap, beams: int) -> Floats:
-    """Return the ends of *beams* beams over 220° of a robot at POSE, in the robot's frame (m)."""
+    """Return the ends of beams over 220° from POSE, in the robot's frame (m), shape ``(beams, 2)``."""
     angles = np.linspace(-math.radians(110.0), math.radians(110.0), beams)
     steps = np.arange(0.0, 25.0, 0.01)
     x = POSE.x + np.cos(POSE.yaw + angles)[:, None] * steps
@@ -76,7 +82,7 @@ def beam_ends(field_map: OccupancyMap, beams: int) -> Floats:
 
 
 def update(field: LikelihoodField | NaiveField, particles: Floats, points: Floats) -> Floats:
-    """Move the particles, compute their weights and the pose, and resample."""
+    """Move the particles, compute their weights and the pose; return the resampled particles."""
     random = np.random.default_rng(1)
     ahead = sample_motion_model(particles, POSE, NEXT_POSE, ALPHAS, random)
     weights = field.weights(ahead, points)

@@ -6,9 +6,9 @@ Plans lead from waypoint to waypoint. "first" is the first plan to a goal. "agai
 goal: the robot is a metre closer each time, and the costmap contains the marks of a laser with noise (6 cm)
 at a pose with an error of some centimetres. The reference is scikit-image's `route_through_array` on the same
 grid, which finds the same cells but does not smooth the path. The reference of a costmap's update is the
-inflation of the whole costmap with scipy's exact distances. A pair consists of both, directly after each
-other; ratios are computed within a pair, and times are processor times. The share of a core is at the rate at
-which Nav2 plans or updates the costmap.
+inflation of the whole costmap with scipy's exact distances. A pair consists of btcore's function ("own") and
+the reference ("peer"), directly after each other; ratios are computed within a pair, and times are processor
+times. The share of a core is computed for the rate at which Nav2 plans or updates the costmap.
 """
 
 import math
@@ -32,13 +32,13 @@ from btcore_sim.scene import load_scene
 from measure.paired_timing import Work, measure_rounds
 from measure.report import Report, arguments
 
-RAYS, HALF_VIEW, NOISE = 666, math.radians(110), 0.06  # Tiago's laser: number, rad, m
+RAYS, HALF_VIEW, NOISE = 666, math.radians(110), 0.06  # Tiago's laser: number of rays, rad, m
 
 Pair = Mapping[str, Work]
 
 
 def scan(map: OccupancyMap, pose: Pose2D, random: np.random.Generator) -> LaserScan:
-    """Return the scan of a laser at *pose* in *map*, with noise."""
+    """Return a scan, with noise, of a laser at *pose* (m, rad) in *map*."""
     angles = np.linspace(-HALF_VIEW, HALF_VIEW, RAYS)
     along = np.arange(0.1, 12.0, 0.02)
     x = pose.x + np.cos(angles + pose.yaw)[:, None] * along
@@ -67,7 +67,7 @@ def peer_inflation(costs: NDArray[np.uint8], resolution: float) -> object:
 
 
 def first_plans(costmap: GlobalCostmap, legs: list[tuple[Pose2D, Pose2D]]) -> Iterator[Pair]:
-    """Yield pairs of first plans."""
+    """Yield, for each leg (start and goal), a pair that plans with a new planner."""
     for start, goal in legs:
         planner = Planner(costmap)
         yield {
@@ -79,7 +79,7 @@ def first_plans(costmap: GlobalCostmap, legs: list[tuple[Pose2D, Pose2D]]) -> It
 def plans_again(
     map: OccupancyMap, legs: list[tuple[Pose2D, Pose2D]], random: np.random.Generator
 ) -> Iterator[Pair]:
-    """Yield pairs of plans on the way to a goal."""
+    """Yield pairs that plan again, from poses along the path to the goal of each leg."""
     costmap = GlobalCostmap(map)
     planner = Planner(costmap)
     for start, goal in legs:
@@ -99,7 +99,7 @@ def plans_again(
 def updates(
     map: OccupancyMap, costmap: GlobalCostmap | LocalCostmap, rounds: int, random: np.random.Generator
 ) -> Iterator[Pair]:
-    """Yield pairs of updates while the robot drives forward."""
+    """Yield pairs that update the costmap while the robot drives forward."""
     for index in range(10 * rounds):
         at = Pose2D(0.02 * (index % 50), 0.0, 0.01 * (index % 50))
         yield {
@@ -117,7 +117,7 @@ def observe_and_update(
 
 
 def add(report: Report, name: str, pairs: Iterable[Pair], hertz: float) -> None:
-    """Measure *pairs*, and add a row."""
+    """Measure *pairs*, and add a row with the share of a core at *hertz* calls per second (Hz)."""
     taken = measure_rounds(pairs, warm_up=0)
     peer, own = taken.time("peer").median / NS_PER_MS, taken.time("own").median / NS_PER_MS
     figures = {

@@ -1,4 +1,4 @@
-"""The cost of an observer that records every transition, if nothing changes and if every node changes.
+"""The cost of an observer that records every transition, if no status changes and if every node changes.
 
     python benchmarks/observers.py [--pairs 9] [--json]
 
@@ -19,7 +19,7 @@ from measure.report import Report, Target, arguments, at_most, in_short
 
 WIDTH = 100
 KEPT = 10
-"""The number of ticks after which the transitions are dropped."""
+"""The number of ticks after which the observer drops the stored transitions."""
 STILL = at_most(compiled=1.1, pure=1.1)
 CHANGING = at_most(compiled=3, pure=2)
 
@@ -37,7 +37,7 @@ class Recorder(Observer):
 
 
 def grow(control: str, child: str, function: bool = False) -> Tree:
-    """Return a tree with the control node *control* and WIDTH children *child*."""
+    """Return a tree: the control node *control* with WIDTH copies of the XML element *child*."""
     nodes = Registry.standard()
     nodes.add(Forward, succeed if function else Succeed)
     inside = f"<{control}>{child * WIDTH}</{control.split()[0]}>"

@@ -1,11 +1,12 @@
-"""The cost of publishing: the time added to a tick, and the lateness of ticks while clients are connected.
+"""The cost of publishing: the time added to a tick, and the delay of ticks while clients are connected.
 
     python benchmarks/publishing.py [--pairs 5] [--seconds 2] [--clients 5] [--json]
 
 The tree has 1,000 nodes and is ticked at 100 Hz. In each tick 100 leaves succeed and are reset, which is 200
 transitions; the other leaves stay RUNNING. The tree is published for Groot 2 and on the scene channel. A
 client is a separate process with the feed of ``btcore monitor``; the first client also requests the status by
-Groot 2's protocol 20 times a second.
+Groot 2's protocol 20 times a second. The lateness of a tick is the delay of its start after the scheduled
+time.
 
 Runs with and without publishing are made in pairs, directly after each other and in alternating order; values
 are medians over the pairs. The ratios are relative to the permitted values: the median time of a tick without
@@ -40,14 +41,14 @@ STATUS_INTERVAL = 0.05  # s between two requests for all statuses, as in Groot's
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """The durations of the ticks of a run, and their delays relative to the schedule (ms)."""
+    """The durations of the ticks of a run (ms), and the delays of the ticks after the schedule (ms)."""
 
     durations: list[float]
     lateness: list[float]
 
 
 def document() -> str:
-    """Return a document of NODES nodes, of which CHANGING change in each tick."""
+    """Return an XML document of NODES nodes, among them CHANGING leaves that change in each tick."""
     changing = "<KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure>"
     running = '<Sleep msec="100000000"/>'
     groups = 10
@@ -64,7 +65,7 @@ def document() -> str:
 
 
 def run(tree: Tree, seconds: float) -> Run:
-    """Tick *tree* at its rate for *seconds* (s)."""
+    """Tick *tree* every PERIOD for *seconds* (s), and return the times of the ticks."""
     durations, lateness = [], []
     gc.collect()
     due = time.perf_counter()
@@ -83,7 +84,7 @@ def run(tree: Tree, seconds: float) -> Run:
 
 
 def run_client(port: int, requests_status: bool, stop: Event) -> None:
-    """Receive what is published at *port* until *stop*, and optionally request the status regularly."""
+    """Receive the data published at *port* until *stop*. If *requests_status*, also request statuses."""
     import zmq
 
     from btcore_monitor.watch.feed import Feed
@@ -128,13 +129,13 @@ def clients(count: int, port: int) -> Iterator[None]:
 
 
 def free_port() -> int:
-    """Return a port that is free, as are the next two."""
+    """Return the first of three successive free TCP ports."""
     with contextlib.closing(serve(btcore.loads(document()))) as publisher:
         return publisher.port
 
 
 def published(tree: Tree, port: int, count: int) -> Publisher:
-    """Publish *tree* at *port*, and wait for *count* clients."""
+    """Publish *tree* at *port*, wait until *count* clients are connected, and return the publisher."""
     publisher = serve(tree, groot2=port, grace=0.0)
     if not publisher.wait_for_clients(count, CLIENTS_TIMEOUT):
         publisher.close()
@@ -178,7 +179,7 @@ def lateness(report: Report, port: int, seconds: float, count: int) -> None:
 
 
 def add(report: Report, what: str, published: list[float], alone: list[float], budget: float) -> None:
-    """Add a row: the times (ms) *published*, relative to the times *alone* of the same pair plus *budget*."""
+    """Add a row: the times *published* divided by *alone* of the same pair plus *budget* (all in ms)."""
     pairs = list(zip(published, alone, strict=True))
     figures = {
         "alone": f"{statistics.median(alone):.3f} ms",

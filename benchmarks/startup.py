@@ -1,8 +1,8 @@
-"""The cost of a start: importing btcore, loading a small tree, and ``btcore --version``.
+"""The time of a start: importing btcore, loading a small tree, and ``btcore --version``.
 
-Each program runs in a new process; its time is the processor time in excess of that of a Python that does
-nothing. Importing and loading are compared with the import of the modules that every such library needs, and
-``--version`` with the import of click.
+Each program runs in a new process. Its time is the additional processor time, compared with a Python that
+does nothing. Importing and loading are compared with the import of lxml and some standard modules, which
+every such library needs, and ``--version`` with the import of click.
 """
 
 import os
@@ -30,7 +30,7 @@ BESIDE_MODULES = at_most(pure=1.8, compiled=1.8)
 BESIDE_CLICK = at_most(pure=1.5, compiled=1.5)
 ENVIRONMENT = {name: text for name, text in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 RUNS = 5
-"""The number of runs of each program, of which the shortest counts: it was disturbed least."""
+"""The number of runs of each program. The shortest run counts, because it was disturbed least."""
 
 
 def processor_time(program: str) -> float:

@@ -2,10 +2,11 @@
 
     python benchmarks/ticking.py [--tree wide] [--leaves class] [--pairs 9] [--json]
 
-*bump-and-go* is the book's first tree. It has 8 nodes, of which a tick executes 5; the way is free in nine
-ticks, then there is an obstacle. *deep* has 8 levels of Sequences and Fallbacks (601 nodes), *reactive* 9
-levels of reactive control nodes (1,084 nodes), and *wide* is a Sequence of 100 leaves; a tick of these three
-executes every node. All leaves do almost nothing, so that the benchmark measures the engine.
+*bump-and-go* is the first tree of the book "A Concise Introduction to Robot Programming with ROS2". It has 8
+nodes, of which a tick executes about 5; the way is free in nine ticks, then there is an obstacle. *deep* has
+8 levels of Sequences and Fallbacks (601 nodes), *reactive* has 9 levels of reactive control nodes (1,084
+nodes), and *wide* is a Sequence of 100 leaves; a tick of these three executes every node. All leaves do
+almost nothing, so that the benchmark measures the engine.
 
 There are three kinds of leaves. ``class`` and ``function`` are written in Python, as users do, and have
 targets; ``built-in`` are the engine's AlwaysSuccess and AlwaysFailure (Success and Failure in py_trees). The
@@ -27,14 +28,14 @@ from measure.report import NO_PY_TREES, Report, Target, arguments, at_least, at_
 peers = import_module("measure.py_trees_peers") if find_spec("py_trees") else None
 
 CYCLES = {"bump-and-go": 14}
-"""The number of ticks after which a tree repeats itself; in all other trees every tick is the same."""
+"""The number of ticks after which the behavior of a tree repeats; in other trees all ticks are the same."""
 AS_FAST_AS_CPP = {
     "bump-and-go": at_least(1.5, compiled=24, pure=4),
     "deep": at_least(1.5, compiled=34, pure=4),
     "wide": at_least(1.5, compiled=34, pure=4),
     "reactive": at_least(pure=4),
 }
-"""The targets by tree: for the compiled build the speed of BehaviorTree.CPP relative to py_trees."""
+"""The targets by tree. For the compiled build, this is the speed of BehaviorTree.CPP relative to py_trees."""
 OVER_THE_LOOP = at_most(compiled=5)
 
 
@@ -52,7 +53,7 @@ def executed(shape: Shape, kind: str, ticks: int) -> float:
         ticks: The number of ticks.
     """
     tree = grow(shape, kind)
-    tallies = tree.count_ticks().values()  # only here: counting would slow down the measured tree
+    tallies = tree.count_ticks().values()  # in a tree that is not measured
     root = peers.grow(shape, kind) if peers else None
     before = 0
     for _ in range(ticks):
@@ -66,7 +67,7 @@ def executed(shape: Shape, kind: str, ticks: int) -> float:
 
 
 def bare_loop(tree: Tree, kind: str) -> Work:
-    """Return a loop that calls the leaves of *tree*, none of which is RUNNING, and checks their results.
+    """Return a function that calls the leaves of *tree* in a loop, and checks that no result is RUNNING.
 
     Leaves that are classes are called by their method ``tick``, leaves that are functions directly.
     """

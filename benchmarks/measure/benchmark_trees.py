@@ -1,7 +1,7 @@
 """The trees of the benchmark `ticking`, independent of the engine that ticks them.
 
-A tree is a `Branch`, or the ID of a leaf. The leaves Succeed and Fail only return their result; bump-and-go
-has four leaves of its own.
+A tree is a `Branch`, or the ID of a leaf. The leaves Succeed and Fail only return SUCCESS or FAILURE.
+bump-and-go has its own four leaves.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -29,7 +29,7 @@ Shape = Branch | str
 
 
 def bump_and_go() -> Shape:
-    """Return the first tree of the book, with 8 nodes."""
+    """Return the bump-and-go tree of the book (see the benchmark `ticking`), with 8 nodes."""
     bump = Branch("Sequence", ("Back", "Turn"))
     clear = Branch("Fallback", (Branch("Inverter", ("IsObstacle",)), bump))
     return Branch("ReactiveSequence", (clear, "Forward"))
@@ -40,9 +40,10 @@ def layered(sequence: str, fallback: str, levels: int, failing: int) -> Shape:
 
     Args:
         sequence: The tag of the control nodes on even levels, which have 3 children.
-        fallback: The tag of the others, which have *failing* failing leaves and a child that succeeds.
+        fallback: The tag of the control nodes on odd levels, whose children are *failing* leaves that fail,
+            and then a child that succeeds.
         levels: The number of levels of control nodes.
-        failing: The number of failing leaves.
+        failing: The number of failing leaves of each control node on an odd level.
     """
 
     def grow(level: int) -> Shape:
@@ -117,7 +118,7 @@ class Forward(StatefulAction):
         return RUNNING
 
 
-# --- and as functions
+# --- leaves as users write them, as functions
 
 
 @action(ID="Succeed")
@@ -139,7 +140,7 @@ KINDS = tuple(LEAVES)
 
 
 def kinds_of(shape: Shape) -> list[str]:
-    """Return the kinds that have all leaves of *shape*."""
+    """Return the kinds for which all leaves of *shape* are implemented."""
     return [kind for kind in KINDS if set(leaves(shape)) <= LEAVES[kind].keys()]
 
 

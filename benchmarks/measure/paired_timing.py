@@ -1,9 +1,10 @@
-"""Timing contenders side by side, round by round, so that a disturbance of the machine affects all of them.
+"""Measuring the times of several functions, the contenders, side by side.
 
-`measure` gives every contender the same number of slices in each round, in an order that changes. The
-shortest slice of each contender counts, because the rest of the machine disturbed it least. `measure_rounds`
-calls every contender once in each round. In both cases a ratio is computed within a round, and reports
-contain the median over the rounds with its quartiles.
+The contenders are measured in rounds, so that a disturbance of the machine affects all of them. `measure`
+gives every contender the same number of slices (series of calls) in each round, in an order that changes. The
+shortest slice of each contender counts, because other programs disturbed it least. `measure_rounds` calls
+every contender once in each round. In both cases a ratio is computed within a round, and reports contain the
+median over the rounds with its quartiles.
 
 All times are processor times: on an idle machine they equal the wall-clock times, and on a busy machine they
 exclude the time that other programs take.
@@ -33,20 +34,20 @@ class Spread:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Spread":
-        """Return the spread of *values*; for fewer than four values their extremes instead of quartiles."""
+        """Return the spread of *values*: median and quartiles, or extremes for fewer than four values."""
         if len(values) < 4:
             return cls(statistics.median(values), min(values), max(values))
         low, median, high = statistics.quantiles(values, n=4, method="inclusive")
         return cls(median, low, high)
 
     def times(self, factor: float) -> "Spread":
-        """Return the spread multiplied by *factor*."""
+        """Return this spread, multiplied by *factor*."""
         return Spread(self.median * factor, self.low * factor, self.high * factor)
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """The time of a call of each contender in each round (ns)."""
+    """The time (ns) of a call of each contender in each round, by name."""
 
     rounds: Mapping[str, Sequence[float]]
 
@@ -55,7 +56,7 @@ class Measured:
         return Spread.of(self.rounds[name])
 
     def ratio(self, dividend: str, divisor: str) -> Spread:
-        """Return the time of *dividend* divided by that of *divisor*."""
+        """Return the time of *dividend* divided by the time of *divisor*, computed within each round."""
         pairs = zip(self.rounds[dividend], self.rounds[divisor], strict=True)
         return Spread.of([longer / shorter for longer, shorter in pairs])
 
@@ -66,13 +67,13 @@ def measure(works: Mapping[str, Work], rounds: int, slices: int = SLICES, slice_
     Args:
         works: The contenders by name.
         rounds: The number of rounds.
-        slices: The number of slices that each contender gets in a round.
+        slices: The number of slices of each contender in a round. A slice is a series of calls.
         slice_ns: The approximate duration of a slice (ns).
     """
     calls = {name: _calls_within(work, slice_ns) for name, work in works.items()}
     taken: dict[str, list[float]] = {name: [] for name in works}
     names = list(works)
-    # A collection within a slice would be counted against whichever contender is running.
+    # A garbage collection within a slice would add to the time of the contender that happens to run.
     gc.collect()
     was_enabled = gc.isenabled()
     gc.disable()
@@ -105,7 +106,7 @@ def measure_rounds(
     """Call each contender once in each round, for work that takes long or differs between rounds.
 
     Args:
-        rounds: The contenders of each round by name. The next round is requested when a round has ended.
+        rounds: The contenders of each round by name. The iterator is advanced after each round.
         timer: Calls the work and returns its time (ns).
         warm_up: The number of first rounds that do not count.
     """
@@ -127,7 +128,7 @@ def _timed(work: Work, calls: int) -> int:
 
 
 def _calls_within(work: Work, slice_ns: int) -> int:
-    """Return how often *work* can be called in a slice. This also warms it up."""
+    """Return how often *work* can be called in a slice. The calls for this are also its warm-up."""
     calls = 1
     while True:
         taken = _timed(work, calls)

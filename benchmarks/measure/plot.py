@@ -20,14 +20,14 @@ from matplotlib.ticker import FuncFormatter
 COLOURS = {"pure": "#7f9bab", "compiled": "#1f5f8b"}
 TARGET = "#c8553d"
 FASTER = ("py_trees / btcore", "ordinary / batch")
-"""The ends of the names of ratios that are larger if btcore is faster."""
-BAR = 0.36  # the height of a bar, if a line has two bars
+"""A ratio whose name ends with any of these texts is larger if btcore is faster."""
+BAR = 0.36  # the height of a bar on a line with two bars, as a fraction of the line
 
 Row = Mapping[str, Any]
 
 
 def main() -> None:
-    """Plot the results in the file of the first argument into the file of the second."""
+    """Read results from the file that the first argument names, and plot them to the second file."""
     source, picture = sys.argv[1:]
     results = json.loads(Path(source).read_text(encoding="utf-8"))
     faster: dict[str, dict[str, Row]] = {}

@@ -38,7 +38,7 @@ class Forward(Behaviour):
 
 
 class Repeat(Behaviour):
-    """Returns `results` one after the other, again and again."""
+    """Returns `results` one after the other, and starts again after the last result."""
 
     results: Sequence[Ours]
 
@@ -84,7 +84,7 @@ CONTROLS: dict[str, tuple[type[composites.Composite], bool]] = {
     "ReactiveSequence": (composites.Sequence, False),
     "ReactiveFallback": (composites.Selector, False),
 }
-"""The class of a control node and its argument ``memory``, by tag."""
+"""The class in py_trees and its argument ``memory``, by the tag of the control node."""
 
 
 def grow(shape: Shape, kind: str) -> Behaviour:
@@ -125,7 +125,7 @@ class Writes(Behaviour):
 
 
 def row_of(leaf: type[Behaviour], width: int) -> Behaviour:
-    """Return a Sequence of *width* leaves; the entry that they read has a value."""
+    """Return a Sequence of *width* leaves *leaf*, after writing the entry that `Reads` reads."""
     board = py_trees.blackboard.Client(name="setup")
     board.register_key("pace", access=Access.WRITE)
     board.pace = 0.5

@@ -1,4 +1,4 @@
-"""The report of a benchmark: rows of ratios with their targets, as a table or as JSON."""
+"""The report of a benchmark, as a table or as JSON. A row contains a ratio of times and its target."""
 
 import argparse
 import json
@@ -25,8 +25,8 @@ class Target:
     """The smallest or largest acceptable ratio.
 
     Attributes:
-        sense: "≥" or "≤".
-        by_build: The limit for each build; other builds have no target.
+        sense: "≥" if the limit is the smallest acceptable ratio, "≤" if it is the largest.
+        by_build: The limit for each build (pure, compiled); other builds have no target.
         aim: A multiple of the limit that the compiled build should reach, but need not.
     """
 
@@ -47,12 +47,12 @@ class Target:
 
 
 def at_least(aim: float = 1.0, **by_build: float) -> Target:
-    """Return a target with a lower limit for each build, see `Target`."""
+    """Return a target with the smallest acceptable ratio for each build, see `Target`."""
     return Target("≥", by_build, aim)
 
 
 def at_most(**by_build: float) -> Target:
-    """Return a target with an upper limit for each build."""
+    """Return a target with the largest acceptable ratio for each build."""
     return Target("≤", by_build)
 
 
@@ -62,7 +62,7 @@ class Report:
 
     Attributes:
         name: The name of the benchmark.
-        question: The heading.
+        question: The heading, which describes the comparison.
         pairs: The number of paired runs.
         rows: The rows as JSON data.
         remarks: Lines that are printed below the table.
@@ -85,9 +85,9 @@ class Report:
 
         Args:
             what: The two things that are compared.
-            ratio: Their ratio.
+            ratio: The ratio of the two things.
             target: The target of the ratio.
-            figures: Further columns with absolute values, which are valid for this machine only.
+            figures: The texts of further columns, such as absolute times on this machine, by heading.
         """
         build = builds.active_build()
         row = {"what": what, **asdict(ratio), "figures": dict(figures or {})}
@@ -152,7 +152,7 @@ class Report:
 
 
 def in_short(value: float) -> str:
-    """Return a number with about three digits."""
+    """Return *value* as text with about three significant digits."""
     if value >= 100:
         return f"{value:,.0f}"
     return f"{value:.1f}" if value >= 10 else f"{value:.2f}"

@@ -121,7 +121,7 @@ class RepeatedNode(BatchDecorator):
         self._limits: Any = None
 
     def tick(self, agents: int) -> Results:
-        """Tick the child. If a RUNNING child completes and the limit is not reached, tick it again at once."""
+        """Tick the child. If a RUNNING child completes below the limit, tick it again at once."""
         agents = self._read_limits(agents)
         if not agents:
             return 0, 0, 0, 0

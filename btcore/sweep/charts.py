@@ -8,7 +8,9 @@ from btcore.sweep.sweep_statistics import LEVEL, SuccessRate
 
 
 def interval(rate: SuccessRate, width: int = 360, height: int = 18) -> str:
-    """Return a chart of a success rate on a line from 0 to 100 %: a dot, and a bar for its interval.
+    """Return an SVG chart of a success rate on a line from 0 to 100 %.
+
+    A dot marks the rate, and a bar its confidence interval.
 
     Args:
         rate: The success rate.
@@ -35,11 +37,11 @@ def interval(rate: SuccessRate, width: int = 360, height: int = 18) -> str:
 
 
 def histogram(times: Sequence[tuple[float, bool]], unit: str, bins: int = 24) -> str:
-    """Return a histogram of the durations of episodes, with successes stacked below the other episodes.
+    """Return an SVG histogram of the durations of episodes, with successes below the other episodes.
 
     Args:
         times: The duration of each episode, and whether it was a success.
-        unit: The unit of the durations.
+        unit: The unit of the durations, for the labels.
         bins: The largest number of bins.
     """
     width, height, left, bottom, top = 860, 230, 44, 34, 8

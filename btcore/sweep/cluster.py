@@ -32,7 +32,7 @@ _COUNT_INTERVAL_S: Final = 2.0  # between two counts of the workers
 _CONFIGURATION: Final = {
     # Dask must report each death of a worker: `Workers` counts the attempts itself.
     "distributed.scheduler.allowed-failures": 0,
-    # Workers shall not be paused, nor results be spilled to disk: results are small.
+    # Never pause workers, and never write results to disk: results are small.
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
@@ -46,14 +46,14 @@ class Workers:
 
     Args:
         client: The client.
-        attempts: How often an episode is tried if its worker dies.
+        attempts: The maximum number of runs of an episode whose worker dies.
     """
 
     def __init__(self, client: Client, attempts: int) -> None:
         self.client = client
         self.attempts = attempts
         self.count = 0
-        """The number of workers at the last count."""
+        """The number of workers when they were last counted."""
         self.deaths = 0
         """The number of workers that have died while they ran an episode."""
         self._counted = -math.inf
@@ -69,15 +69,16 @@ class Workers:
     ) -> Iterator[tuple[Episode, Result]]:
         """Run episodes in parallel, and yield each with its result as soon as it is finished.
 
-        No more episodes are submitted than there are workers, so that the death of a worker affects a single
-        episode. If the worker died in each attempt, the result has the number of attempts as ``killed``.
+        At any time, no more episodes are submitted than there are workers, so that the death of a worker
+        affects a single episode. If the worker died in every attempt, the result contains the number of
+        deaths under the key ``killed``.
 
         Args:
             episodes: The episodes to run.
-            stopped: Called often; running ends when it returns True.
+            stopped: Called about ten times a second. When it returns True, no more episodes are run.
 
         Raises:
-            click.ClickException: The scheduler is gone, or a worker cannot run episodes.
+            click.ClickException: The connection to the scheduler is lost, or a worker cannot run episodes.
         """
         while not stopped():
             self._count()
@@ -144,7 +145,7 @@ def local(count: int | None, attempts: int, folder: Path) -> Iterator[Workers]:
 
     Args:
         count: The number of processes; None for one process per core that this process may use.
-        attempts: How often an episode is tried if its worker dies.
+        attempts: The maximum number of runs of an episode whose worker dies.
         folder: The folder of the file to which the workers' output is redirected.
     """
     _silence_dask()
@@ -175,7 +176,7 @@ def remote(address: str, attempts: int) -> Iterator[Workers]:
 
     Args:
         address: The address of the scheduler.
-        attempts: How often an episode is tried if its worker dies.
+        attempts: The maximum number of runs of an episode whose worker dies.
 
     Raises:
         click.ClickException: There is no scheduler at *address*, or it has no workers.

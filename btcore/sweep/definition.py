@@ -26,7 +26,14 @@ FORM: Final = 1
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """A run of a sweep: its *number* from 0, its *seed*, the parameter *values*, and its *command* line."""
+    """One run of the tree in a sweep.
+
+    Attributes:
+        number: The number of the episode in the sweep, from 0.
+        seed: The seed.
+        values: The value of each parameter, as text.
+        command: The arguments of ``btcore run``.
+    """
 
     number: int
     seed: int
@@ -45,11 +52,11 @@ class SweepDefinition:
 
     Attributes:
         tree: The tree, as named on the command line.
-        arguments: The arguments of all runs.
-        varied: The values of each parameter.
+        arguments: The arguments of ``btcore run`` that are the same in all runs.
+        varied: The values of each parameter, by its KEY.
         choices: The options of ``btcore run`` that parameters can set.
         seeds: The seeds.
-        inputs: The digests of the files that the runs read, by file name.
+        inputs: The SHA-256 digests (16 hex digits) of the files that the runs read, by file name.
         version: The version of btcore.
     """
 
@@ -63,14 +70,14 @@ class SweepDefinition:
 
     @cached_property
     def settings(self) -> list[dict[str, str]]:
-        """All combinations of the parameters' values."""
+        """All settings. A setting is a combination of parameter values, by the KEY of the parameter."""
         return list(parameters.settings(self.varied))
 
     def __len__(self) -> int:
         return len(self.seeds) * len(self.settings)
 
     def episode(self, number: int) -> Episode:
-        """Return the episode *number*. All settings with the first seed come first, then the next seed."""
+        """Return the episode *number*: first come all settings with the first seed, then with the second …"""
         seed_index, setting_index = divmod(number, len(self.settings))
         seed, values = self.seeds[seed_index], self.settings[setting_index]
         varied = parameters.setting_arguments(values, self.choices)
@@ -95,11 +102,11 @@ class SweepDefinition:
 
 
 def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
-    """Return the first difference between two sweeps as part of a sentence, or None.
+    """Return the first difference between two sweeps as a phrase for a message; None if there is none.
 
     Args:
         before: The description of the earlier sweep.
-        now: The description of the current sweep, see `SweepDefinition.described`.
+        now: The description of the current sweep. Both come from `SweepDefinition.described`.
     """
     if before.get("form") != now["form"]:
         return "it was written by another version of btcore"
@@ -129,14 +136,14 @@ def _format(value: object) -> str:
 def create_definition(
     ctx: click.Context, source: str, params: Sequence[str], seeds: tuple[int, ...], duration: float
 ) -> SweepDefinition:
-    """Return the definition of the sweep on the command line, after a check of its options and its tree.
+    """Check the options and the tree on the command line, and return the definition of the sweep.
 
     Args:
         ctx: The context of ``btcore sweep``.
         source: The tree: a file or the name of a bundled tree.
         params: The parameters in the form KEY=VALUES.
         seeds: The seeds.
-        duration: The limit of an episode in s of the tree's clock.
+        duration: The maximum duration of an episode (s of the tree's clock).
 
     Raises:
         click.ClickException: The command line has an error.
@@ -184,5 +191,5 @@ def _check(sweep: SweepDefinition) -> None:
 
 
 def format_setting(values: Mapping[str, str]) -> str:
-    """Return parameter values as part of a sentence: ``--param battery=20 and fault=laser:5-9``."""
+    """Return parameter values as a phrase for a message: ``--param battery=20 and fault=laser:5-9``."""
     return "--param " + join_names([f"{key}={value}" for key, value in values.items()], most=20)

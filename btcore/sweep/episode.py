@@ -1,6 +1,6 @@
-"""Running an episode in a worker: the same as ``btcore run``, in a process that runs many episodes.
+"""Running an episode in a worker process, which runs many episodes one after the other.
 
-In addition, the node that made the tree fail is determined.
+An episode does the same as ``btcore run``. In addition, it finds the node that made the tree fail.
 """
 
 import io
@@ -39,10 +39,10 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
         folder: The working directory.
 
     Returns:
-        ``code``: the exit code; ``report``: the object of ``--json``, or None if the run could not start;
-        ``blamed``: the path of the node that made the tree fail or that raised an exception; ``warnings``;
-        ``fault``: why the run could not start (code 2: an error of the user, 70: an internal error);
-        ``wall_s``: the duration in s of real time.
+        A dict. ``code``: the exit code; ``report``: the object that ``--json`` prints, or None if the run
+        could not start; ``blamed``: the path of the node that made the tree fail or that raised an exception,
+        or None; ``warnings``: the messages of the first warnings; ``fault``: why the run could not start, or
+        None (code 2: an error of the user, 70: an internal error); ``wall_s``: the duration (s of real time).
     """
     stderr = io.StringIO()
     result: Result
@@ -77,7 +77,7 @@ def _run(command: Sequence[str]) -> Result:
         cause = FailureCause()
         session = create_session(context, context.params, [cause], _installed())
         _, code, figures = session.execute()
-        # Through JSON, as from the command line: a report that is not JSON data is an error here already.
+        # Convert to JSON and back, as for --json: a report that is not JSON data raises here, in the worker.
         report = json.loads(json.dumps(session.outcome.report(session.tree, figures)))
         error = session.outcome.error
         blamed = error.path if error is not None else cause.node_path
@@ -107,8 +107,9 @@ def _warnings(text: str) -> list[str]:
 class FailureCause(Observer, RunExtension):
     """An extension of a run that finds the node that made the tree fail in the last tick.
 
-    The search starts at the root and descends to the child that failed in that tick, to the last child if
-    several failed. The path of the lowest failed node is `node_path` after the run.
+    The search starts at the root and descends to the child that failed in that tick; if several children
+    failed, to the child that failed last. After the run, `node_path` is the path of the lowest node that the
+    search reaches, or None if the root did not fail in the last tick.
     """
 
     def __init__(self) -> None:

@@ -36,7 +36,7 @@ class ExecutionSummary(NamedTuple):
         episodes: The number of episodes that were run.
         wall: The duration in s of real time, including the start of the workers.
         workers: The number of workers at the end.
-        deaths: The number of workers that died.
+        deaths: The number of workers that died while they ran an episode.
         busy: The fraction of *wall* that the workers spent running episodes.
     """
 
@@ -51,7 +51,9 @@ class ExecutionSummary(NamedTuple):
 def run_sweep(
     journal: Journal, script: Program | None, pool: "AbstractContextManager[Workers]"
 ) -> ExecutionSummary:
-    """Run the episodes that a journal lacks, and write them to it, until all are finished or Ctrl-C.
+    """Run the episodes that are not in the journal yet, and add each of them to the journal.
+
+    SIGINT (Ctrl-C) or SIGTERM ends the sweep early.
 
     Args:
         journal: The journal, entered as a context manager.
@@ -67,7 +69,7 @@ def run_sweep(
     todo = [number for number in range(len(sweep)) if number not in journal.done]
     if not todo:
         return ExecutionSummary()
-    # An error in the script is reported before workers are started, if there is a row to try it on.
+    # If there are finished episodes, an error in the script is reported before workers are started.
     for record in journal.done.values():
         table.row(sweep.episode(record["episode"]), record, script)
     began = time.perf_counter()

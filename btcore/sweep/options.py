@@ -20,11 +20,11 @@ _REFUSED: Final = {
     "set": "write bb.KEY for a blackboard entry, for example bb.laps=1..5",
 }
 _OWN: Final = {"duration", "format"}
-"""Options that a sweep has under the same name, with another meaning or another default."""
+"""Options of ``btcore run`` that a sweep defines itself, with another meaning or another default."""
 
 
 class SweepCommand(click.Command):
-    """A command that also has the options of ``btcore run``, except those that cannot apply to many runs."""
+    """A command that also has the options of ``btcore run``, without those that cannot apply to many runs."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the command's options, those of ``btcore run``, and ``--help``."""
@@ -47,7 +47,7 @@ class SweepCommand(click.Command):
 
 
 def collect_run_options(ctx: click.Context) -> RunOptions:
-    """Return the options of ``btcore run``, and those that a sweep rejects."""
+    """Return the options of ``btcore run`` that a sweep accepts, and the reasons why it rejects others."""
     refused = dict(_REFUSED)
     for extension in load_extensions(ctx).extensions:
         for option in extension.options:
@@ -59,7 +59,7 @@ def collect_run_options(ctx: click.Context) -> RunOptions:
 
 
 def given(ctx: click.Context) -> dict[str, Any]:
-    """Return the run options on the command line of a sweep: their unconverted texts, by key."""
+    """Return the unconverted texts of the run options on a sweep's command line, by name without dashes."""
     own = {option.name for option in ctx.command.params} - {"duration"}
     texts = {name: text for name, text in ctx.meta[_GIVEN].items() if name not in own}
     return {key: texts[item.name] for key, item in _options_with_set(ctx).items() if item.name in texts}
@@ -85,19 +85,22 @@ def option_arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:
 
 
 def named_files(values: Sequence[Any]) -> set[Path]:
-    """Return the existing files that *values* of options and parameters name."""
+    """Return those of *values*, of options and parameters, that are names of existing files."""
     names = [name for value in values for name in _values(value) if isinstance(name, str) and name]
     return {Path(name) for name in names if Path(name).is_file()}
 
 
 def _options_with_set(ctx: click.Context) -> dict[str, click.Parameter]:
-    """Return the options of ``btcore run`` by key, with ``--set``, which only ``--param`` rejects."""
+    """Return the options of ``btcore run`` by name without dashes, including ``--set``.
+
+    A sweep accepts ``--set`` for all runs, but rejects it as a parameter.
+    """
     set_option = next(option for option in run.params if option.name == "entries")
     return {**collect_run_options(ctx).options, "set": set_option}
 
 
 def _values(text: Any) -> Sequence[Any]:
-    """Return the values of an option: several if the option is repeatable."""
+    """Return the values of an option as a sequence, which has several elements if the option was repeated."""
     return text if isinstance(text, (list, tuple)) else [text]
 
 

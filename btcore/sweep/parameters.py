@@ -1,11 +1,11 @@
-"""``--seeds`` and ``--param``: what varies between the runs of a sweep.
+"""The options ``--seeds`` and ``--param``, which determine how the runs of a sweep differ.
 
 Seeds are given as ``1000`` (which is 0 to 999), ``100..199`` or ``3,17,42``.
 
 In ``--param KEY=VALUES``, KEY is an option of ``btcore run`` without its dashes, or ``bb.NAME`` for a
-blackboard entry (``run --set``). VALUES are separated by commas. A value may be a range of numbers,
-``20..100:20``. A value that contains a comma is put in double quotes. With an empty value the option is
-omitted.
+blackboard entry, which ``btcore run --set`` sets. VALUES are separated by commas. A value may be a range of
+numbers: ``20..100:20`` is 20, 40, 60, 80 and 100. A value that contains a comma is put in double quotes. With
+an empty value the option is omitted.
 """
 
 import csv
@@ -32,7 +32,7 @@ _TRUE: Final = {"true", "yes", "on", "1"}
 _FALSE: Final = {"false", "no", "off", "0", ""}
 
 Values = Mapping[str, str]
-"""The value of each parameter in a setting, as text, by KEY."""
+"""A setting: the value of each parameter, as text, by KEY."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +44,9 @@ class RunOptions:
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
-    """Return the seeds in *text*, in its order.
+    """Return the seeds in *text*, in the order of the text.
 
-    A single number is the number of seeds, from 0; in a list, whose parts may be ranges, a number is a seed.
+    A single number N means the N seeds from 0. In a list, each part is a seed or a range of seeds.
 
     Raises:
         click.UsageError: *text* is invalid, lists a seed twice, or contains more than `MAX_EPISODES` seeds.
@@ -96,7 +96,7 @@ def _check_count(count: int, text: str) -> int:
 
 
 def parse_parameters(texts: Sequence[str], choices: RunOptions) -> dict[str, tuple[str, ...]]:
-    """Return the values of each parameter.
+    """Return the values of each parameter, by KEY.
 
     Args:
         texts: The parameters in the form KEY=VALUES.
@@ -121,7 +121,7 @@ def parse_parameters(texts: Sequence[str], choices: RunOptions) -> dict[str, tup
 
 
 def settings(parameters: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]]:
-    """Yield all combinations of the parameters' values; the last parameter changes fastest."""
+    """Yield all settings (combinations of parameter values); the last parameter changes fastest."""
     for values in product(*parameters.values()):
         yield dict(zip(parameters, values, strict=True))
 
@@ -130,7 +130,7 @@ def setting_arguments(values: Values, choices: RunOptions) -> list[str]:
     """Return the arguments of ``btcore run`` for a setting.
 
     Args:
-        values: The value of each parameter.
+        values: The setting: the value of each parameter, by KEY.
         choices: The options that parameters can set.
 
     Raises:

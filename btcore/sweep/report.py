@@ -63,9 +63,9 @@ class ReportData(NamedTuple):
 
     Attributes:
         definition: The sweep.
-        figures: Its statistics.
+        figures: The statistics of the sweep.
         script: The script of ``--success-if``, or None.
-        walls: The duration of each episode in s of real time.
+        walls: The duration of each episode (s of real time).
     """
 
     definition: SweepDefinition

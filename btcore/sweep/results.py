@@ -32,7 +32,7 @@ def write_results(
         journal: The journal of the sweep.
         script: The condition for a success, or None.
         suffix: The file format of the table: csv or parquet.
-        played: The result of `run_sweep`.
+        played: The summary that `run_sweep` returned.
 
     Returns:
         The object of ``--json``, and the exit code.

@@ -15,7 +15,7 @@ CONFIDENCE: Final = 0.95
 LEVEL: Final = f"{100 * CONFIDENCE:g} %"
 """The confidence as a percentage."""
 MOST_SETTINGS: Final = 60
-"""The largest number of settings for which the report lists each setting."""
+"""With more settings than this, the report contains no table of settings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +39,9 @@ class FailingNode:
 
     Attributes:
         node: The path of the node.
-        ended: The number of episodes that it ended.
-        failed: The number of episodes in which it failed.
-        times: The number of its failures in all episodes.
+        ended: The number of episodes in which it made the tree fail, or raised an exception.
+        failed: The number of episodes in which it failed at least once.
+        times: The number of its failures in all episodes together.
     """
 
     node: str
@@ -52,7 +52,7 @@ class FailingNode:
 
 @dataclass(frozen=True, slots=True)
 class FigureSummary:
-    """The distribution of a figure over all episodes that have it."""
+    """The distribution of a numeric result, such as ``robot.distance_m``, over the episodes that have it."""
 
     name: str
     least: float
@@ -68,11 +68,12 @@ class SweepStatistics:
     Attributes:
         rate: The success rate of all episodes.
         by: The success rate for each value of each parameter.
-        settings: The success rate for each combination of values, if there are several parameters.
+        settings: The success rate for each setting, if there are several parameters. A setting is a
+            combination of parameter values.
         statuses: The number of episodes with each status.
         times: The simulated duration (s) of each episode, and whether it was a success.
         failing: The nodes that failed.
-        spreads: The distribution of each numeric figure.
+        spreads: The distribution of each numeric result.
         failed: The rows of the episodes without success.
     """
 
@@ -94,7 +95,7 @@ def compute_statistics(rows: Sequence[Row], definition: SweepDefinition) -> Swee
         definition: The sweep.
     """
     several = 1 < len(definition.settings) <= MOST_SETTINGS and len(definition.varied) > 1
-    # In the numbers of the episodes the setting changes faster than the seed.
+    # Episodes are numbered seed by seed, so that the remainder is the index of the setting.
     settings = _grouped(rows, lambda row: row["episode"] % len(definition.settings)) if several else {}
     times = [(float(row["time_s"]), bool(row["success"])) for row in rows if row["time_s"] is not None]
     return SweepStatistics(
@@ -165,7 +166,7 @@ def _failing(rows: Sequence[Row]) -> list[FailingNode]:
 
 
 def _spreads(rows: Sequence[Row]) -> list[FigureSummary]:
-    """Return the distributions of the duration, the ticks, and each numeric figure of the extensions."""
+    """Return the distributions of the duration, the ticks, and each numeric result of the extensions."""
     known = {*LEADING_COLUMNS, *RESULT_COLUMNS, *TRAILING_COLUMNS} - {"time_s", "ticks"}
     names = dict.fromkeys(key for row in rows for key in row if key not in known)
     summaries = []

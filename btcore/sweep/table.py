@@ -21,7 +21,7 @@ from btcore.sweep.definition import Episode, SweepDefinition
 from btcore.sweep.journal import Record
 
 Row = dict[str, Any]
-"""The cells of an episode by column: bool, int, float, str or None."""
+"""The cells of an episode by column. A cell is a bool, int, float, str or None."""
 
 LEADING_COLUMNS: Final = ("episode", "seed")
 RESULT_COLUMNS: Final = ("success", "status", "code", "time_s", "ticks", "failed_at", "error")
@@ -36,15 +36,16 @@ def row(episode: Episode, record: Record, script: Program | None) -> Row:
 
     Args:
         episode: The episode.
-        record: Its record in the journal.
+        record: The record of the episode in the journal.
         script: The condition for a success, or None, see `is_success`.
 
     Returns:
-        ``success``: whether the episode is a success; ``status``: the last status of the tree, or RAISED (a
-        leaf raised an exception), REFUSED (the run could not start), BROKEN (internal error) or KILLED (the
-        worker died in each attempt); ``failed_at``: the node that made the tree fail or raised an exception;
-        ``failures``: the number of failures of each node, as JSON; ``param.KEY``: the values of the
-        parameters; and the reports of the extensions, such as ``robot.distance_m``, with lists as JSON.
+        The cells by column. ``success``: whether the episode is a success; ``status``: the last status of the
+        tree, or RAISED (a leaf raised an exception), REFUSED (the run could not start), BROKEN (internal
+        error) or KILLED (the worker died in each attempt); ``failed_at``: the node that made the tree fail or
+        raised an exception; ``failures``: the number of failures of each node, as JSON; ``param.KEY``: the
+        values of the parameters; and the reports of the extensions, such as ``robot.distance_m``, with lists
+        as JSON.
 
     Raises:
         click.UsageError: The script uses a column that does not exist, or fails for another reason.
@@ -104,7 +105,10 @@ def is_success(row: Row, script: Program | None) -> bool:
 
 
 def columns(rows: Sequence[Row], definition: SweepDefinition) -> list[str]:
-    """Return the columns of a table: the fixed columns, and between them the figures in order of appearance.
+    """Return the columns of a table in order.
+
+    The columns of the extensions' reports come after the other columns, in the order in which they first
+    occur. Only ``failures`` comes after them.
 
     Args:
         rows: The rows.
@@ -196,7 +200,7 @@ def _error(record: Record) -> str | None:
 
 
 def _flat(key: str, value: object) -> Row:
-    """Return a figure as columns: nested keys are joined by dots, lists become JSON."""
+    """Return a value of the report as columns: nested keys are joined by dots, lists become JSON."""
     if isinstance(value, Mapping):
         return {
             name: cell for part, item in value.items() for name, cell in _flat(f"{key}.{part}", item).items()

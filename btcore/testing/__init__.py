@@ -1,4 +1,6 @@
-"""Tools for testing trees: a harness, assertions, coverage, substitution, planned leaves and random trees.
+"""Tools for testing trees: a harness, assertions, coverage, substitution of nodes, and random trees.
+
+The leaves named Mock… and Plan… return results in the order of a plan.
 
 The strategies ``trees``, ``xml_documents``, ``outcomes``, ``action_plans``, ``sync_plans`` and
 ``blackboards`` require hypothesis; all other names do not.
@@ -73,7 +75,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Import the strategies on first use, since only they require hypothesis."""
+    """Import a strategy on first access, because the strategies require hypothesis, which is optional."""
     # Python calls this function only for names that this module does not define.
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,6 +1,7 @@
-"""Assertions about the events in a tree. The message of a failed assertion shows the last ticks and the tree.
+"""Assertions about the events in a tree.
 
-Nodes are identified by path or, if it is unique, by name.
+A failed assertion raises AssertionError, whose message shows the last ticks and the tree. Nodes are
+identified by path or, if it is unique, by name.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,7 +13,7 @@ from btcore.testing.trace import Trace, TraceStep, format_trace, format_tree
 
 
 def assert_ran(trace: Trace | Harness, *nodes: str) -> None:
-    """Assert that each of *nodes* was ticked and not only skipped."""
+    """Assert that each of *nodes* ran: at least one of its ticks was not SKIPPED."""
     trace = _trace(trace)
     for node in nodes:
         if not _ran(trace, node):
@@ -20,7 +21,7 @@ def assert_ran(trace: Trace | Harness, *nodes: str) -> None:
 
 
 def assert_never_ran(trace: Trace | Harness, *nodes: str) -> None:
-    """Assert that none of *nodes* was ticked, unless it was skipped."""
+    """Assert that none of *nodes* ran: they were not ticked, or all ticks were SKIPPED."""
     trace = _trace(trace)
     for node in nodes:
         if steps := _ran(trace, node):
@@ -41,7 +42,7 @@ def assert_order(trace: Trace | Harness, *nodes: str) -> None:
 
 
 def assert_results(trace: Trace | Harness, node: str, results: Iterable[Status]) -> None:
-    """Assert that the ticks of *node* returned exactly *results*."""
+    """Assert that the ticks of *node* returned exactly *results*, in this order."""
     trace = _trace(trace)
     expected, actual = list(results), trace.results(node)
     if expected != actual:
@@ -49,7 +50,7 @@ def assert_results(trace: Trace | Harness, node: str, results: Iterable[Status])
 
 
 def assert_halted(trace: Trace | Harness, *nodes: str) -> None:
-    """Assert that each of *nodes* was halted while it was RUNNING."""
+    """Assert that each of *nodes* was halted at least once while it was RUNNING."""
     trace = _trace(trace)
     for node in nodes:
         path = trace.path(node)

@@ -1,7 +1,7 @@
 """Run recorded conformance cases: ``python -m btcore.testing.conformance FILE.jsonl.gz …``.
 
-A case contains a tree, a script or a text to convert, and the result of the C++ engine. The program prints
-``N passed, M failed`` and the first differences, and exits with 1 if there is a difference.
+A case contains a tree, a script or a text to convert, and the result that BehaviorTree.CPP returned. The
+program prints ``N passed, M failed`` and the first differences, and exits with 1 if there is a difference.
 """
 
 import gzip
@@ -55,7 +55,7 @@ RECORDED_TYPES: Final[Mapping[str, values.ValueType]] = {
     "vector<double>": values.VECTOR_DOUBLE,
     "vector<string>": values.VECTOR_STRING,
 }
-"""The types of the conversion cases, by name."""
+"""The types of the conversion cases, by their name in the cases."""
 
 
 def read_cases(path: Path) -> Iterator[dict[str, Any]]:
@@ -78,7 +78,7 @@ def read_cases(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def compare_case(case: dict[str, Any], nodes: Registry) -> str | None:
-    """Return the first difference in a case of any kind, or None. An exception is a difference, too."""
+    """Run a case of any kind, and return the first difference, or None. An exception is a difference, too."""
     try:
         if "convert" in case:
             return compare_conversion_case(case)
@@ -120,7 +120,7 @@ def conformance_registry() -> Registry:
 
 
 class TickRecorder(Observer):
-    """Records the events since the last step, and the state of the tree when a node raises an exception."""
+    """Records the status changes since the last snapshot, and the state of the tree when a node raises."""
 
     def __init__(self, tree: Tree, journal: CallLog) -> None:
         self.tree = tree
@@ -204,9 +204,10 @@ def _result(tick: dict[str, Any]) -> str:
 
 
 def recorded_value(value: object) -> object:
-    """Return a value in the form of the recorded cases: numbers as floats, strings, None, and "?" for others.
+    """Return a value in the form of the recorded cases.
 
-    Infinity and NaN are None, since JSON does not support them.
+    Numbers are floats, strings and None stay the same, and any other value is "?". Infinity and NaN are None,
+    since JSON does not support them.
     """
     if value is None or isinstance(value, str):
         return value
@@ -219,7 +220,7 @@ def recorded_value(value: object) -> object:
 def recorded_blackboard(board: Blackboard) -> dict[str, object]:
     """Return the entries of a blackboard in the form of the recorded cases.
 
-    Each value is that which a node finds by the key: for an entry with the key ``@x`` it is the value of
+    Each value is the value that a node reads by the key. So the value for the key ``@x`` is the value of
     ``x`` in the root's blackboard.
     """
     entries = {key: board.find(key) for key in sorted(board.local_entries())}
@@ -248,7 +249,7 @@ def compare_script_case(case: Mapping[str, Any]) -> str | None:
 
 
 def compare_conversion_case(case: Mapping[str, Any]) -> str | None:
-    """Return the difference in the conversion of a text, or None."""
+    """Return the difference between this engine and the recorded conversion of a text, or None."""
     kind = RECORDED_TYPES.get(case["convert"])
     if kind is None:
         return f"unknown type {case['convert']}"

@@ -25,8 +25,8 @@ class NodeCoverage:
     Attributes:
         path: The full path.
         id: The registration ID.
-        depth: The level below the root.
-        results: All results of its ticks, including RUNNING and SKIPPED.
+        depth: The number of levels below the root; 0 for the root.
+        results: The results that its ticks have returned, including RUNNING and SKIPPED.
         possible_results: The results that tests should cover: SUCCESS and FAILURE, unless the node's class
             declares that it returns only one of them.
     """
@@ -52,14 +52,14 @@ class Coverage:
     """The coverage of trees.
 
     Attributes:
-        trees: The coverage of each node by path, by the ID of the tree.
+        trees: For each ID of a tree, the coverage of the nodes by path.
     """
 
     def __init__(self) -> None:
         self.trees: dict[str, dict[str, NodeCoverage]] = {}
 
     def watch(self, tree: Tree) -> None:
-        """Record the results of *tree* from now on."""
+        """Record the results of the nodes of *tree* from now on."""
         known = self.trees.setdefault(tree.id, {})
         depths = _depths(tree)
         for key, node in tree.nodes_by_path().items():
@@ -132,7 +132,7 @@ class _Watch(Observer):
         self.record(error)
 
     def record(self, error: NodeExecutionError | None) -> None:
-        """Record the results of the last tick, which *error* ended."""
+        """Record the results of the last tick. *error* is the exception that ended it, or None."""
         for key, results in self.ticks.take(error)[0].items():
             self.known[key].results.update(results)
 

@@ -1,4 +1,4 @@
-"""Ticking a tree step by step on a simulated clock, and reading the recorded events.
+"""A harness that ticks a tree on a simulated clock and records its events, for tests.
 
 harness = Harness.load("patrol.xml", nodes=nodes, resources=[robot])
 harness.tick()
@@ -20,14 +20,20 @@ from btcore.testing.trace import Trace, TraceStep, format_trace
 from btcore.tree.tree import Tree
 
 MAX_TICKS_PER_INSTANT: Final = 10_000
-"""The number of ticks without progress of the clock after which :meth:`Harness.run` gives up."""
+"""The number of ticks without progress of the clock after which a harness stops ticking."""
 
 
 class Harness:
     """A tree that a test ticks, and the trace of its events.
 
+    The methods that tick raise NodeExecutionError if a node raises an exception.
+
     Args:
         tree: The tree, on a simulated clock.
+
+    Attributes:
+        tree: The tree.
+        trace: The steps since the creation of the harness.
 
     Raises:
         ValueError: The tree uses the system's clock.
@@ -73,7 +79,8 @@ class Harness:
             limit: The maximum duration (s of the tree's clock).
 
         Raises:
-            AssertionError: The root is still RUNNING after *limit*.
+            AssertionError: The root is still RUNNING after *limit*, or after `MAX_TICKS_PER_INSTANT` ticks
+                without progress of the clock.
         """
         status = self._tick_until(lambda status: status is not RUNNING, period, limit)
         assert status is not None, f"the tree is still RUNNING after {limit:g} s\n{self}"
@@ -83,18 +90,19 @@ class Harness:
         """Tick until *done* returns a true value. A tree that completes is ticked again.
 
         Args:
-            done: The condition.
+            done: The condition, called after each tick.
             period: The time between two ticks (s).
             limit: The maximum duration (s of the tree's clock).
 
         Raises:
-            AssertionError: The condition is not met within *limit*.
+            AssertionError: The condition is not met within *limit*, or within `MAX_TICKS_PER_INSTANT` ticks
+                without progress of the clock.
         """
         reached = self._tick_until(lambda _: bool(done()), period, limit)
         assert reached is not None, f"the condition is not met within {limit:g} s\n{self}"
 
     def run_for(self, seconds: float, period: float = 0.01) -> Status:
-        """Tick for *seconds* (s of the tree's clock), and return the status of the root.
+        """Tick for *seconds* (s of the tree's clock), and return the result of the last tick of the root.
 
         A tree that completes is ticked again.
         """
@@ -107,7 +115,7 @@ class Harness:
         self.trace.catch_up()
 
     def _tick_until(self, done: Callable[[Status], bool], period: float, limit: float) -> Status | None:
-        """Tick until *done* returns True, and return the last result, or None after *limit* (s)."""
+        """Tick until *done* returns True, and return the last result; None if *done* stays False."""
         clock, context = self.tree.clock, self.tree.context
         end = clock.now() + round(limit * NS_PER_S)
         schedule = TickSchedule(period, clock.now())
@@ -117,7 +125,7 @@ class Harness:
             if done(status):
                 return status
             left -= 1
-            # A node has requested an additional tick: no time passes before it.
+            # A node has requested an additional tick, before which no time passes.
             if status is RUNNING and context.take_wake_up():
                 continue
             if clock.now() >= end:

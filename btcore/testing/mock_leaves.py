@@ -20,14 +20,15 @@ _ENTRY: Final = re.compile("R*[SFKX]")
 
 
 class Outcomes:
-    """A plan for the results of leaves: each start of a leaf takes the next entry, cyclically.
+    """A plan for the results of all mock leaves of a tree.
 
+    Each time a leaf starts, it takes the next entry of the plan. After the last entry, the plan starts again.
     An entry is S (SUCCESS), F (FAILURE), K (SKIPPED) or X (raises :class:`LeafPlanError`), preceded by an R
-    for each tick in which an action is RUNNING. A condition uses only the last letter, and K is FAILURE,
-    since several control nodes do not allow that their condition is skipped.
+    for each tick in which an action is RUNNING. A condition uses only the last letter of its entry, and
+    returns FAILURE for K, because several control nodes raise an exception if their condition is skipped.
 
     Args:
-        entries: The entries of the plan.
+        entries: The entries of the plan, such as "S", "F" and "RRS".
 
     Raises:
         ValueError: There is no entry, or an entry is invalid.
@@ -57,7 +58,7 @@ class Outcomes:
         return entry
 
     def attach(self, tree: Tree) -> None:
-        """Let the mock leaves of *tree* follow this plan, from its first entry on.
+        """Make the mock leaves of *tree* follow this plan, beginning with its first entry.
 
         Raises:
             ValueError: The tree has leaves that are not built in, but no mock leaves.
@@ -114,7 +115,7 @@ class MockAction(StatefulAction):
 
     def on_running(self) -> Status:
         """Return the result of the entry's next letter; the last letter is repeated."""
-        # The slice of a single letter is empty: the letter is kept for the next tick.
+        # After the last letter, the rest of the entry is empty: keep the letter for the next tick.
         letter, self.left = self.left[0], self.left[1:] or self.left
         return status_of(letter)
 
@@ -133,9 +134,10 @@ class MockCondition(Condition):
 
 
 def with_mock_leaves(nodes: Registry) -> Registry:
-    """Return a copy of a registry in which all leaves except btcore's own follow a plan.
+    """Return a copy of a registry in which mock leaves replace all leaves except btcore's own.
 
-    The copy also has the leaves <Act> and <Ask>, which follow the plan as well. The resources of replaced
+    The copy also has the mock action <Act> and the mock condition <Ask>. Mock leaves succeed until an
+    :class:`Outcomes` is attached to the tree, which they then follow. The resources of replaced
     leaves are not required, and their output ports are not written.
     """
     copy = nodes.copy()

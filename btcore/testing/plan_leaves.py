@@ -1,7 +1,7 @@
 """Leaves that follow the plan in their port ``plan``, and record their calls.
 
-They are the leaves of the recorded conformance cases, and replace leaves that do not exist in a test. The
-letters of a plan are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); X raises an exception.
+They are the leaves of the recorded conformance cases and of random trees, and can replace other leaves in a
+test. The letters of a plan are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); X raises an exception.
 """
 
 from typing import ClassVar
@@ -17,7 +17,7 @@ LETTERS = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
 
 
 class CallLog:
-    """The calls of planned leaves in order, each as the name of the leaf and the call: ``name:start``."""
+    """A log of the calls of planned leaves, in order. An entry is ``NAME:CALL``, for example ``n3:start``."""
 
     def __init__(self) -> None:
         self.calls: list[str] = []
@@ -53,10 +53,11 @@ def _status_at(plan: str, index: int) -> Status:
 
 
 class PlanAction(StatefulAction):
-    """An action whose starts take the segments of `plan`, separated by ``|``, cyclically.
+    """An action that follows the segments of `plan`, which are separated by ``|``.
 
-    Each call returns the result of the segment's next letter; the last letter is repeated. The calls
-    ``start``, ``running`` and ``halted`` are recorded.
+    Each start takes the next segment; after the last segment, the first follows again. Each call returns the
+    result of the segment's next letter; the last letter is repeated. The calls ``start``, ``running`` and
+    ``halted`` are recorded.
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("starts", "segment", "calls")
@@ -94,7 +95,7 @@ class PlanAction(StatefulAction):
 
 
 class PlanCondition(Condition):
-    """A condition whose ticks return the results of `plan`, cyclically. ``tick`` is recorded."""
+    """A condition that returns the results of `plan` in turn, and repeats them. ``tick`` is recorded."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
 
@@ -112,7 +113,7 @@ class PlanCondition(Condition):
 
 
 class PlanSync(SyncAction):
-    """An action whose ticks return the results of `plan`, cyclically. ``tick`` is recorded."""
+    """An action that returns the results of `plan` in turn, and repeats them. ``tick`` is recorded."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
 

@@ -1,7 +1,7 @@
-"""A pytest plugin: fixtures for tests of trees, whose last steps are shown in the report of a failed test.
+"""A pytest plugin with fixtures for tests of trees; the report of a failed test shows the trees' last steps.
 
-pytest loads the plugin automatically if btcore is installed. The plugin does not import hypothesis, which
-prints the tree of a failing property itself.
+pytest loads the plugin automatically if btcore is installed. The plugin does not import hypothesis: the
+strategies themselves make hypothesis print the tree of a failing example.
 """
 
 from collections.abc import Callable, Generator
@@ -33,16 +33,17 @@ def clock() -> SimClock:
 
 @pytest.fixture
 def trace(request: pytest.FixtureRequest) -> Callable[[Tree], Trace]:
-    """Return a function that records the events of a tree, for the report of a failed test."""
+    """Return a function that records the events of a tree; the report of a failed test shows them."""
     return lambda tree: _add_to_report(request, Trace(tree))
 
 
 @pytest.fixture
 def harness(request: pytest.FixtureRequest, registry: Registry, clock: SimClock) -> Callable[..., Harness]:
-    """Return a function that creates a harness for XML text, which begins with ``<``, a file or a Tree.
+    """Return a function ``harness(source, **options)`` that creates a Harness.
 
-    The tree is loaded with the fixtures ``registry`` and ``clock``, and the options of ``btcore.load``. The
-    report of a failed test shows the last steps.
+    *source* is a text that begins with ``<`` (XML), the path of a file, or a Tree. A text or a file is loaded
+    with the fixtures ``registry`` and ``clock``, and with *options*, the keyword arguments of
+    ``btcore.load``. The report of a failed test shows the last steps.
     """
 
     def make(source: Tree | str | Path, **options: Any) -> Harness:
@@ -67,7 +68,7 @@ def _add_to_report(request: pytest.FixtureRequest, trace: Trace) -> Trace:
 def pytest_runtest_makereport(
     item: pytest.Item, call: "pytest.CallInfo[None]"
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add the last steps of the trees of a failed test to its report."""
+    """Add the last steps of the recorded trees to the report of a failed test."""
     report = yield  # the report of the other plugins, which is extended here
     if report.when == "call" and report.failed:
         for trace in item.stash.get(_TRACES, []):

@@ -6,8 +6,8 @@
         tree.halt()
         assert all(node.status is Status.IDLE for node in tree)
 
-A failing example is reported with the shrunk tree as XML. This module and ``tree_generator`` are the only
-modules that import hypothesis (``pip install hypothesis``).
+Hypothesis reports a failing example with the shrunk tree as XML. This module and ``tree_generator`` are the
+only modules that import hypothesis (``pip install hypothesis``).
 """
 
 from collections.abc import Collection, Mapping
@@ -39,17 +39,17 @@ from btcore.testing.tree_generator import (
 from btcore.tree.tree import Tree
 
 PortTexts: TypeAlias = Mapping[str, Mapping[str, SearchStrategy[str]]]
-"""Strategies for the values of ports, by tag and port."""
+"""Strategies for the values of ports, by the tag of the node and the name of the port."""
 
 
 def action_plans(skipped: bool = True, raising: bool = False) -> SearchStrategy[str]:
-    """Return a strategy of plans for `PlanAction`, with one to three starts of one to six ticks.
+    """Return a strategy of plans for `PlanAction`: one to three segments of one to six letters.
 
-    Every start ends, since its last letter is not R.
+    The last letter of a segment is never R, so that the action always completes.
 
     Args:
-        skipped: Whether a start may end with K.
-        raising: Whether a start may end with X.
+        skipped: Whether a segment may end with K.
+        raising: Whether a segment may end with X.
     """
     return st.lists(_starts(skipped, raising), min_size=1, max_size=3).map("|".join)
 
@@ -69,7 +69,7 @@ def outcomes(skipped: bool = False, raising: bool = False, max_starts: int = 12)
     Args:
         skipped: Whether leaves may be skipped.
         raising: Whether leaves may raise an exception.
-        max_starts: The maximum number of entries, of which each start of a leaf takes the next.
+        max_starts: The maximum number of entries of a plan. Each start of a leaf takes the next entry.
     """
     starts = st.lists(_starts(skipped, raising), min_size=1, max_size=max_starts)
     return starts.map(lambda entries: Outcomes(*entries))
@@ -114,23 +114,26 @@ def xml_documents(
     return if the branches of a WhileDoElse alternate and wake the tree up each time.
 
     Args:
-        draw: Is passed by hypothesis.
+        draw: Passed by hypothesis; callers omit it.
         max_nodes: The maximum number of nodes.
         skipped: Whether nodes may be skipped (format 4 only).
         raising: Whether leaves may raise an exception.
         timed: Whether Delay, Timeout and Sleep may occur.
         own_plans: Whether each leaf has its own plan.
-        format: The XML format.
-        max_depth: The maximum number of levels.
-        subtrees: The maximum number of further trees.
+        format: The XML format, 3 or 4.
+        max_depth: The maximum number of levels of a tree.
+        subtrees: The maximum number of further trees, which are used as subtrees.
         conditions: Whether attributes such as ``_skipIf`` may occur (format 4 only). They use the entries a,
             b and c of the root's blackboard, which must exist as numbers.
         scripts: Whether Script and ScriptCondition may occur (format 4 only), which use the same entries.
         tags: The tags that may occur; by default all control nodes and decorators that accept any child. If a
             leaf is among them, no other leaves occur.
         nodes: The registry with those of *tags* that are not built in.
-        ports: Strategies for the values of ports, by tag and port. By default values are drawn for the ports
-            without a default, according to the type.
+        ports: Strategies for the values of ports, by tag and port name. By default, values are drawn for the
+            ports without a default, according to the type of the port.
+
+    Raises:
+        InvalidArgument: A tag is unknown, or a port needs a strategy in *ports*. Raised by the first draw.
     """
     skipped = skipped and format == 4
     allowed = TreeOptions(
@@ -175,9 +178,9 @@ def trees(
     nodes: Registry | None = None,
     ports: PortTexts | None = None,
 ) -> SearchStrategy[Tree]:
-    """Return a strategy of trees on a simulated clock whose leaves follow an :class:`Outcomes`.
+    """Return a strategy of trees on a simulated clock, with mock leaves that an :class:`Outcomes` controls.
 
-    The parameters are those of :func:`xml_documents`.
+    The parameters and errors are those of :func:`xml_documents`.
     """
     known = with_mock_leaves(nodes if nodes is not None else Registry.standard())
 
@@ -209,7 +212,7 @@ def blackboards(draw: DrawFn, entries: Mapping[str, Any]) -> Blackboard:
     """Return a strategy of blackboards.
 
     Args:
-        draw: Is passed by hypothesis.
+        draw: Passed by hypothesis; callers omit it.
         entries: A strategy or a type (int, float, str, bool …) for the value of each key. Numbers drawn by
             type are finite, and integers have 32 bits, like the values of ports.
     """

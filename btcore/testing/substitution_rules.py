@@ -1,4 +1,4 @@
-"""BehaviorTree.CPP's TestNode with its configuration, and loading substitution rules from JSON.
+"""Substitution of nodes in tests: BehaviorTree.CPP's TestNode, and substitution rules in JSON.
 
 nodes.substitute("Patrol/*", TestNodeConfig(return_status=Status.FAILURE, async_delay=100))
 load_substitution_rules(nodes, Path("rules.json"))
@@ -31,14 +31,16 @@ class TestNodeConfig:
     """The configuration of a :class:`TestNode`.
 
     Attributes:
-        return_status: The result. A node whose result is RUNNING determines it again in the next tick.
+        return_status: The result. After the result RUNNING, the node determines its result again in the next
+            tick.
         return_status_script: A script whose value is the result, instead of *return_status*. It may use the
-            names of the statuses.
+            names of the statuses, such as FAILURE.
         success_script: A script that runs on SUCCESS.
         failure_script: A script that runs on FAILURE.
-        post_script: A script that runs on any result, after the others.
-        async_delay: The delay of the result in milliseconds of the tree's clock; 0: in the first tick.
-        complete_func: A function that returns the result; it takes precedence over the script.
+        post_script: A script that runs on any result, after *success_script* or *failure_script*.
+        async_delay: The delay of the result (ms of the tree's clock); without a delay (0), the first tick
+            returns the result.
+        complete_func: A function that returns the result. It takes precedence over *return_status_script*.
 
     Raises:
         ValueError: *return_status* is IDLE.
@@ -59,12 +61,12 @@ class TestNodeConfig:
             raise ValueError("the result of a TestNode cannot be IDLE, which is the status before a tick")
 
     def manifest(self) -> Manifest:
-        """Return the manifest of the replacing nodes, for :meth:`Registry.substitute`."""
+        """Return a manifest that creates the replacement nodes, for :meth:`Registry.substitute`."""
         return _TestNodeManifest(self)
 
 
 class TestNode(StatefulAction):
-    """A node that replaces a node of a tree, with the results that its :class:`TestNodeConfig` determines."""
+    """A leaf that replaces a node of a tree, and returns the results of its :class:`TestNodeConfig`."""
 
     __test__: ClassVar[bool] = False
 
@@ -128,7 +130,7 @@ class TestNode(StatefulAction):
 
 
 class _TestNodeManifest(Manifest):
-    """A manifest that creates the test nodes of a rule, with the ports of the nodes that they replace."""
+    """A manifest that creates a TestNode in place of each node that a substitution rule replaces."""
 
     def __init__(self, settings: TestNodeConfig) -> None:
         super().__init__("TestNode", TestNode, (), (), "btcore")
@@ -143,7 +145,7 @@ class _TestNodeManifest(Manifest):
         children: list[TreeNode],
     ) -> TreeNode:
         """Create a test node."""
-        # TestNode.__init__ uses the node's configuration, so that it must be called last.
+        # TestNode.__init__ uses the node's configuration, so it must be called last.
         node = TestNode.__new__(TestNode)
         node.attach_to_tree(config, context, blackboard)
         TestNode.__init__(node, self._settings)
@@ -160,9 +162,10 @@ class SubstitutionError(BtcoreError):
 def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
     """Add substitution rules to a registry.
 
-    The rules are a JSON object with the key ``SubstitutionRules``, which maps each filter to the name of a
-    configuration or to the ID of a registered node. The optional key ``TestNodeConfigs`` maps names to the
-    settings of a :class:`TestNodeConfig`.
+    The rules are a JSON object with the key ``SubstitutionRules``, which maps each filter (see
+    :meth:`Registry.substitute`) to the name of a configuration or to the ID of a registered node. The
+    optional key ``TestNodeConfigs`` maps the names of configurations to the settings of a
+    :class:`TestNodeConfig`.
 
     Args:
         nodes: The registry.
@@ -170,6 +173,7 @@ def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
 
     Raises:
         SubstitutionError: The rules are invalid; none of them is added.
+        OSError: The file cannot be read.
     """
     text = rules.read_text(encoding="utf-8") if isinstance(rules, Path) else rules
     try:

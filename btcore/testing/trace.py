@@ -1,4 +1,4 @@
-"""The events in a tree, tick by tick."""
+"""A record of the events in a tree, tick by tick."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -33,16 +33,16 @@ class TraceStep:
 
     Attributes:
         tick: The number of the tick; 0 between two ticks.
-        stamp: The clock's time at the end (ns).
+        stamp: The time of the tree's clock at the end of the step (ns).
         status: The result of the root; IDLE between two ticks.
         changes: The status changes.
-        results: The results of all ticks of the nodes that were ticked, in pre-order. A tick that raised an
-            exception has no result.
+        results: For each node that was ticked, the results of its ticks; the nodes are in pre-order. A tick
+            that raised an exception has no result.
         halted: The nodes that were halted while they were RUNNING.
         written: The new values of the blackboard entries that were written (None: removed), by key. The keys
             of a subtree's blackboard are ``subtree path/key``.
-        statuses: The statuses of all nodes at the end.
-        error: The exception that ended the tick.
+        statuses: The statuses of all nodes at the end of the step.
+        error: The exception that ended the tick, or None.
     """
 
     tick: int
@@ -64,7 +64,7 @@ class TraceStep:
 
 
 class ResultTracker:
-    """Determines the results of the nodes of *tree* from their tick counts."""
+    """Determines the results of the nodes of *tree* from the tick counts of the nodes."""
 
     def __init__(self, tree: Tree) -> None:
         self._tallies = tree.count_ticks()
@@ -80,10 +80,11 @@ class ResultTracker:
         """Return the events since the last call.
 
         Args:
-            error: The exception that ended the last tick.
+            error: The exception that ended the last tick, or None.
 
         Returns:
-            The results of each node that was ticked, by path, and the paths of the nodes that were halted.
+            The results of each node that was ticked, by path, and the paths of the nodes that were halted
+            while they were RUNNING.
         """
         results: dict[str, tuple[Status, ...]] = {}
         halted = []
@@ -107,7 +108,7 @@ class ResultTracker:
 
 
 class Trace(Observer):
-    """The steps of *tree* from now on, in order: ``trace[-1]`` is the last step."""
+    """Records the steps of *tree* from now on, in order: ``trace[-1]`` is the last step."""
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
@@ -128,7 +129,7 @@ class Trace(Observer):
         return self.steps[index]
 
     def path(self, node: str) -> str:
-        """Return the path in this trace of a node.
+        """Return the path by which this trace identifies a node.
 
         Args:
             node: The path or, if it is unique, the name.
@@ -144,7 +145,7 @@ class Trace(Observer):
         return [status for step in self.steps for status in step.results.get(path, ())]
 
     def transition(self, change: Transition) -> None:
-        """Store the change until the step ends."""
+        """Store the status change until the step ends."""
         self._changes.append(StatusChange(self._paths[change.uid], change.previous, change.status))
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:

@@ -1,6 +1,6 @@
-"""Generating random trees, element by element, until a budget of nodes is used up.
+"""A generator of random trees, which draws element by element until a budget of nodes is used up.
 
-The first choice is always the simplest, so that hypothesis shrinks a tree towards a single leaf.
+The first of the alternatives is always the simplest, so that hypothesis shrinks a tree towards a single leaf.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -29,7 +29,7 @@ _BOOLEANS: Final = st.booleans()
 _CONDITIONS: Final = ("@a == 0", "@a > @b", "@b != @c", "@c < 2 && @a >= 0", "true", "false")
 _STATEMENTS: Final = ("@a := 1", "@a := @a + 1", "@b = @c + 1", "@c = @a == 0 ? 2 : 0", "@b := 0; @c := @b")
 _SCRIPTS: Final = {PortRole.SCRIPT: _STATEMENTS, PortRole.CONDITION: _CONDITIONS}
-_NUMBERS: Final = {PortRole.DURATION: 40, PortRole.REPETITIONS: 3}  # the maximum: milliseconds, repetitions
+_NUMBERS: Final = {PortRole.DURATION: 40, PortRole.REPETITIONS: 3}  # maximum values: ms, repetitions
 _THRESHOLDS: Final = (PortRole.SUCCESSES, PortRole.FAILURES)
 _DRAWN_ROLES: Final = frozenset({*_SCRIPTS, *_NUMBERS, *_THRESHOLDS})
 _TEXTS: Final[Mapping[ValueType, SearchStrategy[str]]] = {
@@ -45,7 +45,7 @@ _TEXTS: Final[Mapping[ValueType, SearchStrategy[str]]] = {
 
 
 def _drawable_nodes(registry: Registry, format: int) -> dict[str, Manifest]:
-    """Return the nodes that random trees may contain, by ID, the simplest first."""
+    """Return the manifests of the nodes that random trees may contain, by ID, the simplest first."""
     manifests = [
         manifest
         for manifest in registry.manifests_of(format).values()
@@ -61,7 +61,7 @@ _STANDARD: Final = Registry.standard()
 BUILTIN_MANIFESTS: Final[Mapping[int, Mapping[str, Manifest]]] = {
     format: _drawable_nodes(_STANDARD, format) for format in (3, 4)
 }
-"""The built-in nodes that random trees may contain, by format and ID, the simplest first.
+"""The manifests of built-in nodes that random trees may contain, by format and ID, the simplest first.
 
 They need no resources, and their ports need only numbers, scripts and booleans.
 """
@@ -83,7 +83,7 @@ def _may_skip(manifest: Manifest) -> bool:
 
 
 class Element(NamedTuple):
-    """An element of a random tree, without its name."""
+    """An XML element of a random tree, without the attribute ``name``. *ports* are the other attributes."""
 
     tag: str
     ports: dict[str, str]
@@ -95,8 +95,8 @@ class TreeOptions:
     """The nodes and attributes that may occur in a random tree, see `xml_documents`.
 
     Attributes:
-        planned: The strategies for the port ``plan`` of the planned leaves by tag; None for leaves without
-            it.
+        planned: The leaves that follow a plan, by tag, each with a strategy for its port ``plan``; None for
+            leaves without this port.
         format: The XML format.
         skipped: Whether nodes may be skipped.
         timed: Whether nodes with durations may occur.
@@ -105,7 +105,7 @@ class TreeOptions:
         max_depth: The maximum number of levels.
         tags: The tags that may occur; None for all built-in nodes.
         own: The manifests of the nodes that are not built in, by tag.
-        texts: Strategies for the values of ports, by tag and port.
+        texts: Strategies for the values of ports, by tag and port name.
     """
 
     planned: Mapping[str, SearchStrategy[str] | None]
@@ -136,8 +136,8 @@ class TreeGenerator:
 
     Args:
         draw: The function of hypothesis that draws from a strategy.
-        options: What may occur in the tree.
-        budget: The maximum number of nodes; the attribute is the number that is left.
+        options: The nodes and attributes that may occur in the tree.
+        budget: The maximum number of nodes. The attribute of this name is the number of nodes that are left.
         subtrees: The IDs of the trees that may be used as subtrees.
     """
 
@@ -172,7 +172,7 @@ class TreeGenerator:
         """Draw an element with its children.
 
         Args:
-            top: Whether it is the root. A root is a leaf only if no other node is possible.
+            top: Whether the element is the root. A root is a leaf only if no other node is possible.
             depth: The level of the element, from 1.
         """
         self.budget -= 1
@@ -237,7 +237,7 @@ class TreeGenerator:
         return Element(tag, {}, [Element(condition, ports, []), *below])
 
     def with_conditions(self, element: Element) -> Element:
-        """Draw pre- and post-conditions, and return *element* with them."""
+        """Return *element* with random pre- and post-conditions, if the options allow them."""
         if not self.options.conditions:
             return element
         before = ["_successIf", "_failureIf", *["_skipIf", "_while"] * self.options.skipped]
@@ -250,7 +250,7 @@ class TreeGenerator:
         return element._replace(ports={**element.ports, **scripts})
 
     def ports(self, tag: str, count: int) -> dict[str, str]:
-        """Draw the ports of a node with *count* children."""
+        """Draw the values of the ports of a node with *count* children, by port name."""
         texts: dict[str, str] = {}
         for port in self.manifests[tag].ports.values():
             strategy = self.options.texts.get(tag, {}).get(port.name)
@@ -259,7 +259,7 @@ class TreeGenerator:
             elif port.role in _NUMBERS:
                 texts[port.name] = str(self.draw(cached_integers(0, _NUMBERS[port.role])))
             elif port.role in _THRESHOLDS:
-                # Format 3 does not allow 0; the recorded cases test its −1.
+                # Format 3 does not allow 0. Its value −1 is tested by the recorded conformance cases.
                 least = -1 if port.role is PortRole.SUCCESSES and self.options.format == 4 else 1
                 texts[port.name] = str(self.draw(cached_integers(least, count)))
             elif port.role in _SCRIPTS:
@@ -283,7 +283,7 @@ class TreeGenerator:
         return _TEXTS[port.type]
 
 
-# Hypothesis validates a strategy at its first draw, which takes longer than a draw: strategies are reused.
+# Strategies are reused, because hypothesis validates a strategy at its first draw, which takes long.
 
 
 @cache
