@@ -37,7 +37,7 @@ def interval(rate: SuccessRate, width: int = 360, height: int = 18) -> str:
 
 
 def histogram(times: Sequence[tuple[float, bool]], unit: str, bins: int = 24) -> str:
-    """Return an SVG histogram of the durations of episodes, with successes below the other episodes.
+    """Return an SVG histogram of the durations of episodes; successes are stacked below other episodes.
 
     Args:
         times: The duration of each episode, and whether it was a success.

@@ -75,7 +75,7 @@ class Workers:
 
         Args:
             episodes: The episodes to run.
-            stopped: Called about ten times a second. When it returns True, no more episodes are run.
+            stopped: Called at least every 0.1 s. When it returns True, the submitted episodes are cancelled.
 
         Raises:
             click.ClickException: The connection to the scheduler is lost, or a worker cannot run episodes.

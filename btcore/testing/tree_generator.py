@@ -259,7 +259,7 @@ class TreeGenerator:
             elif port.role in _NUMBERS:
                 texts[port.name] = str(self.draw(cached_integers(0, _NUMBERS[port.role])))
             elif port.role in _THRESHOLDS:
-                # Format 3 does not allow 0. Its value −1 is tested by the recorded conformance cases.
+                # Format 3 does not allow 0. The recorded conformance cases test −1 in format 3.
                 least = -1 if port.role is PortRole.SUCCESSES and self.options.format == 4 else 1
                 texts[port.name] = str(self.draw(cached_integers(least, count)))
             elif port.role in _SCRIPTS:
