@@ -314,8 +314,8 @@ class ColumnTable:
     def column_for_write(self, board: Blackboard, key: str) -> tuple[Column, bool]:
         """Return the column to which *key* is written, and whether it belongs to the scope *board* itself.
 
-        An ``@`` in the key to which *key* is remapped is a part of that key, as in ``Blackboard.set`` and unlike
-        in :meth:`column`.
+        An ``@`` in the key to which *key* is remapped is a part of that key, as in ``Blackboard.set`` and
+        unlike in :meth:`column`.
 
         Raises:
             BlackboardError: The key cannot be created.

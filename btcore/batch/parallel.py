@@ -88,7 +88,7 @@ class Parallel(ParallelNode):
                 active ^= won
                 self._forget(won)
                 self.reset_children(won)
-            # BehaviorTree.CPP compares with ==, so that a number of failures above the threshold has no effect.
+            # BehaviorTree.CPP compares with ==: a number of failures above the threshold has no effect.
             lost = active & self._failures.at_least(allowed)
             lost ^= lost & self._failures.at_least(allowed + 1)
             lost |= active & self._failures.at_least(count - needed + 1)

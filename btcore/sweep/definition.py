@@ -77,7 +77,7 @@ class SweepDefinition:
         return len(self.seeds) * len(self.settings)
 
     def episode(self, number: int) -> Episode:
-        """Return the episode *number*. Episodes are numbered seed by seed, with all settings for each seed."""
+        """Return the episode *number*. Episodes are numbered seed by seed, all settings for each seed."""
         seed_index, setting_index = divmod(number, len(self.settings))
         seed, values = self.seeds[seed_index], self.settings[setting_index]
         varied = parameters.setting_arguments(values, self.choices)
