@@ -58,7 +58,7 @@ class CppRobot:
         self.refused: dict[str, str] = {}
         self.names: list[bytes] = []
         self.delay = 0.0
-        self.deaf_to = ""
+        self.stall_at = ""
         self.stalled = threading.Event()
         self.lock = threading.Lock()
         self.recording = False
@@ -90,8 +90,8 @@ class CppRobot:
             micros = time.time_ns() // 1000 - self._began if offset is None else offset
             self._recorded.append(micros.to_bytes(8, "little")[:6] + struct.pack("<HB", uid, status))
 
-    def hear(self) -> None:
-        self.deaf_to = ""
+    def resume(self) -> None:
+        self.stall_at = ""
         self._resumed.set()
 
     def close(self) -> None:
@@ -107,7 +107,7 @@ class CppRobot:
                 request = self._socket.recv_multipart()
             except zmq.Again:
                 continue
-            if self.deaf_to and chr(request[0][1]) == self.deaf_to:
+            if self.stall_at and chr(request[0][1]) == self.stall_at:
                 self.stalled.set()
                 self._resumed.wait()
             self._stop.wait(self.delay)
