@@ -195,7 +195,7 @@ class TreeInstantiator:
             if key is not None and bound.is_explicit:
                 try:
                     entry = blackboard.create(key, port.type)
-                except BlackboardError as error:
+                except (BlackboardError, ConversionError) as error:
                     self._diagnostics.add(self._clash(document, plan, port, blackboard.find(key), error))
                 else:
                     # The first port with a type declares the type; later ports are compared with it.
@@ -218,7 +218,7 @@ class TreeInstantiator:
         return f"'{bound.port.name}' of <{config.id}> ({config.where})"
 
     def _clash(
-        self, document: Document, plan: NodePlan, port: Port, entry: Entry | None, error: BlackboardError
+        self, document: Document, plan: NodePlan, port: Port, entry: Entry | None, error: BtcoreError
     ) -> Diagnostic:
         """Return the diagnostic for a port whose type differs from the declared type of its entry."""
         if entry is None or entry.declared.same(port.type):

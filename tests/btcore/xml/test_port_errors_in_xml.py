@@ -5,7 +5,8 @@ from textwrap import dedent
 
 import pytest
 
-from btcore import Registry
+import btcore
+from btcore import In, Registry, condition
 from btcore.blackboard.blackboard import Blackboard
 from btcore.errors import PortError, TreeError
 from btcore.xml.build import build
@@ -206,3 +207,17 @@ def test_type_of_an_entry_on_a_given_blackboard_is_checked(nodes: Registry, docu
     with pytest.raises(PortError) as caught:
         build(parse_text(text, "t.xml"), nodes, blackboard=blackboard)
     assert caught.value.diagnostics[0].hint.startswith("it was on the blackboard before the tree")
+
+
+def test_an_entry_that_does_not_fit_the_type_of_a_port_is_an_error_with_a_place() -> None:
+    @condition
+    def near(x: In[float]) -> bool:
+        return x < 1
+
+    nodes = Registry.standard()
+    nodes.add(near)
+    blackboard = Blackboard()
+    blackboard["x"] = 2**60  # a double represents integers of at most 53 bits
+    text = '<root BTCPP_format="4"><BehaviorTree ID="Main">\n<Near x="{x}"/></BehaviorTree></root>'
+    with pytest.raises(PortError, match=r"2:10: E203 the port 'x' of <Near> has the type double"):
+        btcore.loads(text, nodes=nodes, blackboard=blackboard)

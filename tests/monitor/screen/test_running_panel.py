@@ -16,7 +16,7 @@ NODES = (
 
 
 @pytest.fixture
-def told(recorded, tmp_path):
+def panel(recorded, tmp_path):
     """``panel({second: [(uid, status), …]}, notes)``: the panel's text at the end of each second."""
 
     def texts(ticks: dict[int, list[tuple[int, int]]], notes: dict[str, str] | None = None) -> dict[int, str]:
@@ -38,28 +38,28 @@ def told(recorded, tmp_path):
     return texts
 
 
-def test_ports_distinguish_running_nodes_with_the_same_name(told):
-    now = told({1: [(1, RUNNING), (3, RUNNING)], 2: [(3, FAILURE), (4, RUNNING)]})
+def test_ports_distinguish_running_nodes_with_the_same_name(panel):
+    now = panel({1: [(1, RUNNING), (3, RUNNING)], 2: [(3, FAILURE), (4, RUNNING)]})
     assert "| runs | **Move {dock}** |" in now[1]
     assert "| runs | **Move {next}** |" in now[2]
 
 
-def test_a_leaf_that_failed_is_listed_for_one_tick(told):
-    now = told({1: [(1, RUNNING), (2, SUCCESS)], 2: [(2, FAILURE), (2, IDLE), (3, RUNNING)], 3: []})
+def test_a_leaf_that_failed_is_listed_for_one_tick(panel):
+    now = panel({1: [(1, RUNNING), (2, SUCCESS)], 2: [(2, FAILURE), (2, IDLE), (3, RUNNING)], 3: []})
     assert "failed" not in now[1]
     assert "| failed | **Charged** |" in now[2]
     assert "failed" not in now[3], "listed in the tick before"
 
 
-def test_a_tree_that_is_halted_after_its_last_tick_lists_no_running_leaf(told):
-    now = told({1: [(1, RUNNING), (3, RUNNING)], 2: [(3, IDLE), (1, IDLE)]})
+def test_a_tree_that_is_halted_after_its_last_tick_lists_no_running_leaf(panel):
+    now = panel({1: [(1, RUNNING), (3, RUNNING)], 2: [(3, IDLE), (1, IDLE)]})
     assert "| runs | **Move {dock}** |" in now[1]
     assert "| runs | – |" in now[2]
     assert "| root | IDLE |" in now[2]
 
 
-def test_a_long_note_is_below_the_table_where_it_can_wrap(told):
+def test_a_long_note_is_below_the_table_where_it_can_wrap(panel):
     way = "(-10.6, -12.2), 19.9 m to go, 2 recoveries"
-    (now,) = told({1: [(1, RUNNING)]}, {"localisation": "sure", "goal": way}).values()
+    (now,) = panel({1: [(1, RUNNING)]}, {"localisation": "sure", "goal": way}).values()
     assert "| localisation | sure |" in now
     assert now.endswith(f"\n\ngoal: {way}")
