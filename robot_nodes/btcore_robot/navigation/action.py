@@ -1,4 +1,4 @@
-"""Actions in the sense of ROS 2: long-running work that a client requests by a goal and watches by a handle.
+"""Actions as in ROS 2: long-running work that a client requests by a goal and watches by a handle.
 
 A server is a task on the robot's schedule. It accepts a goal at its next step; a new goal replaces the old
 goal (pre-emption). There are no callbacks: clients poll the handle for feedback, status and result.
@@ -38,7 +38,7 @@ class ActionResult(Generic[Value]):
 
 
 class GoalHandle(Generic[Goal, Feedback, Value]):
-    """One goal that was sent. The server writes it; the client reads it and may `cancel` the goal."""
+    """A goal that was sent. The server writes the handle; the client reads it and may `cancel` the goal."""
 
     def __init__(self, goal: Goal) -> None:
         self.goal = goal
@@ -86,8 +86,8 @@ class GoalHandle(Generic[Goal, Feedback, Value]):
 class ActionServer(Generic[Goal, Feedback, Value]):
     """A server of one goal at a time; subclasses implement `start`, `work` and `stop`.
 
-    `step` is a task for the schedule. An exception in a subclass is a programming error, not a failed goal: a
-    subclass calls the handle's `abort` for goals that fail.
+    Call `step` periodically from the robot's schedule. An exception in a subclass is a programming error, not
+    a failed goal: a subclass calls the handle's `abort` for goals that fail.
     """
 
     name = "action"
@@ -99,7 +99,8 @@ class ActionServer(Generic[Goal, Feedback, Value]):
     def send_goal(self, goal: Goal) -> GoalHandle[Goal, Feedback, Value]:
         """Send *goal* and return its handle.
 
-        It replaces other goals: a waiting goal becomes CANCELED at once, a running goal at the next step.
+        The new goal replaces other goals: a waiting goal becomes CANCELED at once, a running goal at the next
+        step.
         """
         if self._next is not None:
             self._next.canceled("a newer goal took its place")
@@ -108,7 +109,7 @@ class ActionServer(Generic[Goal, Feedback, Value]):
 
     @property
     def busy(self) -> bool:
-        """Whether a goal has not ended, whether it is accepted or not."""
+        """Whether a goal has not ended yet; a goal that is not accepted yet counts too."""
         return self._next is not None or (self.current is not None and not self.current.done)
 
     def step(self, now: int) -> None:

@@ -52,7 +52,7 @@ class _StraightGoal:
 
 
 class BackUpGoal(_StraightGoal):
-    """Back up *dist* (m) at *speed* (m/s), with any signs. *time_allowance* is in s; 0 means no limit."""
+    """Back up *dist* (m) at *speed* (m/s); signs are ignored. *time_allowance* is in s; 0 means no limit."""
 
 
 class DriveOnHeadingGoal(_StraightGoal):
@@ -71,7 +71,7 @@ class WaitGoal:
 
 @dataclass(frozen=True, slots=True)
 class BehaviourFeedback:
-    """The progress: the distance in m, for Spin the angle in rad, for Wait the remaining seconds."""
+    """The progress: *travelled* is a distance (m); for Spin an angle (rad), for Wait the time left (s)."""
 
     travelled: float
 
@@ -92,7 +92,10 @@ class _Codes:
 
 
 class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic[MotionGoal]):
-    """A behaviour that moves the robot; `step` is a task for the schedule at 10 Hz, ``Phase.CONTROLLER``."""
+    """A behaviour that moves the robot.
+
+    Call `step` from the robot's schedule at ``cycle_frequency`` (10 Hz by default) in ``Phase.CONTROLLER``.
+    """
 
     _codes: _Codes
 
@@ -122,7 +125,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         self._travelled = 0.0
 
     def step(self, now: int) -> None:
-        """Run one period; without a goal the robot comes to rest."""
+        """Run one period at *now* (ns); without a goal, brake until the robot stands."""
         super().step(now)
         if not self.busy:
             self._smoother.slow_to_stop(now, self.period)
@@ -138,7 +141,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
             handle.abort(self._codes.invalid_goal, error)
 
     def work(self, handle: Handle[MotionGoal], now: int) -> None:
-        """Move for one period."""
+        """Move for one period, or end the goal: at its distance, at its time limit or before a collision."""
         goal = handle.goal
         odometry = self._robot.odometry()
         self._travelled = self._progress(odometry)
@@ -238,7 +241,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
 
 
 class SpinBehaviour(MotionBehaviour[SpinGoal]):
-    """A turn on the spot at √(2 · rot_acc · remaining), within the limits of the turning rate."""
+    """A turn on the spot at √(2 · acceleration limit · remaining angle), within the limits of the rate."""
 
     name = "spin"
     _codes = _Codes(
@@ -266,7 +269,7 @@ class SpinBehaviour(MotionBehaviour[SpinGoal]):
 
 
 class BackUpBehaviour(MotionBehaviour[BackUpGoal]):
-    """A straight drive backward, at the base's speed limit at most."""
+    """A straight drive backward at the goal's speed, limited by the base's greatest speed."""
 
     name = "backup"
     _codes = _Codes(
@@ -307,7 +310,7 @@ class DriveOnHeadingBehaviour(MotionBehaviour[DriveOnHeadingGoal]):
 
 
 class WaitBehaviour(ActionServer[WaitGoal, BehaviourFeedback, None]):
-    """A pause; `step` is a task for the schedule at 10 Hz, ``Phase.CONTROLLER``."""
+    """A pause. Call `step` from the robot's schedule at 10 Hz in ``Phase.CONTROLLER``."""
 
     name = "wait"
 

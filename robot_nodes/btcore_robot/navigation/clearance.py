@@ -29,8 +29,8 @@ _GONE = 0.05  # m by which a ray must pass a remembered obstacle before the obst
 def smooth_scan(scan: LaserScan) -> LaserScan:
     """Return *scan* without lone readings, each reading averaged with its neighbours on the same surface.
 
-    Readings that are too near (-inf) stay, and invalid readings (NaN) become readings without an echo. An
-    object needs three adjacent rays: a table leg of 3 cm has as many up to a distance of 1.5 m.
+    Readings that are too near (-inf) stay, and invalid readings (NaN) become readings without an echo. Only
+    objects that three adjacent rays hit remain: a table leg of 3 cm remains up to a distance of 1.5 m.
     """
     ranges = scan.ranges
     near = ranges == -np.inf
@@ -48,10 +48,11 @@ def smooth_scan(scan: LaserScan) -> LaserScan:
 
 
 class ClearanceGrid:
-    """A grid of distances (m) to obstacles around the robot, in the frame of the costmap.
+    """A grid of distances (m) to obstacles around the robot, in the frame of the local costmap.
 
-    Scans are smoothed first. An obstacle of the costmap through which the scan sees is ignored; keep-outs and
-    obstacles outside the laser's view are kept.
+    Obstacles are the end points of the smoothed scan, and the obstacles that the costmap remembers. An
+    obstacle of the costmap through which the scan sees is ignored; keep-outs and obstacles outside the
+    laser's view are kept.
     """
 
     def __init__(self, size: float = 4.0, resolution: float = 0.025) -> None:
@@ -61,7 +62,10 @@ class ClearanceGrid:
         self.origin = (0.0, 0.0)
         """The lower-left corner (x, y in m)."""
         self.distances: NDArray[np.float32] = np.zeros((self._side, self._side), dtype=np.float32)
-        """The distance (m) from each cell's centre to the nearest occupied cell's; row 0 has the lowest y."""
+        """The distance (m) from each cell's centre to the centre of the nearest occupied cell.
+
+        Row 0 has the lowest y. The distances are at most half the grid's side.
+        """
         self.stamp: int | None = None
         """The stamp (ns) of the scan from which the grid was made."""
 
@@ -89,11 +93,14 @@ class ClearanceGrid:
         self.stamp = scan.stamp
 
     def distances_at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the distances (m) at points of the costmap's frame, in their shape; 0 off the grid.
+        """Return the distance (m) from each point to the nearest obstacle; 0 off the grid.
 
         Args:
-            x: The x coordinates (m).
-            y: The y coordinates (m), of the same shape.
+            x: The points' x coordinates (m) in the costmap's frame.
+            y: The points' y coordinates (m), of the same shape.
+
+        Returns:
+            The distances, of the same shape.
         """
         cols = ((x - self.origin[0]) / self.resolution).astype(np.intp)
         rows = ((y - self.origin[1]) / self.resolution).astype(np.intp)
@@ -105,7 +112,7 @@ class ClearanceGrid:
         return np.where(outside, np.float32(0.0), distances)
 
     def distance_at(self, x: float, y: float) -> float:
-        """Return the distance (m) at the point *x*, *y* (m); 0 off the grid."""
+        """Return the distance (m) from the point *x*, *y* (m) to the nearest obstacle; 0 off the grid."""
         col = math.floor((x - self.origin[0]) / self.resolution)
         row = math.floor((y - self.origin[1]) / self.resolution)
         if 0 <= col < self._side and 0 <= row < self._side:
@@ -121,7 +128,7 @@ class ClearanceGrid:
     def _remembered(
         self, scan: LaserScan, ranges: NDArray[np.float32], laser: Pose2D, costmap: LocalCostmap
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return points (m) of the costmap's lethal cells through which the scan doesn't see, four a cell.
+        """Return the x and y (m) of four points per lethal cell that the scan doesn't see through.
 
         *ranges* are the smoothed readings, so that the mark of a single short reading disappears soon.
         """
@@ -147,12 +154,12 @@ class ClearanceGrid:
 
 
 def laser_pose(tree: TransformTree, frame: str, scan: LaserScan) -> Pose2D:
-    """Return the laser's pose in *frame* when it took *scan*, else its newest pose.
+    """Return the laser's pose in *frame* at the time of *scan*, or else the laser's newest pose.
 
     Args:
-        tree: The transforms.
-        frame: The target frame.
-        scan: The scan, with the laser's frame and the stamp.
+        tree: The tree with the transforms between the laser's frame and *frame*.
+        frame: The frame in which the pose is returned.
+        scan: The scan; its frame is the laser's frame.
 
     Returns:
         The pose at the scan's stamp, or the newest pose if the transforms of that moment are gone or pending.

@@ -1,9 +1,9 @@
-"""FollowPath: the controller that drives a robot along a path, and around obstacles on it or to a stop.
+"""The controller of FollowPath: drive along a path, and around obstacles on the path or stop before them.
 
 The control law is a regulated pure pursuit: the speed depends on the curvature of the arc, on the free length
-of the arc in the newest scan, on the clearance beside it, and on the remaining distance. The robot passes an
-obstacle on the path by a detour, which is searched again while the obstacle stays. Collision checks compare
-the distance to obstacles with a radius.
+of the arc in the newest scan, on the clearance beside the arc, and on the remaining distance. The robot
+passes an obstacle on the path by a detour; the controller updates the detour while the obstacle stays.
+Collision checks treat the robot as a circle: they compare the distance to the nearest obstacle with a radius.
 `GoalChecker` and `ProgressChecker` are Nav2's SimpleGoalChecker and PoseProgressChecker.
 """
 
@@ -41,8 +41,8 @@ _BEYOND = 0.3  # m behind the obstacle at which a detour returns to the path
 _MAX_OFF_PATH = 0.3  # m beside the path; farther away, a way back to the path is searched too
 _SPARE = 0.02  # m of clearance that a detour keeps in addition
 _MARGIN = 0.08  # m that the robot stops before the last free point of an arc
-_STUCK = 0.05, 0.15, 1.5  # m, rad, s: with less progress a way is searched though the path looks free
-_UNSTICK_REACH = 0.6  # m along the path: the nearest end of that way
+_STUCK = 0.05, 0.15, 1.5  # m, rad, s: with less motion a detour is searched, even if the path looks free
+_UNSTICK_REACH = 0.6  # m along the path: the nearest end of a detour for a stuck robot
 _SEARCH_INTERVAL = NS_PER_S // 3  # ns between two searches for a detour
 _ALIGNED = 0.15  # rad: a turn on the spot ends at this error
 _MIN_SPEED = 0.02  # m/s: a lower speed counts as standing
@@ -52,7 +52,10 @@ _MAX_DETOUR_CARROT = 0.4  # m: a detour bends more than a path
 
 @dataclass(frozen=True, slots=True)
 class FollowPathGoal:
-    """A *path* to follow to its end. The ids name Nav2's plug-ins; there is a single plug-in of each kind."""
+    """A *path* to follow to its end.
+
+    The ids name Nav2's plug-ins; the controller ignores them, because it has a single plug-in of each kind.
+    """
 
     path: NavPath
     controller_id: str = ""
@@ -65,8 +68,8 @@ class FollowPathGoal:
 class FollowPathFeedback:
     """The remaining distance (m), the commanded *speed* (m/s) and the errors of position and heading.
 
-    *position_error* (m) and *heading_error* (rad) are positive to the left of the path, negative to its
-    right.
+    *position_error* (m) is positive if the robot is to the left of the path. *heading_error* (rad) is
+    positive if the robot is turned to the left of the path's direction.
     """
 
     distance_to_goal: float = 0.0
@@ -79,7 +82,7 @@ FollowPathHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, None]
 
 
 class GoalChecker:
-    """A check whether a pose is at the goal, within *xy* (m) and *yaw* (rad).
+    """A check whether a pose is within *xy* (m) and *yaw* (rad) of the goal.
 
     With *stateful*, a position that was reached once stays reached until `reset`; only the heading is checked
     from then on.
@@ -109,7 +112,7 @@ class GoalChecker:
 class ProgressChecker:
     """A check whether a robot moved *radius* (m) or turned *angle* (rad) within the last *allowance* (s).
 
-    Exclude the time in which the robot has to stand by calling `pause`.
+    Call `pause` to exclude time in which the robot is not allowed to move.
     """
 
     def __init__(self, radius: float, angle: float, allowance: float) -> None:
@@ -120,7 +123,7 @@ class ProgressChecker:
         self._since = 0
 
     def reset(self) -> None:
-        """Start again at the next check."""
+        """Measure the progress from the pose and the time of the next check."""
         self._reference = None
 
     def pause(self, nanoseconds: int) -> None:
@@ -142,9 +145,10 @@ class ProgressChecker:
 
 
 class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
-    """The server of `FollowPathGoal`; `step` is a task at ``controller_frequency``, ``Phase.CONTROLLER``.
+    """The action server of `FollowPathGoal`.
 
-    While *hold* returns True, or the newest scan is too old, the robot stands and the goal doesn't fail.
+    Call `step` from the robot's schedule at ``controller_frequency`` in ``Phase.CONTROLLER``. While *hold*
+    returns True, or the newest scan is too old, the robot stands and the goal doesn't fail.
     """
 
     name = "follow_path"
@@ -198,7 +202,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._last = 0
 
     def step(self, now: int) -> None:
-        """Run one period; without a goal the robot comes to rest."""
+        """Run one period at *now* (ns); without a goal, brake until the robot stands."""
         super().step(now)
         if not self.busy:
             self._smoother.slow_to_stop(now, self.period)
@@ -408,7 +412,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
 def _returns(room: NDArray[np.float32], past: int) -> list[int]:
     """Return the indices of points of a path, the nearest first, at which a detour may end.
 
-    *room* is the clearance at each point; the path is blocked up to the index *past*.
+    *room* is the clearance (m) at each point; the path is blocked up to the index *past*.
     """
     free = room >= MIN_CLEARANCE + _SPARE
     # A little farther along the path is better where the path is free all the way.
@@ -423,7 +427,7 @@ _NOT_FINITE = "a pose of the path is not finite"
 
 
 def _transform_pose(transform: Transform, pose: Pose2D) -> Pose2D:
-    """Return *pose* in the target frame of *transform*, which is a transform on the floor."""
+    """Return *pose* in the target frame of *transform* (only x, y and yaw)."""
     turn = transform.yaw
     cos, sin = math.cos(turn), math.sin(turn)
     x, y, _ = transform.position
@@ -432,7 +436,7 @@ def _transform_pose(transform: Transform, pose: Pose2D) -> Pose2D:
 
 
 def _transform_points(transform: Transform, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return *points* (m, shape ``(n, 2)``) in the target frame of *transform*, a transform on the floor."""
+    """Return *points* (m, shape ``(n, 2)``) in the target frame of *transform* (only x, y and yaw)."""
     yaw = transform.yaw
     cos, sin = math.cos(yaw), math.sin(yaw)
     x, y, _ = transform.position

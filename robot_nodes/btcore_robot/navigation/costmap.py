@@ -3,8 +3,9 @@
 A cost is 0 in a free cell, 1–252 near an obstacle, 253 (INSCRIBED) where the robot's centre can't be without
 a collision, 254 (LETHAL) in an obstacle, and 255 (UNKNOWN) in a cell that was never observed. `GlobalCostmap`
 covers the map; `LocalCostmap` moves with the robot and holds only what the laser sees. Both add the laser's
-obstacles, the keep-out rectangles and the inflation. Observations wait until `update`; the newest scan of
-each sensor counts. Arrays are changed in place: copy an array to keep it.
+obstacles, the keep-out rectangles and the inflation. A scan that `observe` receives takes effect at the next
+`update`; only the newest scan of each sensor is used. The array `costs` is changed in place: copy it to keep
+the present costs.
 """
 
 import math
@@ -39,7 +40,7 @@ class Costmap(Grid):
     """
 
     lower_bound: NDArray[np.uint8] | None = None
-    """Costs of the same shape below which no later cost falls; None if unknown."""
+    """A lower bound of all later costs, cell by cell, in the shape of *costs*; None if unknown."""
 
     def __init__(
         self, costs: NDArray[np.uint8], resolution: float, origin: tuple[float, float], frame: str = "map"
@@ -72,7 +73,7 @@ class Costmap(Grid):
         return costs
 
     def square(self, pose: Pose2D, side: float) -> GridWindow:
-        """Return the window of cells that a square of *side* (m) around *pose* touches, along the axes."""
+        """Return the window of cells that an axis-parallel square of *side* (m) around *pose* touches."""
         low = self.cell(pose.x - side / 2, pose.y - side / 2)
         high = self.cell(pose.x + side / 2, pose.y + side / 2)
         return GridWindow.clipped(*low, high[0] + 1, high[1] + 1, self.costs.shape)
@@ -97,11 +98,11 @@ class LayeredCostmap(Costmap):
         self._pending: dict[str, tuple[LaserScan, Pose2D]] = {}
 
     def observe(self, scan: LaserScan, laser_pose: Pose2D) -> None:
-        """Keep *scan* for the next update; *laser_pose* is the laser's pose in this costmap's frame."""
+        """Store *scan* for the next update; *laser_pose* is the laser's pose in this costmap's frame."""
         self._pending[scan.frame] = (scan, laser_pose)
 
     def clear(self) -> None:
-        """Remove all observed obstacles; those of the map and the keep-outs stay."""
+        """Remove all observed obstacles; the obstacles of the map and the keep-outs stay."""
         self.obstacles.forget()
         self._pending.clear()
         self._refresh(self._everywhere())
@@ -113,7 +114,7 @@ class LayeredCostmap(Costmap):
         self._refresh(window)
 
     def clear_except(self, pose: Pose2D, side: float) -> None:
-        """Remove the obstacles observed outside the square of *side* (m) around *pose* in this frame."""
+        """Remove the obstacles observed outside the square that `clear_around` clears."""
         self.obstacles.forget(self.square(pose, side), outside=True)
         self._refresh(self._everywhere())
 
@@ -142,12 +143,20 @@ class LayeredCostmap(Costmap):
 
 
 class GlobalCostmap(LayeredCostmap):
-    """A costmap of the whole map, in its frame, with the obstacles observed since.
+    """A costmap of the whole map, in the frame map, with the obstacles that the laser has observed.
 
-    *radius* (m) is the robot's; *inflation_radius* (m) and *scaling* (1/m) are those of `InflationLayer`.
-    Readings mark up to *obstacle_max_range* (m) and clear up to *raytrace_range* (m). Unknown cells of the
-    map stay UNKNOWN until a ray crosses them, unless *track_unknown* is off. `lower_bound` has the costs of
-    the map's occupied cells and the keep-outs.
+    `lower_bound` contains the costs of the map's occupied cells and the keep-outs, with inflation.
+
+    Args:
+        map: The map.
+        radius: The robot's radius (m).
+        inflation_radius: The distance (m) up to which obstacles have costs around them.
+        scaling: The decay (1/m) of the costs with the distance; see `InflationLayer`.
+        obstacle_min_range: The minimum range (m) of a reading that marks an obstacle.
+        obstacle_max_range: The maximum range (m) of a reading that marks an obstacle.
+        raytrace_range: The range (m) up to which a ray frees the cells that it crosses.
+        track_unknown: Whether unknown cells of the map are UNKNOWN until a ray crosses them; otherwise they
+            are FREE.
     """
 
     def __init__(
@@ -179,7 +188,7 @@ class GlobalCostmap(LayeredCostmap):
         self._refresh(self._everywhere())
 
     def update(self, now: int, robot_pose: Pose2D | None = None) -> None:
-        """Take over the observations; only windows with changes are computed again.
+        """Apply the observed scans; only the costs of changed windows are computed again.
 
         Args:
             now: The time (ns).
@@ -210,9 +219,9 @@ class GlobalCostmap(LayeredCostmap):
 class LocalCostmap(LayeredCostmap):
     """A costmap of a square of *size* (m) around the robot, in the frame ``odom``, with observed obstacles.
 
-    Cells without an observation are FREE. *keepout* are rectangles of the frame map; they are drawn at the
-    newest pose of the map that `update` has received, and not before the first. The other parameters are
-    those of `GlobalCostmap`.
+    Cells without an observation are FREE. *keepout* are rectangles in the frame map. They are drawn at the
+    newest *map_pose* that `update` has received; before the first *map_pose* they are not drawn. *resolution*
+    (m) is the side length of a cell. `GlobalCostmap` describes the other parameters.
     """
 
     def __init__(
@@ -246,7 +255,7 @@ class LocalCostmap(LayeredCostmap):
         self._center_on(Pose2D(0.0, 0.0, 0.0))
 
     def update(self, now: int, robot_pose: Pose2D, map_pose: Pose2D | None = None) -> None:
-        """Move the costmap with the robot and take over the observations.
+        """Move the costmap with the robot and apply the observed scans.
 
         Args:
             now: The time (ns).

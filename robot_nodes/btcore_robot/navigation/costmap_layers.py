@@ -1,4 +1,4 @@
-"""The layers of a costmap: the map's cells, the laser's obstacles and the inflation; windows of a grid."""
+"""The layers of a costmap (the map, the laser's obstacles, the inflation), and windows of a grid."""
 
 import math
 from typing import NamedTuple
@@ -17,7 +17,7 @@ _FIXED_POINT = 1 << _SHIFT
 
 
 class GridWindow(NamedTuple):
-    """Rows and columns of a grid, the low numbers included and the high numbers excluded."""
+    """A rectangle of cells of a grid; *high_row* and *high_col* are excluded."""
 
     low_row: int
     low_col: int
@@ -28,7 +28,7 @@ class GridWindow(NamedTuple):
     def clipped(
         cls, low_row: int, low_col: int, high_row: int, high_col: int, shape: tuple[int, int]
     ) -> "GridWindow":
-        """Return the part of a window that is on a grid of *shape*; without such a part, an empty window."""
+        """Return the part of a window that is on a grid of *shape*; an empty window if no cell is."""
         window = cls(max(0, low_row), max(0, low_col), min(shape[0], high_row), min(shape[1], high_col))
         return cls(0, 0, 0, 0) if window.empty else window
 
@@ -43,7 +43,7 @@ class GridWindow(NamedTuple):
         return self.low_row >= self.high_row or self.low_col >= self.high_col
 
     def grown(self, cells: int, shape: tuple[int, int]) -> "GridWindow":
-        """Return this window with *cells* more on every side, cut to a grid of *shape*."""
+        """Return this window enlarged by *cells* on every side, clipped to a grid of *shape*."""
         low_row, low_col = self.low_row - cells, self.low_col - cells
         return GridWindow.clipped(low_row, low_col, self.high_row + cells, self.high_col + cells, shape)
 
@@ -56,7 +56,12 @@ class GridWindow(NamedTuple):
 
 
 def bounding_window(mask: NDArray[np.bool_], window: GridWindow) -> GridWindow:
-    """Return the smallest window of a grid that contains the true cells of *mask*, which covers *window*."""
+    """Return the smallest window of a grid that contains all true cells of a mask; empty if there are none.
+
+    Args:
+        mask: The mask, of the shape of *window*.
+        window: The window of the grid that *mask* covers.
+    """
     rows = np.flatnonzero(mask.any(axis=1))
     if not len(rows):
         return GridWindow(0, 0, 0, 0)
@@ -68,7 +73,11 @@ def bounding_window(mask: NDArray[np.bool_], window: GridWindow) -> GridWindow:
 
 
 def static_costs(map: OccupancyMap, *, track_unknown: bool = True) -> NDArray[np.uint8]:
-    """Return the costs of the map's cells; keep-outs are LETHAL, cells with a likelihood below 100 FREE."""
+    """Return the costs of a map's cells, without inflation.
+
+    Occupied cells (100) and keep-outs are LETHAL. Unknown cells are UNKNOWN with *track_unknown*. All other
+    cells are FREE, also cells with a likelihood between 0 and 100.
+    """
     costs = np.full(map.cells.shape, FREE, dtype=np.uint8)
     if track_unknown:
         costs[map.unknown] = UNKNOWN
@@ -116,7 +125,7 @@ class InflationLayer:
         # Rounding must not cut a radius of whole cells: 0.3 / 0.05 is slightly less than 6.
         reach = max(inflation_radius, radius) / resolution + 1e-9
         self.cells = math.floor(reach)
-        """The reach of an obstacle's costs, in cells."""
+        """The distance (cells) up to which an obstacle has costs around it."""
         # Squared distances between cells are whole numbers, so that a table holds the costs of all of them.
         squares = np.arange((self.cells + 1) ** 2 + 1)
         self._by_square = np.array(
@@ -151,13 +160,13 @@ class InflationLayer:
 
 
 class ObstacleLayer:
-    """The observations of a planar laser: LETHAL in cells with a hit, FREE in cells that rays crossed since.
+    """The observations of a planar laser: LETHAL in cells with a hit, FREE where rays crossed later.
 
-    Cells that no ray has reached have *default_value* (FREE, or UNKNOWN where the map's value counts). A
-    finite reading of at least *min_range* (m) marks its end point if that is within *max_range* (m). Every
-    ray frees the cells that it crosses, up to *raytrace_range* (m): a finite reading up to the cell before
-    its end point, a reading without an echo (+inf) over the whole range. Readings that are too near (-inf) or
-    invalid (NaN) are ignored.
+    Cells that no ray has reached have *default_value*: FREE, or UNKNOWN if the map's cost is used there. A
+    finite reading from *min_range* to *max_range* (m) marks its end point. Every ray frees the cells that it
+    crosses, up to *raytrace_range* (m): a finite reading up to the cell before its end point, a reading
+    without an echo (+inf) over the whole range. Readings that are too near (-inf) or invalid (NaN) are
+    ignored.
     """
 
     def __init__(
@@ -181,7 +190,7 @@ class ObstacleLayer:
         """Clear and mark cells by a scan.
 
         Args:
-            scan: The scan.
+            scan: The scan, smoothed or raw.
             laser: The laser's pose in the grid's frame.
             origin: The lower-left corner (m) of the grid.
         """
@@ -209,7 +218,12 @@ class ObstacleLayer:
         self.values[rows[on_grid], cols[on_grid]] = LETHAL
 
     def reachable(self, laser: Pose2D, origin: tuple[float, float]) -> GridWindow:
-        """Return the window that a scan taken at *laser* can change; *origin* (m) is the grid's corner."""
+        """Return the window of cells that a scan can change.
+
+        Args:
+            laser: The laser's pose in the grid's frame.
+            origin: The lower-left corner (m) of the grid.
+        """
         far = math.ceil(max(self.max_range, self.raytrace_range) / self.resolution) + 2
         row = math.floor((laser.y - origin[1]) / self.resolution)
         col = math.floor((laser.x - origin[0]) / self.resolution)
@@ -220,7 +234,7 @@ class ObstacleLayer:
 
         Args:
             place: The robot's pose in the grid's frame.
-            radius: The distance (m) of a cell's centre from *place* within which the cell becomes FREE.
+            radius: A cell becomes FREE if its centre is at most this far (m) from *place*.
             origin: The lower-left corner (m) of the grid.
         """
         x = (place.x - origin[0]) / self.resolution - 0.5
@@ -234,7 +248,12 @@ class ObstacleLayer:
         self.values[window.slices][rows[:, None] ** 2 + cols**2 <= reach**2] = FREE
 
     def forget(self, window: GridWindow | None = None, *, outside: bool = False) -> None:
-        """Reset cells to the default value: all cells, those of *window*, or those *outside* it."""
+        """Reset cells to the default value.
+
+        Args:
+            window: The window whose cells are reset; None resets all cells.
+            outside: Whether to reset the cells outside *window* instead.
+        """
         if window is None:
             self.values.fill(self.default_value)
         elif outside:

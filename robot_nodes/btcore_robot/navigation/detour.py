@@ -1,4 +1,4 @@
-"""The search for a way around an obstacle on the path, in the robot's surroundings."""
+"""Search for a detour: a short way around an obstacle on the path, near the robot."""
 
 import math
 
@@ -10,14 +10,14 @@ from skimage.graph import MCP_Geometric
 from btcore_robot.navigation.clearance import ClearanceGrid
 from btcore_robot.robot import Pose2D
 
-_COARSE = 2  # cells of the clearance grid along the side of a cell of the search
+_COARSE = 2  # a cell of the search is this many cells of the clearance grid wide
 _FULL_CLEARANCE = 0.55  # m of clearance from which more clearance is no cheaper
-_ESCAPE_REACH = 0.4  # m around the robot in which it may drive with too little clearance
-_ESCAPE_COST = 20.0  # of a cell with too little clearance; a free cell costs 1 to 7
+_ESCAPE_REACH = 0.4  # m around the robot within which a detour may have too little clearance
+_ESCAPE_COST = 20.0  # cost of a cell with too little clearance; a free cell costs 1 to 7
 _ESCAPE_LOSS = 0.02  # m of clearance that the robot may lose while it drives out of a narrow place
 _PREVIOUS_WAY = 0.6  # factor on the cost of cells on the previous way
 _AROUND = np.ones((5, 5), dtype=np.uint8)
-# Times the straight distance, and m: longer ways are the planner's decision.
+# A detour may be 1.5 times as long as the straight line plus 0.5 m; longer ways are left to the planner.
 _MAX_RATIO, _MAX_EXTRA = 1.5, 0.5
 
 
@@ -30,19 +30,21 @@ def find_detour(
 ) -> tuple[int, NDArray[np.float64]] | None:
     """Find a short way from *start* to the first reachable target.
 
-    A target inside a box of which the scan sees one face looks free, but no way leads to it, or only a long
-    way.
+    Several targets are tried, because a target may look free although no short way leads there: for instance
+    a target inside a box whose front hides the other sides from the laser.
 
     Args:
-        clearance: The distances to obstacles; its grid bounds the search, and all points are in its frame.
-        start: The robot's pose.
+        clearance: The grid of distances to obstacles. The search stays on this grid, and all points are in
+            the grid's frame.
+        start: The robot's pose, at which the detour begins.
         targets: Points (m, shape ``(k, 2)``) in order of preference.
         radius: The distance (m) to keep from obstacles.
-        last: The previous way (m, shape ``(n, 2)``, points as close as cells). Its cells are cheaper, so that
-            noise doesn't make the robot change between two sides.
+        last: The previous detour (m, shape ``(n, 2)``), at least a point per cell. Its cells are cheaper, so
+            that noise doesn't make the robot alternate between two sides of the obstacle.
 
     Returns:
-        The index of the target and the points (m, shape ``(n, 2)``) of the way; None without a short way.
+        The index of the target and the points (m, shape ``(n, 2)``) of the way; None if no target has a
+        short way: at most 1.5 times the straight distance plus 0.5 m.
     """
     resolution = clearance.resolution * _COARSE
     distances = clearance.distances[_COARSE // 2 :: _COARSE, _COARSE // 2 :: _COARSE]

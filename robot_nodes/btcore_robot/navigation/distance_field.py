@@ -14,7 +14,7 @@ from btcore_robot.robot import Pose2D
 Floats = NDArray[np.float64]
 
 FAR = 1.0
-"""The distance (m) from a surface at which its attraction ends; a point farther away is not on the map."""
+"""The distance (m) from which a surface no longer attracts a point: the point is then not on the map."""
 SURFACE_TOLERANCE = 0.2
 """A beam that ends nearer (m) than this to a surface fits it: three times the noise of Tiago's laser."""
 BEAM_DEVIATION = 0.1
@@ -24,7 +24,7 @@ _CONVERGED = 1e-4  # a step shorter than this (m, rad) is the last
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """The *pose* of a match, and the *share* (0 … 1) of the beams that end on a surface there."""
+    """The result of a match: the *pose*, and the *share* (0 … 1) of the beams that end on a surface there."""
 
     pose: Pose2D
     share: float
@@ -61,8 +61,8 @@ class SignedDistanceField:
         """Return the signed distance (m) and its gradient along x and y, at points of the map.
 
         Args:
-            x: The x coordinates (m).
-            y: The y coordinates (m), of the same shape.
+            x: The points' x coordinates (m) in the frame map, in one dimension.
+            y: The points' y coordinates (m), of the same shape.
         """
         u = (x - self._origin[0]) / self._resolution
         v = (y - self._origin[1]) / self._resolution
@@ -89,11 +89,12 @@ class SignedDistanceField:
         Args:
             guess: The robot's pose to start from.
             points: The ends of the beams in the robot's frame (m, shape ``(k, 2)``).
-            laser: The laser's position in the robot's frame (m). Surfaces that face away from it don't
-                count.
+            laser: The laser's position in the robot's frame (m). Surfaces that face away from the laser are
+                ignored.
             deviation: The standard deviation (m, rad) of the guess. It keeps the guess in directions that the
                 beams don't determine, such as the position along a corridor.
-            scales: The scale (m) of the weights, one step for each.
+            scales: For each Gauss-Newton step, the distance (m) from a surface at which a beam has a quarter
+                of the full weight.
         """
         x, y, yaw = guess.x, guess.y, guess.yaw
         position, heading = 1.0 / deviation[0] ** 2, 1.0 / deviation[1] ** 2

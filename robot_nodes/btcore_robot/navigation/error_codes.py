@@ -87,7 +87,7 @@ CONTROLLER_RECOVERY_HELPS: Final = frozenset(
         Nav2ErrorCode.NO_VALID_CONTROL,
     }
 )
-"""Errors that clearing the local costmap may resolve: Nav2's WouldAControllerRecoveryHelp."""
+"""Errors that clearing the local costmap may resolve: the defaults of WouldAControllerRecoveryHelp."""
 
 PLANNER_RECOVERY_HELPS: Final = frozenset(
     {
@@ -99,7 +99,7 @@ PLANNER_RECOVERY_HELPS: Final = frozenset(
         Nav2ErrorCode.THROUGH_NO_VALID_PATH,
     }
 )
-"""Errors that clearing the global costmap may resolve: Nav2's WouldAPlannerRecoveryHelp."""
+"""Errors that clearing the global costmap may resolve: the defaults of WouldAPlannerRecoveryHelp."""
 
 SMOOTHER_RECOVERY_HELPS: Final = frozenset(
     {
@@ -109,4 +109,4 @@ SMOOTHER_RECOVERY_HELPS: Final = frozenset(
         Nav2ErrorCode.FAILED_TO_SMOOTH_PATH,
     }
 )
-"""Errors that another attempt of the smoother may resolve: Nav2's WouldASmootherRecoveryHelp."""
+"""Errors that another attempt of the smoother may resolve: the defaults of WouldASmootherRecoveryHelp."""

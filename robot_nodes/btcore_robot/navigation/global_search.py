@@ -1,4 +1,4 @@
-"""A search of the whole map for the pose of a scan: all free places, and a few headings at a time."""
+"""Search the whole map for the pose of a scan: try all free places, with a few headings at a time."""
 
 import math
 from dataclasses import dataclass
@@ -20,25 +20,28 @@ HEADINGS = 120
 SECTORS = 12
 """For each place, the best heading of every sector of 30 degrees is kept."""
 BLUR = 0.2
-"""The standard deviation (m) of a beam's end from a wall: half of SPACING, and 3 degrees at 4 m."""
+"""The standard deviation (m) of a beam's end from a wall.
+
+It covers half of SPACING, and a heading error of 3 degrees at a distance of 4 m.
+"""
 CLEARANCE = 0.25
-"""The robot's centre is never nearer (m) to an occupied cell."""
+"""The minimum distance (m) of a place from occupied cells: nearer places don't fit the robot."""
 APART = 0.5
-"""Two places nearer (m) than this, with headings less than a sector apart, count as the same."""
+"""Places nearer (m) than this, with headings in the same or neighbouring sectors, count as the same."""
 
 _FULL = 255  # the score of a beam that ends on a wall; the sum of a hundred beams fits into 16 bits
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A pose, and its score as a share (0 … 1) of a perfect score."""
+    """A possible *pose* of the robot; *score* is the share (0 … 1) of a perfect score."""
 
     pose: Pose2D
     score: float
 
 
 class SearchSpace:
-    """The data of a map that all searches share. Built once, as the images are large."""
+    """The data of a map that all searches share. Create it once per map, because its images are large."""
 
     def __init__(self, field_map: OccupancyMap) -> None:
         self.stride = max(1, round(SPACING / field_map.resolution))
@@ -82,7 +85,11 @@ class GlobalSearch:
         self._heading = np.zeros((SECTORS, *space.room.shape), dtype=np.uint8)
 
     def advance(self, headings: int) -> bool:
-        """Try the next *headings* at every place; return whether all headings have been tried."""
+        """Try further headings at every place; return whether all headings have been tried.
+
+        Args:
+            headings: The number of headings to try in this call.
+        """
         for number in range(self._next, min(HEADINGS, self._next + headings)):
             score = self._scores(2.0 * math.pi * number / HEADINGS)
             sector = number * SECTORS // HEADINGS

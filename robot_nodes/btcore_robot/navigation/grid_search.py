@@ -1,8 +1,9 @@
-"""The search for the cheapest path over a grid, from cell to cell in eight directions.
+"""Search for the cheapest path over a grid, from cell to cell in eight directions.
 
 A step costs its length in cells times the mean of the two cells' costs. The search is scikit-image's
-Dijkstra. `CostBounds` excludes cells that no cheapest path can cross. A new search to the same goal, from a
-start farther along and with new obstacles, then takes a tenth of the time and still finds the cheapest path.
+Dijkstra. `CostBounds` excludes cells that no cheapest path can cross. When the robot has driven on and
+obstacles have appeared, a new search to the same goal takes a tenth of the time with these bounds, and still
+finds the cheapest path.
 """
 
 import math
@@ -22,13 +23,13 @@ IMPASSABLE: Final = -1.0
 """The cost of a cell that no path may cross; scikit-image's MCP takes negative costs for impassable."""
 
 COST_NEUTRAL: Final = 50.0
-"""The cost of a free cell (NavFn's COST_NEUTRAL), so that a long way around an obstacle has a price."""
+"""The cost of a free cell (NavFn's COST_NEUTRAL); it is above 0, so that a longer way costs more."""
 COST_FACTOR: Final = 0.8
 """The factor on a costmap's costs (NavFn's COST_FACTOR)."""
 
 _SLACKS: Final = (1.02, 1.1, 1.3)  # times the least possible price: the searched area grows with each attempt
 _OFF_COURSE: Final = 1.3
-"""A start is off course if the path over it is dearer by this factor: then new bounds are worth the time."""
+"""The factor on the price to the goal above which a start is off course: new bounds are then computed."""
 _NEARBY: Final = 40 * COST_NEUTRAL  # price that is allowed in addition
 _ROUNDING: Final = 1e-5  # relative error of the bounds, which are float32
 
@@ -62,12 +63,16 @@ def reachable_cells(costs: NDArray[np.float64], start: Cell) -> NDArray[np.bool_
 
 
 class CostBounds:
-    """Lower bounds for the price of paths to *goal*, whatever obstacles appear later.
+    """Lower bounds for the price of paths to *goal*; they stay valid when obstacles appear later.
 
-    *lower_costs* are costs below which no later cost falls; *start* is a cell that later starts lie ahead of.
-    From any cell, a path to the goal costs at least ``to_goal``; from a start s, a path to any cell costs at
-    least ``|from_start - from_start[s]|`` (triangle inequality). Where the sum is above a known price, no
-    cheapest path leads. For a start that is off course, the bounds are computed again.
+    *lower_costs* are lower bounds of all later costs, cell by cell. *start* is the start of the first search;
+    later starts are expected on the way from *start* to the goal. Two fields of prices are computed over
+    *lower_costs*: ``to_goal`` from each cell to the goal, and ``from_start`` from *start* to each cell.
+
+    A path from a cell c to the goal costs at least ``to_goal[c]``. A path from a later start s to c costs at
+    least ``|from_start[c] - from_start[s]|`` (triangle inequality). If the sum of both is above the price of
+    a known path, the cheapest path does not cross c. For a start that is off course, ``from_start`` is
+    computed again.
     """
 
     def __init__(self, lower_costs: NDArray[np.float64], start: Cell, goal: Cell) -> None:
@@ -76,7 +81,10 @@ class CostBounds:
         self._depart(start)
 
     def least(self, start: Cell) -> tuple[float, NDArray[np.float32]]:
-        """Return lower bounds for paths from *start*: of any path, and for each cell of the paths over it."""
+        """Return lower bounds for the price of paths from *start* to the goal.
+
+        The number is the bound for all paths; the array has for each cell the bound for paths over this cell.
+        """
         price = float(self._from_start[start] + self._to_goal[start])
         if not (math.isfinite(price) and price <= self._max_price):
             self._depart(start)
@@ -92,13 +100,14 @@ class CostBounds:
 def find_cheapest_path(
     costs: NDArray[np.float64], start: Cell, goal: Cell, bounds: CostBounds | None = None
 ) -> list[Cell] | None:
-    """Find a cheapest path.
+    """Find the cheapest path from *start* to *goal*.
 
     Args:
-        costs: The prices of `grid_costs`.
-        start: The first cell.
-        goal: The last cell.
-        bounds: Lower bounds that hold for *costs* and the goal, if known.
+        costs: The prices of the cells, from `grid_costs`.
+        start: The first cell of the path.
+        goal: The last cell of the path.
+        bounds: Lower bounds for paths to *goal* that hold for *costs*; without them the whole grid is
+            searched.
 
     Returns:
         The cells of the path, with *start* and *goal*; None if there is no path.

@@ -13,7 +13,7 @@ FloatImage = NDArray[np.float32]
 
 
 def obstacle_distances(field_map: OccupancyMap, cap: float = math.inf) -> FloatImage:
-    """Return the distance (m) from each cell's centre to the nearest occupied cell's, at most *cap* (m)."""
+    """Return the distance (m) between the centres of each cell and the nearest occupied cell, up to *cap*."""
     free = np.where(field_map.occupied, 0, 255).astype(np.uint8)
     if free.all():  # distanceTransform needs at least one zero pixel
         return np.full(free.shape, cap, dtype=np.float32)
@@ -25,13 +25,15 @@ def obstacle_distances(field_map: OccupancyMap, cap: float = math.inf) -> FloatI
 def beam_endpoints(
     scan: LaserScan, most: int, least_range: float, greatest_range: float
 ) -> NDArray[np.float64]:
-    """Return the ends of every ``(n - 1) // (most - 1)``-th beam in the laser's frame (m), shape ``(k, 2)``.
+    """Return the end points of evenly spaced beams in the laser's frame (m), shape ``(k, 2)``.
+
+    Of the scan's n beams, every ``(n - 1) // (most - 1)``-th beam is chosen.
 
     Args:
-        scan: The scan, with n beams. Beams without an echo (±inf, NaN) are left out.
-        most: The number of beams to aim at.
-        least_range: Beams shorter than this range (m) are left out.
-        greatest_range: Beams from this range (m) on are left out.
+        scan: The scan. Beams without an echo (±inf, NaN) are left out.
+        most: The approximate number of beams to choose.
+        least_range: Beams shorter than this (m) are left out.
+        greatest_range: Beams of this length (m) or longer are left out.
     """
     step = max(1, (len(scan.ranges) - 1) // max(1, most - 1))
     ranges = scan.ranges[::step].astype(np.float64)
@@ -44,10 +46,9 @@ def beam_endpoints(
 class LikelihoodField:
     """The contribution of a beam to a particle's weight, as a table over the beam's end point.
 
-    ``pz = z_hit · exp(-z²/2σ²) + z_rand / range_max``, with the distance z (m) from the end point to the
-    nearest occupied cell, at most *max_distance*, which is also z off the map. A weight is ``1 + Σ pz³`` over
-    the beams: the sum of cubes of nav2_amcl, not a product. The image of pz³ has a margin of one cell for all
-    points beyond the map.
+    ``pz = z_hit · exp(-z²/2σ²) + z_rand / range_max``. z is the distance (m) from the end point to the
+    nearest occupied cell, at most *max_distance* (m); off the map, z is *max_distance*. σ is *sigma_hit* (m).
+    A particle's weight is ``1 + Σ pz³`` over the beams: a sum of cubes as in nav2_amcl, not a product.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class LikelihoodField:
         range_max: float = 25.0,
     ) -> None:
         distances = obstacle_distances(field_map, max_distance).astype(np.float64)
+        # The margin of one cell stands for all points beyond the map.
         z = np.pad(distances, 1, constant_values=max_distance)
         pz = z_hit * np.exp(-(z**2) / (2.0 * sigma_hit**2)) + z_rand / range_max
         self._image = (pz**3).astype(np.float32).ravel()
@@ -73,7 +75,7 @@ class LikelihoodField:
         """Return ``1 + Σ pz³`` for each particle, shape ``(n,)``.
 
         Args:
-            particles: The poses (x, y, yaw), shape ``(n, 3)``.
+            particles: The particles' poses: x, y (m) and yaw (rad), shape ``(n, 3)``.
             points: The beams' ends in the robot's frame (m), shape ``(k, 2)``.
         """
         # This runs for every beam of every particle: float32, in place, sine and cosine once per particle.

@@ -1,4 +1,4 @@
-"""The localiser: adaptive Monte Carlo localisation as in Nav2, with validation and relocalisation."""
+"""The localiser: adaptive Monte Carlo localisation as in Nav2, with pose validation and relocalisation."""
 
 import math
 
@@ -31,17 +31,23 @@ FOUND_DEVIATION = (0.15, 0.15, 0.1)
 MIN_BEAMS = 10
 """Scans with fewer valid beams are ignored."""
 ODOMETRY_DEVIATION = (0.05, 0.05)
-"""The standard deviation (m, rad) of the pose by odometry since the last update, with some wheel slip."""
+"""The standard deviation (m, rad) of odometry's motion since the last update, with some wheel slip."""
 ODOMETRY_SCALES = (0.5, 0.3, 0.2, 0.15, 0.1, 0.1)
-"""The scales (m) for matching from odometry: narrow, so that people before a wall don't pull the pose."""
+"""The scales (m) of `SignedDistanceField.match` for a match that starts at the pose by odometry.
+
+They shrink faster than the default scales, so that people in front of a wall don't pull the pose.
+"""
 CLUSTER_LEAD = 0.1
-"""The lead of the score by which the cluster's pose replaces the pose by odometry."""
+"""The cluster's pose replaces the pose by odometry if the cluster's score is higher by more than this."""
 LOST_LEAD = 0.2
-"""The lead of the score by which another pose proves that the robot is lost."""
+"""The robot is lost if the score of another pose is higher by more than this."""
 MIN_PRESENT_SCORE = 0.3
-"""The least score of the present pose that is kept when no other pose explains the scan better."""
+"""The robot is also lost if the score of the present pose is lower than this."""
 DOUBT_PAUSE = 5 * NS_PER_S
-"""The time (ns) after a dismissed doubt in which no new doubt begins, unless the fit was good in between."""
+"""The time (ns) after a dismissed doubt in which no new doubt begins.
+
+The time ends early when the scan fits the pose well again, or changes abruptly.
+"""
 
 
 class Localiser:
@@ -50,19 +56,21 @@ class Localiser:
     The particle filter is the same as in nav2_amcl: differential motion model, likelihood field with the sum
     of cubes, an update after each ``update_min_d`` or ``update_min_a``, KLD sampling, systematic resampling.
     The heaviest cluster of particles is accurate to a few cells. For a better estimate, odometry carries the
-    pose from update to update, and a match with the surfaces of the map corrects it. If the scan contradicts
-    this pose, the cluster's pose replaces it.
+    pose from update to update, and a match with the surfaces of the map corrects the pose. If the scan
+    contradicts the corrected pose, the cluster's pose replaces it.
 
-    Each scan is also compared with the pose. If too few beams end on occupied cells, the pose is doubtful:
-    the whole map is searched, and if another pose explains the scan better, the robot is `lost`. Then it is
-    `searching` until a single pose has passed the comparison with several scans. The navigation must stop the
-    robot while `confident` is False. While `searching`, it must turn the robot on the spot (for instance at
-    0.5 rad/s), because rooms that look alike on one side differ on the other side. The robot may drive on
-    once `confident` is True again. Until then, `pose` returns the last estimate, which may be wrong. People
+    Each scan is also compared with the pose. If the scan contradicts the pose (see `PoseValidator`), the pose
+    is in doubt, and the whole map is searched. If another pose explains the scan better, the robot is `lost`.
+    The localiser is then `searching` until a single pose has passed the comparison with several scans. People
     and things that are not on the map cause at most a doubt, which is dismissed within a second.
 
-    Each scan sets the transform from ``odom`` to ``map`` in *tree*, with the scan's stamp; the transform is
-    valid for ``transform_tolerance`` longer.
+    The navigation must stop the robot while `confident` is False. While `searching` is True, the navigation
+    must turn the robot on the spot (for instance at 0.5 rad/s), because rooms that look alike in one
+    direction differ in another direction. The robot may drive on once `confident` is True again. Until then,
+    `pose` returns the last estimate, which may be wrong.
+
+    Each scan sets the transform between ``map`` and ``odom`` in *tree*, with the scan's stamp. The transform
+    stays valid for ``transform_tolerance`` (s) after that stamp.
     """
 
     def __init__(
@@ -121,7 +129,7 @@ class Localiser:
 
     @property
     def confident(self) -> bool:
-        """Whether the robot may drive by the pose: it is not lost, searching or in doubt."""
+        """Whether the pose is reliable enough to drive: not lost, not being searched for and not in doubt."""
         return not (self.lost or self.searching or self._doubting)
 
     @property
@@ -137,14 +145,14 @@ class Localiser:
         """Set the robot's present pose.
 
         Args:
-            pose: The pose in the map.
-            covariance: Its covariance (x, y, yaw; shape ``(3, 3)``); INITIAL_DEVIATION by default.
+            pose: The robot's pose in the frame map.
+            covariance: The covariance of x, y and yaw, shape ``(3, 3)``; by default from INITIAL_DEVIATION.
         """
         spread = np.diag(np.square(INITIAL_DEVIATION)) if covariance is None else covariance
         self._settle(pose, self._robot.odometry().pose, spread)
 
     def reinitialise_global_localisation(self) -> None:
-        """Discard the pose, and search the whole map for it (nav2_amcl's service)."""
+        """Discard the pose and search the whole map (nav2_amcl's ``reinitialize_global_localization``)."""
         self._begin_search()
         self._relocaliser.restart()
         count = self.parameters.max_particles
@@ -155,7 +163,7 @@ class Localiser:
         self.weights = np.full(count, 1.0 / count)
 
     def step(self, now: int) -> None:
-        """Process the newest scan if it is new and its transforms are available."""
+        """Process the newest scan, unless it was processed before or its transforms are not available yet."""
         scan = self._robot.scan()
         if scan is None or scan.stamp == self.stamp:
             return
@@ -183,7 +191,7 @@ class Localiser:
         self.map_to_odom = Transform.from_pose(pose) * Transform.from_pose(odometry).inverse()
 
     def _settle(self, pose: Pose2D, odometry: Pose2D, covariance: NDArray[np.float64]) -> None:
-        """Take *pose*, which holds at *odometry*, as certain, and end every search and doubt."""
+        """Accept *pose*, which belongs to the pose *odometry* in odom, and end every search and doubt."""
         count = self.parameters.max_particles
         self.particles = sample_particles(pose, covariance, count, self._random)
         self.weights = np.full(count, 1.0 / count)
@@ -236,7 +244,7 @@ class Localiser:
                 self._resolve_doubt(laser_xy)
 
     def _resolve_doubt(self, laser_xy: tuple[float, float]) -> None:
-        """Decide a doubt after the search of the map: dismiss it, or treat the robot as lost."""
+        """Decide a doubt after the search of the map: dismiss the doubt, or treat the robot as lost."""
         best = self._relocaliser.hypotheses[0]
         present = self._relocaliser.add_hypothesis(self._estimate(self._relocaliser.odometry), laser_xy)
         if best.is_near(present):
@@ -296,7 +304,8 @@ class Localiser:
     ) -> Pose2D:
         """Return the pose by odometry since the last update, corrected by a match with the surfaces.
 
-        The cluster's pose replaces it if it fits better and the match is contradicted or was never confirmed.
+        The cluster's pose is returned instead if it fits better, and if the scan contradicts the corrected
+        pose or no scan has confirmed it yet.
         """
         estimate, open_points = self._estimate(odometry), points
         # People in the way would pull the match: leave out the beams that they shorten.

@@ -27,7 +27,10 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class NavigateGoal:
-    """A drive through *goals* (map) to the last goal, by the tree in the file *behavior_tree*."""
+    """A request to drive through the poses *goals* (in the frame map) to the last of them.
+
+    *behavior_tree* is the file of the tree to run; "" stands for the navigator's default tree.
+    """
 
     goals: tuple[Pose2D, ...]
     behavior_tree: str = ""
@@ -35,7 +38,7 @@ class NavigateGoal:
 
 @dataclass(frozen=True, slots=True)
 class NavigateFeedback:
-    """The progress: *navigation_time* in s, *distance_remaining* in m along the path."""
+    """The progress of a goal: *navigation_time* in s, *distance_remaining* in m along the path."""
 
     current_pose: Pose2D | None
     navigation_time: float
@@ -48,11 +51,11 @@ NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, None]
 
 
 class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
-    """The server of ``navigate_to_pose``, or with *through* of ``navigate_through_poses``.
+    """The action server ``navigate_to_pose``; with *through*, the server ``navigate_through_poses``.
 
-    The tree finds the goal on its blackboard as ``goal`` (or ``goals``). A new goal for the running tree
-    replaces this entry without a halt, and the tree's nodes notice the change; a cancelled goal halts the
-    tree. While the scans contradict the robot's pose, no goal succeeds.
+    The tree finds the goal in the blackboard entry ``goal`` (with *through*: ``goals``). A new goal for the
+    running tree replaces this entry without a halt, and the tree's nodes notice the change. A cancelled goal
+    halts the tree. If the tree succeeds while the scans contradict the robot's pose, the goal is aborted.
 
     Args:
         servers: The servers of the robot; the nodes get them and the `Robot` as resources.
@@ -60,9 +63,9 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         through: Whether goals have several poses.
         plugins: Libraries with further nodes for the trees.
         on_end: A function that is called with the outcome of every goal.
-        hold: A function that returns whether goals have to wait.
-        give_up_reason: A function of the time (ns) at which a waiting goal began. A returned reason that is
-            not empty aborts the goal.
+        hold: A function that returns whether goals have to wait; the tree is not ticked in this time.
+        give_up_reason: A function that is called with the time (ns) at which a waiting goal began. It returns
+            the reason to abort the goal, or "" if the goal continues to wait.
 
     Raises:
         RegistrationError: A library of *plugins* can't be used.
@@ -160,7 +163,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         self._report_outcome(handle, now, GoalStatus.CANCELED)
 
     def restart_goal(self) -> None:
-        """Start again with the present goal: halt the tree and discard its path."""
+        """Restart the present goal: halt the tree and discard the path, so that a new path is planned."""
         if self.tree is not None and self.current is not None and not self.current.done:
             self.tree.halt()
             self.tree.blackboard["path"] = empty_path(self.servers.now())
@@ -226,8 +229,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
 def tree_file(name: str, default: Path) -> Path:
     """Return the file of a tree.
 
-    Paths of Nav2's own trees, such as ``/opt/ros/…/navigate_w_replanning_time.xml``, stand for the trees
-    here.
+    Paths of Nav2's own trees, such as ``/opt/ros/…/navigate_w_replanning_time.xml``, stand for the trees of
+    the same names in the folder of *default*.
 
     Args:
         name: The path from a goal or from the parameters. If no such file exists, a file of the same name in
@@ -242,7 +245,7 @@ def tree_file(name: str, default: Path) -> Path:
 
 
 def _create_registry(plugins: Iterable[str]) -> Registry:
-    """Return a registry of the standard nodes, Nav2's nodes and those of *plugins*."""
+    """Return a registry of the standard nodes, Nav2's nodes and the nodes of *plugins*."""
     nodes = Registry.standard()
     nav2_nodes.register(nodes)
     for plugin in plugins:

@@ -11,8 +11,8 @@ A map is a YAML file with the name of an image and the rules for reading it::
     mode: trinary               # or scale, or raw
 
 Row 0 of the image has the highest y, row 0 of `OccupancyMap.cells` the lowest. Areas that a robot must not
-enter, such as a table under whose top the laser looks, are rectangles in ``house.keepout.yaml`` beside the
-map::
+enter, such as a table of which the laser sees only the legs, are rectangles in ``house.keepout.yaml`` beside
+the map::
 
     keepout: [[xmin, ymin, xmax, ymax], …]
 """
@@ -99,8 +99,8 @@ def read_entries(path: Path, content: str) -> YamlEntries:
     """Read a YAML file.
 
     Args:
-        path: The file.
-        content: The content of the file, for error messages (``a map``).
+        path: The YAML file.
+        content: What the file contains, as error messages name it, for instance ``a map``.
 
     Raises:
         MapError: The file can't be read, or isn't a YAML file of keys and values.
@@ -129,7 +129,7 @@ class Grid:
     origin: tuple[float, float]
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Return the row and column of the point *x*, *y* (m); beyond the edges the numbers continue."""
+        """Return the row and column of the point *x*, *y* (m); off the grid, negative or too large."""
         return (
             math.floor((y - self.origin[1]) / self.resolution),
             math.floor((x - self.origin[0]) / self.resolution),
@@ -145,14 +145,16 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OccupancyMap(Grid):
-    """A floor in square cells.
+    """A map of the floor in square cells.
 
     *cells* is int8 of shape ``(height, width)``: 0 is free, 100 occupied, a value between them a likelihood
     in percent, and -1 unknown; row 0 has the lowest y. *resolution* (m) is the side length of a cell,
     *origin* (m) the lower-left corner of the first cell in the frame map. The robot must stay out of the
     rectangles *keepout*, even where the cells are free.
 
-    Raises MapError if the cells are not two-dimensional or the resolution is not a positive number.
+    Raises:
+        MapError: The cells are not two-dimensional, there are no cells, or the resolution is not a positive
+            number.
     """
 
     cells: NDArray[np.int8]
@@ -206,7 +208,11 @@ class OccupancyMap(Grid):
         return 0 <= row < self.height and 0 <= col < self.width
 
     def indices(self, points: NDArray[np.floating]) -> NDArray[np.intp]:
-        """Return rows and columns of *points* (m), shape ``(n, 2)``; they continue beyond the edges."""
+        """Return the row and column of each point, shape ``(n, 2)``, also for points off the map.
+
+        Args:
+            points: The points (x, y in m), shape ``(n, 2)``.
+        """
         places = np.floor((points - np.asarray(self.origin)) / self.resolution)
         cells: NDArray[np.intp] = places[:, ::-1].astype(np.intp)
         return cells
@@ -272,14 +278,14 @@ def load_map(path: Path) -> OccupancyMap:
 
 
 def save_map(map: OccupancyMap, path: Path) -> None:
-    """Write a map as a YAML file, a PGM image beside it, and a file of keep-outs if it has any.
+    """Write a map as a YAML file, a PGM image beside it, and a keep-out file if the map has keep-outs.
 
     `load_map` restores the same cells: a map with likelihoods between free and occupied is written in mode
     raw.
 
     Args:
-        map: The map.
-        path: The YAML file.
+        map: The map to write.
+        path: The YAML file; the names of the other files are derived from it.
 
     Raises:
         MapError: A file cannot be written.

@@ -46,7 +46,7 @@ _NAV2: Final = frozenset(
         *("min_x_velocity_threshold", "max_obstacle_height", "footprint_topic", "transform_tolerance", "z"),
     ]
 )
-"""Keys of Nav2 that are not misspelt, however much they resemble a known key."""
+"""Keys of Nav2 that are spelt correctly: they get no typo warning, even if they resemble a known key."""
 
 _WORDS: Final = {
     "float": "a number",
@@ -58,12 +58,12 @@ _WORDS: Final = {
 
 
 class ParameterError(RobotError):
-    """A parameter file can't be used; the message has a line with place and reason for each mistake."""
+    """A parameter file can't be used; the message has a line for each mistake, with its place and reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A value of a file: the full *name* with the names of outer keys, the *value* and its *line*."""
+    """A setting of a file: the full *name* with the names of outer keys, the *value* and its *line*."""
 
     name: str
     value: object
@@ -75,11 +75,12 @@ Settings = dict[str, Setting]
 
 
 def read_settings(path: Path) -> dict[str, Settings]:
-    """Return the settings in the file at *path*, by the servers' names without their namespaces.
+    """Return the settings of each server in the file at *path*.
 
-    Both ``amcl: ros__parameters: …`` and, in files without this marker, ``amcl: …`` are accepted; namespaces
-    are nested maps or slashes. Settings of the same server from several places are joined; later settings
-    win.
+    The keys of the result are the servers' names without namespaces. A server's settings are below
+    ``amcl: ros__parameters:``, or directly below ``amcl:`` in files without ``ros__parameters``. A namespace
+    may be an outer map or part of the name (``/robot/amcl``). If a file has several maps for the same server,
+    their settings are joined; later settings replace earlier settings.
 
     Raises:
         ParameterError: The file can't be read, or isn't YAML of this form.
@@ -137,7 +138,7 @@ def _leaves(node: yaml.MappingNode, prefix: str) -> Iterator[tuple[str, yaml.Nod
 
 
 class ParameterOverlay:
-    """An overlay of a file's settings over the default parameters of a server, with a list of problems."""
+    """Applies a file's settings to the default parameters of a server, and collects the problems."""
 
     def __init__(self, path: Path, defaults: Any) -> None:
         self._path = path
@@ -151,10 +152,13 @@ class ParameterOverlay:
         self.typo_warnings: list[str] = []
         """A sentence for each key that is probably misspelt."""
         self.unknown: dict[str, object] = {}
-        """Settings without a field, by full name."""
+        """The values of settings for which the parameters have no field, by full name."""
 
     def apply(self, settings: Settings) -> Any:
-        """Return the parameters with *settings* over them; of several plug-ins, the first listed counts."""
+        """Return the defaults with the values of *settings*.
+
+        If several plug-ins set the same parameter, the plug-in that the file lists first wins.
+        """
         ranks = {name: rank for rank, name in enumerate(_ids(settings))}
         chosen: dict[str, tuple[int, object]] = {}
         for name, setting in settings.items():

@@ -1,7 +1,9 @@
 """The parameters of the navigation servers, with Nav2's names and the book's values as defaults.
 
+"The book" is *A Concise Introduction to Robot Programming with ROS2*; its files configure Nav2 for Tiago.
 The name of a field is its key in a Nav2 parameter file; aliases are the keys of older and newer releases or
-of other plug-ins for the same job. A plug-in's own keys are here without the plug-in's id.
+of other plug-ins for the same job. A plug-in's own keys are here without the plug-in's id. Some fields, such
+as ``laser_model_type`` and ``use_astar``, have no effect: they only accept common keys of Nav2.
 """
 
 from collections.abc import Mapping
@@ -20,19 +22,23 @@ from btcore_robot.navigation.parameter_files import (
 
 
 def number_field(default: float, *aliases: str, minimum: float | None = None) -> Any:
-    """Return a dataclass field that is a number.
+    """Return a dataclass field for a number, with its rules for parameter files as metadata.
 
     Args:
-        default: The default value.
-        aliases: Other names in parameter files.
-        minimum: The least valid value.
+        default: The value without a parameter file.
+        aliases: Other names of the parameter in parameter files.
+        minimum: The least valid value; None if every number is valid.
     """
     return field(default=default, metadata={ALIASES: aliases, MINIMUM: minimum})
 
 
 @dataclass(frozen=True, slots=True)
 class AmclParameters:
-    """The localiser: ``amcl``. Motion noise α1…α5, weights of the likelihood field, KLD sampling."""
+    """The localiser: ``amcl``. Lengths in m, angles in rad, times in s.
+
+    The names and meanings are those of nav2_amcl: motion noise (``alpha…``), likelihood field (``sigma_hit``,
+    ``z_…``), KLD sampling (``pf_…``) and the filter's updates (``update_min_…``).
+    """
 
     alpha1: float = number_field(0.2, minimum=0.0)
     alpha2: float = number_field(0.2, minimum=0.0)
@@ -127,9 +133,9 @@ class ControllerParameters:
     are aliases.
 
     *failure_tolerance* is the time without a way to move after which a goal fails (0: at once, -1: never).
-    Nav2's files have 0.3 s; the default here is long enough for people who stop before the robot and then
-    walk on. After *scan_timeout* without a scan the robot stands. It keeps a time of *time_to_collision* from
-    obstacles ahead.
+    Nav2's files have 0.3 s; the default here is long enough for people who stop in front of the robot and
+    then walk on. After *scan_timeout* without a scan the robot stops. The speed is limited so that the robot
+    needs at least *time_to_collision* to reach an obstacle ahead.
     """
 
     controller_plugins: tuple[str, ...] = ("FollowPath",)
@@ -169,7 +175,7 @@ class BehaviourParameters:
 
 @dataclass(frozen=True, slots=True)
 class NavigatorParameters:
-    """The navigator: ``bt_navigator``. *bt_loop_duration* and *default_server_timeout* are in ms.
+    """The navigator: ``bt_navigator``. Durations and timeouts are in ms, *goal_reached_tol* in m.
 
     An empty file name stands for this package's own tree. *plugin_lib_names* are further node libraries, as
     for ``btcore run --plugin``. Nav2's own libraries (``nav2_…``) are built in.
@@ -201,8 +207,8 @@ LOCAL_COSTMAP = CostmapParameters(
 class NavigationParameters:
     """The parameters of every server.
 
-    *unknown* keeps the other settings of a file by full name
-    (``controller_server.FollowPath.short_circuit``); *warnings* are sentences for the author of the file.
+    *unknown* contains the settings of a file that have no field here, by full name (for instance
+    ``controller_server.FollowPath.short_circuit``). *warnings* are sentences for the author of the file.
     """
 
     amcl: AmclParameters = AmclParameters()
@@ -226,14 +232,14 @@ _SERVERS = {
     "recoveries_server": "behaviours",
     "bt_navigator": "navigator",
 }
-"""The attribute of `NavigationParameters` by the server's name in Nav2's files."""
+"""The server's name in Nav2's files, and the attribute of `NavigationParameters` for this server."""
 
 
 def load_parameters(path: Path) -> NavigationParameters:
-    """Return the parameters in a file for Nav2, from foxy to main; missing values have the book's defaults.
+    """Return the parameters in a Nav2 parameter file of any release from foxy to the branch main.
 
-    Keys without a meaning here are kept, and a warning per server lists them. A key that looks misspelt gets
-    a warning of its own.
+    Missing values have the book's defaults. Keys without a meaning here are collected in ``unknown``, and a
+    warning per server lists them. A key that looks misspelt gets a warning of its own.
 
     Raises:
         ParameterError: The file can't be read, or a value has the wrong type or is out of range.

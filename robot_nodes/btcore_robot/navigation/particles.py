@@ -1,4 +1,4 @@
-"""The particles of the localiser: their motion, their number, their resampling and their heaviest cluster."""
+"""Particles of the localiser: motion, number, resampling and the heaviest cluster."""
 
 import math
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ def sample_motion_model(
     alphas: tuple[float, float, float, float],
     random: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Move each particle by the odometry with its own noise.
+    """Move each particle by the motion of the odometry, with independent noise for each particle.
 
     Source: Thrun, Burgard, Fox: Probabilistic Robotics, table 5.6, in nav2_amcl's form: a turn counts as its
     distance from 0 or π, whichever is nearer, so that driving backward is as certain as driving forward.
@@ -90,8 +90,8 @@ def kld_sample_size(bins: int, err: float, z: float, least: int, most: int) -> i
 
     Args:
         bins: The number of occupied bins of the histogram.
-        err: The greatest divergence.
-        z: The quantile, used as in nav2_amcl.
+        err: The greatest divergence: nav2_amcl's ``pf_err``.
+        z: The quantile of the normal distribution, for which nav2_amcl inserts ``pf_z``.
         least: The least number of particles.
         most: The greatest number of particles.
     """
@@ -120,7 +120,7 @@ def resample(
 
     Args:
         particles: The poses (x, y, yaw), shape ``(n, 3)``.
-        weights: Their weights, shape ``(n,)``, with the sum 1.
+        weights: The particles' weights, shape ``(n,)``, with the sum 1.
         random: The source of random numbers.
         err: The greatest divergence, as for `kld_sample_size`.
         z: The quantile, as for `kld_sample_size`.
@@ -150,7 +150,7 @@ def _systematic(weights: Floats, count: int, random: np.random.Generator) -> NDA
 
 
 def _bins(particles: Floats) -> NDArray[np.int64]:
-    """Return the number of each particle's bin."""
+    """Return a number for each particle that identifies its bin."""
     across = np.floor(particles[:, 0] / BIN_LENGTH).astype(np.int64) + _MAX_BINS
     along = np.floor(particles[:, 1] / BIN_LENGTH).astype(np.int64) + _MAX_BINS
     turn = np.floor(particles[:, 2] / BIN_TURN).astype(np.int64) % _TURNS
@@ -159,11 +159,13 @@ def _bins(particles: Floats) -> NDArray[np.int64]:
 
 
 def best_cluster(particles: Floats, weights: Floats) -> Cluster:
-    """Return the heaviest cluster of particles whose bins touch at sides or corners.
+    """Return the cluster of particles with the greatest total weight.
+
+    Particles are in the same cluster if their bins of x, y and yaw touch at a side, an edge or a corner.
 
     Args:
         particles: The poses (x, y, yaw), shape ``(n, 3)``.
-        weights: Their weights, shape ``(n,)``.
+        weights: The particles' weights, shape ``(n,)``.
     """
     # Headings relative to their mean: the cut at ±π is then opposite to most particles.
     mean = math.atan2(weights @ np.sin(particles[:, 2]), weights @ np.cos(particles[:, 2]))
@@ -196,7 +198,7 @@ def sample_particles(pose: Pose2D, covariance: Floats, count: int, random: np.ra
     """Draw particles from a normal distribution.
 
     Args:
-        pose: The mean.
+        pose: The mean of the distribution.
         covariance: The covariance of x, y and yaw, shape ``(3, 3)``.
         count: The number of particles.
         random: The source of random numbers.

@@ -15,8 +15,8 @@ class NavPath:
     """A sequence of poses.
 
     *poses* is float64 of shape ``(n, 3)``: x, y (m) and yaw (rad) in *frame*; *stamp* (ns) is the time of
-    planning. A path without poses is the result of a plan that failed. Paths are equal if they have the same
-    poses and stamp, so that cutting the same path twice gives equal paths.
+    planning. A path without poses stands for a plan that failed. Paths are equal if they have the same frame,
+    poses and stamp, so that truncating the same path twice gives equal paths.
     """
 
     poses: NDArray[np.float64]
@@ -67,7 +67,10 @@ class NavPath:
         return int(np.argmin(np.hypot(self.poses[:, 0] - x, self.poses[:, 1] - y)))
 
     def remaining(self, x: float, y: float) -> float:
-        """Return the distance (m) from the point *x*, *y* over the nearest pose to the end; 0 if empty."""
+        """Return the distance (m) from the point *x*, *y* to the end of the path; 0 for an empty path.
+
+        The distance is measured straight to the path's nearest pose, and from there along the path.
+        """
         index = self.nearest(x, y)
         if index < 0:
             return 0.0
@@ -103,13 +106,19 @@ def path_through(points: NDArray[np.float64], goal: Pose2D, stamp: int, frame: s
 
 
 def join_paths(paths: list[NavPath], stamp: int) -> NavPath:
-    """Return *paths* joined into a path with *stamp* (ns); each begins at the end of the previous path."""
+    """Return *paths*, at least one, joined into a path with *stamp* (ns).
+
+    The first pose of each later path is left out, because it repeats the last pose of the previous path.
+    """
     kept = [path.poses if index == 0 else path.poses[1:] for index, path in enumerate(paths)]
     return NavPath(np.concatenate(kept), stamp, paths[0].frame)
 
 
 class NearestPoseSearch:
-    """A search for the pose of a path nearest to the robot; on the same path it never goes backwards."""
+    """A search for the pose of a path nearest to the robot.
+
+    While the path stays the same, the result never moves backwards, unless the whole path is searched.
+    """
 
     def __init__(self) -> None:
         self.known: NavPath | None = None
@@ -121,8 +130,8 @@ class NearestPoseSearch:
         Args:
             path: A path with at least one pose.
             here: The robot's pose in the frame of the path.
-            reach: The maximum distance (m) along the path from the previous result; negative or infinite:
-                search the whole path, forwards and backwards.
+            reach: The maximum distance (m) along the path from the previous result. If negative or infinite,
+                the whole path is searched, forwards and backwards.
             turn: The distance (m) that counts as much as a heading error of 1 rad.
         """
         whole = reach < 0.0 or math.isinf(reach)

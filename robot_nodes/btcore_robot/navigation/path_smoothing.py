@@ -1,11 +1,12 @@
 """The smoothing of a path over a grid, without touching the obstacles that the path goes around.
 
-At most forty cells of a path are kept as knots. The first step finds the cheapest chain of straight lines
-between knots; the price of a line is the price of the cells under it. The second step relaxes this chain like
-a rubber band on the costs: the band shortens, slides down the slope of the costs and resists bending (an
-active contour, Kass et al. 1988, with implicit inner forces and explicit outer forces). Points are in cells
-(row, column); the centre of the first cell is at 0, 0. Prices are as in
-`btcore_robot.navigation.grid_search`: length times costs.
+At most 41 points of a path are kept as knots. The first step finds the cheapest chain of straight lines
+between knots; the price of a line is the price of the cells under it. The second step relaxes this chain as
+an active contour (Kass et al. 1988): the curve shortens, moves down the gradient of the costs and resists
+bending. Internal forces are implicit, external forces explicit.
+
+Points are in cells (row, column); the centre of the first cell is at 0, 0. A price is a length in cells times
+the costs of the cells, as in `btcore_robot.navigation.grid_search`.
 """
 
 from collections.abc import Sequence
@@ -22,37 +23,38 @@ MAX_COST_RATIO: Final = 1.05
 """The greatest price of a smooth path, as a multiple of the original path's price."""
 
 _KNOTS: Final = 40
+"""The greatest number of lines between neighbouring knots."""
 _KNOT_DISTANCE: Final = 6.0
 """The least distance (cells) between knots."""
 _SAMPLE: Final = 2.0
 """The distance (cells) between the points at which lines between knots are priced."""
 _TOUCH: Final = 1e-9
-"""The share of a step up to which the step only touches a cell at a corner."""
+"""A step with at most this share of its length in a cell only touches the cell at a corner."""
 
 _STIFFNESSES: Final = (10.0, 1.0)
-"""The resistance to bending, in order of preference; the next is used if the result is too dear."""
+"""The resistance to bending, in order of preference; the second is tried if the first fails."""
 _ITERATIONS: Final = 12
 _STEP: Final = 0.02
 """The distance (cells) that a slope of one cost per cell moves a point in an iteration."""
 _BLUR: Final = 1.5
 """The standard deviation (cells) of the blur; without a blur, costs have steps instead of slopes."""
 _MARGIN: Final = 12
-"""The width (cells) beside a path in which the band uses the costs."""
+"""The width (cells) of the strip beside a path whose costs affect the curve."""
 _FIXED_WEIGHT: Final = 1e9
 """The weight of the end points, which keeps them in place."""
 
 
 def smooth_path(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Smooth a path; its ends stay.
+    """Smooth a path and keep its end points.
 
     Args:
         costs: The grid of the path; impassable cells are negative.
         way: The path's points (row, column), shape ``(n, 2)``.
 
     Returns:
-        Points at most a cell apart, on the grid and in no impassable cell. The price is mostly lower than
-        the price of *way*, and at most `MAX_COST_RATIO` times as high. If smoothing fails, the result is
-        *way* itself.
+        Points (row, column), shape ``(m, 2)``, at most a cell apart, on the grid and in no impassable cell.
+        The price is mostly lower than the price of *way*, and at most `MAX_COST_RATIO` times as high. If
+        smoothing fails, the result is *way* itself.
     """
     if len(way) < 3:
         return way
@@ -73,14 +75,14 @@ def anchor_path(
 ) -> NDArray[np.float64]:
     """Return the path over the centres of *cells*, with exact end points.
 
-    An end point is joined straight to the next cell's centre, or over the centre of its own cell if the
-    corner of an impassable cell is in between.
+    A straight line joins an end point to the next cell's centre. If this line would cut the corner of an
+    impassable cell, the path passes over the centre of the end point's own cell.
 
     Args:
         costs: The grid of the path; impassable cells are negative.
         cells: The cells of the path.
         first: The first point (row, column), in the first cell.
-        last: The last point, in the last cell.
+        last: The last point (row, column), in the last cell.
     """
     way = np.array([first, *cells[1:-1], last], dtype=np.float64)
     if len(cells) > 1:
@@ -138,7 +140,7 @@ def _line_prices(
 
 
 def _relax(costs: NDArray[np.float64], way: NDArray[np.float64], stiffness: float) -> NDArray[np.float64]:
-    """Return *way*, whose points are a cell apart, after some iterations as a rubber band."""
+    """Return *way*, whose points are a cell apart, after some iterations as an active contour."""
     # A slow import: every command that loads the navigation's nodes would wait for it.
     from scipy.linalg import cho_solve_banded, cholesky_banded
 

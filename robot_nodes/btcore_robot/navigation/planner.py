@@ -1,4 +1,4 @@
-"""The planner: the cheapest path over a costmap to a goal, smoothed, or the reason why there is no path.
+"""The planner: find the cheapest path over a costmap and smooth it, or report why there is no path.
 
 `PlannerServer` is Nav2's action server ``compute_path_to_pose`` and ``compute_path_through_poses``.
 """
@@ -37,7 +37,7 @@ PLANNER_ID = "GridBased"
 """The name of the only plug-in, as in the book's and Nav2's files."""
 
 POSE_WITHIN = 1_000_000_000
-"""The time (ns) for which a goal waits for a known pose of the robot: at its start the pose is unknown."""
+"""The time (ns) for which a goal waits for the robot's pose, which is unknown right after start-up."""
 
 
 class PlannerError(RobotError):
@@ -52,10 +52,10 @@ class Planner:
     """A planner over *costmap* for a robot of *radius* (m).
 
     A path is the cheapest path over the cells (cost 50 + 0.8·c, as in NavFn), then smoothed (see
-    `path_smoothing`). It enters no cell from INSCRIBED up, except to drive a robot out of such cells. With a
-    *tolerance* of 0 the path ends at the goal or planning fails; with a larger *tolerance* (m), the path may
-    end at the nearest reachable point within it. Unknown cells are passable at a high price if
-    *allow_unknown*.
+    `path_smoothing`). It enters no cell with a cost of INSCRIBED or LETHAL, except to drive the robot out of
+    such cells. With a *tolerance* of 0 the path ends at the goal or planning fails. With a larger *tolerance*
+    (m), the path may end at the reachable point nearest to the goal, at most *tolerance* away from it. With
+    *allow_unknown*, unknown cells are passable at a high price.
 
     For a costmap with a `lower_bound`, planning again to the same goal from farther along takes a fraction of
     the time.
@@ -82,8 +82,8 @@ class Planner:
         The headings point along the path; the last pose has the heading of the goal.
 
         Args:
-            start: The first pose.
-            goal: The last pose.
+            start: The pose at which the path begins, in the costmap's frame.
+            goal: The pose at which the path ends, in the costmap's frame.
             now: The path's stamp (ns).
 
         Raises:

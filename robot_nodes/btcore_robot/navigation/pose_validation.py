@@ -1,4 +1,4 @@
-"""Validation of the pose: evidence of a scan against it, as distinct from people and things in the way."""
+"""Validation of the estimated pose: whether a scan contradicts it, even with people and things in the way."""
 
 from collections import deque
 
@@ -24,10 +24,15 @@ MIN_HIT_SHARE = 0.2
 IN_A_ROW = 2
 """The number of consecutive scans that have to contradict the pose."""
 JUMPED = 0.5
-"""If a larger share of beams changes at once, the robot was moved elsewhere. A person who suddenly appears
-right in front of the laser changes a quarter of the beams."""
+"""If a larger share of beams changes between two scans, the robot was moved elsewhere.
+
+For comparison: a person who suddenly appears right in front of the laser changes a quarter of the beams.
+"""
 JUMPED_BOTH_WAYS, EACH_WAY = 0.35, 0.1
-"""The first share is enough if more than the second share gets longer, and more than it gets shorter."""
+"""The limit JUMPED_BOTH_WAYS replaces JUMPED if many beams became longer and many became shorter.
+
+"Many" means a larger share of the beams than EACH_WAY, for each of the two changes.
+"""
 
 _BEAMS = 60
 _CHANGED = 0.4  # m: more than noise (σ 0.06 m) and a step of 0.03 m
@@ -41,7 +46,7 @@ def changed_beam_shares(before: LaserScan, after: LaserScan, turn: float) -> tup
     Args:
         before: The earlier scan.
         after: The later scan.
-        turn: The robot's turn (rad) between the two scans.
+        turn: The robot's turn (rad, positive to the left) between the two scans.
     """
     chosen = np.arange(0, len(after.ranges), max(1, len(after.ranges) // _BEAMS))
     earlier = np.rint(chosen + turn / after.angle_increment).astype(np.intp)[:, None] + _NEIGHBOURS
@@ -57,7 +62,7 @@ def changed_beam_shares(before: LaserScan, after: LaserScan, turn: float) -> tup
 
 
 class PoseValidator:
-    """A check of the estimated pose by every scan.
+    """A check of the estimated pose against every scan.
 
     People and things in the way make some beams shorter than on the map, but none longer; the other beams
     still fit. So a pose is doubtful when beams go through walls, when almost no beam fits, or when most beams
@@ -71,7 +76,7 @@ class PoseValidator:
         self.reset()
 
     def reset(self) -> None:
-        """Start again with a pose that is taken as valid."""
+        """Forget the previous scans' results and start again with a pose that is taken as valid."""
         self._fits: deque[float] = deque(maxlen=RECENT)
         self._contradictions = 0
         self.scan_jumped = False
@@ -84,7 +89,7 @@ class PoseValidator:
 
     @property
     def fit(self) -> float:
-        """The share (0 … 1) of beams that end on occupied cells, over the last scans."""
+        """The share (0 … 1) of beams that end on occupied cells: the mean over the last `RECENT` scans."""
         return sum(self._fits) / len(self._fits) if self._fits else 1.0
 
     def is_pose_doubtful(
@@ -98,10 +103,10 @@ class PoseValidator:
         """Return whether a scan makes the estimated pose doubtful.
 
         Args:
-            scan: The scan.
-            points: The ends of its beams in the robot's frame (m), shape ``(k, 2)``.
+            scan: The newest scan.
+            points: The ends of the scan's beams in the robot's frame (m), shape ``(k, 2)``.
             laser: The laser's position in the robot's frame (m).
-            odometry: The pose in odom at the scan's stamp.
+            odometry: The robot's pose in odom at the scan's stamp.
             pose: The estimated pose in the map at the scan's stamp.
         """
         before, self._before = self._before, (scan, odometry.yaw)
@@ -124,5 +129,5 @@ class PoseValidator:
 
 
 def contradicts_pose(view: ScanAgreement) -> bool:
-    """Return whether people and things in the way can't explain the scan."""
+    """Return whether *view* contradicts the pose: people and things in the way can't explain such a scan."""
     return view.through_share > MAX_THROUGH_SHARE or view.hit_share < MIN_HIT_SHARE

@@ -43,7 +43,7 @@ class PurePursuit:
         self.cross_track_distance = 0.0
         """The distance (m) from the robot to the path."""
         self.cross_track_error = 0.0
-        """The same distance with a sign: + to the left of the path, - to its right."""
+        """The distance (m) from the robot to the path: positive to its left, negative to its right."""
         self.heading: float | None = None
         """The direction (rad) of the path at the robot's position; None for a path of a single point."""
 
@@ -53,7 +53,10 @@ class PurePursuit:
         return self.length - (self.travelled or 0.0)
 
     def locate(self, pose: Pose2D) -> None:
-        """Find the position on the path nearest to *pose*: at first anywhere, then near the last position."""
+        """Find the position on the path nearest to *pose*.
+
+        The first call searches the whole path; later calls search only near the previous position.
+        """
         low, high = 0, len(self._x)
         if self.travelled is not None:
             low = max(int(np.searchsorted(self._along, self.travelled - 0.2)) - 1, 0)
@@ -80,7 +83,10 @@ class PurePursuit:
         self.cross_track_distance = best
 
     def carrot(self, pose: Pose2D, ahead: float) -> Carrot:
-        """Return the point *ahead* (m) along the path, or its end, seen from *pose*; call `locate` first."""
+        """Return the point of the path to steer to, as seen from *pose*; call `locate` first.
+
+        The point is *ahead* (m) of the robot's position on the path, or the path's end if that is nearer.
+        """
         place = min((self.travelled or 0.0) + ahead, self.length)
         east = float(np.interp(place, self._along, self._x)) - pose.x
         north = float(np.interp(place, self._along, self._y)) - pose.y

@@ -1,4 +1,4 @@
-"""Ray casting: a comparison of a scan's beams with the distances to the map's occupied cells from a pose."""
+"""Ray casting: compare each laser beam with the distance to the first occupied cell in its direction."""
 
 import math
 from collections.abc import Sequence
@@ -14,11 +14,13 @@ from btcore_robot.robot import Pose2D
 Floats = NDArray[np.float64]
 
 WITHIN = 0.25
-"""A beam that ends this close (m) to an occupied cell has hit it."""
+"""A beam that ends at most this far (m) from an occupied cell has hit that cell."""
 SHORT, SHORT_A_METRE = 0.25, 0.05
-"""A beam that ends before the first occupied cell in its direction, by this distance (m) plus this share of
-its length or more, has hit something that is not on the map. The share tolerates an error of the
-heading of about 0.05 rad."""
+"""Limits for beams that end before the first occupied cell in their direction.
+
+A beam that is at least SHORT (m) plus SHORT_A_METRE times its length too short has hit something that is not
+on the map. SHORT_A_METRE tolerates an error of the heading of about 0.05 rad.
+"""
 BEYOND = 0.4
 """A beam that ends this far (m) behind the first occupied cell in its direction went through that cell."""
 
@@ -27,10 +29,10 @@ BEYOND = 0.4
 class ScanAgreement:
     """The agreement of a scan with the map at a pose, as shares (0 … 1) of its beams.
 
-    *hit_share* is the share of beams that end on occupied cells, *through_share* the share of beams that went
-    through them. The other beams end earlier: a person or a thing that is not on the map is in the way, or
-    the pose is wrong. Obstacles never let a beam go through a wall, so that *through_share* distinguishes a
-    lost robot from a robot in a crowd.
+    *hit_share* is the share of beams that end on occupied cells. *through_share* is the share of beams that
+    end behind an occupied cell, as if they went through a wall. The remaining beams end earlier: a person or
+    a thing that is not on the map is in the way, or the pose is wrong. People can shorten a beam, but never
+    lengthen it. A high *through_share* therefore shows that the pose is wrong, even in a crowd.
     """
 
     hit_share: float
@@ -38,12 +40,12 @@ class ScanAgreement:
 
     @property
     def score(self) -> float:
-        """How well the pose explains the scan: the share of hits less the share of beams through walls."""
+        """How well the pose explains the scan (-1 … 1, 1 is best): *hit_share* minus *through_share*."""
         return self.hit_share - self.through_share
 
 
 class RayCaster:
-    """Casts rays on a map. *reach* (m) is the longest step along a ray."""
+    """Ray casting on an occupancy map. *reach* (m) is the longest step along a ray."""
 
     def __init__(self, field_map: OccupancyMap, reach: float = 25.0) -> None:
         self._distance = np.pad(obstacle_distances(field_map, reach), 1, constant_values=reach)
@@ -73,6 +75,9 @@ class RayCaster:
             dx: The x components of the unit directions.
             dy: The y components of the unit directions.
             reach: The greatest distances (m) of interest; all arrays have the same shape.
+
+        Returns:
+            The distances, in the shape of *x*; *reach* where no occupied cell is nearer.
         """
         active = np.arange(x.size)
         px, py, ux, uy, limit = (a.ravel() for a in np.broadcast_arrays(x, y, dx, dy, reach))
@@ -113,7 +118,7 @@ class RayCaster:
     ) -> NDArray[np.bool_]:
         """Return the mask, shape ``(k,)``, of beams that end at or behind the first occupied cell.
 
-        The tolerance is given by SHORT and SHORT_A_METRE. All other beams end before that cell.
+        SHORT and SHORT_A_METRE give the tolerance. All other beams have hit something that is not on the map.
 
         Args:
             pose: The robot's pose in the map.

@@ -1,4 +1,4 @@
-"""Relocalisation of a lost robot: poses that explain a scan, tracked while it turns until one remains."""
+"""Relocalisation of a lost robot: find poses that explain a scan, and track them until a pose is certain."""
 
 import math
 from dataclasses import dataclass, field
@@ -15,9 +15,9 @@ from btcore_robot.robot import Pose2D
 Floats = NDArray[np.float64]
 
 HEADINGS_A_STEP = 24
-"""A fifth of a search: about 15 ms."""
+"""The number of headings that a search tries per scan: a fifth of all headings, in about 15 ms."""
 MAX_HYPOTHESES = 40
-"""The number of the search's candidates that are examined closely."""
+"""The maximum number of poses found by the search that become hypotheses."""
 TURN_A_VIEW, DISTANCE_A_VIEW, TIME_A_VIEW = 0.35, 0.2, 1_000_000_000
 """The hypotheses are scored again after this turn (rad), distance (m) or time (ns)."""
 VIEWS = 4
@@ -27,15 +27,18 @@ MIN_SCORE = 0.6
 DISCARD_MARGIN = 0.3
 """A hypothesis whose score is lower than the best score by more than this is discarded."""
 LOOKED_AROUND = 4.0
-"""After this turn (rad), Tiago's laser (220 degrees) has covered all directions."""
+"""After this turn (rad), Tiago's laser (field of view 220 degrees) has covered all directions."""
 MARGIN, MARGIN_AT_FIRST = 0.15, 0.3
-"""The least lead of the best score over all others: after LOOKED_AROUND, and before."""
+"""The least lead of the best score over all other scores.
+
+MARGIN holds after the robot has turned by LOOKED_AROUND, MARGIN_AT_FIRST until then.
+"""
 FULL_TURN = 7.0
 """If no hypothesis is accepted after this turn (rad), the search starts again with another scan."""
 SEARCH_TIMEOUT = 20_000_000_000
-"""After this time (ns), too, the search starts again."""
+"""If no hypothesis is accepted after this time (ns), the search starts again, too."""
 SAME_PLACE, SAME_HEADING = 0.75, 0.35
-"""Hypotheses nearer than this (m, rad) count as the same: tracking can separate them, the search can't."""
+"""Hypotheses nearer to each other than this (m, rad) count as the same hypothesis."""
 
 
 @dataclass(slots=True)
@@ -57,7 +60,10 @@ class PoseHypothesis:
 
 
 class Relocaliser:
-    """A search of the whole map and the tracking of its results; `process_scan` takes every scan."""
+    """A search of the whole map for the robot's pose, and the tracking of the poses found.
+
+    Call `process_scan` with every scan.
+    """
 
     def __init__(self, space: SearchSpace, surfaces: SignedDistanceField, visibility: RayCaster) -> None:
         self._space = space
@@ -66,7 +72,7 @@ class Relocaliser:
         self._search: GlobalSearch | None = None
         self._points: Floats = np.zeros((0, 2))
         self.odometry = Pose2D(0.0, 0.0, 0.0)
-        """The odometry at the moment for which `hypotheses` holds."""
+        """The pose by odometry at the moment for which the poses of `hypotheses` are valid."""
         self._stamp = self._began = 0
         self._turned = 0.0
         self.hypotheses: list[PoseHypothesis] = []

@@ -1,4 +1,4 @@
-"""The navigation as messages of `btcore_scene`: its map and costmaps, path and goals, and the estimated pose.
+"""Messages of `btcore_scene` that show the navigation: map, costmaps, path, goals and estimated pose.
 
 Grids, paths and goals are sent when they have changed, and large grids at a limited rate.
 """
@@ -20,14 +20,18 @@ from btcore_robot.robot import Pose2D
 from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
 
 PARTICLES_AT_MOST = 500
-"""The maximum number of particles that are sent, chosen evenly."""
+"""The maximum number of particles that are sent; of more particles, every n-th is sent."""
 
 GLOBAL_EVERY, LOCAL_EVERY, MAP_EVERY = 1_000_000_000, 250_000_000, 2_000_000_000
 """Minimum time (ns) between two messages with a costmap, or with a map that grows."""
 
 
 class NavigationScene:
-    """The scene messages of *servers*: `static` starts again, `moving` returns news since the last call."""
+    """The scene messages of *servers*.
+
+    `static` returns the map and the keep-outs. `moving` returns the robot's poses, and the grids, paths and
+    goals that have changed since the last call of either method.
+    """
 
     def __init__(self, servers: Servers) -> None:
         self._servers = servers
@@ -39,7 +43,7 @@ class NavigationScene:
         self._start: Transform | None = None
 
     def static(self) -> StaticScene:
-        """Return the map as it is now, and its keepout areas."""
+        """Return the present map and its keep-out areas; `moving` then returns everything again."""
         self._forget()
         self._shown["map"] = known = self._map()
         areas = [

@@ -38,7 +38,7 @@ class PoseSource(Protocol):
 
     @property
     def searching(self) -> bool:
-        """Whether the robot has to turn on the spot, for scans in all directions."""
+        """Whether the robot has to turn on the spot, so that it scans in all directions."""
 
     def pose(self) -> Pose2D | None:
         """Return the present pose of ``base_footprint`` in ``map`` by the last estimate; None if unknown."""
@@ -54,8 +54,9 @@ class PoseSource(Protocol):
 class Servers:
     """The servers on the schedule of a robot.
 
-    *topics* holds the newest messages of ROS topics that no sensor here provides: the choice of a selector
-    node, or a goal that moves.
+    *goal_tolerance* (m) is the distance at which GoalReached succeeds. *topics* stands in for ROS topics that
+    no sensor provides: it maps the name of a topic to the newest message, for instance the name of the
+    planner that PlannerSelector chooses, or the moved goal of GoalUpdater.
     """
 
     robot: Robot
@@ -72,7 +73,7 @@ class Servers:
     goal_tolerance: float = 0.25
     topics: dict[str, object] = field(default_factory=dict)
     navigators: dict[str, Any] = field(default_factory=dict)
-    """The servers of ``navigate_to_pose`` and ``navigate_through_poses``."""
+    """The servers ``navigate_to_pose`` and ``navigate_through_poses``; ``goal_to`` is the class of goals."""
 
     def now(self) -> int:
         """Return the time (ns) on the robot's clock."""
@@ -88,7 +89,12 @@ class Servers:
         return math.inf if here is None else math.hypot(place.x - here.x, place.y - here.y)
 
     def costmap(self, service: str) -> GlobalCostmap | LocalCostmap:
-        """Return the costmap of a service with a name like ``local_costmap/clear_entirely_local_costmap``."""
+        """Return the costmap that a service belongs to.
+
+        Args:
+            service: The service's name, such as ``local_costmap/clear_entirely_local_costmap``. A name with
+                "local" belongs to the local costmap, every other name to the global costmap.
+        """
         return self.local_costmap if "local" in service else self.global_costmap
 
     def remaining(self, path: NavPath) -> float:

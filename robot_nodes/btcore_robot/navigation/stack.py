@@ -37,7 +37,10 @@ THROUGH_POSES = "navigate_through_poses_w_replanning_and_recovery.xml"
 SEARCH_TURN = 0.4
 """The rate (rad/s) of the turn on the spot while the localiser searches for the robot's pose."""
 SEARCH_PRIORITY = CMD_VEL + 10
-"""The priority of that command: the zero velocity of a server that has to wait must not stop the turn."""
+"""The priority of the command for this turn.
+
+It is higher than CMD_VEL, so that the zero velocity of a server that has to wait doesn't stop the turn.
+"""
 SEARCH_PATIENCE = 120.0
 """The time (s) of the turn after which waiting goals fail; a new goal starts another search."""
 INITIAL_SCANS = 3
@@ -54,11 +57,15 @@ class Navigation:
 
     Everything runs as tasks on the robot's schedule, and only while a thread waits on the robot's clock.
     While the localiser is not confident, the robot stands; while it searches, the robot turns on the spot.
-    Goals wait in this time, and continue with a newly planned path. If the search has no result after a time,
-    because places look alike or the map doesn't fit, the robot stops searching and the waiting goals fail.
+    Goals wait in this time, and continue with a newly planned path. If the search has no result after
+    `SEARCH_PATIENCE`, because places look alike or the map doesn't fit, the robot stops searching and the
+    waiting goals fail.
 
-    *random* is the source of the localiser's samples; *trees* is the folder in which the default trees are
-    found.
+    *random* is the source of the localiser's samples. *trees* is the folder whose subfolder ``navigation``
+    contains the default trees.
+
+    Raises:
+        RegistrationError: A library of the parameter ``plugin_lib_names`` can't be used.
     """
 
     def __init__(
@@ -137,11 +144,11 @@ class Navigation:
         self._wire(frames)
 
     def go_to(self, goal: Pose2D) -> NavigateHandle:
-        """Navigate to *goal* (map), which replaces a running goal."""
+        """Send *goal* (in the frame map) and return its handle; a running goal is replaced."""
         return self.navigate_to_pose.send_goal(NavigateGoal((goal,)))
 
     def go_through(self, goals: Sequence[Pose2D]) -> NavigateHandle:
-        """Navigate through *goals* (map) to the last goal."""
+        """Send *goals* (in the frame map), to pass in order, and return their handle."""
         return self.navigate_through_poses.send_goal(NavigateGoal(tuple(goals)))
 
     def estimate(self) -> Pose2D | None:
@@ -175,9 +182,9 @@ class Navigation:
         return self._processed_scans < INITIAL_SCANS or not self.localiser.confident
 
     def give_up_reason(self, began: int) -> str:
-        """Return why a goal that began at *began* (ns) stops waiting for the robot's pose, or an empty text.
+        """Return why a goal that began at *began* (ns) stops waiting for the robot's pose; "" to wait on.
 
-        A goal that began after the last search makes the robot search again.
+        A goal that began after the robot gave up its search makes the robot search again.
         """
         if self._gave_up is None or began <= self._gave_up:
             return "" if self._gave_up is None else _LOST
@@ -251,7 +258,7 @@ class Navigation:
 
 
 def costmap_arguments(parameters: CostmapParameters) -> dict[str, Any]:
-    """Return the arguments for *parameters* that global and local costmaps share."""
+    """Return the constructor arguments that global and local costmaps share, with values of *parameters*."""
     return {
         "radius": parameters.robot_radius,
         "inflation_radius": parameters.inflation_radius,
@@ -263,11 +270,11 @@ def costmap_arguments(parameters: CostmapParameters) -> dict[str, Any]:
 
 
 def missing_trees(parameters: NavigatorParameters, trees: Path) -> list[str]:
-    """Return a warning for each tree in *parameters* that doesn't exist, so that a default tree is used.
+    """Return a warning for each tree in *parameters* that doesn't exist and is replaced by a default tree.
 
     Args:
         parameters: The parameters of the navigator.
-        trees: The folder in which the default trees are found.
+        trees: The folder whose subfolder ``navigation`` contains the default trees.
     """
     named = (
         (parameters.default_nav_to_pose_bt_xml, TO_POSE),

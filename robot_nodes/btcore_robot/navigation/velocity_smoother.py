@@ -1,4 +1,4 @@
-"""Velocity limits of a server, and velocity commands within them."""
+"""Velocity and acceleration limits, and a sender of velocity commands within these limits."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,10 @@ _COMMAND_LIFETIME = 0.3  # s; after this time the last command is no longer a ba
 
 @dataclass(frozen=True, slots=True)
 class VelocityLimits:
-    """The greatest *v* (m/s) and *w* (rad/s), and the accelerations up and down (m/s², rad/s²)."""
+    """Limits of the speed *v* (m/s) and the turning rate *w* (rad/s).
+
+    ``…_up`` is the greatest acceleration and ``…_down`` the greatest deceleration (m/s², rad/s²).
+    """
 
     v: float
     w: float
@@ -19,7 +22,7 @@ class VelocityLimits:
     w_down: float
 
     def within(self, base: BaseInfo) -> "VelocityLimits":
-        """Return these limits, reduced to those of *base*."""
+        """Return new limits: for each value the lower of this limit and the limit of *base*."""
         return VelocityLimits(
             min(self.v, base.v_max),
             min(self.w, base.w_max),
@@ -62,7 +65,8 @@ class VelocitySmoother:
             v: The target speed (m/s).
             w: The target turning rate (rad/s).
             now: The time (ns).
-            period: The time (s) between two commands, an upper limit for the time since the last command.
+            period: The time (s) between two commands. If more time has passed, the command changes only as
+                much as it may change in this time.
         """
         seconds = period if self._stamp is None else min(max((now - self._stamp) / NS_PER_S, 0.0), period)
         limits = self.limits
@@ -87,7 +91,7 @@ class VelocitySmoother:
 
 
 def _next(last: float, target: float, up: float, down: float) -> float:
-    """Return the value nearest to *target*, in size at most *up* above or *down* below *last*."""
+    """Return the value nearest to *target* if *last* may grow by *up* or shrink by *down* in magnitude."""
     # Driving backwards is the mirror image of driving forward.
     if last < 0.0 or (last == 0.0 and target < 0.0):
         return -_next(-last, -target, up, down)

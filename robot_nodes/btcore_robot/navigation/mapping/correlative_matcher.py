@@ -1,10 +1,10 @@
 """Match a scan with other scans: a search over a grid of poses, then Gauss-Newton steps below cell size.
 
 The other scans are drawn into grids of cells and blurred, so that a wall becomes a ridge (Olson, *Real-time
-correlative scan matching*, 2009). The search tries every pose around a guess, so that a wrong wall nearby
-does not capture it. The steps start at the best pose of the search: across a ridge b of width σ, -σ²·∇b/b is
-the offset from its centre line. Each point counts along the normal of its wall. The two sides of a wall are
-seen from different rooms, so that they are ridges on different grids.
+correlative scan matching*, 2009). The search tries every pose around a guess, so that the result is not
+attracted to a wrong wall nearby. The Gauss-Newton steps start at the best pose of the search. They use that
+-σ²·∇b/b is the offset from the centre line of a ridge b of width σ. Only a point's offset along the normal of
+its wall is used. The two sides of a wall are seen from different rooms; they are ridges on different grids.
 """
 
 import math
@@ -49,7 +49,10 @@ _DAMPING = 1.0
 
 @dataclass(frozen=True, slots=True)
 class PoseUncertainty:
-    """The standard deviations (m, rad) of a prior pose, which holds where the points determine nothing."""
+    """The standard deviations *distance* (m) and *turn* (rad) of a prior pose.
+
+    The prior pose matters in directions in which the points give little information.
+    """
 
     distance: float
     turn: float
@@ -73,15 +76,15 @@ class SearchWindow:
 
 
 NEARBY = SearchWindow(0.3, 0.21, 1, 0.035)
-"""The window for consecutive key scans: within Karto's 0.5 m search space, at its coarse angle step."""
+"""The window for consecutive key scans; the angle step is Karto's coarse angle step."""
 
 
 @dataclass(frozen=True, slots=True)
 class MatchResult:
-    """The *pose* (x, y, yaw) at which the points fit the walls best.
+    """The *pose* (x, y in m, yaw in rad) at which the points fit the walls best.
 
     *score* (0 … 1) is the quality of the fit. *information* is the inverse covariance of x, y and yaw in the
-    frame of the walls, shape ``(3, 3)``; along a corridor it is close to 0.
+    frame of the walls, shape ``(3, 3)``; in the direction of a corridor the information is close to 0.
     """
 
     pose: Floats
@@ -92,8 +95,8 @@ class MatchResult:
 class Outline(NamedTuple):
     """Points on walls (m) and the *normals* of the walls, shape ``(k, 2)`` each.
 
-    Normals point towards the laser; an unknown normal is (0, 0). *weight* is the weight of each point:
-    several scans of the same walls are not independent measurements.
+    Normals point towards the laser; an unknown normal is (0, 0). *weight* is the weight of each point.
+    It is below 1 for points of several scans, because scans of the same walls are not independent.
     """
 
     points: Floats
@@ -235,7 +238,7 @@ class CorrelationGrid:
         return MatchResult(at, self.score(at, outline.points), information)
 
     def score(self, at: Floats, points: Floats) -> float:
-        """Return how well *points* (m, robot's frame) fit the walls with the robot at *at*: 0 … 1."""
+        """Return the fit (0 … 1) of *points* (m, robot's frame) to the walls for the robot's pose *at*."""
         height, width = self._shape
         cells = np.floor(transform_points(points, at) / RESOLUTION).astype(np.intp) - self._low
         inside = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)

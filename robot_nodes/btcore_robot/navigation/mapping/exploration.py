@@ -19,7 +19,7 @@ from btcore_robot.robot import Pose2D, Robot
 class GrowingCostmap(GlobalCostmap):
     """A global costmap whose map changes.
 
-    It has no lower bound of the costs, because nothing is known yet.
+    Its creator must set `lower_bound` to None, because a new map may also have lower costs.
     """
 
     def redraw(self, map: OccupancyMap) -> None:
@@ -36,12 +36,12 @@ class GrowingCostmap(GlobalCostmap):
 class Exploration(Navigation):
     """Navigation that explores unknown space and makes a map; the robot never drives over unknown cells.
 
-    The map starts at the initial pose in the localiser's parameters, by default (0, 0, 0).
+    In the new map, the robot starts at the initial pose of the localiser's parameters, by default (0, 0, 0).
 
     Args:
         robot: The robot to drive.
         random: The source of random numbers.
-        trees: The folder of the navigator's behavior trees.
+        trees: The folder whose subfolder ``navigation`` contains the default behavior trees.
         parameters: The parameters of the servers; the defaults if omitted.
         keepout: Rectangles that are added to the map because the laser cannot detect them.
     """
@@ -88,13 +88,13 @@ class Exploration(Navigation):
         return self._frontier is not None and is_unknown_nearby(self.mapper.map(), self._frontier.position)
 
     def exclude_goal(self) -> None:
-        """Exclude the frontier of the last goal: its goal cannot be reached, or shows nothing new."""
+        """Exclude the frontier of the last goal, after the goal was unreachable or showed nothing new."""
         if self._frontier is not None:
             self._excluded.append(self._frontier.position)
             self._frontier = None
 
     def save(self, path: Path) -> None:
-        """Write the current map to *path*.
+        """Write the current map to the YAML file *path* and the files beside it; see `save_map`.
 
         Raises:
             MapError: The files cannot be written.

@@ -1,4 +1,4 @@
-"""Frontiers: where known free floor borders on unknown space, and where to go to look (Yamauchi, 1997)."""
+"""Frontiers: borders between free floor and unknown space, and poses to look at them (Yamauchi, 1997)."""
 
 import math
 from collections.abc import Sequence
@@ -39,8 +39,9 @@ _VIEW_RADIUS = 0.6  # m around a frontier's position that the robot looks at
 
 @dataclass(frozen=True, slots=True)
 class Frontier:
-    """A frontier: *position* (m) is its cell that is cheapest to reach, *goal* is where to look from.
+    """A frontier, and a pose from which the robot can look at it.
 
+    *goal* is this pose. *position* (x, y in m) is the frontier's cell whose goal is cheapest to reach.
     *length* (m) is the length of the frontier. *travel_cost* (m) is the length of the way to the goal,
     increased near obstacles.
     """
@@ -52,7 +53,7 @@ class Frontier:
 
     @property
     def cost(self) -> float:
-        """The cost (m) by which frontiers are compared: the travel, reduced for a long frontier."""
+        """The cost (m) by which frontiers are compared: *travel_cost*, less a bonus for a long frontier."""
         return self.travel_cost - min(_MAX_BONUS, _LENGTH_BONUS * self.length)
 
 
@@ -60,8 +61,8 @@ def frontier_mask(map: OccupancyMap, excluded: Sequence[tuple[float, float]] = (
     """Return the mask of free cells of *map* next to unknown cells.
 
     Args:
-        map: The map.
-        excluded: Positions (m) near which no cell counts.
+        map: The map, with free, unknown and occupied cells.
+        excluded: Positions (x, y in m); cells within `EXCLUSION_RADIUS` of them are left out.
     """
     size = 2 * WALL_CELLS + 1
     # Unknown cells next to occupied cells are the inside of a wall, not unexplored space.
@@ -87,10 +88,10 @@ def find_frontiers(
     """Return the frontiers that the robot can look at, the best first.
 
     Args:
-        map: The map.
+        map: The map whose frontiers are returned.
         costmap: A costmap with the same cells as *map*.
         here: The robot's pose in the frame of the map.
-        excluded: Positions (m) near which frontiers are ignored.
+        excluded: Positions (x, y in m); cells within `EXCLUSION_RADIUS` of them are left out.
         radius: The robot's radius (m).
     """
     count, labels, stats, _ = cv2.connectedComponentsWithStats(
@@ -135,7 +136,7 @@ def find_frontiers(
 
 
 def is_unknown_nearby(map: OccupancyMap, position: tuple[float, float]) -> bool:
-    """Return whether there is unknown space near *position* (m) to look at."""
+    """Return whether unknown space borders on free floor near *position* (x, y in m)."""
     row, col = map.cell(*position)
     reach = round(_VIEW_RADIUS / 2 / map.resolution)
     low_row, low_col = max(0, row - 3 * reach), max(0, col - 3 * reach)

@@ -1,4 +1,4 @@
-"""Key scans: the scans of which a map is made."""
+"""Key scans: the selected scans from which a map is made."""
 
 import math
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ def key_scan(scans: Sequence[LocalisedScan], travelled: float, *, margin: float 
     Args:
         scans: At least one scan, oldest first.
         travelled: The distance (m) driven so far.
-        margin: The distance (m) before an obstacle from which on the floor is not counted as free.
+        margin: The last part (m) of a ray before an obstacle, which does not count as free floor.
     """
     last = scans[-1]
     outlines = []
@@ -94,7 +94,7 @@ def key_scan(scans: Sequence[LocalisedScan], travelled: float, *, margin: float 
 
 
 def _outline(ends: Floats) -> Outline:
-    """Return some of *ends*, which follow walls as seen from (0, 0), and the normals of the walls there."""
+    """Return evenly spaced points of *ends* and the walls' normals there; the laser is at (0, 0)."""
     steps = np.hypot(*np.diff(ends, axis=0, prepend=ends[:1]).T)
     # At most one point per `SPACING` of length along a wall; a gap counts as one spacing.
     walked = np.floor(np.cumsum(np.minimum(steps, SPACING)) / SPACING)

@@ -115,7 +115,7 @@ class LogOddsGrid:
 
 
 def trim_map(map: OccupancyMap, margin: int = 4) -> OccupancyMap:
-    """Return *map* without the unknown rows and columns at its edges, except for *margin* cells."""
+    """Return *map* without unknown rows and columns at its edges, except for a margin of *margin* cells."""
     known = map.cells != -1
     for xmin, ymin, xmax, ymax in map.keepout:
         for row, col in (map.cell(xmin, ymin), map.cell(xmax, ymax)):

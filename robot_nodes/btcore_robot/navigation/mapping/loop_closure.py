@@ -13,24 +13,27 @@ from btcore_robot.navigation.mapping.pose_graph import PoseGraph
 MIN_LOOP_LENGTH = 8.0
 """The distance (m) that must be driven before a return to a place counts as a loop."""
 MAX_DISTANCE = 3.0
-"""The maximum distance (m) from an old key scan by the estimated poses."""
+"""The maximum distance (m) between the estimated poses of the newest and the nearest old key scan."""
 CHAIN_RADIUS = 10
-"""The number of key scans before and after the nearest old key scan that are matched with."""
+"""The newest key scan is matched with this many key scans before and after the nearest old key scan."""
 MIN_CHAIN = 6
-"""The minimum number of these key scans: fewer show too little of a place."""
+"""The minimum number of old key scans for a match: fewer show too little of a place."""
 MIN_SCORE = 0.5
 """The minimum score (0 … 1) of a match that closes a loop."""
 MIN_DRIFT, DRIFT, MAX_DRIFT = 0.25, 0.015, 1.5
 """The assumed drift (m): minimum, growth per metre driven since the last correction, and maximum."""
 MIN_CERTAINTY_RATIO = 0.15
-"""The minimum ratio of the certainties in two directions; in a corridor it is lower and no loop is closed."""
+"""The minimum ratio of a match's certainty in its least and in its most certain direction.
+
+In a corridor the ratio is lower, and no loop is closed.
+"""
 _MIN_POINTS = 60  # scans with fewer points are not matched
 _TURN_DRIFT = 0.005  # rad per metre
 _MAX_TURN = 0.5  # rad
 
 
 class LoopClosureDetector:
-    """A search for loop closures by matching the newest key scan with old ones, once per metre driven."""
+    """A search for loop closures: match the newest key scan with old key scans, once per metre driven."""
 
     def __init__(self) -> None:
         self._closed_after = 0.0
@@ -41,11 +44,11 @@ class LoopClosureDetector:
 
         Args:
             scans: The key scans, oldest first.
-            graph: The pose graph with their poses.
+            graph: The pose graph with the poses of the key scans.
 
         Returns:
-            The index of the nearest old key scan and the match of the newest; None without a certain
-            match.
+            The index of the nearest old key scan and the match of the newest key scan; None without a
+            certain match.
         """
         newest, here = scans[-1], graph.poses[-1]
         if newest.travelled - self._tried_after < 1.0 or len(newest.outline.points) < _MIN_POINTS:

@@ -37,7 +37,7 @@ SCANS_PER_KEY = 5
 MATCHED_SCANS = 25
 """The number of previous key scans that a new key scan is matched with."""
 MATCH_RADIUS = 6.0
-"""The maximum distance (m) of these key scans from the new key scan."""
+"""Previous key scans farther (m) than this from the new key scan are not matched."""
 MIN_POINTS = 20
 """A scan with fewer points is not matched; the pose is then taken from odometry alone."""
 MIN_SCORE = 0.35
@@ -51,10 +51,11 @@ _STANDSTILL_SPEED = 0.01  # m/s, rad/s
 class Mapper:
     """Simultaneous localisation and mapping. Call `step` periodically at the laser's rate.
 
-    A key scan is taken every 0.5 m or 0.25 rad, and where the robot comes to rest. It is matched, together
-    with the four scans just before it, with the most recent key scans. Between key scans the pose follows
+    A key scan is taken every 0.5 m or 0.25 rad, and where the robot comes to rest. The key scan and the four
+    scans just before it are matched with the most recent key scans. Between key scans the pose follows
     odometry. When the robot returns to a place after 8 m or more, the key scan is also matched with the key
-    scans taken there earlier. This closes a loop: all poses are adjusted to fit best, and the map is redrawn.
+    scans taken there earlier. Such a match closes a loop: all poses are adjusted to the matches, and the map
+    is redrawn.
 
     With each scan the transform from ``map`` to ``odom`` is published in *tree*. A mapper has the same
     attributes as a `Localiser`, so that navigation can use either.
@@ -193,7 +194,7 @@ class Mapper:
 
         Args:
             scan: The new key scan.
-            step: The same relative pose by odometry.
+            step: The relative pose of the two key scans by odometry: x, y (m) and yaw (rad).
         """
         graph = self.graph
         assert graph is not None
@@ -222,7 +223,7 @@ class Mapper:
         return relative_edge(last, MatchResult(match.pose, match.score, match.information + prior))
 
     def _close_loop(self) -> bool:
-        """Close a loop if the newest key scan is at a known place; return whether it is."""
+        """Close a loop if the newest key scan is at a known place; return whether a loop was closed."""
         graph = self.graph
         if self._loop_detector is None or graph is None:
             return False

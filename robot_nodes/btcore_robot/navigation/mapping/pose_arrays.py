@@ -12,17 +12,20 @@ Floats = NDArray[np.float64]
 
 
 def pose_to_row(pose: Pose2D) -> Floats:
-    """Return *pose* as a row."""
+    """Return *pose* as an array of x, y (m) and yaw (rad), shape ``(3,)``."""
     return np.array((pose.x, pose.y, pose.yaw))
 
 
 def row_to_pose(row: Floats) -> Pose2D:
-    """Return a row as a pose, with the yaw in (-π, π]."""
+    """Return an array of x, y (m) and yaw (rad) as a pose, with the yaw in (-π, π]."""
     return Pose2D(float(row[0]), float(row[1]), wrap_angle(float(row[2])))
 
 
 def compose(start: Floats, step: Floats) -> Floats:
-    """Return the pose *step*, given relative to *start*, in the frame of *start*: ``a2b * b2c``."""
+    """Return the pose that is at *step* relative to the pose *start*.
+
+    The result is in the frame in which *start* is given, like the product of transforms ``a2b * b2c``.
+    """
     cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
     return np.stack(
         (
@@ -42,7 +45,7 @@ def relative_pose(start: Floats, end: Floats) -> Floats:
 
 
 def transform_points(points: Floats, at: Floats) -> Floats:
-    """Return *points* (m, shape ``(k, 2)``), given relative to the pose *at*, in the frame of *at* itself."""
+    """Return *points* (m, shape ``(k, 2)``), given relative to the pose *at*, in the frame of this pose."""
     cos, sin = math.cos(at[2]), math.sin(at[2])
     moved: Floats = points @ np.array(((cos, sin), (-sin, cos)))
     moved += at[:2]

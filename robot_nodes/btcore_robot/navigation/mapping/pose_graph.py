@@ -2,9 +2,9 @@
 
 The sum over all edges of eᵀΩe is minimised, where e is the difference between the relative pose of two poses
 and its measurement, by Gauss-Newton steps on sparse normal equations (Grisetti and others, *A tutorial on
-graph-based SLAM*, 2010). All edges have their full weight at first. Afterwards, edges that close a loop weigh
-less the more they disagree with the others. This removes a long drift, and limits the effect of a wrong loop
-among correct ones.
+graph-based SLAM*, 2010). All edges have their full weight at first, which removes a long drift. Afterwards,
+an edge that closes a loop has less weight the more it disagrees with the other edges, which limits the effect
+of a wrong loop among correct loops.
 """
 
 import math
@@ -21,14 +21,18 @@ from btcore_robot.rigid_transform import wrap_angles
 Indices = NDArray[np.intp]
 
 _LOOP_SCALES = (math.inf, math.inf, math.inf, math.inf, 1000.0, 300.0, 100.0, 100.0, 100.0, 100.0)
-"""The eᵀΩe (χ² of three numbers) at which the weight of a loop's edge is a quarter, for each iteration."""
+"""For each iteration, the eᵀΩe (χ² of three numbers) at which a loop's edge has a quarter of its weight."""
 _MIN_STEP = 1e-4  # m, rad: the iteration ends with a shorter step
 _FIXED_WEIGHT = 1e9  # information of the first pose, which must not move
 
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """A measured *step* from pose *first* to pose *last*, with its *information*, shape ``(3, 3)``."""
+    """A measured *step* (x, y in m, yaw in rad) from the pose *first* to the pose *last* (indices).
+
+    *information* is the inverse covariance of the step, shape ``(3, 3)``. *loop* marks an edge that closes a
+    loop.
+    """
 
     first: int
     last: int
@@ -38,7 +42,7 @@ class Edge:
 
 
 class PoseGraph:
-    """Poses, shape ``(n, 3)``, and edges between them. The first pose is fixed."""
+    """Poses (x, y in m, yaw in rad; shape ``(n, 3)``) and edges between them. The first pose is fixed."""
 
     def __init__(self, start: Floats) -> None:
         self.poses: Floats = start[None, :].astype(np.float64)
@@ -49,20 +53,20 @@ class PoseGraph:
 
         Args:
             step: The relative pose: x, y (m) and yaw (rad).
-            information: Its inverse covariance, shape ``(3, 3)``.
+            information: The inverse covariance of *step*, shape ``(3, 3)``.
         """
         last = len(self.poses)
         self.edges.append(Edge(last - 1, last, step, information))
         self.poses = np.vstack((self.poses, compose(self.poses[-1], step)))
 
     def add_loop_edge(self, first: int, last: int, step: Floats, information: Floats) -> None:
-        """Add the measurement of a loop, which `optimise` then uses.
+        """Add a measurement that closes a loop. The poses change only at the next call of `optimise`.
 
         Args:
             first: The index of the reference pose.
             last: The index of the measured pose.
             step: Pose *last* relative to pose *first*: x, y (m) and yaw (rad).
-            information: Its inverse covariance, shape ``(3, 3)``.
+            information: The inverse covariance of *step*, shape ``(3, 3)``.
         """
         self.edges.append(Edge(first, last, step, information, loop=True))
 

@@ -9,7 +9,7 @@ from btcore_robot.navigation.nodes import actions, conditions, control, decorato
 
 
 def register(nodes: Registry) -> None:
-    """Register every node of this library and the type of their poses."""
+    """Register every node of this library, and the pose type of their ports."""
     register_pose_type(nodes)
     for module in (control, decorators, conditions, goals, actions, paths, services):
         # Registers the node classes that the module defines, except base classes: their names begin with "_".

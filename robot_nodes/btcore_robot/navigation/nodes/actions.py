@@ -155,7 +155,7 @@ class _RecoveryAction(BtActionNode):
         return self.behaviour()
 
     def behaviour(self) -> object:
-        """Return the goal."""
+        """Return the goal to send to the behaviour's server."""
         raise NotImplementedError
 
 
@@ -240,7 +240,7 @@ class NavigateToPose(BtActionNode):
         return navigator
 
     def make_goal(self) -> object:
-        """Return the goal in the navigator's form."""
+        """Return the navigator's goal object for *goal*."""
         return self.servers.navigators["goal_to"]((self.goal,), self.behavior_tree)
 
 
@@ -256,5 +256,5 @@ class NavigateThroughPoses(BtActionNode):
         return navigator
 
     def make_goal(self) -> object:
-        """Return the goals in the navigator's form."""
+        """Return the navigator's goal object for *goals*."""
         return self.servers.navigators["goal_to"](poses_input(self, "goals"), self.behavior_tree)

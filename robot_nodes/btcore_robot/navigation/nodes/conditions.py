@@ -57,7 +57,7 @@ class GoalReached(Condition):
 
 
 class GoalUpdated(Condition):
-    """SUCCESS when the goal differs from the goal at the previous tick; not at the first after a reset."""
+    """SUCCESS when the goal has changed since the previous tick; FAILURE at the first tick after a reset."""
 
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
@@ -76,7 +76,7 @@ class GoalUpdated(Condition):
 class GlobalUpdatedGoal(Condition):
     """SUCCESS when the goal differs from the goal at the previous tick, and on the very first tick.
 
-    Unlike GoalUpdated, a halt does not make it forget the goal.
+    Unlike GoalUpdated, the node still knows the previous goal after a halt.
     """
 
     goal: Goal = blackboard_default("goal")

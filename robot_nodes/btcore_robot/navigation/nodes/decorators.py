@@ -1,4 +1,4 @@
-"""Nav2's decorators: they tick their child at a rate, after a distance, or when the goal changes."""
+"""Nav2's decorators, which tick the child at a rate, after a distance, or when the goal changes."""
 
 import math
 from collections import deque
@@ -28,7 +28,7 @@ RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
 
 class RateController(DecoratorNode):
-    """Tick the child at *hz*, and on every tick while it is RUNNING; return RUNNING in between.
+    """Tick the child at *hz*, and on every tick while the child is RUNNING; return RUNNING in between.
 
     The period starts again when the child succeeds.
     """
@@ -108,7 +108,11 @@ class SpeedController(DecoratorNode):
         self.speeds: deque[tuple[int, float]] = deque()
 
     def tick(self) -> Status:
-        """Tick the child if its period is over or the goal has changed."""
+        """Tick the child if its period is over or the goal has changed.
+
+        Raises:
+            NodeError: A rate is not above 0.
+        """
         now, goals = self.now(), goal_inputs(self)
         speed = self.speed()
         if is_first_tick(self) or goals != self.previous_goals:
@@ -164,9 +168,9 @@ class GoalUpdatedController(DecoratorNode):
 
 
 class GoalUpdater(DecoratorNode):
-    """Pass the newest goal to the child: the input, or what the topic ``goal_update`` published since.
+    """Write the newest goal for the child: the input, or a newer message of the topic ``goal_update``.
 
-    Several goals work the same way, with the topic ``goals_update``.
+    A list of goals is handled in the same way, with the topic ``goals_update``.
     """
 
     input_goal: Annotated[In[Pose2D], "Original goal."] = OPTIONAL
@@ -228,7 +232,7 @@ class SingleTrigger(DecoratorNode):
 
 
 class PathLongerOnApproach(DecoratorNode):
-    """Tick the child when, near the goal, the path to the same goal has become much longer; else SUCCESS.
+    """Near the goal, tick the child when the path to the same goal has become much longer; else SUCCESS.
 
     While the child is RUNNING, each new path is compared with the path from before the child started. When
     the newest path is no longer much longer than that path, the child is halted.
@@ -255,7 +259,7 @@ class PathLongerOnApproach(DecoratorNode):
         return status
 
     def is_longer(self, path: NavPath | None, before: NavPath | None) -> bool:
-        """Return whether *path* leads to the same, near goal as *before* and is much longer."""
+        """Return whether *path* leads to the goal of *before*, which is near, and is much longer."""
         if path is None or before is None or path == before or path.goal != before.goal:
             return False
         return before.length() < self.prox_len and path.length() > self.length_factor * before.length()

@@ -40,7 +40,7 @@ Threshold = Annotated[In[float], "Cost threshold (0–254): a pose at or above i
 
 
 class RemovePassedGoals(ServersAction):
-    """Remove leading goals that the robot is within *radius* of; the last goal always stays."""
+    """Remove the first goals as long as the robot is within *radius* of them; the last goal always stays."""
 
     input_goals: InGoals
     radius: Annotated[In[float], "Radius (m) around a goal within which it is passed."] = 0.5
@@ -76,7 +76,7 @@ class RemoveInCollisionGoals(ServersAction):
     output_waypoint_statuses: OutStatuses = OPTIONAL
 
     def tick(self) -> bool:
-        """Check every goal and write those without a collision."""
+        """Check every goal and write the goals without a collision."""
         criteria = self.cost_threshold, self.use_footprint, self.consider_unknown_as_obstacle
         goals = poses_input(self, "input_goals")
         occupied = [goal for goal in goals if is_occupied(self.servers, goal, *criteria)]

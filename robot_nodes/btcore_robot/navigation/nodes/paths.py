@@ -154,7 +154,7 @@ class IsPathValid(Condition):
 def blocked_poses(
     servers: Servers, path: NavPath, max_cost: int, unknown: bool, reach: float = -1.0
 ) -> list[Pose2D]:
-    """Return the poses of *path* ahead of the robot at which it would be in collision.
+    """Return the poses of *path* ahead of the robot at which the robot would be in collision.
 
     Args:
         servers: The navigation servers with the robot's pose and the global costmap.
@@ -178,7 +178,7 @@ def blocked_poses(
 
 
 class SmoothPath(SyncAction):
-    """Write the path unchanged: this stack's planner smooths its paths itself."""
+    """Write the path unchanged, because this planner's paths are smooth already. FAILURE without a path."""
 
     unsmoothed_path: InPath
     max_smoothing_duration: Annotated[In[float], "Maximum smoothing duration (s); not used."] = 3.0
@@ -230,7 +230,7 @@ class GetPoseFromPath(SyncAction):
 
 
 class GetCurrentPose(ServersAction):
-    """Write the robot's pose. FAILURE while it is unknown."""
+    """Write the robot's pose. FAILURE while the pose is unknown."""
 
     global_frame: Annotated[In[str], "Global frame; always map here."] = "map"
     robot_base_frame: Annotated[In[str], "Robot base frame; always base_footprint here."] = "base_footprint"

@@ -28,7 +28,7 @@ def is_first_tick(node: TreeNode) -> bool:
 
 
 def optional_input(node: TreeNode, port: str) -> object:
-    """Return the value of input *port*, or None if the tree omits it or its entry has no value yet."""
+    """Return the value of input *port*, or None if the port is omitted or its blackboard entry is empty."""
     if port not in node.config.inputs:
         return None
     try:
@@ -44,13 +44,13 @@ def path_input(node: TreeNode, port: str) -> NavPath | None:
 
 
 def pose_input(node: TreeNode, port: str) -> Pose2D | None:
-    """Return the pose of input *port*, or None if it is missing."""
+    """Return the pose of input *port*, or None if the pose is missing."""
     value = optional_input(node, port)
     return value if isinstance(value, Pose2D) else None
 
 
 def poses_input(node: TreeNode, port: str) -> tuple[Pose2D, ...]:
-    """Return the poses of input *port*, or an empty tuple if they are missing."""
+    """Return the poses of input *port*, or an empty tuple if the poses are missing."""
     value = optional_input(node, port)
     return tuple(value) if isinstance(value, list | tuple) else ()
 
@@ -67,7 +67,7 @@ def goal_inputs(node: TreeNode) -> Goals:
 
 
 def write_outputs(node: TreeNode, **outputs: object) -> None:
-    """Write those of *outputs* whose ports the tree connects."""
+    """Write the *outputs* whose ports are connected in the tree; skip the other outputs."""
     for port, value in outputs.items():
         if port in node.config.outputs:
             node.set_output(port, value)

@@ -44,7 +44,7 @@ class _ClearPart(ServersAction):
     plugins: Plugins = OPTIONAL
 
     def centre(self) -> Pose2D | None:
-        """Return the robot's pose in the costmap's frame, or None while it is unknown."""
+        """Return the robot's pose in the costmap's frame, or None while the pose is unknown."""
         if self.servers.costmap(self.service_name) is self.servers.local_costmap:
             # The local costmap is in the odometry frame; the global costmap is in the frame map.
             return self.servers.robot.odometry().pose
