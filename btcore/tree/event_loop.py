@@ -28,8 +28,10 @@ class EventLoopWait:
         due = context.first_deadline(self._schedule.next(context.clock.now()))
         if isinstance(context.clock, SystemClock):
             duration = max(due - context.clock.now(), 0) / NS_PER_S
+            # Not asyncio.wait_for(), which in Python 3.11 drops a cancellation that comes with a wake-up.
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._woken.wait(), duration)
+                async with asyncio.timeout(duration):
+                    await self._woken.wait()
             due = 0
         else:
             await asyncio.sleep(0)

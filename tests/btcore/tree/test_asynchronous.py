@@ -97,6 +97,30 @@ def test_halting_cancels_the_awaited_call_and_runs_finally() -> None:
     assert trace == ["cleaned up"]
 
 
+@pytest.mark.parametrize("passes", range(6))
+def test_a_cancellation_is_not_lost_when_a_wake_up_ends_the_wait_in_the_same_pass(passes: int) -> None:
+    """asyncio.wait_for() of Python 3.11 returns its result in this case, and drops the cancellation."""
+
+    @action
+    async def never_ends() -> bool:
+        while True:
+            await running()
+
+    async def cancel() -> None:
+        tree = tree_of("<NeverEnds/>", never_ends)
+        run = asyncio.ensure_future(tree.run(period=3600))
+        await asyncio.sleep(0)
+        tree.wake()
+        for _ in range(passes):
+            await asyncio.sleep(0)
+        run.cancel()
+        await asyncio.wait({run}, timeout=2)
+        assert run.cancelled()
+        assert tree.status is Status.IDLE
+
+    asyncio.run(cancel())
+
+
 def test_a_simulated_clock_jumps_under_asyncio_too() -> None:
     @action
     async def wait() -> bool:
