@@ -45,7 +45,7 @@ class AgentSets:
         self._last_mask.flags.writeable = False
 
     def mask(self, agents: int) -> Mask:
-        """Return the read-only mask of *agents*."""
+        """Return the mask of the set *agents*; it is read-only."""
         if agents == self.all_agents:
             return self._full
         # Identity is faster than equality, and the ports of a leaf pass the same object.
@@ -63,7 +63,7 @@ class AgentSets:
         return int.from_bytes(np.packbits(mask, None, "little").tobytes(), "little")
 
     def indices(self, agents: int) -> Indices:
-        """Return the indices of *agents*, ascending."""
+        """Return the indices of the set *agents*, ascending."""
         return np.flatnonzero(self.mask(agents))
 
     def from_user_mask(self, mask: object) -> int:

@@ -60,8 +60,8 @@ class IfThenElse(BranchNode):
     """Ticks the first child, a condition; then the second child if it succeeded, or the third if it failed.
 
     The node returns the result of the selected child. While that child is RUNNING, the condition is
-    not ticked again. Without a third child, a failed condition makes the node fail, and the condition
-    keeps its status. A skipped condition is an error.
+    not ticked again. Without a third child, a failed condition makes the node fail, and the status of the
+    condition stays FAILURE. A skipped condition is an error.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)

@@ -45,7 +45,7 @@ class Timeout(DecoratorNode):
         return [Port("msec", type=UINT, description=about, role=PortRole.DURATION)]
 
     def tick(self) -> Status:
-        """Tick the child, unless the time has passed."""
+        """Tick the child; fail if it is still RUNNING after the time limit."""
         allowed = cast(int, self.get_input("msec"))
         if self._deadline < 0:
             self.set_status(RUNNING)

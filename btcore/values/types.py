@@ -382,7 +382,7 @@ class VectorType(ValueType):
         return [self.item.adapt(element) for element in value]
 
     def adapt(self, value: object) -> list[object]:
-        """Return the list, as :meth:`cast` does."""
+        """Return a list of the item type, as :meth:`cast` does. Raise ConversionError."""
         return self.cast(value)
 
     def _accepts_all(self, items: list[object]) -> bool:

@@ -112,7 +112,7 @@ class DifferentialDrive:
 
 
 class WheelErrorModel:
-    """The odometry errors of one run: the scale of each wheel, and the slip in turns.
+    """The odometry errors of one run: the scale of each wheel, and the slip when the base turns.
 
     *left* and *right* are the distances (m) that the wheels measure for one metre. They are drawn once from a
     normal distribution, because a wrong wheel radius is a systematic error.

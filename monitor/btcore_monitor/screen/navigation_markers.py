@@ -98,13 +98,13 @@ class NavigationMarkers:
         self._box_entities: list[str] = []
 
     def moving(self, t: int, wall: int, data: MovingScene, root: str) -> None:
-        """Draw the poses that have changed, and all present arrows and boxes.
+        """Draw the poses that have changed. If *data* contains arrows or boxes, replace those that are shown.
 
         Args:
             t: Tree time (ns).
             wall: Wall time (ns).
             data: The scene.
-            root: The frame of data that names no frame.
+            root: The frame of objects without a frame of their own.
         """
         for poses in data.poses:
             self._show_poses(t, wall, poses, root)

@@ -110,7 +110,11 @@ class RobotView:
         self._finish()
 
     def _draw(self) -> None:
-        """Draw the new tree. This waits for the next event, because a scene leaves less room for the tree."""
+        """Draw the new tree, if there is any.
+
+        A new tree is not drawn before the next event, which may be its scene: beside a scene, the tree has
+        less room.
+        """
         new, self._new_tree = self._new_tree, None
         if new is None:
             return

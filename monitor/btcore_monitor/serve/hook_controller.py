@@ -73,7 +73,10 @@ class HookController:
             self._hooks.enable_all(True)
 
     def notices(self) -> list[list[bytes]]:
-        """Return the frames of new notifications, and disable the hooks after the timeout."""
+        """Return the frames of new notifications.
+
+        Disable the hooks if no request has arrived within *max_heartbeat_delay*.
+        """
         if not self._timed_out and time.monotonic() - self._last_request >= self._delay:
             self._timed_out = True
             self._hooks.enable_all(False)

@@ -15,8 +15,8 @@ a token that the client chooses, and the reply has the same topic:
 
 =====================  ====================================================================
 ``again/tree/TOKEN``   :class:`TreeMessage`, :class:`StaticMessage`
-``again/N/TOKEN``      :class:`PieceMessage`: the stream from number N on, up to its ``last``
-``here/TOKEN``         no reply; a closing publisher waits briefly for its subscribers
+``again/N/TOKEN``      :class:`PieceMessage`: the stream from number N to the number in the field ``last``
+``here/TOKEN``         no reply; marks a connected client, for which a closing publisher waits briefly
 =====================  ====================================================================
 
 Stamps are ns of the tree's clock, ``wall`` is ns since the epoch, lengths are in metres, quaternions are

@@ -30,7 +30,7 @@ class PoseSource(Protocol):
 
     @property
     def confident(self) -> bool:
-        """Whether the robot may drive by the pose."""
+        """Whether the pose is reliable enough for the robot to drive."""
 
     @property
     def is_contradicted(self) -> bool:
