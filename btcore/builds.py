@@ -34,7 +34,18 @@ class SourceOnly:
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the spec of the source file of a module below btcore, or None for the other finders."""
+        """Return the spec of the source file of a module below btcore.
+
+        Args:
+            fullname: The full name of the module, for example ``btcore.engine.node``.
+            path: The ``__path__`` of the module's parent package: the folders to search; None for a top-level
+                module.
+            target: Ignored; part of the interface of finders.
+
+        Returns:
+            The spec; None if the module is not below btcore or has no source file. Python then calls the
+            next finder.
+        """
         if not fullname.startswith("btcore."):
             return None
         for folder in path or ():

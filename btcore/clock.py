@@ -46,7 +46,15 @@ class SystemClock:
         return time.monotonic_ns()
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Sleep until *deadline* (ns), or until a thread sets *wake*. Return whether *wake* was set."""
+        """Sleep until a deadline, or until a thread sets an event.
+
+        Args:
+            deadline: The monotonic time to sleep until (ns); after this time, return at once.
+            wake: The event that ends the sleep early; it is not cleared.
+
+        Returns:
+            Whether *wake* was set.
+        """
         left = deadline - time.monotonic_ns()
         if left <= 0:
             return wake.is_set()
@@ -65,7 +73,15 @@ class SimClock:
         return self._now
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Advance to *deadline* (ns), unless *wake* is set. Return whether *wake* was set."""
+        """Advance the time to a deadline without sleeping, unless an event is set.
+
+        Args:
+            deadline: The simulated time to advance to (ns); a deadline in the past does not change the time.
+            wake: If this event is set, the time does not advance. It is not cleared.
+
+        Returns:
+            Whether *wake* was set.
+        """
         if wake.is_set():
             return True
         self._now = max(self._now, deadline)

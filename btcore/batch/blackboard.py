@@ -48,9 +48,16 @@ class BatchBlackboard:
         self._set(key, values, mask, True)
 
     def initialise(self, key: str, values: Any) -> None:
-        """Write the initial values of *key*, as :meth:`set` does, but never determine the type of an entry.
+        """Write the initial values of an entry for all agents, without determining its type.
 
         Loading the ordinary tree has determined the types already.
+
+        Args:
+            key: The key.
+            values: An array of shape (agents,) or (agents, …), or a single value for all agents.
+
+        Raises:
+            BlackboardError: The values do not fit the type of the entry, or the array has another shape.
         """
         self._set(key, values, None, False)
 

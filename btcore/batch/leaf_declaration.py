@@ -170,7 +170,14 @@ def condition(function: F, /) -> F: ...
 @overload
 def condition(*, ID: str | None = None) -> Callable[[F], F]: ...
 def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
-    """Declare a function as a condition for all agents at once; see :func:`action`."""
+    """Declare a function as a condition for all agents at once.
+
+    Its parameters and its result have the same forms as for :func:`action`.
+
+    Args:
+        function: The function.
+        ID: The registration ID; by default the function's name in CamelCase.
+    """
     return _marked(function, Condition, ID)
 
 

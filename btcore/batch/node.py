@@ -107,7 +107,13 @@ class BatchNode:
         return results
 
     def store(self, success: int, failure: int, running: int) -> None:
-        """Store results; the statuses of all other agents do not change."""
+        """Store the results of a tick. The statuses of agents in none of the sets do not change.
+
+        Args:
+            success: The set of agents whose result is SUCCESS.
+            failure: The set of agents whose result is FAILURE.
+            running: The set of agents whose result is RUNNING.
+        """
         done = success | failure | running
         # Most sets are empty in most ticks, so the tests save operations.
         before = self.success

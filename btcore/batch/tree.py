@@ -126,6 +126,8 @@ class BatchTree:
         Raises:
             TreeError: The file has errors, or the batch engine cannot run a node. It contains all errors.
             RegistrationError: A leaf is invalid.
+            BlackboardError: A value of *blackboard* has another shape, or does not fit the type of its entry.
+            BtcoreError: *agents* is not a positive integer.
         """
         leaves, registry, board = _prepare(leaves, nodes, blackboard, clock)
         plan = load(path, nodes=registry, tree=tree, blackboard=board, clock=clock)
@@ -144,7 +146,24 @@ class BatchTree:
         blackboard: Mapping[str, Any] | None = None,
         clock: Clock | None = None,
     ) -> "BatchTree":
-        """Load a tree from the XML *text*; the other parameters and the errors are those of :meth:`load`."""
+        """Load a tree from an XML text.
+
+        Args:
+            text: The XML. Paths of includes are relative to the working directory.
+            agents: The number of agents.
+            leaves: As in :meth:`load`, like all following arguments.
+            nodes: As in :meth:`load`.
+            resources: As in :meth:`load`.
+            tree: As in :meth:`load`.
+            blackboard: As in :meth:`load`.
+            clock: As in :meth:`load`.
+
+        Raises:
+            TreeError: The document has errors, or the batch engine cannot run a node. It contains all errors.
+            RegistrationError: A leaf is invalid.
+            BlackboardError: A value of *blackboard* has another shape, or does not fit the type of its entry.
+            BtcoreError: *agents* is not a positive integer.
+        """
         leaves, registry, board = _prepare(leaves, nodes, blackboard, clock)
         plan = loads(text, nodes=registry, tree=tree, blackboard=board, clock=clock)
         return cls(plan, agents, leaves, resources)._initialise(blackboard)

@@ -47,7 +47,12 @@ class Entry:
         self.inferred = inferred
 
     def put(self, value: object, stamp: int) -> None:
-        """Store *value*, written at *stamp* (ns)."""
+        """Store a value, and count the write.
+
+        Args:
+            value: The value. Its type is not checked.
+            stamp: The time of the write (ns, the blackboard's clock).
+        """
         self.value = value
         self.sequence_id += 1
         self.stamp = stamp
@@ -93,7 +98,12 @@ class Blackboard:
         return board
 
     def remap(self, internal: str, external: str) -> None:
-        """Remap the key *internal* to the parent's key *external*, unless it is already remapped."""
+        """Remap a key of this scope to a key of the parent, unless it is already remapped.
+
+        Args:
+            internal: The key in this scope.
+            external: The key in the parent scope.
+        """
         self._outside.setdefault(internal, external)
 
     def local_entries(self) -> dict[str, Entry]:

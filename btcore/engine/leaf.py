@@ -61,11 +61,25 @@ class StatefulAction(LeafNode):
         return PossibleResults(at_once, cls.may_return, True)
 
     def on_start(self) -> object:
-        """Start the action. Called by a tick while the node is IDLE."""
+        """Start the action. Called by a tick while the node is IDLE.
+
+        Returns:
+            A Status other than IDLE, or True (SUCCESS) or False (FAILURE).
+
+        Raises:
+            NodeError: The class does not override this method.
+        """
         raise NodeError(f"<{self.config.id}> has no on_start()")
 
     def on_running(self) -> object:
-        """Continue the action. Called by every tick while the node is RUNNING."""
+        """Continue the action. Called by every tick while the node is RUNNING.
+
+        Returns:
+            A Status other than IDLE, or True (SUCCESS) or False (FAILURE).
+
+        Raises:
+            NodeError: The class does not override this method.
+        """
         raise NodeError(f"<{self.config.id}> has no on_running()")
 
     def on_halted(self) -> None:

@@ -95,7 +95,16 @@ class TreeNode:
     _blackboard: Blackboard
 
     def attach_to_tree(self, config: NodeConfig, context: TreeContext, blackboard: Blackboard) -> None:
-        """Put the node into a tree. Called by the builder, before ``__init__``."""
+        """Put the node into a tree. Called by the builder, before ``__init__``.
+
+        Args:
+            config: The configuration of the node: its name, path, ports and condition scripts.
+            context: The state that all nodes of the tree share, for example the clock and the observers.
+            blackboard: The scope that the node reads and writes.
+
+        Raises:
+            ScriptError: A condition script has a syntax error.
+        """
         self.config = config
         self._status = IDLE
         self._guard = None
@@ -224,7 +233,14 @@ class TreeNode:
     # --- ticking
 
     def tick(self) -> object:
-        """Do the node's work. Return a Status, or True (SUCCESS) or False (FAILURE). Override this."""
+        """Do the node's work. Override this method.
+
+        Returns:
+            A Status other than IDLE, or True (SUCCESS) or False (FAILURE).
+
+        Raises:
+            NodeError: The class does not override this method.
+        """
         raise NodeError(f"<{self.config.id}> has no tick()")
 
     def execute_tick(self) -> Status:
@@ -293,7 +309,11 @@ class TreeNode:
         return self.config.input(name).read()
 
     def set_output(self, name: str, value: object) -> None:
-        """Write *value* to output port *name*.
+        """Write a value to an output port.
+
+        Args:
+            name: The name of the port.
+            value: A value of the type of the port, or a text that fits the type of the entry.
 
         Raises:
             NodeError: The port has neither a text in the XML nor a default.

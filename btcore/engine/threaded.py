@@ -28,7 +28,14 @@ class ThreadedAction(StatefulAction):
     _error: BaseException | None = None
 
     def work(self) -> object:
-        """Do the work, in a separate thread. Return a Status, True or False."""
+        """Do the work, in a separate thread. Override this method.
+
+        Returns:
+            The result of the node: a Status other than IDLE, or True (SUCCESS) or False (FAILURE).
+
+        Raises:
+            NodeError: The class does not override this method.
+        """
         raise NodeError(f"<{self.config.id}> has no work()")
 
     @property

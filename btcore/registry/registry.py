@@ -75,7 +75,15 @@ class Registry:
         return self.manifests_of(4)
 
     def get(self, ID: str, format: int = 4) -> Manifest | None:
-        """Return the manifest of the node *ID* in trees of *format* (3 or 4), or None if it is unknown."""
+        """Return the manifest of a node.
+
+        Args:
+            ID: The registration ID, which is the tag in the XML.
+            format: The XML format of the tree, 3 or 4. The same ID may be another node in the other format.
+
+        Returns:
+            The manifest; None if the ID is unknown in this format.
+        """
         for table in (self._of_format[format], self._shared):
             entry = table.get(ID)
             if isinstance(entry, Manifest):

@@ -13,7 +13,16 @@ from btcore.testing.trace import Trace, TraceStep, format_trace, format_tree
 
 
 def assert_ran(trace: Trace | Harness, *nodes: str) -> None:
-    """Assert that each of *nodes* ran: at least one of its ticks was not SKIPPED."""
+    """Assert that each of *nodes* ran: at least one of its ticks was not SKIPPED.
+
+    Args:
+        trace: The trace, or the harness that records it.
+        nodes: The nodes, by path or unique name.
+
+    Raises:
+        AssertionError: One of the nodes never ran.
+        BtcoreError: The tree has no such node, or several nodes have this name.
+    """
     trace = _trace(trace)
     for node in nodes:
         if not _ran(trace, node):
@@ -21,7 +30,16 @@ def assert_ran(trace: Trace | Harness, *nodes: str) -> None:
 
 
 def assert_never_ran(trace: Trace | Harness, *nodes: str) -> None:
-    """Assert that none of *nodes* ran: they were not ticked, or all ticks were SKIPPED."""
+    """Assert that none of *nodes* ran: they were not ticked, or all ticks were SKIPPED.
+
+    Args:
+        trace: The trace, or the harness that records it.
+        nodes: The nodes, by path or unique name.
+
+    Raises:
+        AssertionError: One of the nodes ran.
+        BtcoreError: The tree has no such node, or several nodes have this name.
+    """
     trace = _trace(trace)
     for node in nodes:
         if steps := _ran(trace, node):
@@ -29,7 +47,16 @@ def assert_never_ran(trace: Trace | Harness, *nodes: str) -> None:
 
 
 def assert_order(trace: Trace | Harness, *nodes: str) -> None:
-    """Assert that *nodes* ran, and that they started for the first time in this order."""
+    """Assert that *nodes* ran, and that their first starts were in this order.
+
+    Args:
+        trace: The trace, or the harness that records it.
+        nodes: The nodes, by path or unique name, in the expected order.
+
+    Raises:
+        AssertionError: A node never ran, or the first starts were in another order.
+        BtcoreError: The tree has no such node, or several nodes have this name.
+    """
     trace = _trace(trace)
     paths = [trace.path(node) for node in nodes]
     starts = (change.path for step in trace for change in step.changes if change.previous is IDLE)
@@ -42,7 +69,18 @@ def assert_order(trace: Trace | Harness, *nodes: str) -> None:
 
 
 def assert_results(trace: Trace | Harness, node: str, results: Iterable[Status]) -> None:
-    """Assert that the ticks of *node* returned exactly *results*, in this order."""
+    """Assert that the ticks of a node returned exactly the expected results.
+
+    Args:
+        trace: The trace, or the harness that records it.
+        node: The node, by path or unique name.
+        results: The expected results of all ticks of the node, in order. If the node is ticked several times
+            within a tick of the root, these results are in the order FAILURE, SUCCESS, SKIPPED, RUNNING.
+
+    Raises:
+        AssertionError: The node returned other results.
+        BtcoreError: The tree has no such node, or several nodes have this name.
+    """
     trace = _trace(trace)
     expected, actual = list(results), trace.results(node)
     if expected != actual:
@@ -50,7 +88,16 @@ def assert_results(trace: Trace | Harness, node: str, results: Iterable[Status])
 
 
 def assert_halted(trace: Trace | Harness, *nodes: str) -> None:
-    """Assert that each of *nodes* was halted at least once while it was RUNNING."""
+    """Assert that each of *nodes* was halted at least once while it was RUNNING.
+
+    Args:
+        trace: The trace, or the harness that records it.
+        nodes: The nodes, by path or unique name.
+
+    Raises:
+        AssertionError: One of the nodes was never halted while it was RUNNING.
+        BtcoreError: The tree has no such node, or several nodes have this name.
+    """
     trace = _trace(trace)
     for node in nodes:
         path = trace.path(node)
@@ -59,7 +106,16 @@ def assert_halted(trace: Trace | Harness, *nodes: str) -> None:
 
 
 def assert_never_running_together(trace: Trace | Harness, *nodes: str) -> None:
-    """Assert that at the end of each tick at most one of *nodes* was RUNNING."""
+    """Assert that at the end of each tick at most one of *nodes* was RUNNING.
+
+    Args:
+        trace: The trace, or the harness that records it.
+        nodes: The nodes, by path or unique name.
+
+    Raises:
+        AssertionError: Several of the nodes were RUNNING at the end of a tick.
+        BtcoreError: The tree has no such node, or several nodes have this name.
+    """
     trace = _trace(trace)
     paths = {trace.path(node): node for node in nodes}
     for step in trace:
@@ -69,7 +125,15 @@ def assert_never_running_together(trace: Trace | Harness, *nodes: str) -> None:
 
 
 def assert_ended(trace: Trace | Harness, status: Status) -> None:
-    """Assert that the last tick of the root returned *status*."""
+    """Assert that the last tick of the root returned the expected status.
+
+    Args:
+        trace: The trace, or the harness that records it.
+        status: The expected status; IDLE = the last tick raised an exception.
+
+    Raises:
+        AssertionError: The root returned another status, or was never ticked.
+    """
     trace = _trace(trace)
     ticks = [step for step in trace if step.tick]
     if not ticks or ticks[-1].status is not status:

@@ -50,13 +50,35 @@ class Harness:
 
     @classmethod
     def load(cls, path: str | PathLike[str], **options: Any) -> "Harness":
-        """Return a harness for the tree in the file *path*; *options* are those of :func:`btcore.load`."""
+        """Return a harness for the tree in an XML file.
+
+        Args:
+            path: The XML file.
+            options: Keyword arguments of :func:`btcore.load`, for example ``nodes`` and ``resources``. The
+                default of ``clock`` is a new :class:`~btcore.clock.SimClock`.
+
+        Raises:
+            TreeError: The file has errors.
+            TypeError: An option is unknown, ``nodes`` is not a Registry, or ``resources`` is not a list.
+            ValueError: The tree would use the system's clock.
+        """
         # A clock among the options takes precedence.
         return cls(load(path, **{"clock": SimClock(), **options}))
 
     @classmethod
     def loads(cls, text: str, **options: Any) -> "Harness":
-        """Return a harness for the tree in the XML *text*; *options* are those of :func:`btcore.loads`."""
+        """Return a harness for the tree in an XML text.
+
+        Args:
+            text: The XML. Paths of includes are relative to the working directory.
+            options: Keyword arguments of :func:`btcore.loads`, for example ``nodes`` and ``resources``. The
+                default of ``clock`` is a new :class:`~btcore.clock.SimClock`.
+
+        Raises:
+            TreeError: The document has errors.
+            TypeError: An option is unknown, ``nodes`` is not a Registry, or ``resources`` is not a list.
+            ValueError: The tree would use the system's clock.
+        """
         return cls(loads(text, **{"clock": SimClock(), **options}))
 
     def tick(self, times: int = 1) -> Status:
@@ -102,9 +124,14 @@ class Harness:
         assert reached is not None, f"the condition is not met within {limit:g} s\n{self}"
 
     def run_for(self, seconds: float, period: float = 0.01) -> Status:
-        """Tick for *seconds* (s of the tree's clock), and return the result of the last tick of the root.
+        """Tick for a duration, and return the result of the last tick of the root.
 
-        A tree that completes is ticked again.
+        A tree that completes is ticked again. The method returns early after `MAX_TICKS_PER_INSTANT` ticks
+        without progress of the clock.
+
+        Args:
+            seconds: The duration (s of the tree's clock).
+            period: The time between two ticks (s).
         """
         self._tick_until(lambda _: False, period, seconds)
         return self.tree.status

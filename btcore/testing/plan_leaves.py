@@ -23,7 +23,13 @@ class CallLog:
         self.calls: list[str] = []
 
     def record(self, name: str, call: str) -> None:
-        """Record a call of the leaf *name*."""
+        """Record a call of a leaf.
+
+        Args:
+            name: The instance name of the leaf.
+            call: The kind of call; the leaves of this module record ``start``, ``running``, ``halted`` and
+                ``tick``.
+        """
         self.calls.append(f"{name}:{call}")
 
     def take(self) -> list[str]:

@@ -180,7 +180,24 @@ def trees(
 ) -> SearchStrategy[Tree]:
     """Return a strategy of trees on a simulated clock, with mock leaves that an :class:`Outcomes` controls.
 
-    The parameters and errors are those of :func:`xml_documents`.
+    Args:
+        max_nodes: The maximum number of nodes.
+        skipped: Whether nodes may be skipped (format 4 only).
+        timed: Whether Delay, Timeout and Sleep may occur.
+        format: The XML format, 3 or 4.
+        max_depth: The maximum number of levels of a tree.
+        subtrees: The maximum number of further trees, which are used as subtrees.
+        conditions: Whether attributes such as ``_skipIf`` may occur (format 4 only).
+        scripts: Whether Script and ScriptCondition may occur (format 4 only).
+        tags: The tags that may occur; by default all control nodes and decorators that accept any child. If a
+            leaf is among them, no other leaves occur.
+        nodes: The registry with those of *tags* that are not built in. Mock leaves replace its leaves, except
+            the built-in leaves.
+        ports: Strategies for the values of ports, by tag and port name. By default, values are drawn for the
+            ports without a default, according to the type of the port.
+
+    Raises:
+        InvalidArgument: A tag is unknown, or a port needs a strategy in *ports*. Raised by the first draw.
     """
     known = with_mock_leaves(nodes if nodes is not None else Registry.standard())
 

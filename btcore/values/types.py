@@ -59,7 +59,15 @@ class ValueType:
         self.converts = converts
 
     def from_text(self, text: str, format: int = 4) -> object:
-        """Return the value of *text* by the rules of *format* (3 or 4). Raise ConversionError."""
+        """Return the value that a text stands for.
+
+        Args:
+            text: The text, for example of an attribute in the XML.
+            format: The XML format whose conversion rules apply, 3 or 4.
+
+        Raises:
+            ConversionError: The text does not stand for a value of this type, or the type has no text form.
+        """
         raise ConversionError(
             f"'{text}' cannot be converted: {self.name} has no text form; "
             f"give it one with add_type({self.python_type.__name__}, from_text=…)"
@@ -77,7 +85,15 @@ class ValueType:
     def set_converters(
         self, from_text: Callable[[str], object] | None, to_text: Callable[[Any], str] | None
     ) -> None:
-        """Replace the converters. Raise RegistrationError for a type with built-in conversion rules."""
+        """Replace the converters of the type.
+
+        Args:
+            from_text: Converts a text to a value; None = no converter.
+            to_text: Converts a value to a text; None = no converter.
+
+        Raises:
+            RegistrationError: The type has built-in conversion rules.
+        """
         raise RegistrationError(f"{self.python_type.__qualname__} has a text form already")
 
     def accepts(self, value: object) -> bool:

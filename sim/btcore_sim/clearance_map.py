@@ -47,12 +47,22 @@ class ClearanceMap:
         return other
 
     def clearance_at(self, x: float, y: float) -> float:
-        """Return the clearance (m) of the cell at the point *x*, *y* (m); 0 outside the map."""
+        """Return the clearance (m) of the cell at a point; 0 outside the map.
+
+        Args:
+            x: The x coordinate of the point in the map frame (m).
+            y: The y coordinate of the point in the map frame (m).
+        """
         row, col = self.map.cell(x, y)
         return float(self.clearances[row, col]) if self.map.inside(x, y) else 0.0
 
     def clearance_along(self, start: Point, end: Point) -> float:
-        """Return the smallest clearance (m) along the straight line from *start* to *end* (m)."""
+        """Return the smallest clearance (m) along a straight line; 0 if the line leaves the map.
+
+        Args:
+            start: The first point of the line, (x, y) in the map frame (m).
+            end: The last point of the line, (x, y) in the map frame (m).
+        """
         # Two samples per cell, so that the line skips no cell.
         count = max(2, math.ceil(2 * math.dist(start, end) / self.map.resolution))
         part = np.linspace(0.0, 1.0, count)[:, None]
@@ -77,9 +87,14 @@ class ClearanceMap:
         return len(labels) <= 1 and 0 not in labels  # 0 is the label of cells without enough clearance
 
     def random_point(self, random: np.random.Generator, room: float) -> Point | None:
-        """Return the middle (m) of a random cell with a clearance of at least *room* (m).
+        """Return the middle of a random cell with enough clearance.
 
-        Return None if there is no such cell.
+        Args:
+            random: The source of the random choice.
+            room: The smallest accepted clearance (m).
+
+        Returns:
+            The point (x, y in m), or None if no cell has enough clearance.
         """
         cells = np.flatnonzero(self.clearances >= room)
         if not len(cells):

@@ -26,7 +26,12 @@ class CommandMultiplexer:
         self._last_commands: dict[int, int] = {}
 
     def admits(self, priority: int, now: int) -> bool:
-        """Record a command of *priority* at *now* (ns), and return whether it is passed on to the base."""
+        """Record a command, and return whether it is passed on to the base.
+
+        Args:
+            priority: The priority of the source of the command; a higher number wins.
+            now: The simulated time of the command (ns).
+        """
         self._last_commands[priority] = now
         return not any(
             p > priority and now - stamp <= SOURCE_TIMEOUT for p, stamp in self._last_commands.items()
@@ -73,7 +78,12 @@ class DifferentialDrive:
         return self._command if now - self._stamp <= self._timeout else STANDING
 
     def limited(self, v: float, w: float) -> Twist2D:
-        """Return the command (m/s, rad/s) scaled to the base's speed limits."""
+        """Return a command, scaled down to the base's speed limits.
+
+        Args:
+            v: Linear velocity (m/s).
+            w: Angular velocity (rad/s).
+        """
         facts = self.facts
         scale = 1.0
         if v > facts.v_max:

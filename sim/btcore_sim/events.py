@@ -94,7 +94,12 @@ def parse_event(text: str) -> Event:
 
 
 def with_boxes(scene: Scene, events: Sequence[Event]) -> Scene:
-    """Return the scene with a box parked below its floor for every ``box`` event."""
+    """Return a copy of the scene with a box for every ``box`` event, parked below the floor.
+
+    Args:
+        scene: The scene; it is not modified.
+        events: The events of the run; events of other kinds are ignored.
+    """
     x, y = ((scene.area[0] + scene.area[2]) / 2, (scene.area[1] + scene.area[3]) / 2)
     size, place = (SIDE, SIDE, SIDE), (x, y, _PARKED)
     boxes = [

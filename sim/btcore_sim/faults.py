@@ -35,7 +35,12 @@ class FaultSchedule:
         self._faults = tuple(faults)
 
     def dead(self, part: str, now: int) -> bool:
-        """Return whether *part* has failed at *now* (ns)."""
+        """Return whether a part has failed.
+
+        Args:
+            part: The part, a key of `PARTS`.
+            now: The simulated time (ns).
+        """
         return any(fault.part == part and fault.start <= now < fault.end for fault in self._faults)
 
 

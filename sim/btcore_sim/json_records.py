@@ -80,7 +80,11 @@ class JsonRecord(FieldReader):
         return parts[0], parts[1], parts[2], parts[3]
 
     def nested(self, key: str, parse: Callable[["JsonRecord"], Value]) -> Value:
-        """Return the result of *parse* for the nested object in the field *key*.
+        """Return the result of *parse* for a nested object.
+
+        Args:
+            key: The field that contains the object.
+            parse: Converts the record of the nested object to the result. It must read all fields.
 
         Raises:
             SimError: The field is missing or has another type, or *parse* does not read all of its fields.
@@ -91,7 +95,11 @@ class JsonRecord(FieldReader):
         return JsonRecord(value, self._inner(key)).read_whole(parse)
 
     def nested_list(self, key: str, parse: Callable[["JsonRecord"], Value]) -> list[Value]:
-        """Return the results of *parse* for the list of nested objects in the field *key*.
+        """Return the results of *parse* for a list of nested objects, in order.
+
+        Args:
+            key: The field that contains the list.
+            parse: Converts the record of a nested object to a result. It must read all fields.
 
         Raises:
             SimError: The field is missing or has another type, or *parse* does not read all of its fields.

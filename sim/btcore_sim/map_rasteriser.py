@@ -53,7 +53,15 @@ def rasterise(
 
 
 def overhangs(scene: Scene, height: float = LASER_HEIGHT) -> tuple[Rectangle, ...]:
-    """Return the outlines of static objects that the robot can hit but a laser at *height* (m) misses."""
+    """Return the outlines of the static objects that the robot can hit but its laser does not detect.
+
+    Args:
+        scene: The world.
+        height: The height of the laser above the floor (m).
+
+    Returns:
+        The axis-aligned bounding rectangles of the objects (m).
+    """
     outlines = []
     for thing in scene.things:
         low, high = thing.position[2], thing.position[2] + thing.size[2]

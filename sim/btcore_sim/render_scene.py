@@ -42,7 +42,15 @@ def box_faces(size: Sequence[float]) -> Floats:
 
 
 def cylinder_faces(radius: float, length: float) -> Floats:
-    """Return the faces of an upright cylinder around the origin; all lengths in m, shape ``(n, 4, 3)``."""
+    """Return the faces of an upright cylinder whose centre is the origin.
+
+    Args:
+        radius: The radius (m).
+        length: The length along the z axis (m).
+
+    Returns:
+        The corners of each face (x, y, z in m), shape ``(n, 4, 3)``.
+    """
     around = np.linspace(0.0, 2 * math.pi, _SIDES + 1)
     x, y = radius * np.cos(around), radius * np.sin(around)
     half = length / 2

@@ -147,7 +147,14 @@ class RobotExtension:
     def attach(
         self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> Iterator[None]:
-        """Record the run. When the run ends, also with an error, stop the robot and close the world."""
+        """Record the run. When the run ends, also with an error, stop the robot and close the world.
+
+        Args:
+            tree: Ignored.
+            resources: The resources of all extensions. If a `NavigationReporter` is among them, its pose
+                errors and failed goals are part of the report.
+            settings: Ignored.
+        """
         body = self._body
         if body is None:
             yield
@@ -166,7 +173,13 @@ class RobotExtension:
             self._body = None
 
     def replace_tree(self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
-        """Do nothing: the world continues."""
+        """Do nothing: the world continues.
+
+        Args:
+            tree: Ignored, like the other arguments.
+            resources: Ignored.
+            settings: Ignored.
+        """
 
     def on_interrupt(self) -> None:
         """Do nothing: an interrupted run is reported like any other."""

@@ -158,7 +158,15 @@ def odometry_error(body: SimulatedRobot) -> float:
 
 
 def waypoint(goal: Pose2D, waypoints: Mapping[str, tuple[float, float]]) -> str | None:
-    """Return the name of the waypoint within 5 cm of *goal*, or None if there is no waypoint."""
+    """Return the name of the waypoint at a goal.
+
+    Args:
+        goal: The goal; its yaw is ignored.
+        waypoints: The positions of the waypoints (x, y in m), by name.
+
+    Returns:
+        The name of the first waypoint that is at most 5 cm from the goal, or None if there is none.
+    """
     near = (name for name, (x, y) in waypoints.items() if math.hypot(goal.x - x, goal.y - y) <= _SAME_PLACE)
     return next(near, None)
 

@@ -86,7 +86,12 @@ class SceneObject:
         return x - half_x, y - half_y, x + half_x, y + half_y
 
     def distance(self, x: float, y: float) -> float:
-        """Return the distance (m) from the point (m) to the object's outline on the floor; 0 inside."""
+        """Return the distance (m) from a point to the object's outline on the floor; 0 inside.
+
+        Args:
+            x: The x coordinate of the point in the world frame (m).
+            y: The y coordinate of the point in the world frame (m).
+        """
         dx, dy = x - self.position[0], y - self.position[1]
         if self.kind == "cylinder":
             return max(0.0, math.hypot(dx, dy) - self.size[0] / 2)
@@ -141,7 +146,14 @@ class Scene:
         )
 
     def clearance_at(self, x: float, y: float) -> float:
-        """Return the distance (m) from a point on the floor to the nearest object; inf in an empty world."""
+        """Return the distance (m) from a point on the floor to the nearest object; inf in an empty world.
+
+        Objects that are parked below the floor are ignored.
+
+        Args:
+            x: The x coordinate of the point in the world frame (m).
+            y: The y coordinate of the point in the world frame (m).
+        """
         return min((thing.distance(x, y) for thing in self.things if not thing.parked), default=math.inf)
 
 

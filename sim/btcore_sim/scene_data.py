@@ -31,7 +31,12 @@ def world_parts(world: World) -> list[Part]:
 
 
 def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
-    """Return the shapes of the robot's URDF, each in the frame of its link. Meshes are left out."""
+    """Return the shapes of the robot's URDF, each in the frame of its link. Meshes are left out.
+
+    Args:
+        world: The world that contains the robot.
+        model: The robot's body.
+    """
     names = {link: name for name, link in model.links.items()}
     parts: list[Part] = []
     counts: Counter[int] = Counter()
@@ -57,7 +62,16 @@ def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
 
 
 def frames(world: World, model: PhysicsBody) -> list[Frame]:
-    """Return the present poses of the robot's links, the movable objects and the laser."""
+    """Return the present poses of the robot's links, the movable objects and the laser.
+
+    Args:
+        world: The world with the movable objects.
+        model: The robot's body.
+
+    Returns:
+        The poses of links and objects in the frame ``map``. The pose of the laser is in the frame of the link
+        on which it is mounted.
+    """
     links = [Frame(name, "map", *model.link_place(link)) for name, link in model.links.items()]
     for number in world.movable:
         place = pybullet.getBasePositionAndOrientation(number, physicsClientId=world.client)

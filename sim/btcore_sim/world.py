@@ -232,7 +232,12 @@ class Pacer:
 
 
 def random_generator(seed: int, purpose: str) -> np.random.Generator:
-    """Return a random generator that depends only on *seed* and *purpose*; see `World.random`."""
+    """Return a random generator that depends only on *seed* and *purpose*.
+
+    Args:
+        seed: The seed of the run.
+        purpose: A name for the use of the numbers, for example ``laser``. Each purpose has its own numbers.
+    """
     # CRC-32, because hash() of a string differs between processes.
     return np.random.default_rng([seed, zlib.crc32(purpose.encode())])
 
