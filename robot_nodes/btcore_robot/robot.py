@@ -371,9 +371,11 @@ class Robot(Protocol):
         """Return the newest odometry. It is available from the start."""
 
     def move_head(self, pan: float, tilt: float) -> None:
-        """Turn the head to *pan* (rad, positive left) and *tilt* (rad, positive up), limited to `head_info`.
+        """Turn the head, within the limits of `head_info`. Without a head the call has no effect.
 
-        Without a head the call has no effect.
+        Args:
+            pan: The direction (rad) to the side: 0 is straight ahead, positive to the left.
+            tilt: The direction (rad) up or down: 0 is straight ahead, positive upwards.
         """
 
     def head(self) -> HeadPosition | None:

@@ -84,7 +84,15 @@ class RealTime(_Tasks):
         return time.monotonic_ns()
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Run due tasks until *deadline* (ns) or until *wake* is set; return whether it was set."""
+        """Wait until *deadline* and run the tasks that become due.
+
+        Args:
+            deadline: The time (ns) of the monotonic clock at which to return.
+            wake: An event that ends the wait early; another thread may set it.
+
+        Returns:
+            Whether the wait ended because *wake* was set.
+        """
         while not wake.is_set():
             due = self.next_due()
             next_time = deadline if due is None else min(due, deadline)
@@ -125,7 +133,15 @@ class SimulatedTime(_Tasks):
         self._run(self._now)
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Run all tasks due until *deadline* (ns), or until *wake* is set; return whether it was set."""
+        """Advance the time to *deadline* and run the tasks that become due.
+
+        Args:
+            deadline: The simulated time (ns) at which to return.
+            wake: An event that ends the wait early; a task, *pace* or another thread may set it.
+
+        Returns:
+            Whether the wait ended early, because *wake* was set or *pace* returned True.
+        """
         while not wake.is_set():
             due = self.next_due()
             until = deadline if due is None else min(due, deadline)

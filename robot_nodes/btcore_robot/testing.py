@@ -112,7 +112,16 @@ def check_frames(robot: Robot) -> None:
 
 
 def check_frame(frame: TransformStamped, now: int) -> None:
-    """Check that a frame's quaternion has length 1, and that its stamp is not later than *now* (ns)."""
+    """Check that a frame's pose and stamp are plausible.
+
+    Args:
+        frame: The frame to check.
+        now: The robot's time (ns).
+
+    Raises:
+        AssertionError: The quaternion does not have length 1, the position is 10 m or more from the parent,
+            or the stamp is later than *now*.
+    """
     length = math.hypot(*frame.quaternion)
     assert abs(length - 1.0) < 1e-3, f"the quaternion of '{frame.child}' has length {length:.3f}, not 1"
     assert math.hypot(*frame.position) < 10.0, (
@@ -332,7 +341,15 @@ def is_standing(twist: Twist2D) -> bool:
 
 
 def wait_for_scan(robot: Robot, seconds: float) -> LaserScan:
-    """Wait for the first scan and return it; raise AssertionError if no scan arrives within *seconds* (s)."""
+    """Wait for the first scan and return it.
+
+    Args:
+        robot: The robot with the laser.
+        seconds: The maximum time (s) to wait, on the robot's clock.
+
+    Raises:
+        AssertionError: No scan arrived in time.
+    """
     for _ in range(round(seconds * 10)):
         scan = robot.scan()
         if scan is not None:
@@ -342,6 +359,14 @@ def wait_for_scan(robot: Robot, seconds: float) -> LaserScan:
 
 
 def wait(robot: Robot, seconds: float) -> bool:
-    """Wait for *seconds* (s) on the robot's clock; return the result of ``wait_until``."""
+    """Wait on the robot's clock; the tasks of its schedule run meanwhile.
+
+    Args:
+        robot: The robot with the clock.
+        seconds: The time (s) to wait.
+
+    Returns:
+        Whether the wait ended early, as the clock's ``wait_until`` returns it.
+    """
     clock = robot.clock
     return clock.wait_until(clock.now() + round(seconds * NS_PER_S), threading.Event())

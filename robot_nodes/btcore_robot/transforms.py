@@ -163,7 +163,14 @@ class TransformTree:
         return back if to_ancestor is None else back * to_ancestor
 
     def can_transform(self, target: str, source: str, stamp: int | None = None) -> bool:
-        """Return whether `lookup` would succeed with the same arguments."""
+        """Return whether `lookup` would succeed with the same arguments.
+
+        Args:
+            target: The frame of the result of `lookup`.
+            source: The frame whose pose is requested.
+            stamp: The time (ns) of the pose; by default the newest time at which all frames in between are
+                known.
+        """
         try:
             self.lookup(target, source, stamp)
         except TransformError:

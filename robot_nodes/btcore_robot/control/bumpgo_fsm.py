@@ -102,7 +102,16 @@ class BumpGo(Process):
         self.changes += 1
 
     def forward(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Return the velocity forward; the next state is BACK at an obstacle, STOP without a recent scan."""
+        """Return the velocity forward and the next state.
+
+        Args:
+            scan: The newest scan.
+            elapsed: The time (ns) since the state began; not used in this state.
+
+        Returns:
+            The velocity, and the next state: BACK at an obstacle, otherwise STOP without a recent scan.
+            None if the state does not change.
+        """
         next_state = None
         if self.is_stale(scan):
             next_state = BumpGoState.STOP
@@ -112,16 +121,41 @@ class BumpGo(Process):
         return Twist2D(SPEED_LINEAR, 0.0), next_state
 
     def back(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Return the velocity backwards; the next state after 2 s is TURN."""
+        """Return the velocity backwards and the next state.
+
+        Args:
+            scan: The newest scan; not used in this state.
+            elapsed: The time (ns) since the state began.
+
+        Returns:
+            The velocity, and the next state: TURN after 2 s. None if the state does not change.
+        """
         # Strictly more than the time, as in the book.
         return Twist2D(-SPEED_LINEAR, 0.0), BumpGoState.TURN if elapsed > BACKING_TIME else None
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Return the velocity of a turn to the left; the next state after 2 s is FORWARD."""
+        """Return the velocity of a turn to the left and the next state.
+
+        Args:
+            scan: The newest scan; not used here, but by `ClosedLoop`.
+            elapsed: The time (ns) since the state began.
+
+        Returns:
+            The velocity, and the next state: FORWARD after 2 s. None if the state does not change.
+        """
         return Twist2D(0.0, SPEED_ANGULAR), BumpGoState.FORWARD if elapsed > TURNING_TIME else None
 
     def stop(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
-        """Return the velocity 0; the next state is FORWARD when there is a recent scan."""
+        """Return the velocity 0 and the next state.
+
+        Args:
+            scan: The newest scan.
+            elapsed: The time (ns) since the state began; not used in this state.
+
+        Returns:
+            The velocity, and the next state: FORWARD when the scan is recent. None if the state does not
+            change.
+        """
         return Twist2D(0.0, 0.0), None if self.is_stale(scan) else BumpGoState.FORWARD
 
     def is_stale(self, scan: LaserScan) -> bool:
@@ -134,7 +168,16 @@ class BumpGo(Process):
 
 
 def range_at(scan: LaserScan, angle: float) -> float:
-    """Return the range (m) at *angle* (rad), or at the nearest angle that the laser covers."""
+    """Return the range (m) in a direction.
+
+    Args:
+        scan: The scan to read.
+        angle: The direction (rad) in the laser's frame. Outside the laser's field of view the first or the
+            last ray is used.
+
+    Returns:
+        The range as in the scan: ``+inf`` without an echo, ``-inf`` for an echo that is too near.
+    """
     index = round((angle - scan.angle_min) / scan.angle_increment)
     return float(scan.ranges[min(max(index, 0), len(scan.ranges) - 1)])
 

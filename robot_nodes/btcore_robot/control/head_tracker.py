@@ -41,7 +41,13 @@ class PID:
         self.reset()
 
     def set_gains(self, proportional: float, integral: float, derivative: float) -> None:
-        """Set the gains of the scaled error, of its decaying sum and of its change since the last call."""
+        """Set the gains of the controller.
+
+        Args:
+            proportional: The gain of the scaled error.
+            integral: The gain of the decaying sum of the scaled errors.
+            derivative: The gain of the change of the scaled error since the last call of `output`.
+        """
         self._kp, self._ki, self._kd = proportional, integral, derivative
 
     def reset(self) -> None:

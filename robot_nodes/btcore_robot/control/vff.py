@@ -155,7 +155,15 @@ class AvoidanceFromAll(Avoidance):
 
 
 def force_arrows(field: Forces, stamp: int) -> Arrows:
-    """Return the forces as arrows in ``base_footprint``, with the colours and numbers of the book."""
+    """Return the forces as arrows in ``base_footprint``, with the colours and numbers of the book.
+
+    Args:
+        field: The forces to draw. An arrow is as long (m) as its force.
+        stamp: The time (ns) to which the arrows belong.
+
+    Returns:
+        The attractive force (number 2, blue), the repulsive force (0, red) and their sum (1, green).
+    """
 
     def arrow(number: int, vector: Vector, colour: Colour) -> Arrow:
         end = (float(vector[0]), float(vector[1]), 0.0)

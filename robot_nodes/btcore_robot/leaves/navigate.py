@@ -71,14 +71,24 @@ class Move(StatefulAction):
             self.handle = None
 
     def fail(self, code: int, message: str) -> Status:
-        """Log the error, write *code* and *message* to the output ports, and return FAILURE."""
+        """Log the error, write it to the output ports, and return FAILURE.
+
+        Args:
+            code: Nav2's error code.
+            message: The reason, as text for the log and the port ``error``.
+        """
         goal = self.goal
         log.warning("%s: can't go to (%.2f, %.2f): %s", self.path, goal.x, goal.y, message)
         self.write_outputs(code, message)
         return Status.FAILURE
 
     def write_outputs(self, code: int, message: str) -> None:
-        """Write *code* and *message* to the output ports that the tree connects."""
+        """Write the error code and the message to the output ports that the tree connects.
+
+        Args:
+            code: The value for the port ``error_code``: Nav2's error code, or 0 without an error.
+            message: The value for the port ``error``: the error message, or "" without an error.
+        """
         outputs = self.config.outputs
         if "error_code" in outputs:
             self.error_code = code

@@ -112,7 +112,12 @@ class ClearanceGrid:
         return np.where(outside, np.float32(0.0), distances)
 
     def distance_at(self, x: float, y: float) -> float:
-        """Return the distance (m) from the point *x*, *y* (m) to the nearest obstacle; 0 off the grid."""
+        """Return the distance (m) from a point to the nearest obstacle; 0 off the grid.
+
+        Args:
+            x: The point's x coordinate (m) in the costmap's frame.
+            y: The point's y coordinate (m) in the costmap's frame.
+        """
         col = math.floor((x - self.origin[0]) / self.resolution)
         row = math.floor((y - self.origin[1]) / self.resolution)
         if 0 <= col < self._side and 0 <= row < self._side:

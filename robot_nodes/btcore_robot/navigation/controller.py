@@ -99,13 +99,23 @@ class GoalChecker:
         self._position_reached = False
 
     def is_position_reached(self, pose: Pose2D, goal: Pose2D) -> bool:
-        """Return whether *pose* is at the position of *goal*, with any heading."""
+        """Return whether the robot is at the position of the goal, with any heading.
+
+        Args:
+            pose: The robot's pose.
+            goal: The goal, in the same frame as *pose*.
+        """
         close = math.hypot(goal.x - pose.x, goal.y - pose.y) <= self._xy
         self._position_reached = close or (self._stateful and self._position_reached)
         return self._position_reached
 
     def is_goal_reached(self, pose: Pose2D, goal: Pose2D) -> bool:
-        """Return whether *pose* has the position and the heading of *goal*."""
+        """Return whether the robot has the position and the heading of the goal.
+
+        Args:
+            pose: The robot's pose.
+            goal: The goal, in the same frame as *pose*.
+        """
         return self.is_position_reached(pose, goal) and abs(wrap_angle(goal.yaw - pose.yaw)) <= self._yaw
 
 
@@ -131,7 +141,12 @@ class ProgressChecker:
         self._since += nanoseconds
 
     def check(self, pose: Pose2D, now: int) -> bool:
-        """Return whether a robot that is at *pose* at *now* (ns) makes progress."""
+        """Return whether the robot makes progress. The first check after `reset` returns True.
+
+        Args:
+            pose: The robot's pose, in the same frame in all calls.
+            now: The time (ns).
+        """
         reference = self._reference
         if (
             reference is None

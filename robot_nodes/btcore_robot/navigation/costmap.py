@@ -52,12 +52,22 @@ class Costmap(Grid):
         self.version = 0
 
     def inside(self, x: float, y: float) -> bool:
-        """Return whether the point *x*, *y* (m) is on the grid."""
+        """Return whether a point is on the grid.
+
+        Args:
+            x: The point's x coordinate (m) in the costmap's frame.
+            y: The point's y coordinate (m) in the costmap's frame.
+        """
         row, col = self.cell(x, y)
         return 0 <= row < len(self.costs) and 0 <= col < len(self.costs[0])
 
     def cost(self, x: float, y: float) -> int:
-        """Return the cost at the point *x*, *y* (m); LETHAL off the grid."""
+        """Return the cost (0–255) at a point; LETHAL off the grid.
+
+        Args:
+            x: The point's x coordinate (m) in the costmap's frame.
+            y: The point's y coordinate (m) in the costmap's frame.
+        """
         return int(self.costs[self.cell(x, y)]) if self.inside(x, y) else LETHAL
 
     def costs_at(self, points: NDArray[np.floating]) -> NDArray[np.uint8]:
@@ -73,7 +83,12 @@ class Costmap(Grid):
         return costs
 
     def square(self, pose: Pose2D, side: float) -> GridWindow:
-        """Return the window of cells that an axis-parallel square of *side* (m) around *pose* touches."""
+        """Return the window of cells that an axis-parallel square touches, clipped to the grid.
+
+        Args:
+            pose: The pose at the centre of the square, in the costmap's frame; the yaw is ignored.
+            side: The side length (m) of the square.
+        """
         low = self.cell(pose.x - side / 2, pose.y - side / 2)
         high = self.cell(pose.x + side / 2, pose.y + side / 2)
         return GridWindow.clipped(*low, high[0] + 1, high[1] + 1, self.costs.shape)

@@ -28,7 +28,15 @@ class GridWindow(NamedTuple):
     def clipped(
         cls, low_row: int, low_col: int, high_row: int, high_col: int, shape: tuple[int, int]
     ) -> "GridWindow":
-        """Return the part of a window that is on a grid of *shape*; an empty window if no cell is."""
+        """Return the part of a window that is on a grid; an empty window if no cell is on the grid.
+
+        Args:
+            low_row: The first row of the window; it may be negative.
+            low_col: The first column of the window; it may be negative.
+            high_row: The row after the last row of the window.
+            high_col: The column after the last column of the window.
+            shape: The number of rows and columns of the grid.
+        """
         window = cls(max(0, low_row), max(0, low_col), min(shape[0], high_row), min(shape[1], high_col))
         return cls(0, 0, 0, 0) if window.empty else window
 
@@ -43,7 +51,12 @@ class GridWindow(NamedTuple):
         return self.low_row >= self.high_row or self.low_col >= self.high_col
 
     def grown(self, cells: int, shape: tuple[int, int]) -> "GridWindow":
-        """Return this window enlarged by *cells* on every side, clipped to a grid of *shape*."""
+        """Return this window enlarged on every side, clipped to the grid.
+
+        Args:
+            cells: The number of cells to add on each side.
+            shape: The number of rows and columns of the grid.
+        """
         low_row, low_col = self.low_row - cells, self.low_col - cells
         return GridWindow.clipped(low_row, low_col, self.high_row + cells, self.high_col + cells, shape)
 
@@ -75,8 +88,15 @@ def bounding_window(mask: NDArray[np.bool_], window: GridWindow) -> GridWindow:
 def static_costs(map: OccupancyMap, *, track_unknown: bool = True) -> NDArray[np.uint8]:
     """Return the costs of a map's cells, without inflation.
 
-    Occupied cells (100) and keep-outs are LETHAL. Unknown cells are UNKNOWN with *track_unknown*. All other
-    cells are FREE, also cells with a likelihood between 0 and 100.
+    Occupied cells (100) and keep-outs are LETHAL. All other known cells are FREE, also cells with a
+    likelihood between 0 and 100.
+
+    Args:
+        map: The map to convert.
+        track_unknown: Whether unknown cells outside keep-outs are UNKNOWN; otherwise they are FREE.
+
+    Returns:
+        The costs, uint8 of shape ``(height, width)``, row 0 with the lowest y.
     """
     costs = np.full(map.cells.shape, FREE, dtype=np.uint8)
     if track_unknown:
@@ -264,7 +284,12 @@ class ObstacleLayer:
             self.values[window.slices] = self.default_value
 
     def shift(self, rows: int, cols: int) -> None:
-        """Move the grid by *rows* and *cols* over the floor; cells that leave the grid are lost."""
+        """Move the grid over the floor. Cells that leave the grid are lost; new cells get *default_value*.
+
+        Args:
+            rows: The number of cells to move the grid in the direction of y; negative against it.
+            cols: The number of cells to move the grid in the direction of x; negative against it.
+        """
         height, width = self.values.shape
         moved = np.full((height, width), self.default_value, dtype=np.uint8)
         if abs(rows) < height and abs(cols) < width:

@@ -64,7 +64,12 @@ class SearchSpace:
         self.room = room[::step, ::step]
 
     def place(self, row: int, column: int) -> tuple[float, float]:
-        """Return the x and y (m) of the place in *row* and *column* of the search grid."""
+        """Return the x and y (m) of a place of the search grid, in the frame of the map.
+
+        Args:
+            row: The row in the search grid, whose spacing is *stride* cells of the map.
+            column: The column in the search grid.
+        """
         return (
             self.origin[0] + (column * self.stride + 0.5) * self.resolution,
             self.origin[1] + (row * self.stride + 0.5) * self.resolution,

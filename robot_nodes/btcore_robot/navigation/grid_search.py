@@ -56,7 +56,15 @@ def grid_costs(costs: NDArray[np.uint8], *, allow_unknown: bool = True) -> NDArr
 
 
 def reachable_cells(costs: NDArray[np.float64], start: Cell) -> NDArray[np.bool_]:
-    """Return the mask of cells that can be reached from *start*, which must be passable."""
+    """Return the mask of cells that can be reached from a cell, through edges or corners.
+
+    Args:
+        costs: The prices of the cells, shape ``(height, width)``; negative for impassable cells.
+        start: The cell from which to start; it must be passable.
+
+    Returns:
+        The mask, in the shape of *costs*.
+    """
     _, labels = cv2.connectedComponents((costs >= 0).astype(np.uint8), connectivity=8)
     mask: NDArray[np.bool_] = labels == labels[start]
     return mask

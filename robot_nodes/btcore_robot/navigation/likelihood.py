@@ -13,7 +13,15 @@ FloatImage = NDArray[np.float32]
 
 
 def obstacle_distances(field_map: OccupancyMap, cap: float = math.inf) -> FloatImage:
-    """Return the distance (m) between the centres of each cell and the nearest occupied cell, up to *cap*."""
+    """Return the distance (m) from the centre of each cell to the centre of the nearest occupied cell.
+
+    Args:
+        field_map: The map with the occupied cells.
+        cap: The maximum distance (m) in the result. If the map has no occupied cell, all distances are *cap*.
+
+    Returns:
+        The distances, float32 in the shape of the map's cells.
+    """
     free = np.where(field_map.occupied, 0, 255).astype(np.uint8)
     if free.all():  # distanceTransform needs at least one zero pixel
         return np.full(free.shape, cap, dtype=np.float32)

@@ -72,7 +72,11 @@ class YamlEntries(FieldReader):
                 raise self.mistake(key, f"is not a key of a map: {hint}the keys are {', '.join(keys)}")
 
     def flag(self, key: str, default: bool) -> bool:
-        """Return the truth value (0, 1, true or false) at *key*.
+        """Return a truth value (0, 1, true or false).
+
+        Args:
+            key: The key of the value.
+            default: The result if the key is missing.
 
         Raises:
             MapError: The value is not a truth value.
@@ -129,14 +133,27 @@ class Grid:
     origin: tuple[float, float]
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Return the row and column of the point *x*, *y* (m); off the grid, negative or too large."""
+        """Return the row and column of the cell that contains a point.
+
+        Args:
+            x: The point's x coordinate (m) in the grid's frame.
+            y: The point's y coordinate (m) in the grid's frame.
+
+        Returns:
+            The row and column. For a point off the grid they are negative or too large.
+        """
         return (
             math.floor((y - self.origin[1]) / self.resolution),
             math.floor((x - self.origin[0]) / self.resolution),
         )
 
     def center(self, row: int, col: int) -> tuple[float, float]:
-        """Return the x and y (m) of a cell's centre."""
+        """Return the x and y (m) of a cell's centre in the grid's frame.
+
+        Args:
+            row: The row of the cell; row 0 has the lowest y.
+            col: The column of the cell; column 0 has the lowest x.
+        """
         return (
             self.origin[0] + (col + 0.5) * self.resolution,
             self.origin[1] + (row + 0.5) * self.resolution,
@@ -203,7 +220,12 @@ class OccupancyMap(Grid):
         return mask
 
     def inside(self, x: float, y: float) -> bool:
-        """Return whether the point *x*, *y* (m) is on the map."""
+        """Return whether a point is on the map.
+
+        Args:
+            x: The point's x coordinate (m) in the frame map.
+            y: The point's y coordinate (m) in the frame map.
+        """
         row, col = self.cell(x, y)
         return 0 <= row < self.height and 0 <= col < self.width
 
@@ -218,7 +240,12 @@ class OccupancyMap(Grid):
         return cells
 
     def centers(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> NDArray[np.float64]:
-        """Return the x and y (m) of the centres of the cells at *rows* and *cols*, shape ``(n, 2)``."""
+        """Return the x and y (m) of the centres of cells, shape ``(n, 2)``.
+
+        Args:
+            rows: The rows of the cells, shape ``(n,)``.
+            cols: The columns of the cells, shape ``(n,)``.
+        """
         places = np.stack((cols, rows), axis=1) + 0.5
         return np.asarray(self.origin) + places * self.resolution
 

@@ -27,7 +27,16 @@ _TOUCHING = np.ones((3, 3, 3), dtype=np.int8)
 
 
 def decompose_motion(before: Pose2D, after: Pose2D) -> tuple[float, float, float]:
-    """Return the motion between two poses as a turn (rad), a straight line (m) and another turn (rad)."""
+    """Return the motion between two poses as a turn, a straight line and another turn.
+
+    Args:
+        before: The pose at the start of the motion.
+        after: The pose at the end, in the same frame.
+
+    Returns:
+        The first turn (rad), the distance (m) and the second turn (rad). The first turn is 0 for a distance
+        below 1 cm, because its direction is uncertain.
+    """
     dx, dy = after.x - before.x, after.y - before.y
     straight = math.hypot(dx, dy)
     first = 0.0 if straight < _STANDS else wrap_angle(math.atan2(dy, dx) - before.yaw)

@@ -61,15 +61,26 @@ class NavPath:
         return np.concatenate(([0.0], np.cumsum(steps)))
 
     def nearest(self, x: float, y: float) -> int:
-        """Return the index of the first pose nearest to the point *x*, *y* (m); -1 for an empty path."""
+        """Return the index of the pose nearest to a point; -1 for an empty path.
+
+        Of several nearest poses the first is used.
+
+        Args:
+            x: The point's x coordinate (m) in the path's frame.
+            y: The point's y coordinate (m) in the path's frame.
+        """
         if not len(self.poses):
             return -1
         return int(np.argmin(np.hypot(self.poses[:, 0] - x, self.poses[:, 1] - y)))
 
     def remaining(self, x: float, y: float) -> float:
-        """Return the distance (m) from the point *x*, *y* to the end of the path; 0 for an empty path.
+        """Return the distance (m) from a point to the end of the path; 0 for an empty path.
 
         The distance is measured straight to the path's nearest pose, and from there along the path.
+
+        Args:
+            x: The point's x coordinate (m) in the path's frame.
+            y: The point's y coordinate (m) in the path's frame.
         """
         index = self.nearest(x, y)
         if index < 0:
@@ -84,7 +95,12 @@ class NavPath:
 
 
 def empty_path(stamp: int, frame: str = "map") -> NavPath:
-    """Return a path without poses, with the stamp *stamp* (ns)."""
+    """Return a path without poses.
+
+    Args:
+        stamp: The time (ns) of planning.
+        frame: The name of the path's frame.
+    """
     return NavPath(np.zeros((0, 3)), stamp, frame)
 
 
@@ -106,9 +122,13 @@ def path_through(points: NDArray[np.float64], goal: Pose2D, stamp: int, frame: s
 
 
 def join_paths(paths: list[NavPath], stamp: int) -> NavPath:
-    """Return *paths*, at least one, joined into a path with *stamp* (ns).
+    """Return several paths joined into a single path, in the frame of the first path.
 
     The first pose of each later path is left out, because it repeats the last pose of the previous path.
+
+    Args:
+        paths: The paths in order, at least one, all in the same frame.
+        stamp: The time (ns) of planning of the joined path.
     """
     kept = [path.poses if index == 0 else path.poses[1:] for index, path in enumerate(paths)]
     return NavPath(np.concatenate(kept), stamp, paths[0].frame)

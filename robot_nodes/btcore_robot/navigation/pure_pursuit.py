@@ -83,9 +83,12 @@ class PurePursuit:
         self.cross_track_distance = best
 
     def carrot(self, pose: Pose2D, ahead: float) -> Carrot:
-        """Return the point of the path to steer to, as seen from *pose*; call `locate` first.
+        """Return the point of the path to steer to, as seen from the robot; call `locate` first.
 
-        The point is *ahead* (m) of the robot's position on the path, or the path's end if that is nearer.
+        Args:
+            pose: The robot's pose, in the frame of the path.
+            ahead: The distance (m) along the path from the robot's position on the path to the point. If the
+                path ends before, the point is its end.
         """
         place = min((self.travelled or 0.0) + ahead, self.length)
         east = float(np.interp(place, self._along, self._x)) - pose.x
@@ -94,7 +97,15 @@ class PurePursuit:
         return Carrot(math.hypot(east, north), angle)
 
     def ahead(self, reach: float, step: float) -> NDArray[np.float64]:
-        """Return the points of the next *reach* (m) of the path, every *step* (m); shape ``(n, 2)``."""
+        """Return points of the path ahead of the robot's position on the path; call `locate` first.
+
+        Args:
+            reach: The length (m) of the part of the path; ``inf`` for the rest of the path.
+            step: The distance (m) between the points.
+
+        Returns:
+            The points (m), shape ``(n, 2)``; the first point is the robot's position on the path.
+        """
         travelled = self.travelled or 0.0
         places = np.arange(travelled, min(travelled + reach, self.length) + step / 2, step)
         return np.stack((np.interp(places, self._along, self._x), np.interp(places, self._along, self._y)), 1)

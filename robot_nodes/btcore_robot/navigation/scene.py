@@ -176,14 +176,29 @@ class NavigationScene:
 def pose_rows(
     name: str, kind: Literal["path", "cloud", "goal", "estimate", "odometry"], rows: NDArray[np.float64]
 ) -> Poses:
-    """Return *rows* of x, y and yaw in the frame map, of shape ``(n, 3)``, as a message."""
+    """Return poses in the frame map as a message.
+
+    Args:
+        name: The name of the poses. A message replaces the earlier message of the same name.
+        kind: How a viewer draws the poses.
+        rows: The poses: x, y (m) and yaw (rad), shape ``(n, 3)``; without rows the earlier poses are removed.
+    """
     return Poses(name=name, kind=kind, frame=MAP_FRAME, rows=rows.astype("<f4").tobytes())
 
 
 def grid_message(
     name: str, kind: Literal["occupancy", "costs"], frame: str, grid: CellGrid, cells: NDArray[Any]
 ) -> Grid:
-    """Return the *cells* of a grid as a message."""
+    """Return a grid as a message.
+
+    Args:
+        name: The name of the grid. A message replaces the earlier message of the same name.
+        kind: The meaning of the cells, as in `btcore_scene.Grid`.
+        frame: The frame of the grid.
+        grid: The source of the resolution and the origin.
+        cells: The values of the cells, shape ``(height, width)``, row 0 with the lowest y: int8 for an
+            ``occupancy`` grid, uint8 for ``costs``.
+    """
     height, width = cells.shape
     return Grid(
         name=name,

@@ -54,7 +54,12 @@ class VelocitySmoother:
             self._stamp = None
 
     def reachable_speed(self, v: float, seconds: float) -> float:
-        """Return the speed nearest to *v* (m/s) that is reachable *seconds* after the last command."""
+        """Return the speed (m/s) nearest to a target that can be reached within the limits.
+
+        Args:
+            v: The target speed (m/s).
+            seconds: The time (s) since the last command.
+        """
         limits = self.limits
         return _next(self.v, _clamp(v, -limits.v, limits.v), limits.v_up * seconds, limits.v_down * seconds)
 
@@ -76,7 +81,12 @@ class VelocitySmoother:
         self._robot.drive(self.v, self.w)
 
     def slow_to_stop(self, now: int, period: float) -> None:
-        """Brake step by step, unless another source commands the robot; *now* in ns, *period* in s."""
+        """Brake step by step, unless another source commands the robot. Call this repeatedly.
+
+        Args:
+            now: The time (ns).
+            period: The time (s) between two commands, as in `send_command`.
+        """
         if (self.v, self.w) != (0.0, 0.0):
             if self._robot.commanded_velocity() == Twist2D(self.v, self.w):
                 self.send_command(0.0, 0.0, now, period)

@@ -52,7 +52,15 @@ class Detection:
 
 
 def colour_mask(image: CameraImage, colours: ColourRange) -> NDArray[np.uint8]:
-    """Return the mask of the pixels within *colours*: 255 inside and 0 outside, shape ``(height, width)``."""
+    """Return the mask of the pixels within a range of colours.
+
+    Args:
+        image: The camera image.
+        colours: The range of colours.
+
+    Returns:
+        The mask, shape ``(height, width)``: 255 for pixels within the range, 0 for others.
+    """
     hsv = cv2.cvtColor(image.rgb, cv2.COLOR_RGB2HSV)
     low = (colours.hue[0], colours.saturation[0], colours.value[0])
     high = (colours.hue[1], colours.saturation[1], colours.value[1])
@@ -60,12 +68,26 @@ def colour_mask(image: CameraImage, colours: ColourRange) -> NDArray[np.uint8]:
 
 
 def detect_colour(image: CameraImage, colours: ColourRange) -> Detection | None:
-    """Return the box around all pixels within *colours* and their centre of mass; None if there are none."""
+    """Return a single detection of all pixels within a range of colours; None if there are none.
+
+    Args:
+        image: The camera image.
+        colours: The range of colours.
+
+    Returns:
+        The box around the pixels and their centre of mass.
+    """
     return _detection(colour_mask(image, colours), image)
 
 
 def detect_each(image: CameraImage, colours: ColourRange, min_pixels: int = 20) -> list[Detection]:
-    """Return a detection for every separate patch of at least *min_pixels* pixels, the largest first."""
+    """Return a detection for every separate patch of pixels within a range of colours, the largest first.
+
+    Args:
+        image: The camera image.
+        colours: The range of colours.
+        min_pixels: The minimum size (pixels) of a patch; smaller patches are ignored.
+    """
     mask = colour_mask(image, colours)
     count, _, stats, centres = cv2.connectedComponentsWithStats(mask)
     size = (image.rgb.shape[1], image.rgb.shape[0])

@@ -46,7 +46,12 @@ class ObstacleDetector(Process):
             self.on_detection(scan, Transform((distance, 0.0, 0.0)))
 
     def on_detection(self, scan: LaserScan, laser2object: Transform) -> None:
-        """Publish the obstacle's frame at the pose *laser2object* in the laser's frame."""
+        """Publish the obstacle's frame as a static frame below the laser's frame.
+
+        Args:
+            scan: The scan with the obstacle.
+            laser2object: The obstacle's pose in the laser's frame.
+        """
         self.context.transforms.set_static(_frame(scan.frame, laser2object, scan.stamp))
 
 

@@ -147,7 +147,15 @@ class Process:
         return created
 
     def create_timer(self, period: float, callback: Callable[[], None]) -> Timer:
-        """Call *callback* every *period* seconds, the first time after one period."""
+        """Call a function periodically, the first time after one period, while an executor runs the process.
+
+        Args:
+            period: The time (s) between two calls, greater than 0.
+            callback: The function to call.
+
+        Returns:
+            The timer; its method `cancel` ends the calls.
+        """
         created = Timer(self, period, callback)
         self.timers.append(created)
         if self.executor is not None:

@@ -238,7 +238,12 @@ class CorrelationGrid:
         return MatchResult(at, self.score(at, outline.points), information)
 
     def score(self, at: Floats, points: Floats) -> float:
-        """Return the fit (0 … 1) of *points* (m, robot's frame) to the walls for the robot's pose *at*."""
+        """Return the fit (0 … 1) of points to the walls: the mean value of the cells in which the points lie.
+
+        Args:
+            at: The robot's pose in the frame of the walls: x, y (m) and yaw (rad), shape ``(3,)``.
+            points: The points (m) in the robot's frame, shape ``(k, 2)``. A point off the grid counts as 0.
+        """
         height, width = self._shape
         cells = np.floor(transform_points(points, at) / RESOLUTION).astype(np.intp) - self._low
         inside = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)

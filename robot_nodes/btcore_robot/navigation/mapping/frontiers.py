@@ -136,7 +136,12 @@ def find_frontiers(
 
 
 def is_unknown_nearby(map: OccupancyMap, position: tuple[float, float]) -> bool:
-    """Return whether unknown space borders on free floor near *position* (x, y in m)."""
+    """Return whether unknown space borders on free floor near a position.
+
+    Args:
+        map: The map, with free, unknown and occupied cells.
+        position: The position (x, y in m) in the frame map. Near means within 0.3 m in x and in y.
+    """
     row, col = map.cell(*position)
     reach = round(_VIEW_RADIUS / 2 / map.resolution)
     low_row, low_col = max(0, row - 3 * reach), max(0, col - 3 * reach)

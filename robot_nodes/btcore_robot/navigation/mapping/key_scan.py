@@ -114,6 +114,13 @@ def _outline(ends: Floats) -> Outline:
 
 
 def are_far_apart(first: Pose2D, second: Pose2D, distance: float, turn: float) -> bool:
-    """Return whether two poses differ by at least *distance* (m) or *turn* (rad)."""
+    """Return whether two poses differ by at least a distance or an angle.
+
+    Args:
+        first: A pose.
+        second: The other pose, in the same frame.
+        distance: The minimum distance (m) between the positions.
+        turn: The minimum angle (rad) between the headings.
+    """
     turned = abs(wrap_angle(second.yaw - first.yaw))
     return math.hypot(second.x - first.x, second.y - first.y) >= distance or turned >= turn

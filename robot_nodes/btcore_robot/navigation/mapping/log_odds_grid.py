@@ -51,7 +51,13 @@ class LogOddsGrid:
         self._observed.fill(False)
 
     def add(self, scan: KeyScan, at: Floats) -> None:
-        """Draw *scan*, taken with the robot at the pose *at* (x, y, yaw)."""
+        """Draw a scan; enlarge the grid if necessary.
+
+        Args:
+            scan: The scan to draw.
+            at: The robot's pose at the time of the scan, in the frame map: x, y (m) and yaw (rad), shape
+                ``(3,)``.
+        """
         free_outline, ends = transform_points(scan.free_outline, at), transform_points(scan.ends, at)
         extent = np.vstack((free_outline, ends, at[None, :2] - self.radius, at[None, :2] + self.radius))
         self._make_room(extent.min(axis=0), extent.max(axis=0))
@@ -77,7 +83,16 @@ class LogOddsGrid:
         self._observed[window] |= seen_through | hit
 
     def draw(self, scans: Sequence[KeyScan], poses: Floats) -> None:
-        """Redraw the grid with *scans* at *poses*, shape ``(n, 3)``."""
+        """Clear the grid and draw scans.
+
+        Args:
+            scans: The scans to draw.
+            poses: The robot's pose at the time of each scan, in the frame map: x, y (m) and yaw (rad), shape
+                ``(n, 3)``.
+
+        Raises:
+            ValueError: The numbers of scans and poses differ.
+        """
         self.clear()
         for scan, pose in zip(scans, poses, strict=True):
             self.add(scan, pose)
@@ -115,7 +130,12 @@ class LogOddsGrid:
 
 
 def trim_map(map: OccupancyMap, margin: int = 4) -> OccupancyMap:
-    """Return *map* without unknown rows and columns at its edges, except for a margin of *margin* cells."""
+    """Return a map without unknown rows and columns at its edges.
+
+    Args:
+        map: The map to trim. A map without known cells and keep-outs is returned unchanged.
+        margin: The number of unknown rows and columns to keep at each edge.
+    """
     known = map.cells != -1
     for xmin, ymin, xmax, ymax in map.keepout:
         for row, col in (map.cell(xmin, ymin), map.cell(xmax, ymax)):

@@ -25,6 +25,10 @@ def compose(start: Floats, step: Floats) -> Floats:
     """Return the pose that is at *step* relative to the pose *start*.
 
     The result is in the frame in which *start* is given, like the product of transforms ``a2b * b2c``.
+
+    Args:
+        start: The first poses: x, y (m) and yaw (rad), shape ``(…, 3)``.
+        step: The second poses, relative to *start*. The shapes are broadcast against each other.
     """
     cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
     return np.stack(
@@ -38,14 +42,27 @@ def compose(start: Floats, step: Floats) -> Floats:
 
 
 def relative_pose(start: Floats, end: Floats) -> Floats:
-    """Return *end* relative to *start*: the step for which ``compose(start, step)`` is *end*."""
+    """Return *end* relative to *start*: the step for which ``compose(start, step)`` is *end*.
+
+    Args:
+        start: The first poses: x, y (m) and yaw (rad), shape ``(…, 3)``.
+        end: The second poses, in the same frame as *start*. The shapes are broadcast against each other.
+    """
     cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
     x, y = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
     return np.stack((cos * x + sin * y, cos * y - sin * x, wrap_angles(end[..., 2] - start[..., 2])), axis=-1)
 
 
 def transform_points(points: Floats, at: Floats) -> Floats:
-    """Return *points* (m, shape ``(k, 2)``), given relative to the pose *at*, in the frame of this pose."""
+    """Return points, given relative to a pose, in the frame in which the pose is given.
+
+    Args:
+        points: The points (m) relative to the pose, shape ``(k, 2)``.
+        at: The pose: x, y (m) and yaw (rad), shape ``(3,)``.
+
+    Returns:
+        The points (m), shape ``(k, 2)``.
+    """
     cos, sin = math.cos(at[2]), math.sin(at[2])
     moved: Floats = points @ np.array(((cos, sin), (-sin, cos)))
     moved += at[:2]

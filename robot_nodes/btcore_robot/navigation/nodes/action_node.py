@@ -100,7 +100,12 @@ class BtActionNode(StatefulAction):
             self.handle = None
 
     def report(self, code: int, message: str) -> None:
-        """Write the error ports, and log *message* unless it is the message of the previous failure."""
+        """Write the connected error ports, and log the message if it differs from the previous message.
+
+        Args:
+            code: Nav2's error code; 0 without an error.
+            message: The error message. An empty message is not logged.
+        """
         write_outputs(self, error_code_id=code, error_msg=message)
         if message and message != self.logged:
             log.log(self.level, "%s: %s", self.path, message)

@@ -203,7 +203,17 @@ class NewestSource:
         self.choice: object = None
 
     def select(self, port_value: object, topic_value: object) -> object:
-        """Return the value that changed last; a topic value that is None or empty does not count."""
+        """Return the value that changed last.
+
+        Args:
+            port_value: The present value of the port. It counts as changed if it is not equal to the value of
+                the previous call.
+            topic_value: The present value of the topic; ignored if it is None or empty. It counts as changed
+                if it is not the same object as in the previous call, even if both are equal.
+
+        Returns:
+            The changed value; the topic's value if both changed, the previous result if neither changed.
+        """
         if self.choice is None or port_value != self.port_value:
             self.choice = port_value
         # Identity, not equality: publishing an equal goal again makes it the newest.
@@ -259,7 +269,14 @@ class PathLongerOnApproach(DecoratorNode):
         return status
 
     def is_longer(self, path: NavPath | None, before: NavPath | None) -> bool:
-        """Return whether *path* leads to the goal of *before*, which is near, and is much longer."""
+        """Return whether a path to the same near goal has become much longer.
+
+        Args:
+            path: The new path; with None the result is False. It is much longer if its length is more than
+                *length_factor* times the length of *before*.
+            before: The previous path; with None the result is False. The goal is near if this path is shorter
+                than *prox_len* (m).
+        """
         if path is None or before is None or path == before or path.goal != before.goal:
             return False
         return before.length() < self.prox_len and path.length() > self.length_factor * before.length()

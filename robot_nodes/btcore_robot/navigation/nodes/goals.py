@@ -131,7 +131,19 @@ class GetNextFewGoals(SyncAction):
 
 
 def update_waypoint_statuses(node: TreeNode, goals: list[Pose2D], state: WaypointState) -> None:
-    """Write *state* to the first pending waypoint at each of *goals*."""
+    """Write the waypoint statuses with a new state for the given goals to ``output_waypoint_statuses``.
+
+    Nothing is written if the port ``input_waypoint_statuses`` has no list.
+
+    Args:
+        node: The node with both ports.
+        goals: The goals to update. For each goal the state of its first PENDING status changes.
+        state: The new state.
+
+    Raises:
+        BlackboardError: The output port is not bound to an entry, or the entry has another type.
+        ConversionError: A value does not convert to the type of its port.
+    """
     statuses = optional_input(node, "input_waypoint_statuses")
     if not isinstance(statuses, list):
         return

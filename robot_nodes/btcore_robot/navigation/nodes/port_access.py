@@ -28,7 +28,15 @@ def is_first_tick(node: TreeNode) -> bool:
 
 
 def optional_input(node: TreeNode, port: str) -> object:
-    """Return the value of input *port*, or None if the port is omitted or its blackboard entry is empty."""
+    """Return the value of an input port, or None if the port is omitted or its blackboard entry is empty.
+
+    Args:
+        node: The node with the port.
+        port: The name of the port.
+
+    Raises:
+        ConversionError: The value does not convert to the type of the port.
+    """
     if port not in node.config.inputs:
         return None
     try:
@@ -38,25 +46,57 @@ def optional_input(node: TreeNode, port: str) -> object:
 
 
 def path_input(node: TreeNode, port: str) -> NavPath | None:
-    """Return the path of input *port*, or None if the path is missing or empty."""
+    """Return the path of an input port, or None if the path is missing or empty.
+
+    Args:
+        node: The node with the port.
+        port: The name of the port.
+
+    Raises:
+        ConversionError: The value does not convert to the type of the port.
+    """
     value = optional_input(node, port)
     return value if isinstance(value, NavPath) and len(value) else None
 
 
 def pose_input(node: TreeNode, port: str) -> Pose2D | None:
-    """Return the pose of input *port*, or None if the pose is missing."""
+    """Return the pose of an input port, or None if the pose is missing.
+
+    Args:
+        node: The node with the port.
+        port: The name of the port.
+
+    Raises:
+        ConversionError: The value does not convert to the type of the port.
+    """
     value = optional_input(node, port)
     return value if isinstance(value, Pose2D) else None
 
 
 def poses_input(node: TreeNode, port: str) -> tuple[Pose2D, ...]:
-    """Return the poses of input *port*, or an empty tuple if the poses are missing."""
+    """Return the poses of an input port, or an empty tuple if the poses are missing.
+
+    Args:
+        node: The node with the port.
+        port: The name of the port.
+
+    Raises:
+        ConversionError: The value does not convert to the type of the port.
+    """
     value = optional_input(node, port)
     return tuple(value) if isinstance(value, list | tuple) else ()
 
 
 def plugin_input(node: TreeNode, port: str) -> str:
-    """Return the plug-in name of input *port*, or "" if there is none, for example before a selector ran."""
+    """Return the plug-in name of an input port, or "" if there is none, for example before a selector ran.
+
+    Args:
+        node: The node with the port.
+        port: The name of the port.
+
+    Raises:
+        ConversionError: The value does not convert to the type of the port.
+    """
     value = optional_input(node, port)
     return value if isinstance(value, str) else ""
 
@@ -67,7 +107,16 @@ def goal_inputs(node: TreeNode) -> Goals:
 
 
 def write_outputs(node: TreeNode, **outputs: object) -> None:
-    """Write the *outputs* whose ports are connected in the tree; skip the other outputs."""
+    """Write values to the output ports that are connected in the tree.
+
+    Args:
+        node: The node with the ports.
+        outputs: The values by port name. Values of ports that are not connected are ignored.
+
+    Raises:
+        BlackboardError: A port is not bound to an entry, or the entry has another type.
+        ConversionError: A value is not of the type of its port.
+    """
     for port, value in outputs.items():
         if port in node.config.outputs:
             node.set_output(port, value)
