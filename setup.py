@@ -102,8 +102,8 @@ def extensions() -> list[Extension]:
 
         made: list[Any] = mypycify(
             ["--follow-imports=silent", "--no-warn-unused-configs", *hot_modules()],
-            # -O1 compiles in a sixth less time, but makes the ticks of bump-and-go a tenth slower. -O3 takes
-            # longer to compile, and the ticks take as long as with -O2 (`make bench`).
+            # -O1 compiles in a sixth less time, but ticks bump-and-go a tenth slower. -O3 makes no
+            # measurable difference (`make bench`).
             opt_level=os.environ.get("BTCORE_OPT_LEVEL", "2"),
             debug_level="0",
             group_name=GROUP,
