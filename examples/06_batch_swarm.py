@@ -1,7 +1,4 @@
-"""Run the same tree for 5,000 robots that carry food home.
-
-``python 06_batch_swarm.py PICTURE.png`` also draws the robots and their trails.
-"""
+"""Run the same tree for 5,000 robots that carry food home. With an argument, also draw them to a PNG file."""
 
 import sys
 
