@@ -427,7 +427,10 @@ def _instrumented_tick(node: TreeNode, guard: Instrumentation) -> Status:
 
 
 def _as_status(result: object) -> Status:
-    """Return *result* as a Status. Raise NodeError for IDLE and for anything but a Status or a bool."""
+    """Return *result* as a Status. Raise NodeError for IDLE and for anything but a Status or a bool.
+
+    A numpy.bool_ counts as a bool.
+    """
     if result is SUCCESS or result is True:
         return SUCCESS
     if result is FAILURE or result is False:
@@ -436,8 +439,17 @@ def _as_status(result: object) -> Status:
         return RUNNING
     if result is SKIPPED:
         return SKIPPED
+    if _is_numpy_bool(result):
+        return SUCCESS if result else FAILURE
     text = "IDLE" if result is IDLE else repr(result)
     raise NodeError(f"a tick must return RUNNING, SUCCESS (True), FAILURE (False) or SKIPPED, not {text}")
+
+
+def _is_numpy_bool(result: object) -> bool:
+    """Return whether *result* is a numpy.bool_, the type of numpy's comparisons, without importing numpy."""
+    kind = type(result)
+    # The class is named bool_ in numpy 1 and bool in numpy 2.
+    return kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_")
 
 
 def input_or(node: TreeNode, name: str, default: object) -> object:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Protocol, runtime_checkable
 
+import numpy as np
 import pytest
 
 from btcore import (
@@ -521,6 +522,26 @@ def test_tick_with_an_invalid_result_raises(result: Any, make_tree: Grow) -> Non
     said = raised(make_tree("<Answer/>", answer))
     assert "a tick must return RUNNING, SUCCESS" in said
     assert f"not {'IDLE' if result is Status.IDLE else repr(result)}" in said
+
+
+@pytest.mark.parametrize("number", [0.5, 1.5])
+def test_numpy_bool_counts_as_a_bool(make_tree: Grow, number: float) -> None:
+    @condition
+    def is_near() -> object:
+        return np.float64(number) < 1.0
+
+    tree = make_tree("<IsNear/>", is_near)
+    assert type(np.float64(number) < 1.0) is not bool
+    assert tree.tick_once() is (Status.SUCCESS if number < 1.0 else Status.FAILURE)
+
+
+def test_other_numpy_values_are_no_result_of_a_tick(make_tree: Grow) -> None:
+    @condition
+    def is_near() -> object:
+        return np.int64(1)
+
+    with pytest.raises(NodeExecutionError, match=r"a tick must return RUNNING, SUCCESS .* not np.int64\(1\)"):
+        make_tree("<IsNear/>", is_near).tick_once()
 
 
 def test_synchronous_action_that_returns_running_raises(make_tree: Grow) -> None:
