@@ -21,7 +21,10 @@ def port_getter(port: Port) -> Callable[[Any], object]:
     if not port.reads:
 
         def refuse(node: TreeNode) -> object:
-            raise AttributeError(f"port [{name}] is an output: it can be assigned, but not read")
+            raise AttributeError(
+                f"port [{name}] is an output: it can be assigned, but not read; to read and assign it, "
+                "annotate it with InOut[…]"
+            )
 
         return refuse
 

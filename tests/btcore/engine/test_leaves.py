@@ -414,6 +414,19 @@ def test_input_cannot_be_assigned_and_output_cannot_be_read(make_tree: Grow) -> 
     assert make_tree('<Muddle given="1" made="{m}"/>', Muddle).tick_once() is Status.SUCCESS
 
 
+def test_reading_an_out_port_suggests_inout(make_tree: Grow) -> None:
+    class Count(SyncAction):
+        times: Out[int]
+
+        def tick(self) -> Status:
+            self.times += 1
+            return Status.SUCCESS
+
+    hint = r"port \[times\] is an output: .*; to read and assign it, annotate it with InOut\[…\]"
+    with pytest.raises(NodeExecutionError, match=hint):
+        make_tree('<Count times="{n}"/>', Count).tick_once()
+
+
 def test_ports_and_resources_are_inherited(make_tree: Grow) -> None:
     class Careful(Approach):
         """Keep a larger distance."""
