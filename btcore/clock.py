@@ -8,6 +8,7 @@ its own clock: waiting on that clock advances the physics simulation.
 import threading
 import time
 from collections.abc import Callable
+from math import inf
 from typing import Final, Protocol
 
 from mypy_extensions import mypyc_attr
@@ -102,9 +103,14 @@ class TickSchedule:
 
     Missed ticks are not made up for: after a delay of more than a period, the next tick is due at once, and
     the following due times count from this tick.
+
+    Raises:
+        ValueError: *period* is negative, infinite or NaN.
     """
 
     def __init__(self, period: float, now: int) -> None:
+        if not 0 <= period < inf:  # also False for NaN
+            raise ValueError(f"invalid period {period!r}: use a number of seconds between ticks, 0 or more")
         self.step = round(period * NS_PER_S)
         self.due = now
 

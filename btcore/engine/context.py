@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from mypy_extensions import mypyc_attr
 
-from btcore.clock import Clock
+from btcore.clock import Clock, SimClock, TickSchedule
 from btcore.engine.observers import Observers
 
 
@@ -80,6 +80,18 @@ class TreeContext:
             self._expire()
         # A wake-up that arrives here is consumed now if `_woken` is set already, else by the next call.
         return (woken or self._woken) and self._take()
+
+    def next_tick(self, schedule: TickSchedule) -> int:
+        """Return the time (ns) of the next tick: the due time of *schedule* or the first deadline before it.
+
+        Without a period a SimClock would stand still, so that no deadline would ever pass. Therefore the next
+        tick is then at the first deadline.
+        """
+        clock = self.clock
+        now = clock.now()
+        if schedule.step == 0 and self.deadlines and isinstance(clock, SimClock):
+            return max(min(self.deadlines.values()), now)
+        return self.first_deadline(schedule.next(now))
 
     def doze(self, seconds: float) -> None:
         """Wait at most *seconds* (s, real time even with another clock) for a wake-up, and consume it."""

@@ -25,7 +25,7 @@ class EventLoopWait:
     async def until_next_tick(self) -> None:
         """Wait for the next tick of the schedule, a deadline of the tree or a wake-up."""
         context = self._context
-        due = context.first_deadline(self._schedule.next(context.clock.now()))
+        due = context.next_tick(self._schedule)
         if isinstance(context.clock, SystemClock):
             duration = max(due - context.clock.now(), 0) / NS_PER_S
             # Not asyncio.wait_for(), which in Python 3.11 drops a cancellation that comes with a wake-up.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, NoReturn, SupportsIndex, TypeVar
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.clock import NS_PER_S, Clock, TickSchedule
+from btcore.clock import NS_PER_S, Clock, SimClock, TickSchedule
 from btcore.engine.context import TreeContext
 from btcore.engine.instrumentation import TickCounts
 from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
@@ -127,19 +127,22 @@ class Tree:
         same time; missed ticks are not made up for.
 
         Args:
-            period: The time between ticks (s, tree's clock); 0 = do not wait.
+            period: The time between ticks (s, tree's clock); 0 = do not wait, except that a SimClock advances
+                to the next time for which a node has requested a tick.
 
         Raises:
+            ValueError: *period* is negative, infinite or NaN.
             NodeExecutionError: A node raised. The tree has been halted.
         """
         clock = self.context.clock
         schedule = TickSchedule(period, clock.now())
+        simulated = isinstance(clock, SimClock)
         while True:
             status = self.tick_once()
             if status is not RUNNING:
                 return status
-            if period > 0:
-                self.context.wait_until(schedule.next(clock.now()))
+            if period > 0 or simulated:
+                self.context.wait_until(self.context.next_tick(schedule))
 
     async def run(self, period: float = 0.01) -> Status:
         """Tick until the root is no longer RUNNING, and let the event loop run between the ticks.
@@ -155,6 +158,7 @@ class Tree:
             The result of the root.
 
         Raises:
+            ValueError: *period* is negative, infinite or NaN.
             NodeExecutionError: A node raised. The tree has been halted.
         """
         # Imported here, because importing asyncio takes as long as importing the engine.

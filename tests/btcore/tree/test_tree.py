@@ -1,5 +1,6 @@
 """Ticking, halting, waiting and inspecting a tree."""
 
+import asyncio
 import threading
 import time
 from collections.abc import Callable
@@ -8,6 +9,7 @@ import pytest
 
 import btcore
 from btcore import Blackboard, BtcoreError, ControlNode, SimClock, StatefulAction, Status, SystemClock, Tree
+from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog, PlanAction
@@ -137,6 +139,29 @@ def test_simulated_clock_starts_at_its_given_time(make_tree: Grow) -> None:
 
 def test_period_of_zero_never_sleeps(clock: SimClock) -> None:
     assert moments(clock, [0.0, 0.0, 0.0], 0.0) == [0.0] * 4
+
+
+@pytest.mark.parametrize("period", [-0.1, float("nan"), float("inf")])
+def test_negative_or_nan_period_is_refused_before_the_first_tick(make_tree: Grow, period: float) -> None:
+    tree = make_tree("<AlwaysSuccess/>")
+    with pytest.raises(ValueError, match=rf"invalid period {period}: use a number of seconds"):
+        tree.tick_while_running(period=period)
+    with pytest.raises(ValueError, match=rf"invalid period {period}: use a number of seconds"):
+        asyncio.run(tree.run(period=period))
+    assert tree.ticks == 0
+
+
+@pytest.mark.parametrize("in_event_loop", [False, True])
+def test_period_of_zero_advances_a_sim_clock_to_the_next_deadline(
+    make_tree: Grow, clock: SimClock, in_event_loop: bool
+) -> None:
+    tree = make_tree('<Parallel><Sleep msec="2500"/><Sleep msec="60000"/></Parallel>')
+    if in_event_loop:
+        asyncio.run(asyncio.wait_for(tree.run(period=0), 30))
+    else:
+        tree.tick_while_running(period=0)
+    assert clock.now() == 60 * NS_PER_S
+    assert tree.ticks == 3
 
 
 def test_waiting_node_is_ticked_on_time_and_the_period_continues(make_tree: Grow, clock: SimClock) -> None:
