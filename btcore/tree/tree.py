@@ -84,6 +84,8 @@ class Tree:
         self.ticks = 0
         self.status: Status = IDLE
         self._hooks: Hooks | None = None
+        self._in_tick = False
+        self._in_loop = False  # within tick_while_running() or run(), also between two ticks
 
     @property
     def blackboard(self) -> Blackboard:
@@ -101,6 +103,7 @@ class Tree:
         """Tick the root exactly once. Return its result.
 
         Raises:
+            BtcoreError: The tree is being ticked already, by another call.
             NodeExecutionError: A node raised. The tree has been halted.
         """
         status = self._tick_root()
@@ -111,6 +114,7 @@ class Tree:
         """Tick the root, and again while it is RUNNING and a wake-up is pending. Return its result.
 
         Raises:
+            BtcoreError: The tree is being ticked already, by another call.
             NodeExecutionError: A node raised. The tree has been halted.
         """
         status = self._tick_root()
@@ -132,17 +136,22 @@ class Tree:
 
         Raises:
             ValueError: *period* is negative, infinite or NaN.
+            BtcoreError: The tree is being ticked already, by another call.
             NodeExecutionError: A node raised. The tree has been halted.
         """
         clock = self.context.clock
         schedule = TickSchedule(period, clock.now())
         simulated = isinstance(clock, SimClock)
-        while True:
-            status = self.tick_once()
-            if status is not RUNNING:
-                return status
-            if period > 0 or simulated:
-                self.context.wait_until(self.context.next_tick(schedule))
+        self._begin_loop()
+        try:
+            while True:
+                status = self.tick_once()
+                if status is not RUNNING:
+                    return status
+                if period > 0 or simulated:
+                    self.context.wait_until(self.context.next_tick(schedule))
+        finally:
+            self._in_loop = False
 
     async def run(self, period: float = 0.01) -> Status:
         """Tick until the root is no longer RUNNING, and let the event loop run between the ticks.
@@ -159,6 +168,7 @@ class Tree:
 
         Raises:
             ValueError: *period* is negative, infinite or NaN.
+            BtcoreError: The tree is being ticked already, by another call.
             NodeExecutionError: A node raised. The tree has been halted.
         """
         # Imported here, because importing asyncio takes as long as importing the engine.
@@ -166,8 +176,10 @@ class Tree:
 
         from btcore.tree.event_loop import EventLoopWait
 
-        wait = EventLoopWait(self.context, period)
+        self._begin_loop()
+        wait: EventLoopWait | None = None
         try:
+            wait = EventLoopWait(self.context, period)
             while True:
                 hooks = self._hooks
                 if hooks is not None and hooks.may_pause:
@@ -181,15 +193,23 @@ class Tree:
             self.halt()
             raise
         finally:
-            wait.close()
+            self._in_loop = False
+            if wait is not None:
+                wait.close()
             if self._hooks is not None:
                 self._hooks.close_tick_thread()
 
     def _tick_root(self) -> Status:
+        if self._in_tick:
+            raise BtcoreError(
+                f"tree '{self.id}' is being ticked already: neither a second thread nor a leaf of the tree "
+                "can tick it during a tick; to request another tick, call wake()"
+            )
         self.ticks += 1
         observers = self.context.observers
         root = self.root
         try:
+            self._in_tick = True
             if observers is None:
                 status = execute_tick(root)
                 if status is SUCCESS or status is FAILURE:
@@ -206,7 +226,17 @@ class Tree:
             self._notify_error(error)
             error.later_errors += self._halt_everything()
             raise
+        finally:
+            self._in_tick = False
         return status
+
+    def _begin_loop(self) -> None:
+        if self._in_loop:
+            raise BtcoreError(
+                f"tree '{self.id}' is being ticked already by run() or tick_while_running(): wait until this "
+                "call returns, or load a second tree"
+            )
+        self._in_loop = True
 
     # --- halting, waiting
 

@@ -8,7 +8,18 @@ from collections.abc import Callable
 import pytest
 
 import btcore
-from btcore import Blackboard, BtcoreError, ControlNode, SimClock, StatefulAction, Status, SystemClock, Tree
+from btcore import (
+    Blackboard,
+    BtcoreError,
+    ControlNode,
+    NodeExecutionError,
+    SimClock,
+    StatefulAction,
+    Status,
+    SystemClock,
+    Tree,
+    action,
+)
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from btcore.testing.conformance import conformance_registry
@@ -20,6 +31,84 @@ THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 
 
 # --- ticking
+
+
+def test_leaf_cannot_tick_its_own_tree(make_tree: Grow) -> None:
+    @action
+    def again() -> Status:
+        return tree.tick_once()
+
+    tree = make_tree("<Sequence><Again/></Sequence>", again)
+    with pytest.raises(
+        NodeExecutionError, match=r"tree 'Main' is being ticked already: .*call wake\(\)"
+    ) as caught:
+        tree.tick_once()
+    assert isinstance(caught.value.cause, BtcoreError)
+    assert caught.value.path.startswith("Again")
+    assert tree.ticks == 1
+
+
+def test_tree_can_be_ticked_again_after_an_error_and_after_an_interrupt(make_tree: Grow) -> None:
+    problems: list[BaseException] = [ValueError("broken"), KeyboardInterrupt()]
+
+    @action
+    def fail() -> bool:
+        if problems:
+            raise problems.pop(0)
+        return True
+
+    tree = make_tree("<Fail/>", fail)
+    with pytest.raises(NodeExecutionError):
+        tree.tick_while_running()
+    with pytest.raises(KeyboardInterrupt):
+        tree.tick_while_running()
+    assert tree.tick_while_running() is Status.SUCCESS
+
+
+def test_second_thread_cannot_tick_a_tree_during_a_tick(make_tree: Grow) -> None:
+    started, release = threading.Event(), threading.Event()
+
+    @action
+    def wait() -> bool:
+        started.set()
+        return release.wait(30)
+
+    tree = make_tree("<Wait/>", wait)
+    results: list[Status] = []
+    thread = threading.Thread(target=lambda: results.append(tree.tick_once()))
+    thread.start()
+    try:
+        assert started.wait(30)
+        for tick in (tree.tick_once, tree.tick_exactly_once, tree.tick_while_running):
+            with pytest.raises(
+                BtcoreError, match="tree 'Main' is being ticked already: neither a second thread"
+            ):
+                tick()
+    finally:
+        release.set()
+        thread.join()
+    assert results == [Status.SUCCESS]  # the tick in progress did not notice
+
+
+def test_second_run_of_a_tree_is_refused_while_the_first_waits(make_tree: Grow) -> None:
+    async def both() -> Status:
+        tree = make_tree('<PlanAction plan="RRRS"/>')
+        first = asyncio.create_task(tree.run())
+        while tree.ticks == 0:
+            await asyncio.sleep(0)
+        with pytest.raises(
+            BtcoreError, match=r"is being ticked already by run\(\) or tick_while_running\(\)"
+        ):
+            await tree.run()
+        with pytest.raises(
+            BtcoreError, match=r"is being ticked already by run\(\) or tick_while_running\(\)"
+        ):
+            tree.tick_while_running()
+        result = await first
+        assert await tree.run() is Status.SUCCESS  # the first has ended
+        return result
+
+    assert asyncio.run(both()) is Status.SUCCESS
 
 
 def test_async_sequence_takes_a_tick_per_child_but_a_single_tick_once(make_tree: Grow) -> None:
