@@ -16,6 +16,7 @@ from btcore.clock import Clock
 from btcore.engine.leaf import SyncAction
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
+from btcore.registry.manifest import matching_resources
 from btcore.status import Status
 
 
@@ -36,18 +37,25 @@ class LeafNode(BatchNode):
         """Return the value of a parameter that is not a port.
 
         Raises:
-            TreeError: No resource has the parameter's type, and the parameter has no default.
+            TreeError: No resource has the parameter's type, and the parameter has no default; or several
+                resources of one class have it.
         """
         if parameter.annotation is Clock:
             return self.context.clock
         if parameter.annotation is NodeName:
             return NodeName(self.name)
-        for resource in self.context.resources:
-            if isinstance(resource, parameter.annotation):
-                return resource
+        candidates = matching_resources(self.context.resources, parameter.annotation)
+        if len(candidates) == 1:
+            return candidates[0]
+        wanted = getattr(parameter.annotation, "__name__", str(parameter.annotation))
+        if candidates:
+            message = (
+                f"{len(candidates)} resources of the class {type(candidates[0]).__name__} fit the parameter "
+                f"'{parameter.name}' of <{self.leaf.id}>"
+            )
+            raise unsupported(self.config, message, "pass only one of them, or give each a class of its own")
         if parameter.default is not UNSET:
             return parameter.default
-        wanted = getattr(parameter.annotation, "__name__", str(parameter.annotation))
         message = f"<{self.leaf.id}> needs a resource of type {wanted} for its parameter '{parameter.name}'"
         raise unsupported(self.config, message, "pass it to BatchTree.load(…, resources=[…])")
 

@@ -182,7 +182,7 @@ class Manifest:
         if parameter.resource_type is Blackboard:
             return node.blackboard
         try:
-            value = resources.of(parameter)
+            value = resources.of(parameter, self.id)
         except TypeError:
             raise NodeError(
                 f"the parameter '{parameter.name}' of <{self.id}> has the type {parameter.type_name}, which "
@@ -206,24 +206,54 @@ class Resources(list[object]):
         super().__init__(given)
         self._found: dict[Parameter, object] = {}
 
-    def of(self, parameter: Parameter) -> object:
+    def of(self, parameter: Parameter, id: str) -> object:
         """Return the first resource of the parameter's type, else the default of the parameter, or UNSET.
 
-        A missing :class:`TreeState` is created. Raise TypeError if isinstance() does not support the type.
+        A missing :class:`TreeState` is created.
+
+        Args:
+            parameter: The parameter.
+            id: The registration ID of the leaf, for messages.
+
+        Raises:
+            NodeError: Several resources of one class fit the parameter.
+            TypeError: isinstance() does not support the type.
         """
         if parameter not in self._found:
-            self._found[parameter] = self._look_for(parameter)
+            self._found[parameter] = self._look_for(parameter, id)
         return self._found[parameter]
 
-    def _look_for(self, parameter: Parameter) -> object:
-        for resource in self:
-            if isinstance(resource, parameter.resource_type):
-                return resource
+    def _look_for(self, parameter: Parameter, id: str) -> object:
+        candidates = matching_resources(self, parameter.resource_type)
+        if len(candidates) > 1:
+            raise NodeError(
+                f"{len(candidates)} resources of the class {type(candidates[0]).__name__} fit the parameter "
+                f"'{parameter.name}' of <{id}>: pass only one of them, or give each a class of its own"
+            )
+        if candidates:
+            return candidates[0]
         if is_tree_state(parameter.resource_type):
             state = parameter.resource_type()
             self.append(state)
             return state
         return parameter.default
+
+
+def matching_resources(resources: Sequence[object], wanted: Any) -> list[object]:
+    """Return the first resource that fits a parameter of type *wanted*, and all others of the same class.
+
+    Several different objects mean that the choice between them would be arbitrary.
+
+    Raises:
+        TypeError: isinstance() does not support the type.
+    """
+    found: dict[int, object] = {}  # by identity: a resource may be listed twice
+    first: type | None = None
+    for resource in resources:
+        if isinstance(resource, wanted) and (first is None or type(resource) is first):
+            first = type(resource)
+            found[id(resource)] = resource
+    return list(found.values())
 
 
 def is_tree_state(wanted: object) -> TypeGuard[type[TreeState]]:

@@ -369,6 +369,13 @@ def test_errors_about_unsupported_nodes_have_a_place_and_a_hint(
     assert hint in diagnostic.hint
 
 
+def test_two_resources_of_one_type_raise() -> None:
+    xml = document('<Count n="1" out="{n}"/>')
+    message = "2 resources of the class Calls fit the parameter 'calls' of <Count>"
+    with pytest.raises(TreeError, match=message):
+        BatchTree.loads(xml, 10, [count], resources=[Calls(), Calls()])
+
+
 def test_format_3_is_rejected() -> None:
     with pytest.raises(TreeError, match="runs trees of format 4, and 'Main' is of format 3"):
         BatchTree.loads('<root><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>', 2)

@@ -265,6 +265,24 @@ def test_missing_resource_is_named_when_the_tree_is_built(make_tree: Grow) -> No
         make_tree("<Drive/>", drive)
 
 
+def test_two_resources_of_one_type_raise_when_the_tree_is_built(make_tree: Grow) -> None:
+    @action
+    def drive(robot: Robot) -> bool:
+        robot.driven.append(1.0)
+        return True
+
+    message = "2 resources of the class Robot fit the parameter 'robot' of <Drive>: pass only one of them"
+    with pytest.raises(TreeError, match=message):
+        make_tree("<Drive/>", drive, resources=[Robot("left"), Robot("right")])
+    robot = Robot()
+    assert make_tree("<Drive/>", drive, resources=[robot, robot]).tick_once() is Status.SUCCESS
+    assert robot.driven == [1.0]
+
+
+def test_two_resources_that_no_leaf_takes_are_accepted(make_tree: Grow) -> None:
+    assert make_tree("<AlwaysSuccess/>", resources=[Robot(), Robot()]).tick_once() is Status.SUCCESS
+
+
 def test_docstring_describes_the_leaf_and_annotation_text_the_port() -> None:
     @action
     def drive(speed: Annotated[float, *In[float].__metadata__, "how fast (m/s)"]) -> bool:
