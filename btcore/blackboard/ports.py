@@ -14,7 +14,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.errors import BlackboardError, ConversionError
-from btcore.values import ANY, STRING, ValueType
+from btcore.values import ANY, STRING, EnumType, ValueType
 
 UNSET: Final = object()
 """The marker for "no default", because None is a possible default."""
@@ -93,6 +93,15 @@ class Port:
         self.optional = optional
         self.reads = direction is not Direction.OUT
         self.writes = direction is not Direction.IN
+
+    @property
+    def checks_text(self) -> bool:
+        """Whether a literal must convert to the type of the port before a tree is loaded.
+
+        BehaviorTree.CPP checks the texts of enums when a node reads them, which would be too late for typos.
+        """
+        kind = self.type
+        return kind.strong and (kind.converts or (self.reads and isinstance(kind, EnumType)))
 
 
 def remapped_key(text: str, name: str, format: int = 4) -> str | None:

@@ -47,8 +47,8 @@ class ValueType:
     Attributes:
         name: The name of the type in C++, in monitoring protocols and in XML models.
         strong: Whether the type restricts the values. False for types that accept any value.
-        converts: Whether a text is converted when it is written to an entry of this type, and checked when
-            the tree is loaded. False for enums, which are looked up when they are read.
+        converts: Whether a text is converted when it is written to an entry of this type. False for enums,
+            which are looked up when they are read.
         python_type: The class of the values.
     """
 

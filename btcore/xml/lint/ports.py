@@ -102,7 +102,7 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
             continue
         label = f"port '{port.name}' of {node_label(node)}"
         intended = intended_key(text)
-        error = _conversion_error(port.type, text, format)
+        error = _conversion_error(port, text, format)
         if error is not None:
             # The planner reports it in format 4; in format 3 it accepts every literal.
             if format == 3 and port.reads and node.manifest and not is_stub(node.manifest.cls):
@@ -131,12 +131,12 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
             reporter.warn(INCOMPLETE_POINTER, message, document, node, key, hint)
 
 
-def _conversion_error(kind: ValueType, text: str, format: int) -> ConversionError | None:
-    """Return why the literal *text* doesn't convert to *kind*, or None if it does or *kind* is not strict."""
+def _conversion_error(port: Port, text: str, format: int) -> ConversionError | None:
+    """Return why the literal *text* doesn't convert to the type of *port*, or None if it need not convert."""
     try:
-        kind.from_text(text, format)
+        port.type.from_text(text, format)
     except ConversionError as error:
-        return error if kind.strong and kind.converts else None
+        return error if port.checks_text else None
     return None
 
 

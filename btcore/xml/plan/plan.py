@@ -301,7 +301,7 @@ class TreePlanner:
         if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
             return True  # a key, possibly in the notation of the other format
         kind = port.type
-        if not kind.strong or not kind.converts:
+        if not port.checks_text:
             return True
         error = bound.error
         if bound.key is not None or text == port.default:

@@ -1,5 +1,6 @@
 """Errors in ports, scripts and leaves: the whole message, as a user reads it."""
 
+import enum
 from collections.abc import Callable
 from textwrap import dedent
 
@@ -10,6 +11,7 @@ from btcore import In, Registry, condition
 from btcore.blackboard.blackboard import Blackboard
 from btcore.errors import PortError, TreeError
 from btcore.xml.build import build
+from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_text
 
 Write = Callable[..., str]
@@ -221,3 +223,53 @@ def test_an_entry_that_does_not_fit_the_type_of_a_port_is_an_error_with_a_place(
     text = '<root BTCPP_format="4"><BehaviorTree ID="Main">\n<Near x="{x}"/></BehaviorTree></root>'
     with pytest.raises(PortError, match=r"2:10: E203 the port 'x' of <Near> has the type double"):
         btcore.loads(text, nodes=nodes, blackboard=blackboard)
+
+
+class Color(enum.Enum):
+    RED = 1
+    GREEN = 2
+
+
+@condition
+def shows(c: In[Color] = Color.RED) -> bool:
+    return c is Color.RED
+
+
+def colors(xml: str) -> tuple[str, Registry]:
+    nodes = Registry.standard()
+    nodes.add(shows)
+    return f'<root main_tree_to_execute="M"><BehaviorTree ID="M">{xml}</BehaviorTree></root>', nodes
+
+
+@pytest.mark.parametrize("text", ["REDD", "3", "red"])
+def test_enum_texts_are_checked_when_the_tree_is_loaded(text: str) -> None:
+    xml, nodes = colors(f'<Shows c="{text}"/>')
+    message = (
+        f"E202 the port 'c' of <Shows> has the type .*: '{text}' is not a member of .*; use RED or GREEN"
+    )
+    with pytest.raises(PortError, match=message):
+        btcore.loads(xml, nodes=nodes, format=4)
+
+
+@pytest.mark.parametrize("attribute", ['c="RED"', 'c="1"', 'c="{color}"', ""])
+def test_valid_enum_texts_are_loaded(attribute: str) -> None:
+    xml, nodes = colors(f"<Shows {attribute}/>")
+    board = Blackboard()
+    board["color"] = "RED"
+    assert btcore.loads(xml, nodes=nodes, format=4, blackboard=board).tick_once() is btcore.Status.SUCCESS
+
+
+def test_default_of_an_enum_with_a_converter_is_not_converted() -> None:
+    xml, _ = colors('<Sequence><Shows/><Shows c="rot"/></Sequence>')
+    nodes = Registry.standard()
+    nodes.add_type(Color, from_text=lambda text: {"rot": Color.RED}[text])
+    nodes.add(shows)
+    assert btcore.loads(xml, nodes=nodes, format=4).tick_once() is btcore.Status.SUCCESS
+
+
+@pytest.mark.parametrize("format", [3, 4])
+def test_enum_texts_are_checked_by_validate(format: int) -> None:
+    xml, nodes = colors('<Shows c="REDD"/>')
+    (found,) = validate_document(parse_text(xml), nodes=nodes, format=format)
+    assert (found.code, found.is_error) == ("E202", True)
+    assert "'REDD' is not a member of" in found.message
