@@ -9,7 +9,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.format3 import LegacyBlackboard
-from btcore.blackboard.ports import Binding, Input, Output, Port, remapped_key
+from btcore.blackboard.ports import Binding, Input, Output, Port
 from btcore.clock import Clock, SystemClock
 from btcore.diagnostic_codes import (
     CONFLICTING_ENTRY_TYPES,
@@ -323,7 +323,9 @@ class TreeInstantiator:
         for key, outer_key in call.remaps.items():
             inner.remap(key, outer_key)
         # Constants are set before autoremap is enabled, so that they stay in the inner blackboard.
-        for key, text in call.constants.items():
+        for number, (key, text) in enumerate(call.constants.items()):
+            if number == call.inner_constants:
+                inner.autoremap = call.autoremap
             value = parse_constant(text) if self.format == 4 else text
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
@@ -332,23 +334,7 @@ class TreeInstantiator:
                     document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, key)
                 )
         inner.autoremap = call.autoremap
-        if call.legacy_autoremap:
-            for key in sorted(self._keys_of(call.tree)):
-                if key not in call.constants:
-                    inner.remap(key, key)
         return inner
-
-    def _keys_of(self, tree: str) -> set[str]:
-        """Return the keys that the attributes in *tree* point to, for `__autoremap` of format 3."""
-        definition = self._planner.definitions.by_id[tree]
-        keys = set()
-        for top in definition.element.children:
-            for element in top.iter():
-                for key, text in element.attributes.items():
-                    outer_key = remapped_key(text, key, 3)
-                    if outer_key is not None and key not in ("ID", "name"):
-                        keys.add(outer_key)
-        return keys
 
 
 def _code_of(error: Exception, plan: NodePlan) -> DiagnosticCode:

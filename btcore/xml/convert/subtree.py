@@ -131,7 +131,7 @@ def _convert_subtree_plus_attributes(changes: ConversionChanges, element: Elemen
             if _is_true(text):
                 message = (
                     "'__autoremap' becomes '_autoremap': it connects all names except those that begin with "
-                    "'_'; in format 3 it connects the names in ports of the tree"
+                    "'_'; in format 3 it connects all names"
                 )
                 changes.note(AUTOREMAP_ALL, message, element, name, part="name")
             else:

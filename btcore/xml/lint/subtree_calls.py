@@ -94,7 +94,7 @@ class TreeKeys:
 
     def _call_keys(self, call: SubtreeCall) -> set[str] | None:
         keys = {outer for key, outer in call.remaps.items() if key not in _OF_THE_ELEMENT}
-        if call.shared or call.autoremap or call.legacy_autoremap:
+        if call.shared or call.autoremap:
             inner = self.keys_of(call.tree) if self._bounded else None
             if inner is None:
                 return None

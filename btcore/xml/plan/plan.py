@@ -45,13 +45,15 @@ class SubtreeCall:
         remaps: For each remapped key of the called tree, the key in the calling tree.
         constants: For each key of the called tree that is set to a constant, the text of the constant.
         written: The text of each port: as written in the document, else the default in the subtree's model.
-        autoremap: Whether ``_autoremap`` maps every inner key to the outer key of the same name.
+        autoremap: Whether ``_autoremap``, or ``__autoremap`` of format 3, maps every inner key to the outer
+            key of the same name.
+        inner_constants: The number of constants, in the order of the document, that stay in the inner
+            blackboard in spite of *autoremap*; None = all.
         shared: Whether both trees use one blackboard (``__shared_blackboard`` of format 3).
-        legacy_autoremap: Whether ``__autoremap`` of format 3 maps the keys in attributes of the called tree.
     """
 
     __slots__ = (
-        "autoremap", "constants", "element", "legacy_autoremap", "remaps", "shared", "tree", "written",
+        "autoremap", "constants", "element", "inner_constants", "remaps", "shared", "tree", "written",
     )  # fmt: skip
 
     def __init__(self, tree: str, element: Element) -> None:
@@ -62,7 +64,7 @@ class SubtreeCall:
         self.written: dict[str, str] = {}
         self.autoremap = False
         self.shared = False
-        self.legacy_autoremap = False
+        self.inner_constants: int | None = None
 
 
 class NodePlan:
@@ -386,7 +388,9 @@ class TreePlanner:
             if key == "__shared_blackboard" and tag == "SubTree":
                 call.shared = self._truth(plan, key, text)
             elif key == "__autoremap" and tag == "SubTreePlus":
-                call.legacy_autoremap = self._truth(plan, key, text)
+                call.autoremap = self._truth(plan, key, text)
+                # BehaviorTree.CPP 3.8 reads the attributes in order, so it remaps the constants that follow.
+                call.inner_constants = len(call.constants)
             elif tag == "SubTree":
                 call.written[key] = text
                 # <SubTree> of format 3 has no braces: the text is the outer key itself.

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import NodeExecutionError, Status, Tree, TreeError
+from btcore import NodeExecutionError, Status, SyncAction, Tree, TreeError
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]
@@ -92,6 +92,14 @@ COUNT = (
 )
 
 
+class Keep(SyncAction):
+    """Writes an entry that no port names."""
+
+    def tick(self) -> Status:
+        self.blackboard["kept"] = 5
+        return S
+
+
 def test_braces_connect_two_entries(make_tree: Grow) -> None:
     tree = make_tree('<SubTreePlus ID="Count" n="{outside}"/>', others=COUNT, format=3)
     tree.blackboard["outside"] = 41
@@ -126,6 +134,23 @@ def test_autoremap_shares_entries_by_name(written: str, make_tree: Grow) -> None
     tree.blackboard["n"] = 41
     assert tree.tick_once() is S
     assert tree.blackboard["n"] == 42
+
+
+def test_autoremap_shares_entries_that_no_port_points_to(make_tree: Grow) -> None:
+    inner = (
+        '<BehaviorTree ID="Note"><Sequence><Keep/><SetBlackboard value="1" output_key="_bare"/></Sequence>'
+        "</BehaviorTree>"
+    )
+    tree = make_tree('<SubTreePlus ID="Note" __autoremap="true"/>', Keep, others=inner, format=3)
+    assert tree.tick_once() is S
+    assert (tree.blackboard["_bare"], tree.blackboard["kept"]) == ("1", 5)
+
+
+def test_constants_that_follow_autoremap_are_written_to_the_outer_tree(make_tree: Grow) -> None:
+    tree = make_tree('<SubTreePlus ID="Count" a="1" __autoremap="true" b="2"/>', others=COUNT, format=3)
+    assert "a" not in tree.blackboard
+    assert tree.blackboard["b"] == "2"
+    assert tree.subtrees[1].blackboard["a"] == "1"
 
 
 def test_explicit_remapping_takes_precedence_over_autoremap(make_tree: Grow) -> None:
