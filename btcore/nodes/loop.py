@@ -8,7 +8,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Direction, Input, Port, PortRole
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick
-from btcore.errors import NodeError
+from btcore.errors import BlackboardError, NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.values import ANY, BOOL, DOUBLE, INT, NODE_STATUS, STRING, ValueType
 
@@ -20,7 +20,8 @@ class LoopNode(DecoratorNode):
     A RUNNING child is ticked again with the same element. The node is RUNNING until the queue is empty and
     then returns `if_empty` (default SUCCESS); it fails as soon as the child fails. `queue` is a literal
     list (`1;2;3`), which starts from the beginning whenever the node starts, or an entry that holds a deque
-    (its elements are removed), a list, or a text like the literal.
+    (its elements are removed), a list, or a text like the literal. An
+    entry that was never written is an error.
     """
 
     node_symbol: ClassVar[str] = "↺"
@@ -50,7 +51,8 @@ class LoopNode(DecoratorNode):
         self._queue = self.config.inputs.get("queue")
         if self._queue is None:
             raise NodeError(f"<{self.id}> needs port [queue]")
-        if self._queue.key is None:
+        # Without braces, "=" is not a reference here: BehaviorTree.CPP converts it as a list.
+        if self._queue.key is None or self._queue.text == "=":
             self._literal = self.elements(self._queue.text)
 
     def elements(self, text: str) -> list[object]:
@@ -70,8 +72,10 @@ class LoopNode(DecoratorNode):
             if not self._current:
                 return cast(Status, self.get_input("if_empty"))
             value = self._current.popleft()
-            if "value" in self.config.outputs:
-                self.set_output("value", value)
+            output = self.config.outputs.get("value")
+            # BehaviorTree.CPP ignores a text that is not a reference to an entry.
+            if output is not None and output.key is not None:
+                output.write(value)
         if self._status is IDLE:
             self.set_status(RUNNING)
         status = execute_tick(self.child)
@@ -86,9 +90,14 @@ class LoopNode(DecoratorNode):
         if queue is None or queue.key is None:
             return
         entry = self._blackboard.find(queue.key)
-        value = None if entry is None else entry.value
-        if value is None:
+        if entry is None:
             return
+        value = entry.value
+        if value is None:
+            raise BlackboardError(
+                f"port [queue] reads {{{queue.key}}}, which has never been written: "
+                "write a list or a text, such as 1;2;3, before the loop starts"
+            )
         if isinstance(value, deque):
             # Shared with the entry: the loop removes the elements, and other nodes may append more meanwhile.
             self._current = value

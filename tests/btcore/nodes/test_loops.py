@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from btcore import In, Status, Tree, TreeError, action
+from btcore import In, NodeExecutionError, Status, Tree, TreeError, action
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]
@@ -136,8 +136,30 @@ def test_list_or_text_entry_is_read_at_each_activation_and_left_unchanged(
     assert sink.got == [1, 2, 7, 8]
 
 
+def test_queue_that_was_never_written_raises(make_tree: Grow) -> None:
+    tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
+    with pytest.raises(NodeExecutionError, match=r"\{q\}, which has never been written"):
+        tree.tick_once()
+
+
 def test_missing_entry_is_an_empty_queue(make_tree: Grow) -> None:
-    assert make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>').tick_once() is S
+    tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
+    tree.blackboard.unset("q")
+    assert tree.tick_once() is S
+
+
+def test_literal_value_is_ignored(make_tree: Grow) -> None:
+    for loop in ('LoopInt queue="1" value="7"', 'LoopString queue="a" value="x"'):
+        tree = make_tree(f"<{loop}><AlwaysSuccess/></{loop.split()[0]}>")
+        assert ticks(tree, 2) == [R, S]
+
+
+def test_equals_sign_is_a_list_and_not_the_entry_of_the_port(make_tree: Grow, sink: Sink) -> None:
+    with pytest.raises(TreeError, match="queue"):
+        make_tree('<LoopInt queue="=" value="{v}"><AlwaysSuccess/></LoopInt>')
+    loop = '<LoopString queue="=" value="{v}"><Take value="{v}"/></LoopString>'
+    assert ticks(make_tree(loop, take, resources=[sink]), 2) == [R, S]
+    assert sink.got == ["="]
 
 
 def test_value_port_is_optional(make_tree: Grow) -> None:
