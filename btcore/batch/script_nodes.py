@@ -4,16 +4,17 @@ from typing import Any
 
 import numpy as np
 
-from btcore.batch.columns import OBJECT, TEXT, BatchValue, Slot
+from btcore.batch.columns import NUMBER, OBJECT, TEXT, BatchValue, Column, Slot
 from btcore.batch.context import BatchContext
 from btcore.batch.conversion import cast, normalise_values, store
 from btcore.batch.node import BatchDecorator, BatchNode, Results, unsupported
 from btcore.batch.ports import BatchInput
 from btcore.batch.script import BatchProgram
-from btcore.blackboard.ports import remapped_key
 from btcore.engine.node import TreeNode
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError
+from btcore.nodes.blackboard_actions import copied_key, copy_error
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
+from btcore.values import IntegerType
 
 
 class AlwaysSuccess(BatchNode):
@@ -117,7 +118,7 @@ class SetBlackboard(BatchNode):
             message = '<SetBlackboard> of a batch needs value="…" and the name of an entry in output_key="…"'
             raise unsupported(self.config, message, "write the name itself, without braces")
         self.text = value.text
-        source = None if value.text in ("=", "{=}") else remapped_key(value.text, "value", 4)
+        source = copied_key(value.text, 4)
         self.source = None if source is None else Slot(context.columns, self.board, source)
         self.target = Slot(context.columns, self.board, str(target.read()))
 
@@ -144,6 +145,9 @@ class SetBlackboard(BatchNode):
         # An untyped entry that no agent has yet gets the type of the source.
         if not target.exists and not target.kind.strong:
             target.entry.declared = source.kind
+        elif refused := agents & target.exists & source.written if _types_clash(source, target) else 0:
+            self.context.fail(self, refused, copy_error(self.target.key, target.kind, source.kind))
+            agents ^= refused
         target.exists |= agents
         empty = agents ^ (agents & source.written)
         agents ^= empty
@@ -172,3 +176,12 @@ class SetBlackboard(BatchNode):
 
     def _fail(self, agents: int, error: BtcoreError) -> None:
         self.context.fail(self, agents, BlackboardError(str(error)))
+
+
+def _types_clash(source: Column, target: Column) -> bool:
+    """Return whether *source* holds numbers of another type than *target*, which SetBlackboard refuses."""
+    if source.form is not NUMBER or not source.kind.strong or not target.kind.strong:
+        return False
+    if source.entry.inferred and isinstance(target.kind, IntegerType):
+        return False
+    return not target.kind.same(source.kind)

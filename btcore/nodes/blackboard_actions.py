@@ -4,11 +4,33 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
+from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import Direction, Port, PortRole, remapped_key
 from btcore.engine.leaf import SyncAction
 from btcore.errors import BlackboardError
 from btcore.status import FAILURE, SUCCESS, Status
-from btcore.values import STRING
+from btcore.values import STRING, ValueType, number_of
+
+
+def copied_key(text: str, format: int) -> str | None:
+    """Return the key of the entry that the text of the port `value` names, or None for a text to write.
+
+    Args:
+        text: The text of the port.
+        format: The format of the tree, 3 or 4.
+    """
+    # BehaviorTree.CPP copies the entry with the name "=", not the entry with the name of the port.
+    if text.strip(" ") == "{=}":
+        return "="
+    return None if text == "=" else remapped_key(text, "value", format)
+
+
+def copy_error(key: str, declared: ValueType, given: ValueType) -> BlackboardError:
+    """Return the error for a copy to the entry *key* of type *declared* from an entry of type *given*."""
+    return BlackboardError(
+        f"the type of the entry '{key}' cannot change from {declared.name} to {given.name}: "
+        "copy to another entry, or assign the value in a Script, which converts it"
+    )
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -17,7 +39,7 @@ class SetBlackboard(SyncAction):
 
     A text is converted if the entry already has a type. `value="{key}"` copies the entry `key`; if the
     destination does not exist, it gets the same type. The node fails if the entry `key` was never written,
-    and raises an error if it does not exist.
+    and raises an error if it does not exist or if the destination has another type.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -40,14 +62,14 @@ class SetBlackboard(SyncAction):
     def tick(self) -> Status:
         """Write the entry."""
         board = self._blackboard
-        key = str(self.get_input("output_key"))
+        key = STRING.cast(self.get_input("output_key"))
         # The text of the port, not its value: BehaviorTree.CPP copies an entry with its type.
         text = self.config.inputs["value"].text if "value" in self.config.inputs else None
         if text is None:
             self.get_input("value")
-        source_key = remapped_key(text or "", "value", self.config.format)
+        source_key = copied_key(text or "", self.config.format)
         value: object = text
-        if source_key is not None and text not in ("=", "{=}"):
+        if source_key is not None:
             source = board.find(source_key)
             if source is None:
                 raise BlackboardError(f"port [value] reads {{{source_key}}}, which is not on the blackboard")
@@ -57,8 +79,22 @@ class SetBlackboard(SyncAction):
             value = source.value
             if value is None:
                 return self.nothing_to_copy(key)
+            self.check_copy(key, source)
         self.write(key, value)
         return SUCCESS
+
+    def check_copy(self, key: str, source: Entry) -> None:
+        """Raise BlackboardError if *source* has another type than the entry *key*, unless it is a text."""
+        target = self._blackboard.find(key)
+        value = source.value
+        if target is None or isinstance(value, str):
+            return
+        have, given = target.declared, source.declared
+        if not have.strong or not given.strong or have.same(given):
+            return
+        # A Python int may stand for any integer type, and an object for its base class.
+        if not have.accepts(value) or (not source.inferred and number_of(value) is not None):
+            raise copy_error(key, have, given)
 
     def nothing_to_copy(self, key: str) -> Status:
         """Return the result if the entry to copy was never written."""

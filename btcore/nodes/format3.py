@@ -4,6 +4,7 @@ from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
+from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick, input_or
@@ -143,7 +144,7 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
 class SetBlackboard3(SetBlackboard):
     """Writes `value` to the entry named by `output_key` (without braces), and succeeds.
 
-    `value="{key}"` copies the entry `key`, even if it was never written.
+    `value="{key}"` copies the entry `key` with its type, even if it was never written.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
@@ -155,6 +156,13 @@ class SetBlackboard3(SetBlackboard):
         if entry is not None:
             entry.value = None
         return SUCCESS
+
+    def check_copy(self, key: str, source: Entry) -> None:
+        """Give the destination the type of *source*: format 3 replaces the type with the value."""
+        entry = self._blackboard.find(key)
+        if entry is not None:
+            entry.declared = source.declared
+            entry.inferred = source.inferred
 
     def write(self, key: str, value: object) -> None:
         """Write *value* without conversion."""

@@ -557,3 +557,11 @@ def test_a_copied_text_is_converted_for_an_entry_behind_a_remapping() -> None:
         tree.tick()
     assert raised.value.statuses.tolist() == [2, 0]
     assert tree.blackboard["total"].tolist() == [6, 1]
+
+
+def test_copy_of_numbers_to_an_entry_of_another_type_raises() -> None:
+    tree = BatchTree.loads(
+        document('<SetBlackboard value="{a}" output_key="b"/>'), 2, blackboard={"a": [1, 2], "b": [0.5, 0.5]}
+    )
+    with pytest.raises(BatchNodeError, match="'b' cannot change from double to int"):
+        tree.tick()

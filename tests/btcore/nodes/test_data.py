@@ -84,6 +84,36 @@ def test_empty_entry_cannot_be_copied(make_tree: Grow) -> None:
     assert make_tree('<SetBlackboard value="{a}" output_key="b"/>').tick_once() is F
 
 
+def test_copy_to_an_entry_of_another_type_raises(make_tree: Grow) -> None:
+    tree = make_tree('<SetBlackboard value="{a}" output_key="b"/>')
+    tree.blackboard["a"] = 1
+    tree.blackboard["b"] = 2.5
+    with pytest.raises(NodeExecutionError, match="'b' cannot change from double to int: copy to another"):
+        tree.tick_once()
+
+
+def test_copied_text_is_converted_to_the_type_of_the_entry(make_tree: Grow) -> None:
+    tree = make_tree('<SetBlackboard value="{a}" output_key="b"/>')
+    tree.blackboard["a"] = "7"
+    tree.blackboard["b"] = 1
+    assert tree.tick_once() is S
+    assert tree.blackboard["b"] == 7
+
+
+def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: Grow) -> None:
+    tree = make_tree('<SetBlackboard value="{=}" output_key="b"/>')
+    tree.blackboard["="] = 7
+    assert tree.tick_once() is S
+    assert tree.blackboard["b"] == 7
+
+
+def test_number_as_output_key_is_converted_to_text_as_in_cpp(make_tree: Grow) -> None:
+    tree = make_tree('<SetBlackboard value="x" output_key="{d}"/>')
+    tree.blackboard["d"] = 2.5
+    assert tree.tick_once() is S
+    assert tree.blackboard["2.500000"] == "x"
+
+
 # --- enum ports
 
 
