@@ -24,6 +24,9 @@ def entry_key(node: TreeNode) -> str:
     port = node.config.inputs.get("entry")
     if port is None or not port.text:
         raise NodeError(f"<{node.id}> needs port [entry], the blackboard entry to check")
+    # "=" does not stand for the name of the port here: BehaviorTree.CPP watches the entry "=".
+    if port.text.strip(" ") in ("=", "{=}"):
+        return "="
     return port.text if port.key is None else port.key
 
 

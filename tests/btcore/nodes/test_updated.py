@@ -14,6 +14,15 @@ R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 DECORATORS = [("SkipUnlessUpdated", K), ("WaitValueUpdate", R)]
 
 
+@pytest.mark.parametrize("text", ["=", "{=}"])
+def test_equals_sign_is_the_name_of_the_entry(text: str, make_tree: Grow) -> None:
+    tree = make_tree(f'<WasEntryUpdated entry="{text}"/>')
+    tree.blackboard["entry"] = 1
+    assert tree.tick_once() is F
+    tree.blackboard["="] = 1
+    assert tree.tick_once() is S
+
+
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
     tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
