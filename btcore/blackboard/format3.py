@@ -2,7 +2,7 @@
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.errors import BlackboardError, ConversionError
-from btcore.values import STRING, ValueType, to_builtin_number, type_of
+from btcore.values import ANY, STRING, ValueType, to_builtin_number, type_of
 
 
 class LegacyBlackboard(Blackboard):
@@ -11,7 +11,7 @@ class LegacyBlackboard(Blackboard):
     The differences from :class:`Blackboard`: ``@`` and ``_`` have no meaning at the start of a key. An entry
     that is created through remappings is stored in every scope that the remappings pass. An untyped entry
     never becomes typed. A typed entry accepts only values of exactly its type; if a port declared the type,
-    it also accepts texts, which are converted.
+    it also accepts texts, which are converted, unless the entry existed before the port.
     """
 
     def find(self, key: str) -> Entry | None:
@@ -50,6 +50,20 @@ class LegacyBlackboard(Blackboard):
             except ConversionError as error:
                 raise BlackboardError(f"the entry '{key}' is of type {kind.name}: {error}") from error
         entry.put(value, self.now())
+
+    def create(self, key: str, declared: ValueType = ANY) -> Entry:
+        """Return the entry of *key*. A port does not change the rule for texts of an existing entry.
+
+        Raises:
+            BlackboardError: The entry has another type, which cannot change to *declared*.
+            ConversionError: The type of the entry may change, but its value does not fit *declared*.
+        """
+        known = self._entries.get(key)
+        inferred = known is not None and known.inferred and known.declared.same(declared)
+        entry = super().create(key, declared)
+        if inferred:
+            entry.inferred = True
+        return entry
 
     def _known(self, key: str) -> Entry | None:
         return self._entries.get(key)

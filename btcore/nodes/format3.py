@@ -214,7 +214,9 @@ class BlackboardCheck(DecoratorNode):
         return left == right
 
     def _read(self, name: str) -> object:
-        value = self.get_input(name)
+        return self._converted(self.get_input(name))
+
+    def _converted(self, value: object) -> object:
         if isinstance(value, str):
             return self.element.from_text(value, 3)
         return self.element.cast(value)
@@ -246,10 +248,17 @@ class BlackboardCheckString(BlackboardCheck):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class BlackboardCheckBool(BlackboardCheck):
-    """Ticks its child while `value_A` equals `value_B` as bools, else returns `return_on_mismatch`."""
+    """Ticks its child while `value_A` equals `value_B` as bools, else returns `return_on_mismatch`.
+
+    Every integer in an entry except 0 is true.
+    """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     element: ClassVar[ValueType] = BOOL
+
+    def _read(self, name: str) -> object:
+        value = self.get_input(name)
+        return value != 0 if isinstance(value, int) else self._converted(value)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

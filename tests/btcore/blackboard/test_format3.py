@@ -56,6 +56,14 @@ def test_typed_entry_accepts_only_its_own_type():
     assert board["i"] == 1
 
 
+def test_int_of_the_program_refuses_texts_even_if_a_port_claims_it():
+    board = LegacyBlackboard()
+    board["i"] = 1
+    board.create("i", INT)
+    with pytest.raises(BlackboardError, match="'i' cannot change from int to"):
+        board["i"] = "2"
+
+
 def test_text_is_converted_after_a_port_declared_the_type():
     board = LegacyBlackboard()
     board.create("i", INT)

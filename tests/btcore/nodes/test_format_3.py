@@ -174,6 +174,13 @@ def test_format_4_has_no_subtree_plus(make_tree: Grow) -> None:
 # --- other differences of format 3
 
 
+def test_bool_check_takes_every_integer_except_0_as_true(make_tree: Grow) -> None:
+    for number, expected in ((3, S), (-1, S), (0, F)):
+        tree = make_tree(check("Bool", "true", "{n}"), format=3)
+        tree.blackboard["n"] = number
+        assert tree.tick_once() is expected
+
+
 def test_dollar_braces_refer_to_an_entry_too(make_tree: Grow) -> None:
     tree = make_tree('<PlanSync plan="${plan}"/>', format=3)
     tree.blackboard["plan"] = "F"
