@@ -37,12 +37,14 @@ def compile_port(node: BatchNode, port: str) -> BatchProgram:
     """Compile the script in *port*.
 
     Raises:
-        TreeError: The port is bound to a blackboard entry instead of a literal.
+        TreeError: The port is empty, or bound to a blackboard entry instead of a literal.
     """
     bound = node.config.inputs[port]
     if bound.key is not None:
         message = f"the script of <{node.id}> is on the blackboard, where each agent may have another script"
         raise unsupported(node.config, message, f'write the script itself: {port}="…"')
+    if not bound.text:
+        raise unsupported(node.config, f"the script of <{node.id}> is empty", f'write a script: {port}="…"')
     return BatchProgram(str(bound.read()), node)
 
 

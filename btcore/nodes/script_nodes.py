@@ -9,13 +9,17 @@ from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, SyncAction
 from btcore.engine.node import TreeNode, execute_tick
+from btcore.errors import NodeError
 from btcore.script.program import Program, compile_script, condition_result
 from btcore.status import ANY_RESULT, FAILURE, RUNNING, SUCCESS, PossibleResults, Status
 from btcore.values import ANY, NODE_STATUS, STRING
 
 
 class PortScript:
-    """The script in an input port: compiled when the tree is loaded, and again when its text changes."""
+    """The script in an input port: compiled when the tree is loaded, and again when its text changes.
+
+    As in BehaviorTree.CPP, a script that is empty from the start is not an error before it is run.
+    """
 
     def __init__(self, node: TreeNode, port: str) -> None:
         self.node = node
@@ -24,8 +28,8 @@ class PortScript:
         self.program: Program | None = None
         self.load()
 
-    def load(self) -> Program:
-        """Return the program of the port's current text, compiled if the text has changed.
+    def load(self) -> Program | None:
+        """Return the program of the port's current text, compiled if the text has changed; None = no script.
 
         Raises:
             NodeError: The port is missing.
@@ -34,20 +38,22 @@ class PortScript:
         """
         text = str(self.node.get_input(self.port))
         program = self.program
-        if program is None or text != self.text:
+        if text != self.text:
             program = compile_script(text, self.node.config.enums)
             self.program = program
             self.text = text
         return program
 
-    def run(self) -> object:
-        """Run the script on the node's blackboard, and return its value."""
-        return self.load().run(self.node._blackboard)
+    def run_condition(self, program: Program | None) -> bool:
+        """Run *program* on the node's blackboard, and return its result. Raise NodeError if it is None."""
+        if program is None:
+            raise NodeError(f"port [{self.port}] has an empty script: write a condition, such as a > 1")
+        return condition_result(program.run(self.node._blackboard))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Script(SyncAction):
-    """Runs the script `code` on the node's blackboard, and succeeds."""
+    """Runs the script `code` on the node's blackboard, and succeeds. An empty script has no effect."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "§"
@@ -67,7 +73,9 @@ class Script(SyncAction):
 
     def tick(self) -> Status:
         """Run the script."""
-        self._script.run()
+        program = self._script.load()
+        if program is not None:
+            program.run(self._blackboard)
         return SUCCESS
 
 
@@ -94,7 +102,8 @@ class ScriptCondition(Condition):
 
     def tick(self) -> Status:
         """Run the script."""
-        return SUCCESS if condition_result(self._script.run()) else FAILURE
+        script = self._script
+        return SUCCESS if script.run_condition(script.load()) else FAILURE
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -141,7 +150,7 @@ class Precondition(DecoratorNode):
         otherwise = cast(Status, self.get_input("else"))
         # There is no halt() that resets _going: BehaviorTree.CPP does not override halt() here either.
         if not self._going:
-            self._going = condition_result(program.run(self._blackboard))
+            self._going = self._script.run_condition(program)
             if not self._going:
                 return otherwise
         status = execute_tick(self.child)

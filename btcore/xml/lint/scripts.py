@@ -155,6 +155,9 @@ def check_script_results(
         reporter: Collects the warnings.
     """
     for attribute, text, is_condition in scripts_of(node):
+        if not text and is_condition and attribute not in node.scripts:
+            message = f"the script in '{attribute}' of {node_label(node)} always raises: it is empty"
+            reporter.warn(SCRIPT_RAISES, message, document, node, attribute)
         try:
             error = find_certain_error(text, enums)
             last = parse_statements(text, enums)[-1]

@@ -167,6 +167,8 @@ def check_scripts(plan: TreePlan, registry: Registry, diagnostics: DiagnosticCol
     document = plan.definition.document
     for node in nodes_of(plan):
         for key, text, _ in scripts_of(node):
+            if not text and key not in node.scripts:
+                continue  # BehaviorTree.CPP accepts an empty port of a Script, and checks it only in ticks
             try:
                 compile_script(text, registry.types.enums)
             except ScriptError as error:

@@ -352,6 +352,7 @@ def test_a_single_result_applies_to_all_agents(returned: object, status: int) ->
             "it runs AlwaysFailure",
         ),
         ('<Script code="{code}"/>', "the script of <Script> is on the blackboard", 'code="…"'),
+        ('<Script code=""/>', "the script of <Script> is empty", 'code="…"'),
         ('<SetBlackboard value="1" output_key="{k}"/>', "needs value", "without braces"),
         ('<Count n="1" out="{n}"/>', "<Count> needs a resource of type Calls", "resources=[…]"),
     ],

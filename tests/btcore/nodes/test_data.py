@@ -114,6 +114,28 @@ def test_number_as_output_key_is_converted_to_text_as_in_cpp(make_tree: Grow) ->
     assert tree.blackboard["2.500000"] == "x"
 
 
+# --- scripts in ports
+
+
+def test_empty_script_succeeds_without_effect(make_tree: Grow) -> None:
+    assert make_tree('<Script code=""/>').tick_once() is S
+
+
+@pytest.mark.parametrize(
+    ("body", "port"),
+    [('<ScriptCondition code=""/>', "code"), ('<Precondition if=""><AlwaysSuccess/></Precondition>', "if")],
+)
+def test_empty_condition_raises_when_it_is_ticked(body: str, port: str, make_tree: Grow) -> None:
+    tree = make_tree(body)
+    with pytest.raises(NodeExecutionError, match=rf"port \[{port}\] has an empty script"):
+        tree.tick_once()
+
+
+def test_script_of_spaces_is_refused(make_tree: Grow) -> None:
+    with pytest.raises(TreeError, match="empty"):
+        make_tree('<Script code=" "/>')
+
+
 # --- enum ports
 
 

@@ -19,6 +19,14 @@ def dedented(text: str) -> str:
 REPEAT = "<AlwaysSuccess/></Repeat>"
 
 CASES = {
+    "an empty condition": (
+        '<ScriptCondition code=""/>',
+        """
+        t.xml:3:27: W207 the script in 'code' of <ScriptCondition> always raises: it is empty
+           3 |      <ScriptCondition code=""/>
+             |                            ^^
+        """,
+    ),
     "a leaf without its port": (
         "<Say/>",
         """
