@@ -125,7 +125,8 @@ class TreeInstantiator:
         self.blackboard = blackboard if blackboard is not None else self._scopes(clock=clock)
         self.subtrees: list[Subtree] = []
         self._nodes: list[TreeNode] = []
-        self._paths: set[str] = set()
+        # The main tree's path is the empty text, as in BehaviorTree.CPP.
+        self._paths: set[str] = {""}
         self._declared: dict[Entry, tuple[Binding, NodeConfig]] = {}
         self._uid = 0
         self._diagnostics = DiagnosticCollector()

@@ -72,7 +72,7 @@ class TreeDefinitions:
             only_child = len(root.children) == 1
             for element in root.iterchildren("BehaviorTree"):
                 written = element.get("ID")
-                if written is None and not only_child and dialect.tree_ids_checked:
+                if not written and not only_child and dialect.tree_ids_checked:
                     message = "missing ID of the <BehaviorTree>"
                     hint = 'write <BehaviorTree ID="…">'
                     diagnostics.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))

@@ -197,6 +197,17 @@ def test_in_format_3_a_subtree_is_isolated_and_remaps_keys_without_braces() -> N
     assert sorted(tree.blackboard) == ["outer"]
 
 
+@pytest.mark.parametrize("written", ["", ' ID=""'])
+def test_tree_without_an_id_among_several_is_refused(written: str) -> None:
+    with pytest.raises(TreeError, match="missing ID of the <BehaviorTree>"):
+        load_tree("<AlwaysSuccess/>", f"<BehaviorTree{written}><AlwaysSuccess/></BehaviorTree>")
+
+
+def test_subtree_at_the_root_without_a_name_text_is_refused() -> None:
+    with pytest.raises(TreeError, match="two SubTree nodes have the path ''"):
+        load_tree('<SubTree ID="Sub" name=""/>', sub("<AlwaysSuccess/>"))
+
+
 def test_in_format_3_a_blackboard_may_be_shared() -> None:
     body = '<SetBlackboard value="1" output_key="key"/>'
     tree = load_tree('<SubTree ID="Sub" __shared_blackboard="true"/>', sub(body), root="")
