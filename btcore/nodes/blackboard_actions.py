@@ -19,10 +19,10 @@ def copied_key(text: str, format: int) -> str | None:
         text: The text of the port.
         format: The format of the tree, 3 or 4.
     """
+    if "{" not in text:
+        return None
     # BehaviorTree.CPP copies the entry with the name "=", not the entry with the name of the port.
-    if text.strip(" ") == "{=}":
-        return "="
-    return None if text == "=" else remapped_key(text, "value", format)
+    return "=" if text.strip(" ") == "{=}" else remapped_key(text, "value", format)
 
 
 def copy_error(key: str, declared: ValueType, given: ValueType) -> BlackboardError:
@@ -104,7 +104,11 @@ class SetBlackboard(SyncAction):
         """Write *value*; a text is converted if the entry has a type."""
         board = self._blackboard
         entry = board.find(key)
-        if isinstance(value, str) and entry is not None and entry.declared.strong:
+        if isinstance(value, str) and entry is not None:
+            if not entry.declared.strong:
+                # The text does not determine the type: BehaviorTree.CPP accepts a number later, too.
+                entry.put(value, board.now())
+                return
             value = entry.declared.from_text(value, self.config.format)
         board.set(key, value)
 

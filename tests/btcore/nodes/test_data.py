@@ -100,6 +100,15 @@ def test_copied_text_is_converted_to_the_type_of_the_entry(make_tree: Grow) -> N
     assert tree.blackboard["b"] == 7
 
 
+def test_text_leaves_an_untyped_entry_untyped(make_tree: Grow) -> None:
+    tree = make_tree('<SetBlackboard value="x" output_key="s"/>')
+    tree.blackboard["s"] = "y"
+    assert tree.tick_once() is S
+    assert tree.blackboard["s"] == "x"
+    tree.blackboard["s"] = 7
+    assert tree.blackboard["s"] == 7
+
+
 def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: Grow) -> None:
     tree = make_tree('<SetBlackboard value="{=}" output_key="b"/>')
     tree.blackboard["="] = 7
