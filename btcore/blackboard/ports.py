@@ -14,7 +14,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.errors import BlackboardError, ConversionError
-from btcore.values import ANY, STRING, EnumType, ValueType
+from btcore.values import ANY, NODE_STATUS, STRING, EnumType, ValueType
 
 UNSET: Final = object()
 """The marker for "no default", because None is a possible default."""
@@ -99,9 +99,11 @@ class Port:
         """Whether a literal must convert to the type of the port before a tree is loaded.
 
         BehaviorTree.CPP checks the texts of enums when a node reads them, which would be too late for typos.
+        For node statuses its recorded answers are followed: such a tree loads.
         """
         kind = self.type
-        return kind.strong and (kind.converts or (self.reads and isinstance(kind, EnumType)))
+        is_user_enum = isinstance(kind, EnumType) and kind is not NODE_STATUS
+        return kind.strong and (kind.converts or (self.reads and is_user_enum))
 
 
 def remapped_key(text: str, name: str, format: int = 4) -> str | None:
