@@ -57,12 +57,11 @@ def test_trees_match_the_recordings(name: str, count: int) -> None:
 
 
 @pytest.mark.parametrize("file", sorted(MORE.glob("*.jsonl.gz")), ids=lambda file: file.name)
-def test_sample_of_further_cases_matches_the_recordings(file: Path) -> None:
-    # All of them run in 7 s: python -m btcore.testing.conformance tests/conformance/data/more/*.jsonl.gz
-    sample = list(read_cases(file))[::20]
-    assert sample
-    differences = {case["id"]: difference for case in sample if (difference := compare_case(case, NODES))}
-    assert {case["id"] for case in sample if documented_difference(case, NODES)} >= set(differences)
+def test_further_cases_match_the_recordings(file: Path) -> None:
+    cases = list(read_cases(file))
+    assert cases
+    different = [case for case in cases if compare_case(case, NODES) is not None]
+    assert [case["id"] for case in different if documented_difference(case, NODES) is None] == []
 
 
 def test_explicit_tag_below_a_reactive_sequence_is_a_documented_difference() -> None:
