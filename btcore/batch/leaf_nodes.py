@@ -16,7 +16,7 @@ from btcore.clock import Clock
 from btcore.engine.leaf import SyncAction
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
-from btcore.registry.manifest import matching_resources
+from btcore.registry.manifest import find_resource
 from btcore.status import Status
 
 
@@ -44,18 +44,17 @@ class LeafNode(BatchNode):
             return self.context.clock
         if parameter.annotation is NodeName:
             return NodeName(self.name)
-        candidates = matching_resources(self.context.resources, parameter.annotation)
-        if len(candidates) == 1:
-            return candidates[0]
-        wanted = getattr(parameter.annotation, "__name__", str(parameter.annotation))
-        if candidates:
-            message = (
-                f"{len(candidates)} resources of the class {type(candidates[0]).__name__} fit the parameter "
-                f"'{parameter.name}' of <{self.leaf.id}>"
-            )
-            raise unsupported(self.config, message, "pass only one of them, or give each a class of its own")
+        where = f"'{parameter.name}' of <{self.leaf.id}>"
+        try:
+            resource = find_resource(self.context.resources, parameter.annotation, where)
+        except NodeError as error:
+            message, _, hint = str(error).partition(": ")
+            raise unsupported(self.config, message, hint) from None
+        if resource is not UNSET:
+            return resource
         if parameter.default is not UNSET:
             return parameter.default
+        wanted = getattr(parameter.annotation, "__name__", str(parameter.annotation))
         message = f"<{self.leaf.id}> needs a resource of type {wanted} for its parameter '{parameter.name}'"
         raise unsupported(self.config, message, "pass it to BatchTree.load(…, resources=[…])")
 

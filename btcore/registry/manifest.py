@@ -224,14 +224,9 @@ class Resources(list[object]):
         return self._found[parameter]
 
     def _look_for(self, parameter: Parameter, id: str) -> object:
-        candidates = matching_resources(self, parameter.resource_type)
-        if len(candidates) > 1:
-            raise NodeError(
-                f"{len(candidates)} resources of the class {type(candidates[0]).__name__} fit the parameter "
-                f"'{parameter.name}' of <{id}>: pass only one of them, or give each a class of its own"
-            )
-        if candidates:
-            return candidates[0]
+        resource = find_resource(self, parameter.resource_type, f"'{parameter.name}' of <{id}>")
+        if resource is not UNSET:
+            return resource
         if is_tree_state(parameter.resource_type):
             state = parameter.resource_type()
             self.append(state)
@@ -239,21 +234,29 @@ class Resources(list[object]):
         return parameter.default
 
 
-def matching_resources(resources: Sequence[object], wanted: Any) -> list[object]:
-    """Return the first resource that fits a parameter of type *wanted*, and all others of the same class.
+def find_resource(resources: Sequence[object], wanted: Any, parameter: str) -> object:
+    """Return the first resource that fits a parameter of type *wanted*, or UNSET.
 
-    Several different objects mean that the choice between them would be arbitrary.
+    Args:
+        resources: The resources; a resource may be listed twice.
+        wanted: The type of the parameter.
+        parameter: The name of the parameter and its leaf, for messages.
 
     Raises:
+        NodeError: Other resources of the same class fit, too: the choice between them would be arbitrary.
         TypeError: isinstance() does not support the type.
     """
-    found: dict[int, object] = {}  # by identity: a resource may be listed twice
-    first: type | None = None
-    for resource in resources:
-        if isinstance(resource, wanted) and (first is None or type(resource) is first):
-            first = type(resource)
-            found[id(resource)] = resource
-    return list(found.values())
+    fitting = [resource for resource in resources if isinstance(resource, wanted)]
+    if not fitting:
+        return UNSET
+    first = fitting[0]
+    count = len({id(resource) for resource in fitting if type(resource) is type(first)})
+    if count > 1:
+        raise NodeError(
+            f"{count} resources of the class {type(first).__name__} fit the parameter {parameter}: "
+            "pass only one of them, or give each a class of its own"
+        )
+    return first
 
 
 def is_tree_state(wanted: object) -> TypeGuard[type[TreeState]]:
