@@ -12,14 +12,14 @@ class EventLoopWait:
 
     Args:
         context: The context of the tree.
-        period: The time between ticks (s, tree's clock).
+        schedule: The due times of the ticks.
     """
 
-    def __init__(self, context: TreeContext, period: float) -> None:
+    def __init__(self, context: TreeContext, schedule: TickSchedule) -> None:
         self._context = context
         self._loop = asyncio.get_running_loop()
         self._woken = asyncio.Event()
-        self._schedule = TickSchedule(period, context.clock.now())
+        self._schedule = schedule
         context.on_wake = self._wake
 
     async def until_next_tick(self) -> None:

@@ -176,10 +176,10 @@ class Tree:
 
         from btcore.tree.event_loop import EventLoopWait
 
+        schedule = TickSchedule(period, self.context.clock.now())
         self._begin_loop()
-        wait: EventLoopWait | None = None
+        wait = EventLoopWait(self.context, schedule)
         try:
-            wait = EventLoopWait(self.context, period)
             while True:
                 hooks = self._hooks
                 if hooks is not None and hooks.may_pause:
@@ -194,8 +194,7 @@ class Tree:
             raise
         finally:
             self._in_loop = False
-            if wait is not None:
-                wait.close()
+            wait.close()
             if self._hooks is not None:
                 self._hooks.close_tick_thread()
 
