@@ -20,8 +20,8 @@ class LoopNode(DecoratorNode):
     A RUNNING child is ticked again with the same element. The node is RUNNING until the queue is empty and
     then returns `if_empty` (default SUCCESS); it fails as soon as the child fails. `queue` is a literal
     list (`1;2;3`), which starts from the beginning whenever the node starts, or an entry that holds a deque
-    (its elements are removed), a list, or a text like the literal. An
-    entry that was never written is an error.
+    (its elements are removed), a list, or a text like the literal. An entry that was never written is an
+    error.
     """
 
     node_symbol: ClassVar[str] = "↺"
