@@ -230,6 +230,15 @@ class DataMissed:
 
 
 @dataclass(frozen=True, slots=True)
+class HooksFound:
+    """The robot has hooks of other clients, which may stop its tree. *warning* is a text for users."""
+
+    t: int
+    wall: int
+    warning: str
+
+
+@dataclass(frozen=True, slots=True)
 class ConnectionChanged:
     """A change of the connection to the robot. *detail* is a description for users."""
 
@@ -247,6 +256,7 @@ Event = (
     | ExceptionRaised
     | TransitionsLost
     | DataMissed
+    | HooksFound
     | ConnectionChanged
 )
 """An event of a feed. A feed returns events in the order in which they happened."""

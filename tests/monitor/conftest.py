@@ -129,7 +129,7 @@ class Command:
         self.process = subprocess.Popen(
             [sys.executable, "-m", "btcore", *map(str, arguments)],
             cwd=folder,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "monitor")])},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,

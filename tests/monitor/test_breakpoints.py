@@ -10,15 +10,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import btcore
 from btcore import SimClock
 from btcore_monitor.breakpoints import BreakpointClient, BreakpointError, find_nodes
+from btcore_monitor.commands.hook import hook as hook_command
 from btcore_monitor.events import ObservedNode, ObservedTree
 from btcore_monitor.serve import serve
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 ROOT = Path(__file__).parents[2]
+PYTHON_PATH = os.pathsep.join([str(ROOT), str(ROOT / "monitor")])
 PATROL = """
 <root BTCPP_format="4" main_tree_to_execute="Patrol">
   <BehaviorTree ID="Patrol">
@@ -73,7 +76,7 @@ def command(*arguments: str) -> list[str]:
 
 
 def hook(*arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, "PYTHONPATH": PYTHON_PATH}
     return subprocess.run(
         command(*arguments),
         capture_output=True,
@@ -264,13 +267,32 @@ def test_the_command_injects_a_status_and_lists_and_clears_hooks(robot):
     assert "stopped before the next tick; running: " in hook(robot.address, "step", "2").stdout
 
 
+def test_commands_that_set_hooks_warn_about_hooks_of_other_clients(robot):
+    robot.start()
+    with BreakpointClient(robot.address) as other:
+        other.inject("rescue", "FAILURE", once=False)
+        warning = (
+            "warning: other clients left hooks in the robot: injects before rescue FAILURE. A breakpoint "
+            "stops the tree while a client is connected. To remove all hooks: "
+            f"btcore hook {robot.address} clear\n"
+        )
+
+        def stderr(*arguments: str) -> str:
+            return CliRunner().invoke(hook_command, [robot.address, *arguments]).stderr
+
+        assert stderr("inject", "left", "FAILURE") == warning
+        assert stderr("step", "1").startswith(warning)
+        assert warning not in stderr("break", "rescue", "--leave")
+        assert stderr("list") == ""
+
+
 def test_the_command_watches_breakpoints_until_the_last_is_released(robot):
     robot.start()
     watching = subprocess.Popen(
         command(robot.address, "break", "left", "right", "--once", "--duration", "60"),
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": PYTHON_PATH},
     )
     assert watching.stdout is not None
     said = [watching.stdout.readline() for _ in range(3)]
@@ -314,7 +336,7 @@ def run_of_btcore(folder: Path, *options: str) -> subprocess.Popen[str]:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": PYTHON_PATH},
     )
 
 

@@ -14,7 +14,6 @@ from btcore_monitor.viewer_setup import check_installed, duration_option, stop_o
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient, HookReached
-    from btcore_monitor.wire.hooks import WireHook
 
 _CHECK_EVERY: Final = 0.1
 """Time (s) between two checks whether to stop."""
@@ -104,6 +103,7 @@ def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, dura
         paths = robot.break_at(*patterns, after=after, once=once)
         for path in paths:
             click.echo(f"breakpoint {'after' if after else 'before'} {path}")
+        _warn_of_other_hooks(robot, paths)
         if leave:
             click.echo(_TIMEOUT_NOTICE, err=True)
             return
@@ -133,6 +133,7 @@ def step(count: int | None, within: float) -> None:
     At a terminal, without COUNT, each Enter is one tick, and q lets the tree run.
     """
     with _robot() as robot:
+        _warn_of_other_hooks(robot, [robot.tree.root.path])
         if count is not None or not sys.stdin.isatty():
             _print_step(robot, robot.step(count or 1, within))
             click.echo(_TIMEOUT_NOTICE, err=True)
@@ -159,6 +160,7 @@ def inject(pattern: str, status: str, after: bool, keep: bool, within: float, du
     """Let the next tick of the nodes that match PATTERN end with STATUS (SUCCESS or FAILURE)."""
     with _robot() as robot:
         paths = robot.inject(pattern, status, after=after, once=not keep)
+        _warn_of_other_hooks(robot, paths)
         if keep:
             for path in paths:
                 click.echo(f"{path}: always {status}")
@@ -183,8 +185,10 @@ def inject(pattern: str, status: str, after: bool, keep: bool, within: float, du
 @hook.command("list")
 def list_() -> None:
     """List the robot's hooks, also those of other clients."""
+    from btcore_monitor.wire.hooks import describe_hook
+
     with _robot() as robot:
-        lines = [_describe(hook, robot.path_of(hook.uid)) for hook in robot.hooks()]
+        lines = [describe_hook(hook, robot.path_of(hook.uid)) for hook in robot.hooks()]
         click.echo("\n".join(lines) or "no hooks")
 
 
@@ -202,18 +206,13 @@ def clear(pattern: str, disable: bool) -> None:
         click.echo("\n".join(f"cleared {path}" for path in paths) or "no hooks")
 
 
-def _describe(hook: "WireHook", path: str) -> str:
-    from btcore_monitor.wire.hooks import BREAKPOINT, OVERRIDING, PRE
+def _warn_of_other_hooks(robot: "BreakpointClient", own_paths: Collection[str]) -> None:
+    """Print a warning if the robot has hooks at other nodes than *own_paths*."""
+    from btcore_monitor.watch.hooks_warning import hooks_warning
 
-    words = [
-        "breakpoint" if hook.mode == BREAKPOINT else "injects",
-        "before" if hook.position == PRE else "after",
-        path,
-        hook.desired_status if hook.desired_status in OVERRIDING else "",
-        "once" if hook.once else "",
-        "" if hook.enabled else "(disabled)",
-    ]
-    return " ".join(filter(None, words))
+    others = [hook for hook in robot.hooks() if robot.path_of(hook.uid) not in own_paths]
+    if others:
+        click.echo(hooks_warning(others, robot.path_of, robot.address), err=True)
 
 
 def _print_step(robot: "BreakpointClient", reached: "HookReached") -> None:

@@ -177,13 +177,15 @@ def _label(feed: "Feed") -> str:
 
 
 def _show(feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Event) -> None:
-    from btcore_monitor.events import ConnectionChanged
+    from btcore_monitor.events import ConnectionChanged, HooksFound
 
     for events in feed.batches(until_end):
         for event in events:
             view.show(event)
             if isinstance(event, ConnectionChanged):
                 click.echo(f"monitor: {event.detail or event.state}", err=True)
+            elif isinstance(event, HooksFound):
+                click.echo(f"monitor: {event.warning}", err=True)
         if not events:
             view.flush()
         if stop.is_set():

@@ -130,7 +130,13 @@ class _Files:
 
 
 def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:
-    from btcore_monitor.events import ConnectionChanged, DataMissed, TransitionsLost, TreeSeen
+    from btcore_monitor.events import (
+        ConnectionChanged,
+        DataMissed,
+        HooksFound,
+        TransitionsLost,
+        TreeSeen,
+    )
 
     stop = threading.Event()
     deadline = None if duration is None else time.monotonic() + duration
@@ -148,6 +154,8 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
                     _print(f"the transitions {event.first} to {event.last} are lost")
                 elif isinstance(event, DataMissed):
                     _print(f"{event.topic} missing: {event.reason}")
+                elif isinstance(event, HooksFound):
+                    _print(event.warning)
                 elif isinstance(event, ConnectionChanged):
                     _print(event.detail or event.state)
                     ended = event.state == "ended"

@@ -21,6 +21,7 @@ from btcore_monitor.events import (
     DataMissed,
     DataSource,
     ExceptionRaised,
+    HooksFound,
     ObservedTree,
     StatusChanged,
     Ticked,
@@ -106,6 +107,10 @@ class TransitionLog:
         """Log missing data of unknown amount."""
         since = f"since {event.since / 1e9:.2f}s " if event.since < event.t else ""
         self._warn(event.t, event.wall, f"{event.topic} {since}incomplete: {event.reason}")
+
+    def hooks(self, event: HooksFound) -> None:
+        """Log the warning about hooks of other clients."""
+        self._warn(event.t, event.wall, event.warning)
 
     def show_source(self, source: DataSource, t: int, wall: int) -> None:
         """Log which data the robot does not send, at tree time *t* and wall time *wall* (ns)."""

@@ -14,6 +14,7 @@ from btcore_monitor.events import (
     DataSource,
     Event,
     ExceptionRaised,
+    HooksFound,
     SceneMoving,
     SceneStatic,
     StatusChanged,
@@ -196,6 +197,7 @@ class _Shown:
             ExceptionRaised: self._raised,
             TransitionsLost: self._gap,
             DataMissed: self._incomplete,
+            HooksFound: self.log.hooks,
             ConnectionChanged: self._link,
         }
 

@@ -19,6 +19,7 @@ from btcore_monitor.events import (
     DataMissed,
     DataSource,
     Event,
+    HooksFound,
     ObservedTree,
     StatusChanged,
     Topic,
@@ -26,13 +27,14 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.watch.blackboard_poller import BlackboardPoller
 from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.watch.hooks_warning import hooks_warning
 from btcore_monitor.watch.recording_validator import (
     MissingTransitionsError,
     RecordingOverflowError,
     RecordingValidator,
     RobotClock,
 )
-from btcore_monitor.wire.errors import RobotRefusedError
+from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
 from btcore_monitor.wire.fulltree import read_fulltree
 from btcore_monitor.wire.groot2 import (
     Reply,
@@ -42,6 +44,7 @@ from btcore_monitor.wire.groot2 import (
     decode_statuses,
     decode_transitions,
 )
+from btcore_monitor.wire.hooks import decode_hooks
 
 STATUS_EVERY: Final = 0.05
 """Seconds (wall clock) between two requests for statuses."""
@@ -78,6 +81,8 @@ class Groot2Feed:
         self._wants_record = self._record = record
         self._no_record = ""
         self._tree_id = ""
+        self._hooks_listed_for = ""
+        self._must_list_hooks = False
         self._records: dict[int, StatusRecord] | None = None
         self._observed: dict[int, StatusRecord] | None = None
         self._validator: RecordingValidator | None = None
@@ -167,6 +172,9 @@ class Groot2Feed:
             self._begin(Request.GET_TRANSITIONS)
         elif self._records is not None and self._record and self._validator is None:
             self._begin(Request.TOGGLE_RECORDING, b"start")
+        elif self._must_list_hooks:
+            self._must_list_hooks = False
+            self._begin(Request.HOOKS_DUMP)
         elif self._records is None or self._boards.due >= self._next_status <= now:
             # Statuses before recorded transitions: a batch must contain all transitions up to the statuses.
             self._next_status = now + self._every
@@ -197,6 +205,8 @@ class Groot2Feed:
                 events.append(BlackboardSeen(self._clock.t(wall), wall, boards))
         elif reply.kind == Request.GET_TRANSITIONS:
             self._apply(reply.body, events)
+        elif reply.kind == Request.HOOKS_DUMP:
+            self._warn_of_hooks(reply.body, events)
         elif reply.kind == Request.TOGGLE_RECORDING and reply.body:
             # µs on the wire, ns in events
             self._start(1000 * decode_recording_start(reply.body))
@@ -248,6 +258,9 @@ class Groot2Feed:
         events.append(
             TreeSeen(self.tree, self._seen_up_to, wall, statuses, numbered=False, source=self._source())
         )
+        if self._hooks_listed_for != self._tree_id:
+            self._hooks_listed_for = self._tree_id
+            self._must_list_hooks = True
 
     def _source(self) -> DataSource:
         rate = self._boards.rate
@@ -266,6 +279,23 @@ class Groot2Feed:
         return DataSource("Groot 2, sampled", lacks)
 
     # Events
+
+    def _warn_of_hooks(self, dump: bytes, events: list[Event]) -> None:
+        """Report hooks in the robot. The feed sets no hooks, so other clients have set all of them."""
+        assert self.tree is not None
+        nodes = self.tree.by_uid
+        try:
+            hooks = decode_hooks(dump)
+        except ProtocolError as error:
+            warning = f"warning: the robot's list of hooks is invalid: {error}"
+        else:
+            if not hooks:
+                return
+            warning = hooks_warning(
+                hooks, lambda uid: nodes[uid].path if uid in nodes else f"node {uid}", self.client.address
+            )
+        wall = self._clock.wall()
+        events.append(HooksFound(self._clock.t(wall), wall, warning))
 
     def _compare(
         self, before: Mapping[int, StatusRecord], observed: Mapping[int, StatusRecord], events: list[Event]
@@ -367,5 +397,6 @@ class Groot2Feed:
             self._no_record = reason
             self._show(self._clock.wall(), self._records, events)
         else:
-            return False
+            # A robot may refuse to list its hooks, for example a btcore robot without control.
+            return request is Request.HOOKS_DUMP
         return True

@@ -142,6 +142,24 @@ def encode_dump(hooks: Iterable[WireHook]) -> bytes:
     return json.dumps([hook._asdict() for hook in hooks], sort_keys=True, separators=(",", ":")).encode()
 
 
+def describe_hook(hook: WireHook, path: str) -> str:
+    """Return *hook* as a phrase for users, such as ``breakpoint before Main/Move (disabled)``.
+
+    Args:
+        hook: The hook.
+        path: The path of the hook's node.
+    """
+    words = [
+        "breakpoint" if hook.mode == BREAKPOINT else "injects",
+        "before" if hook.position == PRE else "after",
+        path,
+        hook.desired_status if hook.desired_status in OVERRIDING else "",
+        "once" if hook.once else "",
+        "" if hook.enabled else "(disabled)",
+    ]
+    return " ".join(filter(None, words))
+
+
 def encode_breakpoint_reached(uid: int, unique_id: int) -> list[bytes]:
     """Return the frames of a notification that a hook has fired.
 

@@ -41,8 +41,9 @@ class CppRobot:
     """A robot with the captures' tree of ten nodes, until :meth:`close`; port 0 chooses a free port.
 
     *statuses* is the STATUS buffer (uid → code); a node's status signal calls *changed*. *asked*
-    counts requests by their letter. *refused* maps a letter to the error in the reply, *delay* (s) is
-    the duration of a reply, and at a request *stall_at* the robot does not respond until :meth:`resume`.
+    counts requests by their letter. *hooks* is the reply to HOOKS_DUMP. *refused* maps a letter to the error
+    in the reply, *delay* (s) is the duration of a reply, and at a request *stall_at* the robot does not
+    respond until :meth:`resume`.
     """
 
     def __init__(self, port: int = 0, xml: bytes | None = None, tree_id: bytes | None = None) -> None:
@@ -54,6 +55,7 @@ class CppRobot:
             self.statuses = dict.fromkeys((1, 2, 3, 4, 5, 6, 10, 7, 8, 9), 0)
         self._now = dict.fromkeys(self.statuses, 0)
         self.boards = b"\xc0"
+        self.hooks = b"[]"
         self.asked: Counter[str] = Counter()
         self.refused: dict[str, str] = {}
         self.names: list[bytes] = []
@@ -138,6 +140,8 @@ class CppRobot:
         if letter == "B":
             self.names.append(request[1])
             return self._blackboards(request[1])
+        if letter == "D":
+            return self.hooks
         if letter == "t":
             recorded = b"".join(self._recorded)
             self._recorded.clear()
