@@ -4,11 +4,11 @@ Invalid XML is reported with file, line and column. A ``<!DOCTYPE …>`` with co
 """
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from btcore.diagnostic_codes import (
-    BARE_MARKUP,
     DOCUMENT_TYPE,
     EMPTY_DOCUMENT,
     NOT_UTF8,
@@ -23,7 +23,7 @@ from btcore.xml.read.element import EXAMPLE, Element, ElementPart, encoded, pars
 if TYPE_CHECKING:
     # Imported where they are used: a correct document with one-line tags needs none of them.
     from btcore.xml.read.positions import SourceMap
-    from btcore.xml.read.tinyxml2_compat import EscapedText
+    from btcore.xml.read.tinyxml2_parser import Finding
 
 _BYTE_ORDER_MARKS: Final = (
     (b"\xff\xfe\x00\x00", "UTF-32"),
@@ -51,16 +51,15 @@ class Document:
         root: Element,
         text: str,
         file: str,
-        escaped: "EscapedText | None" = None,
+        findings: "Sequence[Finding]" = (),
         knows_lines: bool = False,
     ) -> None:
         self.root = root
         self.text = text
         self.file = file
-        self._escaped = escaped
+        self._findings = findings
         self._source_map: SourceMap | None = None
         self.knows_lines = knows_lines
-        self._parsed: list[Any] = []
 
     @property
     def folder(self) -> Path:
@@ -85,13 +84,7 @@ class Document:
 
     def text_in(self, element: Element) -> str:
         """Return the text in *element* up to its first child."""
-        # Only descriptions in models need it, so the text is parsed a second time, on first use.
-        if not self._parsed:
-            from btcore.xml.read.libxml2 import parse_lxml_tree
-
-            parsed = self.text if self._escaped is None else self._escaped.text
-            self._parsed = list(parse_lxml_tree(encoded(parsed)).iter("*"))
-        return self._parsed[self.source_map.index(element)].text or ""
+        return self.source_map.text_in(element)
 
     def diagnostic(
         self,
@@ -121,35 +114,15 @@ class Document:
 
     @property
     def warnings(self) -> list[Diagnostic]:
-        """A warning for every attribute value that contains an unescaped ``<`` or ``&``."""
-        if self._escaped is None:
+        """A warning for everything that BehaviorTree.CPP accepts, but other XML tools reject."""
+        if not self._findings:
             return []
         from btcore.xml.read.positions import span_at
 
-        warnings: list[Diagnostic] = []
-        end = 0
-        for escape in self._escaped.escapes:
-            if escape.original not in "<&" or escape.offset < end:
-                continue
-            value, end = self._escaped_value(self._escaped, escape.offset)
-            message = f"unescaped '{escape.original}' in an attribute value is read as text"
-            hint = f"other XML tools reject it; write {value}"
-            place = span_at(self.text, escape.offset)
-            warnings.append(place.diagnostic(BARE_MARKUP, message, self.file, hint))
-        return warnings
-
-    def _escaped_value(self, escaped: "EscapedText", offset: int) -> tuple[str, int]:
-        """Return the attribute around *offset*, correctly escaped, and the offset of its end."""
-        text = self.text
-        quote_at = max(text.rfind('="', 0, offset), text.rfind("='", 0, offset)) + 1
-        start = max(text.rfind(gap, 0, quote_at) for gap in " \t\r\n<") + 1
-        end = text.find(text[quote_at], offset) + 1
-        pieces: list[str] = []
-        for escape in escaped.escapes:
-            if start <= escape.offset < end and escape.original in "<&":
-                pieces += (text[start : escape.offset], escape.written)
-                start = escape.offset + 1
-        return "".join((*pieces, text[start:end])), end
+        return [
+            span_at(self.text, offset, width).diagnostic(code, message, self.file, hint)
+            for offset, width, code, message, hint in self._findings
+        ]
 
 
 def parse_text(text: str, file: str = "") -> Document:
@@ -172,19 +145,19 @@ def parse_text(text: str, file: str = "") -> Document:
     if zero >= 0:
         raise _syntax_error(NOT_XML, "invalid XML: the text contains a NUL character", text, zero, file)
     # Escaping is slow, so it is skipped if certainly no value contains a line break or a tab.
-    escaped = None
+    escaped = text
     if not _has_one_line_tags(text):
-        from btcore.xml.read.tinyxml2_compat import escape_attribute_values, may_keep_line_breaks
+        from btcore.xml.read.tinyxml2_compat import escape_line_breaks, may_keep_line_breaks
 
         if may_keep_line_breaks(text):
-            escaped = escape_attribute_values(text)
-    plain = parse_with_expat(encoded(text if escaped is None else escaped.text))
+            escaped = escape_line_breaks(text)
+    plain = parse_with_expat(encoded(escaped))
     if plain is not None:
-        return Document(plain, text, file, escaped, knows_lines=escaped is None or not escaped.escapes)
-    from btcore.xml.read.libxml2 import parse_leniently
+        return Document(plain, text, file, knows_lines=escaped is text)
+    from btcore.xml.read.tinyxml2_parser import parse_as_tinyxml2
 
-    root, escaped = parse_leniently(text, escaped, file)
-    return Document(root, text, file, escaped)
+    root, findings = parse_as_tinyxml2(text, file)
+    return Document(root, text, file, findings)
 
 
 def _has_one_line_tags(text: str) -> bool:

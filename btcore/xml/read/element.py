@@ -1,7 +1,7 @@
 """The elements of a document, and their parser for plain texts: expat, which comes with Python.
 
-Texts that expat rejects, and texts that libxml2 may parse differently, are parsed by libxml2, which decides
-what is valid XML (libxml2.py).
+Texts that expat rejects, and texts that tinyxml2 may parse differently, are parsed by the rules of tinyxml2
+(tinyxml2_parser.py), which decides what BehaviorTree.CPP accepts.
 """
 
 from collections.abc import Iterator
@@ -14,8 +14,8 @@ ElementPart = Literal["name", "value"]
 EXAMPLE: Final = 'a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>'
 """A hint for documents without a tree."""
 
-# Below libxml2's own limit of 2,048 levels, so that libxml2 reports deeper documents.
-_MOST_LEVELS: Final = 2_000
+MAX_LEVELS: Final = 2_048
+"""Maximum number of levels of elements in a document. The limit of a tree's depth is lower."""
 
 
 class Element:
@@ -56,12 +56,12 @@ def encoded(text: str) -> bytes:
     return text.encode("utf-8", "replace")
 
 
-class _NeedsLibxml2Error(Exception):
-    """Expat found something that libxml2 must parse."""
+class _UnusualError(Exception):
+    """Expat found something that tinyxml2 may parse differently, or that needs a warning or an error."""
 
 
 def parse_with_expat(data: bytes) -> Element | None:
-    """Return the outermost element of *data* (UTF-8), with lines, or None if libxml2 must parse it."""
+    """Return the outermost element of *data* (UTF-8), with lines, or None if tinyxml2's rules are needed."""
     names: dict[str, str] = {}
     parser = expat.ParserCreate("utf-8", None, names)
     top: list[Element] = []
@@ -73,8 +73,8 @@ def parse_with_expat(data: bytes) -> Element | None:
         around.append(element.children)
 
     def end(_: str) -> None:
-        if len(around) > _MOST_LEVELS:
-            raise _NeedsLibxml2Error
+        if len(around) > MAX_LEVELS:
+            raise _UnusualError
         around.pop()
 
     parser.StartElementHandler = start
@@ -83,21 +83,25 @@ def parse_with_expat(data: bytes) -> Element | None:
     parser.ProcessingInstructionHandler = parser.StartDoctypeDeclHandler = _unusual
     try:
         parser.Parse(data, True)
-    except (expat.ExpatError, _NeedsLibxml2Error):
+    except (expat.ExpatError, _UnusualError):
         return None
     finally:
         # Break the reference cycle between the handler and the parser.
         parser.StartElementHandler = None
-    # Expat is not set up for namespaces.
-    if "xmlns" in names or any(":" in name for name in names):
+    if any(":" in name and not _has_known_prefix(name, names) for name in names):
         return None
     return top[0]
 
 
+def _has_known_prefix(name: str, names: dict[str, str]) -> bool:
+    prefix = name.partition(":")[0]
+    return prefix in ("xml", "xmlns") or f"xmlns:{prefix}" in names
+
+
 def _declaration(version: str, encoding: str | None, standalone: int) -> None:
     if version != "1.0" or standalone != -1 or (encoding or "utf-8").lower() != "utf-8":
-        raise _NeedsLibxml2Error
+        raise _UnusualError
 
 
 def _unusual(*_: object) -> None:
-    raise _NeedsLibxml2Error
+    raise _UnusualError

@@ -6,9 +6,16 @@ from typing import Final, NamedTuple
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.errors import Diagnostic
 from btcore.xml.read.element import Element, ElementPart
-from btcore.xml.read.tinyxml2_compat import REFERENCE, find_attribute, iter_start_tags, value_span
+from btcore.xml.read.tinyxml2_compat import (
+    WRITTEN_CHARACTER,
+    decode,
+    find_attribute,
+    iter_start_tags,
+    value_span,
+)
 
 _LINE: Final = re.compile(r"[^\r\n]*")
+_TEXT_OR_CDATA: Final = re.compile(r"<!\[CDATA\[(.*?)\]\]>|([^<]++)", re.DOTALL)
 
 
 class SourceSpan(NamedTuple):
@@ -64,7 +71,7 @@ def _character(text: str, start: int, end: int, number: int) -> int:
     at = start
     # A reference such as &amp;, and a line break of two characters, is one character of the value.
     for _ in range(number - 1):
-        reference = REFERENCE.match(text, at, end)
+        reference = WRITTEN_CHARACTER.match(text, at, end)
         at = reference.end() if reference is not None else at + 1
     return min(at, max(start, end - 1))
 
@@ -98,6 +105,16 @@ class SourceMap:
                 done = tag.start()
                 self._lines.append(line)
         return self._lines[self._index[element]]
+
+    def text_in(self, element: Element) -> str:
+        """Return the text between the start tag of *element* and the next tag."""
+        tag = self._tags[self._index[element]]
+        pieces: list[str] = []
+        at = tag.end()
+        while not tag[0].endswith("/>") and (match := _TEXT_OR_CDATA.match(self._text, at)) is not None:
+            pieces.append(decode(match[2]) if match[1] is None else match[1])
+            at = match.end()
+        return "".join(pieces)
 
     def span(
         self, element: Element, attribute: str = "", part: ElementPart = "value", within: int = 0

@@ -1,58 +1,33 @@
-"""Make XML parsers read attribute values as tinyxml2, the parser of BehaviorTree.CPP, does.
+"""Find tags and attributes in a text, and make expat read values as tinyxml2 of BehaviorTree.CPP does.
 
-tinyxml2 reads an unescaped ``<`` or ``&`` in an attribute value as text, and keeps line breaks and tabs
-in a value. A standard XML parser rejects an unescaped ``<`` or ``&``, and replaces line breaks and tabs by
-spaces. Therefore these characters are escaped before parsing. The offsets of the escapes are kept, because
-positions in messages refer to the text as the user wrote it.
+tinyxml2 keeps line breaks and tabs in an attribute value. A standard XML parser replaces them by spaces.
+Therefore these characters are written as references before expat parses a text. Texts that are not
+well-formed are parsed by tinyxml2_parser.py.
 """
 
 import re
-from bisect import bisect_right
+import sys
 from collections.abc import Iterator
-from typing import Final, NamedTuple
+from typing import Final
 
-# tinyxml2 accepts any characters in names, except for the punctuation of a tag.
+# More than tinyxml2 accepts in names, so that tags with a wrong name are found for messages, too.
 _NAME: Final = r"[^\s<>/!?=\"'&]+"
-START_TAG: Final = re.compile(rf"<({_NAME})((?:[^\"'<>]|\"[^\"]*\"|'[^']*')*+)>")
-OPEN_TAG: Final = re.compile(rf"<{_NAME}")
+START_TAG: Final = re.compile(rf"<\s*({_NAME})((?:[^\"'<>]|\"[^\"]*\"|'[^']*')*+)>")
+OPEN_TAG: Final = re.compile(rf"<\s*{_NAME}")
 ATTRIBUTE: Final = re.compile(rf"({_NAME})\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 
-_REFERENCE: Final = r"&(?:lt|gt|amp|quot|apos|#[0-9]{1,7}|#x[0-9a-fA-F]{1,6});"
-REFERENCE: Final = re.compile(_REFERENCE + r"|\r\n")
-_NEEDS_ESCAPE: Final = re.compile(rf"<|(?!{_REFERENCE})&|\r\n|[\n\r\t]")
-_ESCAPED: Final = {"<": "&lt;", "&": "&amp;", "\n": "&#10;", "\r": "&#10;", "\r\n": "&#10;", "\t": "&#9;"}
+REFERENCE: Final = r"&(?:lt|gt|amp|quot|apos|#[0-9]{1,20}|#x[0-9a-fA-F]{1,20});"
+"""The pattern of a reference that tinyxml2 replaces by a character. It reads other references as text."""
+# tinyxml2 reads each of these as one line feed.
+_LINE_BREAK: Final = r"\r\n?|\n\r?"
+WRITTEN_CHARACTER: Final = re.compile(rf"{REFERENCE}|{_LINE_BREAK}")
+"""The pattern of what is written with several characters, but is one character of the value."""
+_LOST_BY_EXPAT: Final = re.compile(rf"{_LINE_BREAK}|\t")
 _LINE_BREAK_IN_VALUE: Final = re.compile(r"""=\s*+(?:"[^"\n\r\t]*+[\n\r\t]|')""")
+_NAMED: Final = {"&lt;": "<", "&gt;": ">", "&amp;": "&", "&quot;": '"', "&apos;": "'"}
+_END_TAG_OR_DECLARATION: Final = re.compile(r"<\s*/|<!")
 # Comments, character data and processing instructions contain no tags.
 _OPAQUE: Final = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
-
-
-class EscapedCharacter(NamedTuple):
-    """A character or line break *original* at *offset* in the text, and the escape *written* in its place."""
-
-    offset: int
-    original: str
-    written: str
-
-
-class EscapedText(NamedTuple):
-    """A text that an XML parser accepts, and the characters that were escaped in it."""
-
-    text: str
-    escapes: tuple[EscapedCharacter, ...]
-
-    def to_original(self, offset: int) -> int:
-        """Return the offset in the original text that corresponds to *offset* in :attr:`text`."""
-        starts: list[int] = []
-        grown: list[int] = []
-        growth = 0
-        for escape in self.escapes:
-            starts.append(escape.offset + growth)
-            growth += len(escape.written) - len(escape.original)
-            grown.append(growth)
-        index = bisect_right(starts, offset) - 1
-        if index < 0:
-            return offset
-        return max(self.escapes[index].offset, offset - grown[index])
 
 
 def iter_markup(text: str) -> Iterator[tuple[int, re.Match[str] | None]]:
@@ -75,7 +50,7 @@ def iter_markup(text: str) -> Iterator[tuple[int, re.Match[str] | None]]:
             yield at, tag
             if tag is not None:
                 end = tag.end()
-            elif text.startswith(("</", "<!"), at):
+            elif _END_TAG_OR_DECLARATION.match(text, at) is not None:
                 end = text.find(">", at) + 1
                 if not end:
                     return
@@ -111,19 +86,30 @@ def may_keep_line_breaks(text: str) -> bool:
     return _LINE_BREAK_IN_VALUE.search(text) is not None
 
 
-def escape_attribute_values(text: str) -> EscapedText:
-    """Escape the characters in attribute values that an XML parser would reject or change."""
-    escapes: list[EscapedCharacter] = []
+def escape_line_breaks(text: str) -> str:
+    """Return *text* with references for the line breaks and tabs in attribute values; expat keeps these."""
     pieces: list[str] = []
     done = 0
     for tag in iter_start_tags(text):
-        if _NEEDS_ESCAPE.search(tag[2]) is None:
+        if _LOST_BY_EXPAT.search(tag[2]) is None:
             continue
         for _, start, end in iter_attribute_values(tag):
-            for match in _NEEDS_ESCAPE.finditer(text, start, end):
-                written = _ESCAPED[match[0]]
-                escapes.append(EscapedCharacter(match.start(), match[0], written))
-                pieces += (text[done : match.start()], written)
+            for match in _LOST_BY_EXPAT.finditer(text, start, end):
+                pieces += (text[done : match.start()], "&#9;" if match[0] == "\t" else "&#10;")
                 done = match.end()
-    pieces.append(text[done:])
-    return EscapedText("".join(pieces), tuple(escapes))
+    return "".join((*pieces, text[done:])) if pieces else text
+
+
+def decode(written: str) -> str:
+    """Return the value for the text *written* between quotes or tags."""
+    return WRITTEN_CHARACTER.sub(_decode_match, written)
+
+
+def _decode_match(match: re.Match[str]) -> str:
+    reference = match[0]
+    if reference[0] != "&":
+        return "\n"
+    if reference[1] != "#":
+        return _NAMED[reference]
+    code = int(reference[3:-1], 16) if reference[2] == "x" else int(reference[2:-1])
+    return chr(code) if code <= sys.maxunicode else reference

@@ -255,7 +255,7 @@ def test_format_4_is_returned_unchanged() -> None:
 
 
 GAPS = st.sampled_from([" ", "  ", "\n    ", "\t", "\r\n"])
-BETWEEN = st.sampled_from(["", "\n", "<!-- <Repeat> é -->", "  ", "<?note <SubTree?>", "\n\n\t"])
+BETWEEN = st.sampled_from(["", "\n", "<!-- <Repeat> é -->", "  ", "<![CDATA[<SubTree>]]>", "\n\n\t"])
 CASES = recorded_cases()
 
 

@@ -13,7 +13,7 @@ TEXT = """<?xml version="1.0"?>
     <A  x = "1"
         name='ä'
 \ty="a < b &amp;&amp; c"/><B/>
-    <?pi <C/> ?><C z=""></C>
+    <!-- <C/>--><C z=""></C>
   </BehaviorTree>
 </root>
 """

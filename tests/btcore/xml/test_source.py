@@ -64,8 +64,8 @@ def test_a_well_formed_document_has_no_warnings() -> None:
     assert parse_text('<root><A x="a &lt; b\nc"/></root>').warnings == []
 
 
-def test_comments_instructions_and_cdata_may_contain_anything() -> None:
-    document = parse_text('<!-- <a x="<> --><root><?pi <x y="&?><![CDATA[<b z="<"]]><A x="<"/></root>')
+def test_declarations_comments_and_cdata_may_contain_anything() -> None:
+    document = parse_text('<?pi <x y="&?><!-- <a x="<> --><root><![CDATA[<b z="<"]]><A x="<"/></root>')
     assert document.root.children[0].tag is not None
     assert [child.tag for child in document.root.children] == ["A"]
     assert len(document.warnings) == 1
@@ -145,21 +145,39 @@ def test_doctype_that_only_names_the_root_is_accepted() -> None:
             """,
         ),
         (
-            "<root>a & b</root>",
+            "<root/>\n  and more",
             """
-            t.xml:1:9: E002 unescaped '&' in text
-               1 |  <root>a & b</root>
-                 |          ^
-                  write &amp;
+            t.xml:2:3: E002 something follows the end of the document
+               2 |    and more
+                 |    ^
+                  all trees must be inside one <root>…</root>
             """,
         ),
         (
-            "<root/>\n<root/>",
+            "<root>\n  <?foo bar?>\n</root>",
             """
-            t.xml:2:1: E002 something follows the end of the document
-               2 |  <root/>
-                 |  ^
-                  all trees must be inside one <root>…</root>
+            t.xml:2:3: E002 <?…?> is allowed only before everything else
+               2 |    <?foo bar?>
+                 |    ^^^^^^^^^^^
+                  remove it, or move it to the start of the document
+            """,
+        ),
+        (
+            "<root>\n  <Say text/>\n</root>",
+            """
+            t.xml:2:8: E002 the attribute text has no value
+               2 |    <Say text/>
+                 |         ^^^^
+                  write text="…"
+            """,
+        ),
+        (
+            '<root><Say text="&#xD800;"/></root>',
+            """
+            t.xml:1:18: E002 &#xD800; is not a character
+               1 |  <root><Say text="&#xD800;"/></root>
+                 |                   ^^^^^^^^
+                  remove it
             """,
         ),
         (
@@ -188,6 +206,72 @@ def test_invalid_xml_is_refused_with_its_position(text: str, said: str) -> None:
 def test_positions_refer_to_the_original_text_after_escaping() -> None:
     text = '<root>\n<A x="a < b & c && d"/><B y=1/>\n</root>'
     assert tree_error(text).startswith("t.xml:2:29: E002 an attribute's value must be in quotes")
+
+
+# --- documents that BehaviorTree.CPP's parser accepts although they are not well-formed
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('<root><A x="1"y="2"/></root>', "t.xml:1:15: W109 missing white space before the attribute y"),
+        ("<root><!-- a -- b --><A/></root>", "t.xml:1:14: W109 '--' inside a comment"),
+        ("<root><!-- a ---><A/></root>", "t.xml:1:14: W109 '--' inside a comment"),
+        (
+            "\n<?xml version='1.0'?><root><A/></root>",
+            "t.xml:2:1: W109 <?xml …?> is not at the very start of the document",
+        ),
+        (
+            "<?xml version='1.0'?>\n<?xml version='1.0'?><root><A/></root>",
+            "t.xml:2:1: W109 <?xml …?> is not at the very start of the document",
+        ),
+        ("draft <root><A/></root>", "t.xml:1:1: W109 the text outside of the root is ignored"),
+        (
+            "<root><A/></root>\n<root><B/></root>",
+            "t.xml:2:1: W109 the second outermost element <root> is ignored",
+        ),
+        ('<root><A x:y="1"/></root>', "t.xml:1:10: W109 the prefix x: of x:y is not defined"),
+        (
+            '<root><A x="&#1;"/></root>',
+            "t.xml:1:13: W109 &#1; is a control character, which is invalid in XML",
+        ),
+        ('<root><A x="\x01"/></root>', "t.xml:1:13: W109 U+0001 is a control character"),
+        ("<root>a & b<A/></root>", "t.xml:1:9: W109 unescaped '&' in text"),
+        ("<root>< A/></root>", "t.xml:1:7: W109 white space between '<' and the name"),
+        ("<root><A></A x='1'></root>", "t.xml:1:10: W109 the end tag is more than a name"),
+        (
+            "<root><A/></root></root><B",
+            "t.xml:1:18: W109 </root> has no start tag: the rest of the document is ignored",
+        ),
+    ],
+)
+def test_markup_that_tinyxml2_accepts_is_read_with_a_warning(text: str, said: str) -> None:
+    document = parse_text(text, "t.xml")
+    assert [child.tag for child in document.root.children] == ["A"]
+    assert len(document.warnings) == 1
+    assert str(document.warnings[0]).startswith(said)
+    assert "other XML tools reject it; " in document.warnings[0].hint
+
+
+def test_values_of_lenient_markup_are_read_as_by_tinyxml2() -> None:
+    text = '<root><A x:y="1"z="&#1;&#x1F600;"x=\'\n\r\t\' é="&#99999999;"/></root><root><B/></root>'
+    values = {"x:y": "1", "z": "\x01😀", "x": "\n\t", "é": "&#99999999;"}
+    assert parse_text(text).root.children[0].attributes == values
+
+
+def test_tree_of_format_3_reads_a_reference_to_a_control_character(tmp_path: Path) -> None:
+    (tmp_path / "t.xml").write_text(
+        '<root><BehaviorTree ID="M"><SetBlackboard value="a&#1;b" output_key="k"/></BehaviorTree></root>'
+    )
+    tree = btcore.load(tmp_path / "t.xml")
+    tree.tick_once()
+    assert tree.blackboard["k"] == "a\x01b"
+
+
+def test_declared_prefixes_cause_no_warning() -> None:
+    document = parse_text('<root xmlns:x="u" x:y="1"><A x:z="1" xml:lang="en"/></root>')
+    assert document.warnings == []
+    assert document.root.attributes == {"xmlns:x": "u", "x:y": "1"}
 
 
 # --- hostile documents

@@ -1,0 +1,302 @@
+"""Parse documents that expat rejects, by the rules of tinyxml2, the parser of BehaviorTree.CPP.
+
+tinyxml2 accepts more than XML allows. Whatever other XML tools reject causes a warning.
+"""
+
+import re
+import sys
+from typing import Final, NamedTuple, NoReturn
+
+from btcore.diagnostic_codes import BARE_MARKUP, LENIENT_XML, NOT_XML, DiagnosticCode
+from btcore.errors import XmlSyntaxError
+from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
+from btcore.xml.read.positions import span_at
+from btcore.xml.read.tinyxml2_compat import OPEN_TAG, REFERENCE, START_TAG, decode
+
+_SPACE: Final = r"[ \t\n\r\v\f]*+"
+_NAME: Final = r"[A-Za-z_:\x80-\U0010ffff][A-Za-z0-9_:.\-\x80-\U0010ffff]*+"
+_GAP: Final = re.compile(_SPACE)
+_TAG: Final = re.compile(rf"<{_SPACE}(/?)({_NAME})")
+_ATTRIBUTE: Final = re.compile(rf"({_NAME}){_SPACE}(?:(=){_SPACE}(?:\"([^\"]*)\"|'([^']*)')?)?")
+# Characters that XML does not allow, written as such or as a reference.
+_CONTROL: Final = re.compile(r"[\x01-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
+_NUMBER: Final = re.compile(r"&#(?:x([0-9a-fA-F]+)|([0-9]+));")
+_BARE: Final = re.compile(rf"<|(?!{REFERENCE})&")
+_BARE_AMPERSAND: Final = re.compile(rf"(?!{REFERENCE})&")
+_DECLARED: Final = re.compile(rf"xmlns:({_NAME}){_SPACE}=")
+
+
+class Finding(NamedTuple):
+    """A *message* about *width* characters at *offset* of a text, with a code and a hint."""
+
+    offset: int
+    width: int
+    code: DiagnosticCode
+    message: str
+    hint: str
+
+
+class _SyntaxError(Exception):
+    """The text is rejected; *finding* is the reason."""
+
+    def __init__(self, offset: int, width: int, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.finding = Finding(offset, width, NOT_XML, message, hint)
+
+
+def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
+    """Parse a text that expat rejects.
+
+    Args:
+        text: The XML text.
+        file: Name of the file in messages, or "".
+
+    Returns:
+        The first outermost element, without lines, and a warning for whatever other XML tools reject.
+
+    Raises:
+        XmlSyntaxError: tinyxml2 rejects *text*, too.
+    """
+    try:
+        return _Parser(text).parse()
+    except _SyntaxError as error:
+        offset, width, code, message, hint = error.finding
+        raise XmlSyntaxError([span_at(text, offset, width).diagnostic(code, message, file, hint)]) from None
+
+
+class _Parser:
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._warnings: list[Finding] = []
+        self._root: Element | None = None
+        # The open elements with the offsets of their start tags.
+        self._open: list[tuple[Element, int]] = []
+        self._declarations_allowed = True
+        self._prefixes = {"xml", "xmlns", *_DECLARED.findall(text)}
+
+    def parse(self) -> tuple[Element, list[Finding]]:
+        """Return the outermost element and the warnings."""
+        text = self._text
+        at: int | None = 0
+        while at is not None:
+            # White space before the first declaration is skipped, but other XML tools reject it.
+            start = _GAP.match(text, at).end()  # type: ignore[union-attr]
+            if start == len(text):
+                break
+            at = self._read_markup(start) if text[start] == "<" else self._read_text(start)
+        if self._open:
+            element, start = self._open[-1]
+            hint = f"write </{element.tag}>, or <{element.tag} … />"
+            raise _SyntaxError(start, len(element.tag) + 1, f"<{element.tag}> is never closed", hint)
+        if self._root is None:
+            raise _SyntaxError(0, 1, "not XML: the document has no element", EXAMPLE)
+        for control in _CONTROL.finditer(text):
+            message = f"U+{ord(control[0]):04X} is a control character, which is invalid in XML"
+            self._warn(control.start(), 1, message, "remove it")
+        return self._root, self._warnings
+
+    def _warn(self, offset: int, width: int, message: str, hint: str) -> None:
+        hint = f"other XML tools reject it; {hint}"
+        self._warnings.append(Finding(offset, width, LENIENT_XML, message, hint))
+
+    def _read_markup(self, at: int) -> int | None:
+        """Read the markup at *at*, and return the offset of its end; None if the rest is ignored."""
+        text = self._text
+        if text.startswith("<?", at):
+            return self._read_declaration(at)
+        self._declarations_allowed = False
+        if text.startswith("<!--", at):
+            end = text.find("-->", at + 4)
+            if end < 0:
+                raise _SyntaxError(at, 4, "the comment is not closed", "close it with -->")
+            hyphens = text.find("--", at + 4, end + 1)
+            if hyphens >= 0:
+                hint = "write a single hyphen, or several separated by spaces"
+                self._warn(hyphens, 2, "'--' inside a comment", hint)
+            return end + 3
+        for opening, closing in ("<![CDATA[", "]]>"), ("<!", ">"):
+            if text.startswith(opening, at):
+                end = text.find(closing, at + len(opening))
+                if end < 0:
+                    message = f"the {opening} is not closed"
+                    raise _SyntaxError(at, len(opening), message, f"close it with {closing}")
+                # A document type that only names the root element is valid before the root.
+                misplaced = opening == "<!" or not self._open
+                if misplaced and (self._root is not None or not text.startswith("<!DOCTYPE", at)):
+                    message = f"{opening}…{closing} is ignored here"
+                    self._warn(at, len(opening), message, "remove it")
+                return end + len(closing)
+        return self._read_tag(at)
+
+    def _read_declaration(self, at: int) -> int:
+        text = self._text
+        end = text.find("?>", at + 2)
+        if end < 0:
+            raise _SyntaxError(at, 2, "the <? is not closed", "close it with ?>")
+        if not self._declarations_allowed:
+            message = "<?…?> is allowed only before everything else"
+            raise _SyntaxError(
+                at, end + 2 - at, message, "remove it, or move it to the start of the document"
+            )
+        is_declaration = re.match(r"<\?xml\s", text[at : at + 6]) is not None
+        if is_declaration and at > 0:
+            self._warn(at, 5, "<?xml …?> is not at the very start of the document", "remove it")
+        return end + 2
+
+    def _read_text(self, at: int) -> int:
+        self._declarations_allowed = False
+        text = self._text
+        end = text.find("<", at)
+        if not self._open:
+            if end < 0 and self._root is None:
+                hint = EXAMPLE
+                if text.strip().lower().endswith((".xml", ".btproj")):
+                    hint = "if it is the path of a file, use btcore.load(path)"
+                raise _SyntaxError(at, 1, "not XML: the document does not begin with a tag", hint)
+            if end < 0:
+                hint = "all trees must be inside one <root>…</root>"
+                raise _SyntaxError(at, 1, "something follows the end of the document", hint)
+            shown = text[at:end].rstrip()
+            self._warn(
+                at, len(shown), "the text outside of the root is ignored", "remove it, or make it a comment"
+            )
+            return end
+        if end < 0:
+            return len(text)
+        bare = _BARE_AMPERSAND.search(text, at, end)
+        if bare is not None:
+            self._warn(bare.start(), 1, "unescaped '&' in text", "write &amp;")
+        closing = text.find("]]>", at, end)
+        if closing >= 0:
+            self._warn(closing, 3, "']]>' in text", "write ]]&gt;")
+        self._check_characters(at, end)
+        return end
+
+    def _read_tag(self, at: int) -> int | None:
+        text = self._text
+        tag = _TAG.match(text, at)
+        if tag is None:
+            raise _SyntaxError(at, 1, "'<' without a valid tag", "write &lt; for the character '<'")
+        attributes, end = self._read_attributes(tag)
+        is_empty = text[end] == "/"
+        after = end + 1 + is_empty
+        if tag[1]:
+            return self._close(tag, after) if not is_empty else self._refuse_tag(at, end)
+        self._check_name(tag, 2)
+        if tag.start(2) > at + 1:
+            self._warn(at, tag.end() - at, "white space between '<' and the name", f"write <{tag[2]}")
+        element = Element(tag[2], attributes, 0)
+        if self._open:
+            self._open[-1][0].children.append(element)
+        elif self._root is None:
+            self._root = element
+        else:
+            hint = "put all trees into one <root>…</root>"
+            self._warn(at, tag.end() - at, f"the second outermost element <{tag[2]}> is ignored", hint)
+        if not is_empty:
+            self._open.append((element, at))
+            if len(self._open) > MAX_LEVELS:
+                message = f"elements are nested more than {MAX_LEVELS} deep"
+                raise _SyntaxError(at, tag.end() - at, message, "split the tree into subtrees")
+        return after
+
+    def _close(self, tag: re.Match[str], after: int) -> int | None:
+        """Close the innermost element; return *after*, or None at an end tag that ends the document."""
+        at, name = tag.start(), tag[2]
+        if not self._open:
+            if self._root is None:
+                raise _SyntaxError(
+                    at, after - at, f"</{name}> has no start tag", "remove it, or write its start tag"
+                )
+            message = f"</{name}> has no start tag: the rest of the document is ignored"
+            self._warn(at, after - at, message, "remove it, or write its start tag")
+            return None
+        element, start = self._open.pop()
+        if element.tag != name:
+            place = span_at(self._text, start)
+            hint = f"<{element.tag}> was opened in line {place.line}, column {place.column}"
+            raise _SyntaxError(at, after - at, f"expected </{element.tag}>, but found </{name}>", hint)
+        if tag.group().rstrip(name) != "</" or self._text[tag.end() : after].strip() != ">":
+            self._warn(at, after - at, "the end tag is more than a name", f"write </{name}>")
+        return after
+
+    def _read_attributes(self, tag: re.Match[str]) -> tuple[dict[str, str], int]:
+        """Return the attributes of a tag, and the offset of its '>' or '/>'."""
+        text, after_name = self._text, tag.end()
+        attributes: dict[str, str] = {}
+        while True:
+            at = _GAP.match(text, after_name).end()  # type: ignore[union-attr]
+            if text.startswith((">", "/>"), at):
+                return attributes, at
+            match = _ATTRIBUTE.match(text, at)
+            if match is None or match.lastindex is None or match.lastindex < 3:
+                self._refuse_tag(tag.start(), at)
+            name = match[1]
+            if name in attributes:
+                message = f"the attribute {name} is written twice in one tag"
+                raise _SyntaxError(at, len(name), message, "remove one of them")
+            if at == after_name:
+                message = f"missing white space before the attribute {name}"
+                self._warn(at, len(name), message, f"write a space before {name}")
+            self._check_name(match, 1)
+            attributes[name] = self._value(match)
+            after_name = match.end()
+
+    def _refuse_tag(self, at: int, error_at: int) -> NoReturn:
+        """Raise the error for the tag at *at*, of which *error_at* cannot be read."""
+        text = self._text
+        opening = OPEN_TAG.match(text, at)
+        if START_TAG.match(text, at) is None and opening is not None:
+            self._refuse_unclosed_tag(opening)
+        attribute = _ATTRIBUTE.match(text, error_at)
+        if attribute is None:
+            raise _SyntaxError(error_at, 1, "invalid attribute name")
+        if attribute[2] is None:
+            name = attribute[1]
+            raise _SyntaxError(error_at, len(name), f"the attribute {name} has no value", f'write {name}="…"')
+        raise _SyntaxError(attribute.end(), 1, "an attribute's value must be in quotes")
+
+    def _refuse_unclosed_tag(self, opening: re.Match[str]) -> NoReturn:
+        """Raise the error for a tag without its end, or with an odd number of quotes."""
+        at, width = opening.start(), len(opening[0])
+        # Quoted values are blanked out, because they may contain "<".
+        rest = re.sub(r"\"[^\"]*\"|'[^']*'", lambda match: "x" * len(match[0]), self._text[opening.end() :])
+        inside = rest.partition("<")[0]
+        if '"' in inside or "'" in inside:
+            raise _SyntaxError(at, width, f"missing closing quote in the tag {opening[0]} …>")
+        raise _SyntaxError(at, width, f"the tag {opening[0]} …> is not closed", "close it with > or />")
+
+    def _check_name(self, match: re.Match[str], group: int) -> None:
+        prefix, colon, _ = match[group].partition(":")
+        if colon and prefix not in self._prefixes:
+            message = f"the prefix {prefix}: of {match[group]} is not defined"
+            self._warn(match.start(group), len(prefix) + 1, message, "names of nodes and ports have no colon")
+
+    def _value(self, attribute: re.Match[str]) -> str:
+        """Return the value of an attribute, and warn about its characters."""
+        text = self._text
+        group = 4 if attribute[3] is None else 3
+        start, end = attribute.span(group)
+        bare = _BARE.search(text, start, end)
+        if bare is not None:
+            escaped = _BARE.sub(lambda found: "&lt;" if found[0] == "<" else "&amp;", attribute[group])
+            message = f"unescaped '{bare[0]}' in an attribute value is read as text"
+            written = f"{text[attribute.start() : start]}{escaped}{text[end]}"
+            hint = f"other XML tools reject it; write {written}"
+            self._warnings.append(Finding(bare.start(), 1, BARE_MARKUP, message, hint))
+        self._check_characters(start, end)
+        return decode(attribute[group])
+
+    def _check_characters(self, start: int, end: int) -> None:
+        """Warn about references to control characters; raise for those to no character at all."""
+        for reference in _NUMBER.finditer(self._text, start, end):
+            code = int(reference[1], 16) if reference[1] else int(reference[2])
+            if code == 0 or 0xD800 <= code <= 0xDFFF:
+                message = f"{reference[0]} is not a character"
+                raise _SyntaxError(reference.start(), len(reference[0]), message, "remove it")
+            if code > sys.maxunicode:
+                message = f"{reference[0]} is not a character, and is read as text"
+                self._warn(reference.start(), len(reference[0]), message, "remove it")
+            elif _CONTROL.match(chr(code)):
+                message = f"{reference[0]} is a control character, which is invalid in XML"
+                self._warn(reference.start(), len(reference[0]), message, "remove it")
