@@ -107,6 +107,7 @@ ASSIGNMENT_TO_MISSING_ENTRY: Final = DiagnosticCode("W209", "warning", "assignme
 INCOMPLETE_POINTER: Final = DiagnosticCode("W210", "warning", "incomplete braces")
 UNCONNECTED_OUTPUT: Final = DiagnosticCode("W211", "warning", "output port without an entry")
 IGNORED_ATTRIBUTE: Final = DiagnosticCode("W212", "warning", "ignored attribute")
+TEXT_FOR_UNTYPED_ENTRY: Final = DiagnosticCode("W213", "warning", "text for an entry without a type")
 
 # Conversion: written differently, with the same meaning
 FORMAT_SET: Final = DiagnosticCode("C101", "same meaning", "format attribute set")

@@ -20,7 +20,7 @@ from btcore.xml.lint.possible_results import is_built_in
 from btcore.xml.lint.scripts import WRITING, AccessKind, find_name_uses
 from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.plan.document_checks import DocumentAnalysis
-from btcore.xml.plan.plan import NodePlan, SubtreeCall, TreePlanner
+from btcore.xml.plan.plan import NodePlan, SubtreeCall, TreePlan, TreePlanner
 from btcore.xml.plan.tree_definitions import TreeDefinition
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
@@ -54,6 +54,7 @@ class DryRun(TreeInstantiator):
         has_stubs: Whether nodes without code are replaced by stand-ins. Then the registry may lack enums that
             the C++ code registers.
         entrances: For each inner blackboard, the place of the SubTree element that creates it.
+        plans: For each blackboard, the plan of the tree whose nodes use it.
     """
 
     def __init__(self, planner: TreePlanner, main: TreeDefinition, registry: Registry) -> None:
@@ -62,6 +63,7 @@ class DryRun(TreeInstantiator):
         self.has_untracked_access = False
         self.has_stubs = False
         self.entrances: dict[Blackboard, EntryUse] = {}
+        self.plans: dict[Blackboard, TreePlan] = {}
         self._recorded: list[EntryUse] = []
 
     def run(self) -> DiagnosticCollector:
@@ -96,6 +98,10 @@ class DryRun(TreeInstantiator):
             return None  # a key with two @, which the builder has reported
 
     # --- steps of the builder, each recording the entries that it uses
+
+    def _instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
+        self.plans[blackboard] = plan
+        return super()._instance(plan, path, blackboard)
 
     def _make(
         self,

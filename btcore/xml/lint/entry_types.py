@@ -1,24 +1,45 @@
-"""Find writes of values that certainly don't convert to the type of the entry (W206)."""
+"""Check values against the types of entries: values that don't convert (W206), texts without type (W213)."""
+
+from collections.abc import Collection, Mapping
 
 from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import Port, PortRole
-from btcore.diagnostic_codes import REFUSED_ENTRY_VALUE
+from btcore.diagnostic_codes import REFUSED_ENTRY_VALUE, TEXT_FOR_UNTYPED_ENTRY
+from btcore.engine.control import ControlNode
 from btcore.errors import BtcoreError, ConversionError, ScriptError
 from btcore.script.expressions import Assignment, Name
+from btcore.status import SUCCESS
 from btcore.values import STRING
 from btcore.xml.lint.dry_run import DryRun, EntryUse
-from btcore.xml.lint.reporter import LintReporter, node_label
+from btcore.xml.lint.reporter import LintReporter, line_of, node_label
 from btcore.xml.lint.scripts import WRITING, AccessKind, is_constant, parse_statements
+from btcore.xml.lint.unwritten_keys import is_declaration
+from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.plan.document_checks import nodes_of
+from btcore.xml.plan.plan import NodePlan, TreePlan
+from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES
+
+ChildPlace = tuple[NodePlan, int]
+"""The parent of a node, and the node's index among the children."""
 
 
-def check_value_types(dry_run: DryRun, enums: dict[str, int], reporter: LintReporter) -> None:
+def check_value_types(
+    dry_run: DryRun, is_main: bool, given: Collection[str], enums: dict[str, int], reporter: LintReporter
+) -> None:
     """Warn about writes that always raise, and about constants that the reading ports can't convert.
+
+    Also warn about texts that a SetBlackboard writes to entries without a type, which BehaviorTree.CPP
+    handles differently.
 
     Args:
         dry_run: A completed dry run of the tree.
+        is_main: Whether the tree is the main tree.
+        given: Keys that the tree's blackboard holds before the first tick.
         enums: Values of the registered enum names.
         reporter: Collects the warnings.
     """
+    if dry_run.format == 4 and not dry_run.has_untracked_access:
+        _check_untyped_entries(dry_run, is_main, given, reporter)
     for entry, uses in dry_run.uses.items():
         for use in uses:
             if use.access is AccessKind.WRITES and use.port is not None:
@@ -46,16 +67,115 @@ def _check_port(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, report
         _warn(dry_run, entry, use, write, reporter)
 
 
+def _written_text(use: EntryUse) -> str | None:
+    """Return the literal that a SetBlackboard writes, or None if it copies an entry."""
+    written = [bound for bound in use.node.bindings if bound.port.role is PortRole.WRITTEN_VALUE]
+    return written[0].text if written and written[0].key is None else None
+
+
 def _check_copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
     """Warn if the literal that a SetBlackboard writes doesn't convert to the type of the entry."""
-    written = [bound for bound in use.node.bindings if bound.port.role is PortRole.WRITTEN_VALUE]
-    if not written or written[0].key is not None or not entry.declared.strong:
+    text = _written_text(use)
+    if text is None or not entry.declared.strong:
         return
-    text = written[0].text
     try:
         entry.declared.from_text(text, dry_run.format)
     except ConversionError:
         _warn(dry_run, entry, use, f"{node_label(use.node)} writes '{text}'", reporter)
+
+
+def _check_untyped_entries(
+    dry_run: DryRun, is_main: bool, given: Collection[str], reporter: LintReporter
+) -> None:
+    """Warn about the literals that SetBlackboard nodes write to entries without a type.
+
+    The program may set the entries of the outermost blackboard: the entries in *given*, and any entry if the
+    tree is not the main tree. Their types are unknown.
+    """
+    homes = dry_run.entry_homes()
+    places: dict[TreePlan, dict[NodePlan, ChildPlace]] = {}
+    for entry, uses in dry_run.uses.items():
+        if entry.declared.strong or entry not in homes:
+            continue
+        subtree, key = homes[entry]
+        if subtree.blackboard is dry_run.blackboard and (not is_main or key in given):
+            continue
+        texts = [use for use in uses if _writes_literal(use)]
+        if not texts or any(_may_set_type(use) for use in uses):
+            continue
+        creators = [use for use in uses if _creates_untyped(use)]
+        # Ports and constants create their entries when the tree is loaded, scripts when they run.
+        creator = next((use for use in creators if not use.within), creators[0] if creators else None)
+        if creator is None:
+            continue
+        plan = dry_run.plans[creator.scope]
+        if creator.within and plan not in places:
+            places[plan] = _child_places(plan)
+        for use in texts:
+            if not creator.within or (
+                use.scope is creator.scope and _runs_before(creator, use, places[plan])
+            ):
+                _warn_untyped(use, creator, reporter)
+
+
+def _writes_literal(use: EntryUse) -> bool:
+    if use.port is None or use.port.role is not PortRole.WRITTEN_ENTRY:
+        return False
+    return use.access is AccessKind.WRITES and _written_text(use) is not None
+
+
+def _may_set_type(use: EntryUse) -> bool:
+    """Return whether *use* may give the entry a type when the tree runs: a leaf writes it, or has no code."""
+    if use.port is None or use.port.role is PortRole.WRITTEN_ENTRY:
+        return False
+    is_unknown = use.node.manifest is None or is_stub(use.node.manifest.cls)
+    return use.access is AccessKind.WRITES or (is_unknown and not use.port.type.strong)
+
+
+def _creates_untyped(use: EntryUse) -> bool:
+    """Return whether *use* creates the entry without a type: a script, a constant, or a port in braces."""
+    if use.port is not None:
+        return is_declaration(use)
+    return use.access is AccessKind.WRITES and (use.within > 0 or use.node.call is not None)
+
+
+def _child_places(plan: TreePlan) -> dict[NodePlan, ChildPlace]:
+    """Return for each node of *plan*, except the root, its parent and its index among the children."""
+    return {child: (node, index) for node in nodes_of(plan) for index, child in enumerate(node.children)}
+
+
+def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, ChildPlace]) -> bool:
+    """Return whether *script* runs before the node of *use*, in a sequence or as a pre-condition above it."""
+    if script.node is use.node:
+        return script.attribute not in POSTCONDITION_ATTRIBUTES
+    # For each ancestor of the node: the index of the child below which the node is.
+    indices: dict[NodePlan, int] = {}
+    place = places.get(use.node)
+    while place is not None:
+        indices[place[0]] = place[1]
+        place = places.get(place[0])
+    if script.node in indices:
+        return script.attribute not in POSTCONDITION_ATTRIBUTES
+    common, index = places[script.node]
+    while common not in indices:
+        common, index = places[common]
+    cls = None if common.manifest is None else common.manifest.cls
+    is_sequence = cls is not None and issubclass(cls, ControlNode) and cls.continue_on is SUCCESS
+    return is_sequence and index < indices[common]
+
+
+def _warn_untyped(use: EntryUse, creator: EntryUse, reporter: LintReporter) -> None:
+    text = _written_text(use) or ""
+    text = "…" if "'" in text else text
+    message = (
+        f"{node_label(use.node)} writes a text to the entry '{use.key}', which has no type: "
+        "BehaviorTree.CPP 4.10 empties the entry instead, and raises at the next text"
+    )
+    hint = (
+        f"'{creator.attribute}' of {node_label(creator.node)} in {line_of(creator.document, creator.node)} "
+        f"creates the entry; a Script works in both: {use.key} := '{text}'"
+    )
+    reporter.warn(TEXT_FOR_UNTYPED_ENTRY, message, use.document, use.node, use.attribute, hint)
 
 
 def _check_script(

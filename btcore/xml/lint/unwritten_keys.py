@@ -121,8 +121,11 @@ def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_k
 
 def _creates(use: EntryUse) -> bool:
     """Return whether *use* creates the entry: it is a write, or a port whose text is ``{key}``."""
-    if use.access is AccessKind.WRITES:
-        return True
+    return use.access is AccessKind.WRITES or is_declaration(use)
+
+
+def is_declaration(use: EntryUse) -> bool:
+    """Return whether *use* is a port whose text in the document, ``{key}``, creates the entry."""
     return use.port is not None and use.node.element.get(use.attribute) is not None and is_pointer(use)
 
 

@@ -95,8 +95,9 @@ def validate_document(
             for error in dry_run.run().errors:
                 diagnostics.add(error)
             # A subtree model declares ports that callers of the tree provide.
-            check_keys(dry_run, root is main, {*given, *models.get(root.id, ())}, reporter)
-            check_value_types(dry_run, nodes.types.enums, reporter)
+            known = {*given, *models.get(root.id, ())}
+            check_keys(dry_run, root is main, known, reporter)
+            check_value_types(dry_run, root is main, known, nodes.types.enums, reporter)
     return [*sort_diagnostics(diagnostics.errors), *sort_diagnostics(diagnostics.warnings)]
 
 

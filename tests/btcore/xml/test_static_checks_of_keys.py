@@ -194,6 +194,38 @@ CASES = {
               the port 'num_cycles' of <Repeat> reads it as int; to pass the entry, write {soon}
         """,
     ),
+    "a text for an entry of a port without a type": (
+        children(
+            '<SetBlackboard value="1;2" output_key="q"/>', '<LoopInt queue="{q}"><AlwaysSuccess/></LoopInt>'
+        ),
+        "",
+        """
+        t.xml:4:46: W213 <SetBlackboard> writes a text to the entry 'q', which has no type: BehaviorTree.CPP 4.10 empties the entry instead, and raises at the next text
+           4 |        <SetBlackboard value="1;2" output_key="q"/>
+             |                                               ^
+              'queue' of <LoopInt> in line 5 creates the entry; a Script works in both: q := '1;2'
+        """,  # noqa: E501 - a message is one line
+    ),
+    "a text for a constant of a SubTree": (
+        '<SubTree ID="Inner" word="shut"/>',
+        tree("Inner", '<SetBlackboard value="open" output_key="word"/>'),
+        """
+        t.xml:6:45: W213 <SetBlackboard> writes a text to the entry 'word', which has no type: BehaviorTree.CPP 4.10 empties the entry instead, and raises at the next text
+           6 |      <SetBlackboard value="open" output_key="word"/>
+             |                                              ^^^^
+              'word' of <SubTree ID="Inner"> in line 3 creates the entry; a Script works in both: word := 'open'
+        """,  # noqa: E501 - a message is one line
+    ),
+    "a text for an entry that a script creates": (
+        children("<Script code=\"s := 'shut'\"/>", '<SetBlackboard value="it\'s open" output_key="s"/>'),
+        "",
+        """
+        t.xml:5:52: W213 <SetBlackboard> writes a text to the entry 's', which has no type: BehaviorTree.CPP 4.10 empties the entry instead, and raises at the next text
+           5 |        <SetBlackboard value="it's open" output_key="s"/>
+             |                                                     ^
+              'code' of <Script> in line 4 creates the entry; a Script works in both: s := '…'
+        """,  # noqa: E501 - a message is one line
+    ),
 }
 
 
@@ -242,6 +274,23 @@ FINE = {
     "written by a loop": '<LoopInt queue="1;2" value="{n}"><Script code="m := n"/></LoopInt>',
     "written somewhere by a leaf that has the blackboard": children("<Tidy/>", '<Say text="{door}"/>'),
     "a number that fits": children('<Count start="1" result="{n}"/>', '<Script code="n := 2"/>'),
+    "a text for a new entry": children(
+        '<SetBlackboard value="open" output_key="s"/>', "<Script code=\"s := 'shut'\"/>"
+    ),
+    "a text for the other branch's entry": (
+        '<WhileDoElse><Look found="{door}"/>'
+        "<Script code=\"s := 'shut'\"/>"
+        '<SetBlackboard value="open" output_key="s"/></WhileDoElse>'
+    ),
+    "a text for an entry before the post-condition that creates it": (
+        "<Sequence _onSuccess=\"s := 'shut'\">"
+        '<SetBlackboard value="open" output_key="s"/><AlwaysSuccess/></Sequence>'
+    ),
+    "a text for an entry that a leaf with the blackboard may write": children(
+        "<Tidy/>",
+        '<SetBlackboard value="1;2" output_key="q"/>',
+        '<LoopInt queue="{q}"><AlwaysSuccess/></LoopInt>',
+    ),
     "a text that converts": children('<Count start="1" result="{n}"/>', "<Script code=\"n := '2'\"/>"),
 }
 
@@ -277,6 +326,19 @@ def test_given_keys_are_not_reported(check: Check) -> None:
     body = children('<Say text="{goal}"/>', '<Script code="x += 1"/>')
     assert check(body, given=["goal", "x"]) == ""
     assert "W201" in check(body, given=["x"])
+
+
+def test_type_of_a_given_key_is_unknown(check: Check) -> None:
+    body, _, _ = CASES["a text for an entry of a port without a type"]
+    assert check(body, given=["q"]) == ""
+
+
+def test_text_for_an_entry_without_a_type_is_normal_in_format_3(check: Check) -> None:
+    body = children(
+        '<SetBlackboard value="1" output_key="n"/>', '<SetBlackboard value="{n}" output_key="m"/>'
+    )
+    assert check(body, format=3) == ""
+    assert "W213" in check(body)
 
 
 def test_script_on_the_blackboard_must_exist_when_the_tree_is_built(check: Check) -> None:
