@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from btcore.errors import XmlSyntaxError as XmlSyntaxError
     from btcore.loading.load import load as load
     from btcore.loading.load import loads as loads
+    from btcore.loading.load import make as make
     from btcore.loading.load import required_resources as required_resources
     from btcore.registry.registry import Registry as Registry
     from btcore.script.program import compile_script as compile_script
@@ -92,7 +93,7 @@ _HOMES = {
         "UnknownNodeError",
         "XmlSyntaxError",
     ),
-    "btcore.loading.load": ("load", "loads", "required_resources"),
+    "btcore.loading.load": ("load", "loads", "make", "required_resources"),
     "btcore.registry.registry": ("Registry",),
     "btcore.script.program": ("compile_script",),
     "btcore.status": ("NodeType", "Status", "Transition"),

@@ -1,24 +1,28 @@
-"""Load a tree from a file or a text in one call."""
+"""Load a tree from files or texts, or make a registered tree, in one call."""
 
 import reprlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
-from typing import Any
+from typing import Any, TypeVar
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
+from btcore.diagnostic_codes import AMBIGUOUS_MAIN_TREE
+from btcore.errors import Diagnostic, TreeError, XmlSyntaxError
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
 from btcore.xml.build import build, pause_gc
 from btcore.xml.plan.document_checks import analyse_document
-from btcore.xml.read.document import parse_file, parse_text
+from btcore.xml.read.document import Document, parse_file, parse_text
 from btcore.xml.read.includes import PackageResolver
+
+S = TypeVar("S")
 
 
 @pause_gc()
 def load(
     path: str | PathLike[str],
-    *,
+    *more: str | PathLike[str],
     nodes: Registry | None = None,
     resources: Sequence[object] = (),
     tree: str | None = None,
@@ -31,27 +35,28 @@ def load(
 
     Args:
         path: The XML file.
-        nodes: The nodes that the tree may use; default :meth:`Registry.standard`.
+        more: Further XML files, whose trees the first file may call without an include.
+        nodes: The nodes and trees that the tree may use; default :meth:`Registry.standard`.
         resources: Objects that leaves get by the types of their parameters, for example a robot.
-        tree: The ID of the tree to load; default the main tree of the document.
+        tree: The ID of the tree to load; default the main tree of the first file.
         blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
-        format: The XML format, 3 or 4; default the document's ``BTCPP_format``, or 3 if it has none.
+        format: The XML format, 3 or 4; default the ``BTCPP_format`` of the first file, or 3 if it has none.
         clock: The clock; default the first clock among *resources*, else the system's clock.
         packages: A function that returns the share directory of a ROS package that an ``<include>`` names.
 
     Raises:
-        TreeError: The document has errors. It holds all of them, with file, line and column.
+        TreeError: The files have errors. It holds all of them, with file, line and column.
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
     """
-    return build(
-        parse_file(path), _registry(nodes), tree, format, blackboard, _listed(resources), clock, packages
-    )
+    first, *others = _parse(parse_file, path, *more)
+    registry, given = _registry(nodes), _listed(resources)
+    return build(first, registry, tree, format, blackboard, given, clock, packages, others)
 
 
 @pause_gc()
 def loads(
     text: str,
-    *,
+    *more: str,
     nodes: Registry | None = None,
     resources: Sequence[object] = (),
     tree: str | None = None,
@@ -64,6 +69,7 @@ def loads(
 
     Args:
         text: The XML. Paths of includes are relative to the working directory.
+        more: Further XML texts, whose trees the first text may call.
         nodes: As in :func:`load`, like all following arguments.
         resources: As in :func:`load`.
         tree: As in :func:`load`.
@@ -73,17 +79,53 @@ def loads(
         packages: As in :func:`load`.
 
     Raises:
-        TreeError: The document has errors. It holds all of them, with line and column.
+        TreeError: The texts have errors. It holds all of them, with line and column.
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
     """
-    return build(
-        parse_text(text), _registry(nodes), tree, format, blackboard, _listed(resources), clock, packages
-    )
+    first, *others = _parse(parse_text, text, *more)
+    registry, given = _registry(nodes), _listed(resources)
+    return build(first, registry, tree, format, blackboard, given, clock, packages, others)
+
+
+@pause_gc()
+def make(
+    tree: str,
+    *,
+    nodes: Registry,
+    resources: Sequence[object] = (),
+    blackboard: Blackboard | None = None,
+    format: int | None = None,
+    clock: Clock | None = None,
+    packages: PackageResolver | None = None,
+) -> Tree:
+    """Return a new instance of a tree that was registered with :meth:`Registry.add_trees`.
+
+    Args:
+        tree: The ID of the tree.
+        nodes: The registry of the tree and its nodes.
+        resources: As in :func:`load`.
+        blackboard: As in :func:`load`.
+        format: The XML format, 3 or 4; default the format of the tree's document.
+        clock: As in :func:`load`.
+        packages: As in :func:`load`.
+
+    Raises:
+        TreeError: There is no such tree, or the registered documents have errors. It holds all of them.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list.
+    """
+    registry, given = _registry(nodes), _listed(resources)
+    documents = registry.documents
+    if not documents:
+        hint = "register it: nodes.add_trees(…)"
+        raise TreeError([Diagnostic(AMBIGUOUS_MAIN_TREE, f"unknown tree '{tree}'", hint=hint)])
+    # The document of the tree; the last document if the tree is in an included file.
+    main = next((document for document in reversed(documents) if _defines(document, tree)), documents[-1])
+    return build(main, registry, tree, format, blackboard, given, clock, packages)
 
 
 def required_resources(
     path: str | PathLike[str],
-    *,
+    *more: str | PathLike[str],
     nodes: Registry | None = None,
     tree: str | None = None,
     format: int | None = None,
@@ -93,21 +135,41 @@ def required_resources(
 
     Args:
         path: The XML file.
-        nodes: The nodes that the tree may use; default :meth:`Registry.standard`.
-        tree: The ID of the tree; default the main tree of the document.
-        format: The XML format, 3 or 4; default the document's ``BTCPP_format``, or 3 if it has none.
-        packages: A function that returns the share directory of a ROS package that an ``<include>`` names.
+        more: As in :func:`load`, like all following arguments.
+        nodes: As in :func:`load`.
+        tree: As in :func:`load`.
+        format: As in :func:`load`.
+        packages: As in :func:`load`.
 
     Raises:
-        TreeError: The document has errors.
+        TreeError: The files have errors.
         TypeError: *nodes* is not a Registry.
     """
-    analysis = analyse_document(parse_file(path), _registry(nodes), tree, format, packages)
+    first, *others = _parse(parse_file, path, *more)
+    analysis = analyse_document(first, _registry(nodes), tree, format, packages, others)
     analysis.diagnostics.raise_errors()
     types: list[Any] = []
     for manifest in analysis.used_manifests():
         types += (resource for resource in manifest.required_resources if resource not in types)
     return types
+
+
+def _parse(parse: Callable[[S], Document], *sources: S) -> list[Document]:
+    """Return the documents of *sources*. Raise XmlSyntaxError, which holds the errors of all sources."""
+    documents: list[Document] = []
+    errors: list[Diagnostic] = []
+    for source in sources:
+        try:
+            documents.append(parse(source))
+        except XmlSyntaxError as error:
+            errors += error.diagnostics
+    if errors:
+        raise XmlSyntaxError(errors)
+    return documents
+
+
+def _defines(document: Document, tree: str) -> bool:
+    return any(element.get("ID") == tree for element in document.root.iterchildren("BehaviorTree"))
 
 
 def _registry(nodes: object) -> Registry:

@@ -1,10 +1,11 @@
-"""The registry of the nodes that a tree may use: built-in nodes, the user's nodes and node libraries."""
+"""The registry of what a tree may use: built-in nodes, the user's nodes and node libraries, and trees."""
 
 import importlib
 import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
+from os import PathLike
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,13 +19,14 @@ from btcore.registry.manifest import Manifest, create_manifest
 from btcore.registry.substitution import SubstitutionRule, first_matching_rule
 from btcore.suggestions import did_you_mean
 from btcore.values import TypeRegistry
+from btcore.xml.read.document import Document, parse_file, parse_text
 
 ENTRY_POINTS = "btcore.nodes"
 _OF_FILE = "btcore_plugin_"
 
 
 class Registry:
-    """The nodes, types and enums that the XML of a tree may use.
+    """The nodes, types, enums and trees that the XML of a tree may use.
 
     There is no global registry: create a registry and pass it to :func:`btcore.load`.
     """
@@ -36,6 +38,8 @@ class Registry:
         self._of_format: dict[int, dict[str, Manifest | type[TreeNode]]] = {3: {}, 4: {}}
         self._libraries: list[str] = []
         self.substitutions: dict[str, SubstitutionRule] = {}
+        self.documents: list[Document] = []
+        """The documents of :meth:`add_trees`."""
         self.overridden_nodes: list[tuple[Manifest, Manifest]] = []
         """Pairs of manifests: a node of an installed library, and the user's node that replaced it."""
         self._installing = False
@@ -53,13 +57,17 @@ class Registry:
         return registry
 
     def copy(self) -> "Registry":
-        """Return a new registry with the same nodes and substitution rules; types and enums are shared."""
+        """Return a new registry with the same nodes, trees and substitution rules.
+
+        Types and enums are shared.
+        """
         registry = Registry()
         registry.types = self.types
         registry._shared = dict(self._shared)
         registry._of_format = {format: dict(table) for format, table in self._of_format.items()}
         registry._libraries = list(self._libraries)
         registry.substitutions = dict(self.substitutions)
+        registry.documents = list(self.documents)
         return registry
 
     # --- lookup
@@ -176,6 +184,23 @@ class Registry:
             RegistrationError: A name is registered with another number, or a value is not an integer.
         """
         self.types.add_enum(enum)
+
+    def add_trees(self, *sources: str | PathLike[str]) -> None:
+        """Register the trees of XML documents.
+
+        :func:`btcore.make` creates a registered tree. Every tree that is loaded with this registry can call
+        the registered trees as subtrees. A tree replaces trees with the same ID that were registered before.
+
+        Args:
+            sources: XML texts, and paths of XML files. A string that contains ``<`` is a text.
+
+        Raises:
+            XmlSyntaxError: A file can't be read, or a document is not valid XML. No tree is registered then.
+        """
+        self.documents += [
+            parse_text(source) if isinstance(source, str) and "<" in source else parse_file(source)
+            for source in sources
+        ]
 
     # --- substitution
 

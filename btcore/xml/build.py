@@ -70,6 +70,7 @@ def build(
     resources: Sequence[object] = (),
     clock: Clock | None = None,
     packages: PackageResolver | None = None,
+    libraries: Sequence[Document] = (),
 ) -> Tree:
     """Build the tree of a document.
 
@@ -82,11 +83,12 @@ def build(
         resources: Objects that leaves require, selected by their types.
         clock: The clock; by default the first clock in *resources*, or else the system clock.
         packages: Finds the share directory of a ROS package.
+        libraries: Further documents, whose trees *document* may call without an include.
 
     Raises:
         TreeError: The document has errors; the exception contains all of them.
     """
-    analysis = analyse_document(document, registry, tree, format, packages)
+    analysis = analyse_document(document, registry, tree, format, packages, libraries)
     analysis.diagnostics.raise_errors()
     return TreeInstantiator(analysis, registry, blackboard, resources, clock).instantiate()
 

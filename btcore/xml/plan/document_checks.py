@@ -1,7 +1,7 @@
 """Check a document and everything that it includes, before any node is created."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from btcore.blackboard.ports import SCRIPT_ROLES, PortRole
@@ -48,8 +48,9 @@ def analyse_document(
     tree: str | None = None,
     format: int | None = None,
     packages: PackageResolver | None = None,
+    libraries: Sequence[Document] = (),
 ) -> DocumentAnalysis:
-    """Check *document* and the documents that it includes, and plan its trees.
+    """Check *document*, its includes and the trees of the registry, and plan the trees.
 
     Args:
         document: The parsed document.
@@ -57,17 +58,19 @@ def analyse_document(
         tree: ID of the tree to build; by default the document's main tree.
         format: 3 or 4, overriding the document's ``BTCPP_format``.
         packages: Finds the share directory of a ROS package.
+        libraries: Further documents, whose trees *document* may call without an include.
 
     Returns:
         The planned trees with all errors and warnings.
     """
     diagnostics = DiagnosticCollector()
-    documents = resolve_includes(document, diagnostics, packages)
+    libraries = [*registry.documents, *libraries]
+    documents = resolve_includes(document, diagnostics, packages, libraries)
     for parsed in documents:
         for warning in parsed.warnings:
             diagnostics.add(warning)
     dialect = select_dialect(documents, format, diagnostics)
-    definitions = TreeDefinitions(documents, dialect, diagnostics)
+    definitions = TreeDefinitions(documents, dialect, diagnostics, libraries)
     palette = NodePalette(registry, dialect.format)
     outlines = StructureChecker(definitions, palette, diagnostics).check()
     main = definitions.select_main(tree, diagnostics) if documents[-1].root.tag == "root" else None

@@ -1,6 +1,6 @@
 """The trees that documents define, by ID, and the selection of the main tree."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 from btcore.diagnostic_codes import (
@@ -50,10 +50,20 @@ def select_dialect(
 
 
 class TreeDefinitions:
-    """The tree definitions of documents: *all* in order, and *by_id* without unused duplicates."""
+    """The tree definitions of documents: *all* in order, and *by_id* without unused duplicates.
 
-    def __init__(self, documents: list[Document], dialect: Dialect, diagnostics: DiagnosticCollector) -> None:
+    A tree in *libraries*, which are some of the documents, is replaced by a later tree with the same ID.
+    """
+
+    def __init__(
+        self,
+        documents: list[Document],
+        dialect: Dialect,
+        diagnostics: DiagnosticCollector,
+        libraries: Collection[Document] = (),
+    ) -> None:
         self.documents = documents
+        self._libraries = libraries
         self.dialect = dialect
         self.all: list[TreeDefinition] = []
         self.by_id: dict[str, TreeDefinition] = {}
@@ -91,7 +101,7 @@ class TreeDefinitions:
             return
         place = earlier.document.source_map.span(earlier.element, "ID")
         where = f"{earlier.document.file or '<text>'}:{place.line}" if place else earlier.document.file
-        if self.dialect.last_tree_wins:
+        if self.dialect.last_tree_wins or earlier.document in self._libraries:
             self.by_id[definition.id] = definition
             message = f"duplicate tree '{definition.id}': it replaces the tree at {where}"
         else:

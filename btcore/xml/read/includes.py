@@ -1,6 +1,6 @@
 """Resolve ``<include path="…" ros_pkg="…"/>``: read the included documents."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from btcore.diagnostic_codes import IGNORED_PACKAGE, INCLUDE_FAILED, UNREADABLE_FILE
@@ -14,9 +14,12 @@ PackageResolver = Callable[[str], "str | Path | None"]
 
 
 def resolve_includes(
-    document: Document, diagnostics: DiagnosticCollector, packages: PackageResolver | None = None
+    document: Document,
+    diagnostics: DiagnosticCollector,
+    packages: PackageResolver | None = None,
+    libraries: Iterable[Document] = (),
 ) -> list[Document]:
-    """Read the documents that *document* includes, directly or indirectly.
+    """Read the documents that *document* and *libraries* include, directly or indirectly.
 
     A file that is included several times is read once.
 
@@ -24,13 +27,19 @@ def resolve_includes(
         document: The including document.
         diagnostics: Collects an error for each include that fails.
         packages: Finds the share directory of a ROS package.
+        libraries: Further documents, whose trees *document* may call without an include.
 
     Returns:
-        The included documents, each before the document that includes it; *document* is the last. Therefore
-        a tree of the including document comes after included trees with the same ID.
+        The libraries and the included documents, each before the document that includes it; *document* is the
+        last. Therefore a tree of the including document comes after included trees with the same ID.
     """
     documents: list[Document] = []
-    seen: set[Path] = set()
+    main = Path(document.file).resolve() if document.file else None
+    seen: set[Path] = set() if main is None else {main}
+    for library in libraries:
+        # The same file may be a library and the document itself, or an include of an earlier library.
+        if library is not document and not (library.file and Path(library.file).resolve() in seen):
+            _gather(library, diagnostics, packages, documents, seen, [])
     _gather(document, diagnostics, packages, documents, seen, [])
     return documents
 
