@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from btcore.loading.load import loads as loads
     from btcore.loading.load import make as make
     from btcore.loading.load import required_resources as required_resources
+    from btcore.nodes.loop import LoopNode as LoopNode
     from btcore.registry.registry import Registry as Registry
     from btcore.script.program import compile_script as compile_script
     from btcore.status import NodeType as NodeType
@@ -94,6 +95,7 @@ _HOMES = {
         "XmlSyntaxError",
     ),
     "btcore.loading.load": ("load", "loads", "make", "required_resources"),
+    "btcore.nodes.loop": ("LoopNode",),
     "btcore.registry.registry": ("Registry",),
     "btcore.script.program": ("compile_script",),
     "btcore.status": ("NodeType", "Status", "Transition"),

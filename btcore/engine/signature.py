@@ -216,8 +216,16 @@ def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> lis
         port = port_from_annotation(name, annotation, types.of, _default_in(cls, name))
         if port is not None:
             _check_not_hidden(cls, name)
-            listed[name] = port
+            listed[name] = port if name not in listed else _redeclared(listed[name], port)
     return list(listed.values())
+
+
+def _redeclared(provided: Port, port: Port) -> Port:
+    """Return *port*, an annotation for a port in provided_ports(), with what an annotation cannot declare."""
+    port.description = port.description or provided.description
+    port.role = provided.role
+    port.optional = provided.optional
+    return port
 
 
 def _default_in(cls: type, name: str) -> object:

@@ -22,11 +22,17 @@ class LoopNode(DecoratorNode):
     list (`1;2;3`), which starts from the beginning whenever the node starts, or an entry that holds a deque
     (its elements are removed), a list, or a text like the literal. An entry that was never written is an
     error.
+
+    Derive a class for elements of another type, and declare the type in the annotation of the port::
+
+        class LoopPose(LoopNode):
+            value: Out[Pose]
     """
 
     node_symbol: ClassVar[str] = "↺"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_current", "_going")
     element: ClassVar[ValueType] = ANY
+    _element: ValueType = ANY
     _queue: Input | None = None
     _literal: "list[object] | None" = None
     _current: "deque[object] | None" = None
@@ -51,6 +57,9 @@ class LoopNode(DecoratorNode):
         self._queue = self.config.inputs.get("queue")
         if self._queue is None:
             raise NodeError(f"<{self.id}> needs port [queue]")
+        output = self.config.outputs.get("value")
+        # A derived class may have declared the port anew, with its own type.
+        self._element = self.element if output is None else output.type
         # Without braces, "=" is not a reference here: BehaviorTree.CPP converts it as a list.
         if self._queue.key is None or self._queue.text == "=":
             self._literal = self.elements(self._queue.text)
@@ -58,7 +67,7 @@ class LoopNode(DecoratorNode):
     def elements(self, text: str) -> list[object]:
         """Return the elements of *text*, separated by semicolons. Raise ConversionError."""
         parts = text.removesuffix(";").split(";") if text else []
-        return [self.element.from_text(part, self.config.format) for part in parts]
+        return [self._element.from_text(part, self.config.format) for part in parts]
 
     def tick(self) -> Status:
         """Take the next element, unless the child is RUNNING, and tick the child."""

@@ -1,12 +1,24 @@
-"""LoopInt, LoopBool, LoopDouble and LoopString: one element per tick."""
+"""LoopInt, LoopBool, LoopDouble, LoopString and loops of a user's type: one element per tick."""
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
-from btcore import In, NodeExecutionError, Status, Tree, TreeError, action
+from btcore import (
+    In,
+    LoopNode,
+    NodeExecutionError,
+    Out,
+    Registry,
+    Status,
+    Tree,
+    TreeError,
+    action,
+    loads,
+)
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]
@@ -174,3 +186,57 @@ def test_missing_queue_is_a_tree_error(make_tree: Grow) -> None:
 def test_element_that_does_not_convert_is_a_tree_error(make_tree: Grow) -> None:
     with pytest.raises(TreeError, match="two"):
         make_tree('<LoopInt queue="1;two" value="{v}"><AlwaysSuccess/></LoopInt>')
+
+
+@dataclass
+class Pose:
+    x: float
+    y: float
+
+
+class LoopPose(LoopNode):
+    value: Out[Pose]
+
+
+def tree_of_poses(queue: str, sink: Sink) -> Tree:
+    nodes = Registry.standard()
+    nodes.add_type(Pose, lambda text: Pose(*map(float, text.split(","))))
+    nodes.add(LoopPose, take)
+    element = f'<LoopPose queue="{queue}" value="{{pose}}"><Take value="{{pose}}"/></LoopPose>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{element}</BehaviorTree></root>'
+    return loads(text, nodes=nodes, resources=[sink])
+
+
+def test_loop_of_a_users_type_converts_the_elements_of_a_text(sink: Sink) -> None:
+    tree = tree_of_poses("1,2;3,4", sink)
+    assert ticks(tree, 3) == [R, R, S]
+    assert sink.got == [Pose(1, 2), Pose(3, 4)]
+    entry = tree.blackboard.find("pose")
+    assert entry is not None
+    assert entry.declared.name == "Pose"
+
+
+def test_loop_of_a_users_type_takes_its_values_from_an_entry(sink: Sink) -> None:
+    tree = tree_of_poses("{poses}", sink)
+    tree.blackboard["poses"] = deque([Pose(1, 2), Pose(3, 4)])
+    assert ticks(tree, 3) == [R, R, S]
+    assert sink.got == [Pose(1, 2), Pose(3, 4)]
+    tree.blackboard["poses"] = deque([Pose(1, 2), 3])
+    assert tree.tick_once() is R
+    with pytest.raises(NodeExecutionError, match=r"port \[value\] takes Pose: 3 is not a valid Pose"):
+        tree.tick_once()
+
+
+def test_loop_of_a_users_type_refuses_a_text_of_another_form(sink: Sink) -> None:
+    with pytest.raises(TreeError, match="'here' is not a valid Pose"):
+        tree_of_poses("1,2;here", sink)
+
+
+def test_port_of_a_users_loop_stays_optional() -> None:
+    nodes = Registry.standard()
+    nodes.add(LoopPose)
+    manifest = nodes.get("LoopPose")
+    assert manifest is not None
+    assert list(manifest.ports) == ["queue", "if_empty", "value"]
+    port = manifest.ports["value"]
+    assert (port.type.name, port.optional, port.description) == ("Pose", True, "the current element")
