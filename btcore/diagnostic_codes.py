@@ -93,6 +93,7 @@ SECOND_ASYNC_CHILD: Final = DiagnosticCode(
 IGNORED_PACKAGE: Final = DiagnosticCode("W107", "warning", "ignored package")
 LOOSE_TEXT: Final = DiagnosticCode("W108", "warning", "text between elements")
 LENIENT_XML: Final = DiagnosticCode("W109", "warning", "not well-formed, but accepted")
+ENDLESS_TICK: Final = DiagnosticCode("W110", "warning", "endless tick")
 
 # Warnings about ports, keys and scripts
 UNWRITTEN_KEY: Final = DiagnosticCode("W201", "warning", "key read but never written")

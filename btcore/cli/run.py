@@ -91,6 +91,12 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
     help="End the run after S seconds of the tree's clock.",
 )
 @click.option(
+    "--tick-limit",
+    type=FiniteRange(0, min_open=True),
+    metavar="SECONDS",
+    help="Raise an error if a tick repeats nodes without a pause for longer than SECONDS of real time.",
+)
+@click.option(
     "--seed",
     type=click.IntRange(0),
     default=0,
@@ -132,7 +138,7 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
       0    the tree ended in SUCCESS or SKIPPED, or --duration ended the run
       1    the tree ended in FAILURE
       2    an error in the tree or on the command line
-      3    a leaf raised an exception
+      3    a leaf raised an exception, or a tick exceeded --tick-limit
       130  interrupted
     """
     return create_session(ctx, settings).run()
@@ -169,7 +175,8 @@ def create_session(
     clock = clock_of(resources, settings["fast"])
     resources += [random.Random(settings["seed"]), StubPlans(settings["plans"])]
     try:
-        tree = TreeInstantiator(examined, nodes, None, resources, clock).instantiate()
+        limit = settings["tick_limit"]
+        tree = TreeInstantiator(examined, nodes, None, resources, clock, limit).instantiate()
     except TreeError as error:
         for point in missing if wanted else ():
             error.add_note(

@@ -3,7 +3,7 @@
 Ticks are due at multiples of 1/rate from the start. If a node needs an earlier tick, because its delay has
 elapsed or a thread has woken the tree, an additional tick takes place; the due times do not change. Ctrl-C,
 SIGTERM and SIGHUP (the terminal was closed) end the run between two ticks, so that the tree is halted as
-usual; a second signal interrupts the tick.
+usual. A tick that repeats nodes ends between two repetitions. A second signal interrupts the tick.
 """
 
 import signal
@@ -173,6 +173,7 @@ class TickLoop:
         if self._stop:
             raise KeyboardInterrupt
         self._stop = True
+        self.tree.context.is_interrupted = True
         # In threads, since the handler may have interrupted code that holds the locks that these calls need.
         # The lambda matters: the access to `hooks` takes a lock, too.
         threading.Thread(target=lambda: self.tree.hooks.ignore_breakpoints(), daemon=True).start()

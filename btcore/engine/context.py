@@ -1,12 +1,17 @@
 """State shared by the nodes of one tree: clock, wake-up signal, deadlines and observers."""
 
 import threading
+import time
 from collections.abc import Callable
+from typing import Final
 
 from mypy_extensions import mypyc_attr
 
-from btcore.clock import Clock, SimClock, TickSchedule
+from btcore.clock import NS_PER_S, Clock, SimClock, TickSchedule
+from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
+
+_SIGNAL_MASK: Final = 127
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -26,6 +31,9 @@ class TreeContext:
         deadlines: For each node that requested a tick, by uid: the time (ns) at which the tick is due.
         on_wake: Called by each wake-up, on any thread; set by an event loop that runs the tree.
         lock: Held while the instrumentation of a node changes, which any thread may do.
+        woken_by: The last node that requested another tick at once.
+        is_interrupted: Whether ticks that repeat nodes end as soon as possible; any thread may set it.
+        has_timed_out: Whether the limit of :meth:`limit_tick` ended the tick.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -36,6 +44,11 @@ class TreeContext:
         self.observers: Observers | None = None
         self.deadlines: dict[int, int] = {}
         self.on_wake: Callable[[], object] | None = None
+        self.woken_by: NodeConfig | None = None
+        self.is_interrupted = False
+        self.has_timed_out = False
+        self._tick_end = 0  # ns of real time, 0 = no limit
+        self._repetitions = 0
 
     @property
     def in_event_loop(self) -> bool:
@@ -98,6 +111,33 @@ class TreeContext:
         if not self._woken:
             self.wake.wait(seconds)
         self._take()
+
+    def limit_tick(self, seconds: float) -> None:
+        """Let the tick that begins now end *seconds* (s, real time even with another clock) later.
+
+        Only nodes that repeat others check the limit, by :meth:`must_end_tick`.
+        """
+        self._tick_end = time.monotonic_ns() + round(seconds * NS_PER_S)
+        self.has_timed_out = False
+
+    def extend_tick(self, nanoseconds: int) -> None:
+        """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
+        if self._tick_end:
+            self._tick_end += nanoseconds
+
+    def must_end_tick(self) -> bool:
+        """Return whether the tick must end now. Nodes call it between two repetitions within one tick."""
+        if self.is_interrupted:
+            return True
+        if self._tick_end and time.monotonic_ns() >= self._tick_end:
+            self.has_timed_out = True
+            return True
+        self._repetitions += 1
+        if not self._repetitions & _SIGNAL_MASK:
+            # Python handles signals (Ctrl-C) only in interpreted functions, such as this method of Event. A
+            # tick of compiled nodes might call none.
+            self.wake.is_set()
+        return self.is_interrupted
 
     def _take(self) -> bool:
         # A wake-up that another thread sends between these lines may count twice, but is never lost.

@@ -68,6 +68,11 @@ class TreeNode:
     To save and restore a tree, these attributes are sufficient together with the statuses, the blackboard and
     the time. None = the node cannot be saved while it is RUNNING.
     """
+    never_pauses: ClassVar[bool] = False
+    """Whether a tick does nothing but tick the children, and, while a child is RUNNING, only this child.
+
+    If such a node is RUNNING, a child is RUNNING, or the node has requested the next tick at once.
+    """
     skips_alone: ClassVar[bool] = True
     """Whether a tick may return SKIPPED although no child was skipped."""
     child_count: ClassVar[tuple[int, int | None]] = (0, 0)
@@ -328,6 +333,7 @@ class TreeNode:
 
     def wake_up(self) -> None:
         """Request another tick of the tree as soon as possible. Thread-safe."""
+        self._context.woken_by = self.config
         self._context.wake_up()
 
     def wake_at(self, moment: int) -> None:

@@ -68,7 +68,7 @@ def rebuild_tree(
     before = set(board.local_entries())
     try:
         examined.diagnostics.raise_errors()
-        return TreeInstantiator(examined, nodes, board, resources, tree.clock).instantiate()
+        return TreeInstantiator(examined, nodes, board, resources, tree.clock, tree.tick_limit).instantiate()
     except BtcoreError:
         # Creating nodes has created the entries of their ports: remove these entries.
         for key in board.local_entries().keys() - before:

@@ -30,6 +30,7 @@ def load(
     format: int | None = None,
     clock: Clock | None = None,
     packages: PackageResolver | None = None,
+    tick_limit: float | None = None,
 ) -> Tree:
     """Return the tree in an XML file, ready to be ticked.
 
@@ -43,14 +44,17 @@ def load(
         format: The XML format, 3 or 4; default the ``BTCPP_format`` of the first file, or 3 if it has none.
         clock: The clock; default the first clock among *resources*, else the system's clock.
         packages: A function that returns the share directory of a ROS package that an ``<include>`` names.
+        tick_limit: The longest time (s, real time) for which a tick may repeat nodes; default no limit. See
+            :class:`Tree`.
 
     Raises:
         TreeError: The files have errors. It holds all of them, with file, line and column.
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
+        ValueError: *tick_limit* is not a positive number.
     """
     first, *others = _parse(parse_file, path, *more)
     registry, given = _registry(nodes), _listed(resources)
-    return build(first, registry, tree, format, blackboard, given, clock, packages, others)
+    return build(first, registry, tree, format, blackboard, given, clock, packages, others, tick_limit)
 
 
 @pause_gc()
@@ -64,6 +68,7 @@ def loads(
     format: int | None = None,
     clock: Clock | None = None,
     packages: PackageResolver | None = None,
+    tick_limit: float | None = None,
 ) -> Tree:
     """Return the tree in an XML text, ready to be ticked.
 
@@ -77,14 +82,16 @@ def loads(
         format: As in :func:`load`.
         clock: As in :func:`load`.
         packages: As in :func:`load`.
+        tick_limit: As in :func:`load`.
 
     Raises:
         TreeError: The texts have errors. It holds all of them, with line and column.
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
+        ValueError: *tick_limit* is not a positive number.
     """
     first, *others = _parse(parse_text, text, *more)
     registry, given = _registry(nodes), _listed(resources)
-    return build(first, registry, tree, format, blackboard, given, clock, packages, others)
+    return build(first, registry, tree, format, blackboard, given, clock, packages, others, tick_limit)
 
 
 @pause_gc()
@@ -97,6 +104,7 @@ def make(
     format: int | None = None,
     clock: Clock | None = None,
     packages: PackageResolver | None = None,
+    tick_limit: float | None = None,
 ) -> Tree:
     """Return a new instance of a tree that was registered with :meth:`Registry.add_trees`.
 
@@ -108,10 +116,12 @@ def make(
         format: The XML format, 3 or 4; default the format of the tree's document.
         clock: As in :func:`load`.
         packages: As in :func:`load`.
+        tick_limit: As in :func:`load`.
 
     Raises:
         TreeError: There is no such tree, or the registered documents have errors. It holds all of them.
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
+        ValueError: *tick_limit* is not a positive number.
     """
     registry, given = _registry(nodes), _listed(resources)
     documents = registry.documents
@@ -120,7 +130,7 @@ def make(
         raise TreeError([Diagnostic(AMBIGUOUS_MAIN_TREE, f"unknown tree '{tree}'", hint=hint)])
     # The document of the tree; the last document if the tree is in an included file.
     main = next((document for document in reversed(documents) if _defines(document, tree)), documents[-1])
-    return build(main, registry, tree, format, blackboard, given, clock, packages)
+    return build(main, registry, tree, format, blackboard, given, clock, packages, tick_limit=tick_limit)
 
 
 def required_resources(

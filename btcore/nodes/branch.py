@@ -66,6 +66,7 @@ class IfThenElse(BranchNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     batch_class: ClassVar[str] = "btcore.batch.branch:IfThenElse"
+    never_pauses: ClassVar[bool] = True
     state_fields: ClassVar[tuple[str, ...] | None] = ("_branch",)
 
     _branch: int = 0

@@ -25,6 +25,7 @@ class RepeatedNode(DecoratorNode):
     """
 
     node_symbol: ClassVar[str] = "↺"
+    never_pauses: ClassVar[bool] = True
     state_fields: ClassVar[tuple[str, ...] | None] = ("_count",)
     repeat_on: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
@@ -67,7 +68,11 @@ class RepeatedNode(DecoratorNode):
                 limit = self.limit_after(limit)
                 self.reset_child()
                 # Return between repetitions, so that a parent can halt the node. Format 3 repeats at once.
-                if self.yields and was_idle and (self._count < limit or limit == -1):
+                if (
+                    was_idle
+                    and (self._count < limit or limit == -1)
+                    and (self.yields or self._context.must_end_tick())
+                ):
                     self.wake_up()
                     return RUNNING
             elif status is SKIPPED:

@@ -21,6 +21,7 @@ class Inverter(DecoratorNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "¬"
+    never_pauses: ClassVar[bool] = True
     batch_class: ClassVar[str] = "btcore.batch.decorators:Inverter"
 
     @classmethod
@@ -44,6 +45,7 @@ class Inverter(DecoratorNode):
 class ForcedNode(DecoratorNode):
     """Ticks its child, and returns *forced* when the child completes."""
 
+    never_pauses: ClassVar[bool] = True
     forced: ClassVar[Status] = SUCCESS
 
     @classmethod
@@ -131,6 +133,7 @@ class RunOnce(DecoratorNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     batch_class: ClassVar[str] = "btcore.batch.decorators:RunOnce"
+    never_pauses: ClassVar[bool] = True
     state_fields: ClassVar[tuple[str, ...] | None] = ("_result",)
 
     _result: Status = IDLE

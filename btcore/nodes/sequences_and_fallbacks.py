@@ -18,6 +18,7 @@ class OrderedNode(ControlNode):
     opposite result ends the node with this result. If all children were skipped, the node is SKIPPED.
     """
 
+    never_pauses: ClassVar[bool] = True
     state_fields: ClassVar[tuple[str, ...] | None] = ("_next", "_skipped")
     continue_on: ClassVar[Status] = SUCCESS
     yields: ClassVar[bool] = False

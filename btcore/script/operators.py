@@ -27,6 +27,9 @@ _OR: Final = 9
 EPSILON: Final = 1.1920928955078125e-07
 _TWO_TO_63: Final = 9223372036854775808.0
 
+MAX_TEXT: Final = 1_000_000
+"""The maximum length (characters) of a text that a script joins, so that a loop cannot exhaust the memory."""
+
 
 def operate(operator: int, left: object, right: object) -> object:
     """Return the result of a binary operator; None for ``..`` with two numbers, as in BehaviorTree.CPP.
@@ -53,10 +56,20 @@ def operate(operator: int, left: object, right: object) -> object:
         other = _truth(_SIGNS[operator], second)
         return 1.0 if ((truth or other) if operator == _OR else (truth and other)) else 0.0
     if operator == _ADD and isinstance(left, str) and isinstance(right, str):
-        return left + right
+        return joined(left, right)
     if operator == _JOIN and (isinstance(left, str) or isinstance(right, str)):
-        return STRING.cast(left) + STRING.cast(right)
+        return joined(STRING.cast(left), STRING.cast(right))
     raise _unsupported(_SIGNS[operator], left, right)
+
+
+def joined(left: str, right: str) -> str:
+    """Return the text *left* followed by *right*. Raise ConversionError if it is too long."""
+    length = len(left) + len(right)
+    if length > MAX_TEXT:
+        raise ConversionError(
+            f"the joined text would have {length:,} characters; a script can join at most {MAX_TEXT:,}"
+        )
+    return left + right
 
 
 def negated(sign: str, value: object) -> float:
@@ -154,7 +167,7 @@ def compound_assigned_value(operator: str, old: object, value: object, kind: Val
         result = _arithmetic(OPERATORS[operator[0]], as_double(stored), as_double(number))
         return assigned_value(result, old, kind)
     if isinstance(old, str) and isinstance(value, str) and operator == "+=":
-        return old + value
+        return joined(old, value)
     raise _unsupported(operator, old, value)
 
 

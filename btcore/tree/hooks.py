@@ -6,6 +6,7 @@ has no other effect: a node that was RUNNING is not halted.
 """
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -262,11 +263,13 @@ class Hooks:
         hook.waiting = True
         if tick_thread is not None:
             tick_thread.yield_to_loop()
+        began = time.monotonic_ns()
         try:
             while hook.enabled and not hook.ready and not self._ignoring_breakpoints:
                 self._change.wait(LOOK_EVERY)
         finally:
             hook.waiting = hook.ready = False
+            self._context.extend_tick(time.monotonic_ns() - began)
 
     def _forget(self, hook: Hook) -> None:
         hook.enabled = False

@@ -2,17 +2,19 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from math import inf
 from typing import TYPE_CHECKING, Final, NoReturn, SupportsIndex, TypeVar
 
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.ports import PortRole
 from btcore.clock import NS_PER_S, Clock, SimClock, TickSchedule
 from btcore.engine.context import TreeContext
 from btcore.engine.instrumentation import TickCounts
-from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
+from btcore.engine.node import TreeNode, execute_tick, halt_node, input_or, reset_status
 from btcore.engine.observers import Observer, Observers
-from btcore.errors import BtcoreError, NodeExecutionError
+from btcore.errors import BtcoreError, NodeError, NodeExecutionError
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.suggestions import nearest_name
@@ -63,6 +65,9 @@ class Tree:
         registry: The registry with which the tree was loaded.
         ticks: The number of ticks of the root.
         status: The result of the last tick; IDLE before the first tick and after a halt.
+        tick_limit: The longest time (s, real time even with another clock) for which a tick may repeat nodes;
+            None = no limit. A tick that repeats nodes for longer raises NodeExecutionError. The time at a
+            breakpoint does not count. A single node that takes too long is not interrupted.
     """
 
     def __init__(
@@ -73,6 +78,7 @@ class Tree:
         nodes: Sequence[TreeNode],
         context: TreeContext,
         registry: Registry,
+        tick_limit: float | None = None,
     ) -> None:
         self.id = id
         self.format = format
@@ -81,6 +87,9 @@ class Tree:
         self.root = self.nodes[0]
         self.context = context
         self.registry = registry
+        if tick_limit is not None and not 0 < tick_limit < inf:  # also raises for NaN
+            raise ValueError(f"invalid tick_limit {tick_limit!r}: use a number of seconds above 0, or None")
+        self.tick_limit = tick_limit
         self.ticks = 0
         self.status: Status = IDLE
         self._hooks: Hooks | None = None
@@ -104,9 +113,15 @@ class Tree:
 
         Raises:
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised. The tree has been halted.
+            NodeExecutionError: A node raised, or the tick exceeded :attr:`tick_limit`. The tree has been
+                halted.
         """
+        limit = self.tick_limit
+        if limit is not None:
+            self.context.limit_tick(limit)
         status = self._tick_root()
+        if limit is not None and self.context.has_timed_out:
+            self._raise_timeout()
         self.status = status
         return status
 
@@ -115,11 +130,20 @@ class Tree:
 
         Raises:
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised. The tree has been halted.
+            NodeExecutionError: A node raised, or the tick exceeded :attr:`tick_limit`. The tree has been
+                halted.
         """
+        context = self.context
+        limit = self.tick_limit
+        if limit is not None:
+            context.limit_tick(limit)
         status = self._tick_root()
-        while status is RUNNING and self.context.take_wake_up():
+        while status is RUNNING and context.take_wake_up():
+            if context.must_end_tick():
+                break
             status = self._tick_root()
+        if limit is not None and context.has_timed_out:
+            self._raise_timeout()
         self.status = status
         return status
 
@@ -137,7 +161,8 @@ class Tree:
         Raises:
             ValueError: *period* is negative, infinite or NaN.
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised. The tree has been halted.
+            NodeExecutionError: A node raised, or a tick exceeded :attr:`tick_limit`. The tree has been
+                halted.
         """
         clock = self.context.clock
         schedule = TickSchedule(period, clock.now())
@@ -169,7 +194,8 @@ class Tree:
         Raises:
             ValueError: *period* is negative, infinite or NaN.
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised. The tree has been halted.
+            NodeExecutionError: A node raised, or a tick exceeded :attr:`tick_limit`. The tree has been
+                halted.
         """
         # Imported here, because importing asyncio takes as long as importing the engine.
         from asyncio import CancelledError
@@ -221,13 +247,42 @@ class Tree:
                     reset_status(root)
                 observers.notify_tick(time.perf_counter_ns() - start, status)
         except NodeExecutionError as error:
-            self.status = IDLE
-            self._notify_error(error)
-            error.later_errors += self._halt_everything()
+            self._halt_after(error)
             raise
         finally:
             self._in_tick = False
         return status
+
+    def _halt_after(self, error: NodeExecutionError) -> None:
+        self.status = IDLE
+        self._notify_error(error)
+        error.later_errors += self._halt_everything()
+
+    def _raise_timeout(self) -> NoReturn:
+        """Halt the tree, and raise the error for a tick that exceeded the limit."""
+        self.context.has_timed_out = False
+        node = self._repeating_node()
+        cause = NodeError(
+            f"the tick was stopped after {self.tick_limit:g} s (tick limit): the node repeats without a "
+            "pause; add an asynchronous node to what it repeats, such as a <Delay>"
+        )
+        error = node.execution_error(cause, "ticking")
+        parents = {child.uid: parent for parent in self.nodes for child in parent.children}
+        while node.uid in parents:
+            node = parents[node.uid]
+            node.trace(error)
+        self._halt_after(error)
+        raise error
+
+    def _repeating_node(self) -> TreeNode:
+        """Return the first node that repeats without a limit, else the last node that requested a tick."""
+        for node in self.nodes:
+            for name, bound in node.config.inputs.items():
+                forever = bound.port.role is PortRole.REPETITIONS and input_or(node, name, 0) == -1
+                if forever and node.status is RUNNING:
+                    return node
+        woken_by = self.context.woken_by
+        return self.root if woken_by is None else self.nodes[woken_by.uid - 1]
 
     def _begin_loop(self) -> None:
         if self._in_loop:

@@ -71,6 +71,7 @@ def build(
     clock: Clock | None = None,
     packages: PackageResolver | None = None,
     libraries: Sequence[Document] = (),
+    tick_limit: float | None = None,
 ) -> Tree:
     """Build the tree of a document.
 
@@ -84,13 +85,14 @@ def build(
         clock: The clock; by default the first clock in *resources*, or else the system clock.
         packages: Finds the share directory of a ROS package.
         libraries: Further documents, whose trees *document* may call without an include.
+        tick_limit: See :class:`Tree`.
 
     Raises:
         TreeError: The document has errors; the exception contains all of them.
     """
     analysis = analyse_document(document, registry, tree, format, packages, libraries)
     analysis.diagnostics.raise_errors()
-    return TreeInstantiator(analysis, registry, blackboard, resources, clock).instantiate()
+    return TreeInstantiator(analysis, registry, blackboard, resources, clock, tick_limit).instantiate()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -110,7 +112,9 @@ class TreeInstantiator:
         blackboard: Blackboard | None,
         resources: Sequence[object],
         clock: Clock | None,
+        tick_limit: float | None = None,
     ) -> None:
+        self._tick_limit = tick_limit
         if clock is None:
             clock = _clock_among(resources)
         assert analysis.main is not None
@@ -141,7 +145,15 @@ class TreeInstantiator:
         """
         self._instance(self._planner.plan(self._main), "", self.blackboard)
         self._diagnostics.raise_errors()
-        return Tree(self._main.id, self.format, self.subtrees, self._nodes, self._context, self._registry)
+        return Tree(
+            self._main.id,
+            self.format,
+            self.subtrees,
+            self._nodes,
+            self._context,
+            self._registry,
+            self._tick_limit,
+        )
 
     def _instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
         """Create an instance of a tree definition. Return its root, or None if it could not be created."""

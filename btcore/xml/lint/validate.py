@@ -14,6 +14,7 @@ from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
 from btcore.xml.lint.children import check_child_count, check_reachable_children
 from btcore.xml.lint.dry_run import DryRun
+from btcore.xml.lint.endless_ticks import EndlessTickCheck
 from btcore.xml.lint.entry_types import check_value_types
 from btcore.xml.lint.loose_text import check_stray_text
 from btcore.xml.lint.ports import check_ignored_attributes, check_missing_ports, check_port_literals
@@ -83,7 +84,8 @@ def validate_document(
     roots = [root for root in _roots(analysis, used) if _is_bounded(planner, root, diagnostics)]
     models = subtree_models(planner.definitions.documents, planner.dialect, DiagnosticCollector())
     reporter = LintReporter(diagnostics)
-    _check_nodes(planner, nodes.types.enums, models, reporter)
+    results = _check_nodes(planner, nodes.types.enums, models, reporter)
+    EndlessTickCheck(planner, results, reporter).check(roots)
     for parsed in planner.definitions.documents:
         check_stray_text(parsed, diagnostics)
     if main is not None and names_main and tree is None:
@@ -106,8 +108,8 @@ def _check_nodes(
     enums: dict[str, int],
     models: dict[str, dict[str, str | None]],
     reporter: LintReporter,
-) -> None:
-    """Check every node of all trees by itself and with its children."""
+) -> ResultAnalysis:
+    """Check every node of all trees by itself and with its children. Return the possible results."""
     bounded = not any(error.code in _UNBOUNDED for error in reporter.diagnostics.errors)
     results = ResultAnalysis(planner, bounded)
     tree_keys = TreeKeys(planner, enums, bounded)
@@ -121,6 +123,7 @@ def _check_nodes(
             check_script_results(node, document, enums, reporter)
             check_reachable_children(node, document, results, reporter)
             check_remappings(node, document, tree_keys, models, reporter)
+    return results
 
 
 def _roots(analysis: DocumentAnalysis, used: Collection[str]) -> list[TreeDefinition]:

@@ -1,5 +1,6 @@
 """`btcore run`: the course of a run, its end, and its output."""
 
+import json
 import os
 import signal
 import subprocess
@@ -200,6 +201,46 @@ def test_signal_halts_the_tree_and_exits_with_130(tree_file: TreeFile, library: 
     assert rest[-1].startswith('{"status": "RUNNING"')
     assert "interrupted" in complaint
     assert "Traceback" not in complaint
+
+
+@pytest.mark.parametrize("format", [3, 4])
+def test_first_ctrl_c_ends_an_endless_tick_between_two_nodes(
+    tree_file: TreeFile, library: Path, format: int
+) -> None:
+    tree = tree_file(
+        '<Sequence><Say/><Repeat num_cycles="-1"><AlwaysSuccess name="endless"/></Repeat></Sequence>'
+    )
+    command = [sys.executable, "-u", "-m", "btcore", "run", str(tree), "--plugin", str(library), "--json"]
+    with subprocess.Popen(
+        [*command, "--format", str(format)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        said = _lines(process.stdout)
+        assert next(said) == "here we go"
+        process.send_signal(signal.SIGINT)
+        report = json.loads(list(said)[-1])
+        assert process.stderr is not None
+        complaint = process.stderr.read()
+    assert process.returncode == 130
+    assert report["status"] == "RUNNING"
+    assert report["nodes"]["endless"]["halted"] == 0
+    assert "interrupted" in complaint
+    assert "Traceback" not in complaint
+
+
+@pytest.mark.parametrize("format", [3, 4])
+def test_tick_limit_ends_the_run_with_an_error_that_names_the_node(
+    cli: Cli, tree_file: TreeFile, format: int
+) -> None:
+    tree = tree_file('<Repeat name="busy" num_cycles="-1"><AlwaysSuccess/></Repeat>')
+    result = cli("run", tree, "--format", format, "--tick-limit", "0.05")
+    assert result.exit_code == 3
+    assert f"{tree}:3: node 'busy' <Repeat> raised while ticking" in result.stderr
+    assert "stopped after 0.05 s (tick limit)" in result.stderr
+    assert cli("run", tree, "--tick-limit", "0").exit_code == 2
 
 
 def test_run_under_nohup_survives_sighup(tree_file: TreeFile, library: Path) -> None:

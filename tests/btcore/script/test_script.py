@@ -200,6 +200,15 @@ class TestEvaluation:
         assert run("'a' + 'b'") == "ab"
         assert run("'a' .. 1 .. 1.5") == "a11.500000"
         assert run("1 .. 2") is None
+
+    @pytest.mark.parametrize("script", ["s += s", "s := s .. s", "s := s + s"])
+    def test_text_that_a_loop_doubles_has_a_maximum_length(self, script, board):
+        run("s := '0123456789'", board)
+        for _ in range(16):
+            run(script, board)
+        message = error_of(script, board).message
+        assert "would have 1,310,720 characters; a script can join at most 1,000,000" in message
+        assert len(board.get("s")) == 655_360
         error_of("'a' + 1")
 
     def test_bit_operators_require_integers_or_integral_reals(self, board):

@@ -1,0 +1,104 @@
+"""Find loops that never end a tick: they repeat, without a limit, nodes that are never RUNNING (W110)."""
+
+from collections.abc import Iterable
+from typing import Final
+
+from btcore.blackboard.ports import PortRole
+from btcore.diagnostic_codes import ENDLESS_TICK
+from btcore.nodes.repeat import RepeatedNode
+from btcore.status import FAILURE, SUCCESS, NodeType
+from btcore.xml.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
+from btcore.xml.lint.reporter import LintReporter, node_label
+from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.plan.plan import NodePlan, TreePlanner
+from btcore.xml.plan.tree_definitions import TreeDefinition
+
+_FOREVER: Final = -1
+_CHECKED_WHILE_RUNNING: Final = "_while"  # the only pre-condition that may halt a node that is RUNNING
+_SKIPPING: Final = frozenset({"_skipIf", "_while"})
+
+
+class EndlessTickCheck:
+    """Reports the loops of trees that never end a tick, each once."""
+
+    def __init__(self, planner: TreePlanner, results: ResultAnalysis, reporter: LintReporter) -> None:
+        self._planner = planner
+        self._results = results
+        self._reporter = reporter
+        # In format 3 a loop repeats within its own tick, so that no other node can halt it.
+        self._repeats_at_once = planner.dialect.format == 3
+
+    def check(self, roots: Iterable[TreeDefinition]) -> None:
+        """Check the trees *roots* and the trees that they call, which must not be recursive."""
+        to_do = list(roots)
+        done: set[str] = set()
+        while to_do:
+            definition = to_do.pop()
+            if definition.id in done:
+                continue
+            done.add(definition.id)
+            root = self._planner.plan(definition).root
+            nodes = [root] if root is not None else []
+            while nodes:
+                node = nodes.pop()
+                if node.manifest is None or _CHECKED_WHILE_RUNNING in node.scripts:
+                    continue
+                cls = behaviour_of(node.manifest.cls)
+                if issubclass(cls, RepeatedNode):
+                    self._check_loop(node, cls, definition)
+                if self._repeats_at_once or cls.never_pauses:
+                    nodes += node.children
+                    if node.call is not None and (inner := self._called(node)) is not None:
+                        to_do.append(inner)
+
+    def _check_loop(self, node: NodePlan, cls: type[RepeatedNode], definition: TreeDefinition) -> None:
+        forever = any(
+            bound.port.role is PortRole.REPETITIONS and bound.key is None and bound.literal == _FOREVER
+            for bound in node.bindings
+        )
+        if not forever or len(node.children) != 1 or not all_children_known(node):
+            return
+        child = node.children[0]
+        if self._may_pause(child):
+            return
+        label, repeated = node_label(node), node_label(child)
+        ends = self._results.results_of(child).results - {cls.repeat_on}
+        is_while_loop = FAILURE in ends or not _SKIPPING.isdisjoint(child.scripts)
+        if is_while_loop and self._has_action(child):
+            return
+        until = "succeeds" if SUCCESS in ends else "fails" if FAILURE in ends else "is skipped"
+        if ends:
+            message = f"{label} does not end a tick until {repeated} {until}"
+        else:
+            message = f"{label} never ends a tick: it repeats {repeated} forever"
+        self._reporter.warn(
+            ENDLESS_TICK,
+            f"{message}, and no node below it can be RUNNING",
+            definition.document,
+            node,
+            hint="add a pause, such as a <Delay>, or limit the number of repetitions",
+        )
+
+    def _may_pause(self, node: NodePlan) -> bool:
+        """Return whether *node* may be RUNNING without requesting the next tick at once."""
+        if node.call is not None:
+            inner = self._called(node)
+            root = self._planner.plan(inner).root if inner is not None else None
+            return root is None or self._may_pause(root)
+        if node.manifest is None or is_stub(node.manifest.cls) or not all_children_known(node):
+            return True
+        if behaviour_of(node.manifest.cls).never_pauses:
+            return any(map(self._may_pause, node.children))
+        return self._results.results_of(node).may_run
+
+    def _has_action(self, node: NodePlan) -> bool:
+        """Return whether *node* or a node below it is an action, which may change what conditions check."""
+        if node.call is not None:
+            inner = self._called(node)
+            root = self._planner.plan(inner).root if inner is not None else None
+            return root is None or self._has_action(root)
+        is_action = node.manifest is not None and node.manifest.cls.node_type is NodeType.ACTION
+        return is_action or any(map(self._has_action, node.children))
+
+    def _called(self, node: NodePlan) -> TreeDefinition | None:
+        return None if node.call is None else self._planner.definitions.by_id.get(node.call.tree)
