@@ -5,12 +5,15 @@ letters are made for this project from lines and elliptical arcs, on a grid wher
 a small letter 14, and a descender reaches to -6. (The Hershey fonts were considered; the package that
 contains them has not been maintained since 2021 and installs a top-level package called ``tests``.)
 
+The viewer's own fonts, for its panels, have more letters; :func:`legible` replaces what these fonts lack.
+
 A glyph is written as ``width strokes``. Strokes are separated by ``/``, and a stroke is a sequence of points
 ``x,y`` and arcs ``cx,cy,rx,ry,from,to`` (degrees, counter-clockwise if *to* is larger); y points up. A line
 of font.txt is a character, a space, and its glyph.
 """
 
 import math
+import re
 import unicodedata
 from collections.abc import Iterable
 from functools import lru_cache
@@ -30,6 +33,18 @@ _GLYPHS: Final[dict[str, str]] = {
     for line in Path(__file__).with_name("font.txt").read_text(encoding="utf-8").splitlines()
 }
 _UNKNOWN: Final = "\N{REPLACEMENT CHARACTER}"
+
+_SHOWN: Final = (
+    "\n -~\xa0-¬®-ňŊ-ſƠơƯưǍ-ǜȘ-țẠ-ỹ"
+    "΄-ΊΌΎ-ΡΣ-ώЁ-ЌЎ-яё-ќўџҐґ"
+    "–—‘-•…‰′″‹›⁰⁴-⁹₀-₉€№™ℓ←-↙⇐⇒⇔∂∆∏∑−√∞∫≈≠≤≥■□▪▲△▶▷▼▽◀◁◆◇○●⚠✓✗"
+)
+"""The characters of both fonts of the viewer (Inter and JetBrains Mono), as part of a regular expression.
+
+The viewer ends with the error "No glyph" when it has to draw any other character.
+"""
+_LACKING: Final = re.compile(f"[^{_SHOWN}]")
+_LACKING_BOX: Final = "□"
 
 _CEDILLA: Final = "\u0327"
 _ACCENTS: Final[dict[str, str]] = {
@@ -124,6 +139,31 @@ def strokes_of(text: str, x: float, y: float, height: float) -> list[Stroke]:
 def placed(strokes: Iterable[Iterable[Point]], x: float, y: float, scale: float) -> list[Stroke]:
     """Return *strokes*, scaled, with their origin at (x, y) of a picture whose y points down."""
     return [[(x + px * scale, y - py * scale) for px, py in stroke] for stroke in strokes]
+
+
+def legible(text: str) -> str:
+    """Return *text* with the characters replaced that the viewer's fonts lack.
+
+    White space becomes a space, a combining mark is omitted, and every other character becomes ``□``.
+    """
+    if _LACKING.search(text) is None:
+        return text
+    return _LACKING.sub(_replacement, unicodedata.normalize("NFC", text))
+
+
+def spell(text: str) -> str:
+    """Return *text* with the hexadecimal numbers of the characters that the viewer's fonts lack.
+
+    Unlike :func:`legible`, different texts stay different: ``"左"`` becomes ``u5de6``.
+    """
+    return _LACKING.sub(lambda found: f"u{ord(found.group()):x}", text)
+
+
+def _replacement(found: re.Match[str]) -> str:
+    character = found.group()
+    if character.isspace():
+        return " "
+    return "" if unicodedata.category(character).startswith("M") else _LACKING_BOX
 
 
 def elide(text: str, room: int) -> str:

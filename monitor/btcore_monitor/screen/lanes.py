@@ -4,7 +4,6 @@ There is a lane for each leaf. A tree with too many leaves has lanes for the run
 and for the running leaves.
 """
 
-import re
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any, Final
 
@@ -13,7 +12,7 @@ import rerun as rr
 
 from btcore_monitor.events import IDLE, RUNNING, STATUS_NAMES, ObservedNode, ObservedTree
 from btcore_monitor.screen.captions import distinct_names
-from btcore_monitor.screen.row_buffer import RowBuffer
+from btcore_monitor.screen.row_buffer import RowBuffer, entity_part
 from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tick_states import SHOWN_NAMES, TickStates
 from btcore_monitor.screen.tree import leaves
@@ -41,10 +40,7 @@ def chosen(tree: ObservedTree, found: Collection[int]) -> list[ObservedNode]:
 def lane_entities(names: Sequence[str]) -> list[str]:
     """Return an entity for each lane in *names*. It begins with a number, because rerun sorts by name."""
     digits = len(str(len(names)))
-    return [
-        f"{at:0{digits}d}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name).strip('_')}"
-        for at, name in enumerate(names, start=1)
-    ]
+    return [f"{at:0{digits}d}_{entity_part(name)}" for at, name in enumerate(names, start=1)]
 
 
 class Lanes:

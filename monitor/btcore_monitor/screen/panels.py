@@ -66,7 +66,7 @@ EVERY_NS: Final = 1_000_000_000
 ROWS_AT_MOST: Final = 60
 _PATH_ROOM: Final = 56
 """Characters of a displayed path; big trees show paths to distinguish their leaves."""
-_INDENT: Final = "\u2003"
+_INDENT: Final = "\xa0" * 4
 
 
 class TransitionLog:

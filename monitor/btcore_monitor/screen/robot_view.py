@@ -23,6 +23,7 @@ from btcore_monitor.events import (
     TreeSeen,
 )
 from btcore_monitor.screen.blueprint import Pane, tree_room
+from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.panels import (
     LEVELS,
@@ -152,7 +153,7 @@ class _Shown:
     ) -> None:
         tree = event.tree
         self.tree_id = tree.tree_id
-        self.name = f"{window.label} · {tree.name}" if window.label else tree.name
+        self.name = legible(f"{window.label} · {tree.name}" if window.label else tree.name)
         self.numbered = event.numbered
         self.source = DataSource("")
         self.window = window

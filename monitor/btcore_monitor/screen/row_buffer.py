@@ -3,13 +3,19 @@
 A row that is logged alone costs 40–90 µs, and about 1.2 kB of the file for each flush. A row in a column
 costs an append to a list, and 17–27 bytes of the file. So all data that changes over time uses this buffer.
 A run that is faster than real time gives longer columns.
+
+All texts of a recording pass this module, where characters are replaced that the viewer cannot draw.
 """
 
+import re
 from collections.abc import Callable, Iterable
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
+
+from btcore_monitor.screen.font import legible, spell
 
 Value = TypeVar("Value")
 Encode = Callable[[list[Value]], Iterable[Any]]
@@ -51,7 +57,7 @@ class Series(Generic[Value]):
         values, self._values = self._values, []
         self._t.clear()
         self._wall.clear()
-        recording.send_columns(self.entity, times, self._encode(values))
+        recording.send_columns(self.entity, times, map(_legible_column, self._encode(values)))
 
 
 class RowBuffer:
@@ -80,20 +86,58 @@ class RowBuffer:
             components: The archetypes or components to log.
             static: Whether the data is valid for all times.
         """
-        self.recording.log(self._below + entity, *components, static=static)
+        batches = [batch for each in components for batch in _legible_batches(each)]
+        self.recording.log(self._below + entity, batches, static=static)
 
     def frame(self, name: str) -> str:
         """Return the name of the robot's frame *name* in the recording."""
-        return self._below + name
+        return self._below + spell(name)
 
     def in_frame(self, name: str) -> rr.CoordinateFrame:
         """Return the component that places an entity in the robot's frame *name*."""
-        return rr.CoordinateFrame(self._below + name)
+        return rr.CoordinateFrame(self.frame(name))
 
     def send(self) -> None:
         """Send the rows of every series."""
         for series in self._series:
             series.send(self.recording)
+
+
+class _Texts:
+    """A component batch of texts that the viewer can draw."""
+
+    def __init__(self, texts: pa.Array) -> None:
+        self._texts = pa.array(
+            [text if text is None else legible(text) for text in texts.to_pylist()], pa.utf8()
+        )
+
+    def as_arrow_array(self) -> pa.Array:
+        return self._texts
+
+
+def _legible_batches(components: Any) -> Iterable[Any]:
+    """Yield the component batches of *components* (an archetype, or batches) as the viewer can draw them."""
+    batches = components.as_component_batches() if hasattr(components, "as_component_batches") else components
+    for batch in batches:
+        array = batch.as_arrow_array()
+        if array is not None and pa.types.is_string(array.type):
+            yield rr.DescribedComponentBatch(_Texts(array), batch.component_descriptor())
+        else:
+            yield batch
+
+
+def _legible_column(column: Any) -> Any:
+    """Return a column of components as the viewer can draw it."""
+    rows = column.as_arrow_array()
+    if not pa.types.is_string(rows.type.value_type):
+        return column
+    lengths = rows.value_lengths().to_numpy()
+    return rr.ComponentColumn(column.component_descriptor(), _Texts(rows.values), lengths=lengths)
+
+
+def entity_part(name: str) -> str:
+    """Return *name* as a part of an entity's path, without characters that rerun shows with escapes."""
+    return re.sub(r"[^\w.-]+", "_", spell(name)).strip("_") or "_"
 
 
 def scalars(values: list[float]) -> Iterable[Any]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from btcore_monitor.screen.camera_view import CameraView
 from btcore_monitor.screen.floor import Floor
 from btcore_monitor.screen.navigation_markers import NavigationMarkers
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, curve, scalars
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, curve, entity_part, scalars
 from btcore_monitor.screen.shapes import archetypes, extent
 from btcore_monitor.screen.style import Palette
 from btcore_scene import UPRIGHT, Laser, MovingScene, Part, StaticScene
@@ -126,7 +126,7 @@ class SceneView:
             groups[part.frame or self._root, part.kind].append(part)
         for (frame, _), parts in groups.items():
             for name, shape in archetypes(parts, around=frame == self._root):
-                entity = f"{ORIGIN}/parts/{_segment(frame)}/{name}"
+                entity = f"{ORIGIN}/parts/{entity_part(frame)}/{name}"
                 log(entity, self._rows.in_frame(frame), shape, static=True)
         if data.footprint_radius is not None:
             self._markers.footprint = data.footprint_radius
@@ -218,7 +218,7 @@ class SceneView:
                 child_frame=[rows.frame(child)] * len(values),
             )
 
-        return rows.series(f"{ORIGIN}/frames/{_segment(child)}", encode)
+        return rows.series(f"{ORIGIN}/frames/{entity_part(child)}", encode)
 
     def _show_scan(self, t: int, wall: int, ranges: NDArray[np.float32]) -> None:
         laser = self._static.laser
@@ -289,12 +289,8 @@ class SceneView:
         frames = {part.frame or self._root: part.kind for part in self._static.parts}
         for frame in (*_BODIES, *frames):
             if frame in frames and frame != self._root:
-                return f"{ORIGIN}/parts/{_segment(frame)}/{frames[frame]}"
+                return f"{ORIGIN}/parts/{entity_part(frame)}/{frames[frame]}"
         return ""
-
-
-def _segment(name: str) -> str:
-    return "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in name) or "_"
 
 
 def _rotated(point: Vector, quaternion: Sequence[float]) -> Vector:

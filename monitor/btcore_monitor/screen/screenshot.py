@@ -2,9 +2,12 @@
 
 import contextlib
 import os
+import re
+import signal
 import socket
 import subprocess
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +25,12 @@ if TYPE_CHECKING:
 FULL_HD: Final = (1920, 1080)
 _START_WITHIN: Final = 60.0
 _LOAD_WITHIN: Final = 120.0
+_DATA_WITHIN: Final = 10.0
+"""Timeout (s) for the first data of a recording that is not loading any more."""
+_FINISH_WITHIN: Final = 240.0
+"""Timeout (s) for the viewer, which may also stop answering requests."""
+_END_WITHIN: Final = 2.0
+_PANIC: Final = re.compile(r"panicked at '(.*?)'$", re.MULTILINE)
 _SETTLE_WITHIN: Final = 60.0
 """Timeout (s) for a stable picture; long, because software rendering on a busy machine is slow."""
 _EQUAL: Final = 3
@@ -102,11 +111,16 @@ def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=environment
         )
+        watchdog = threading.Timer(_FINISH_WITHIN, process.kill)
+        watchdog.start()
         try:
             _wait_for_port(process, port, output)
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
             yield client
+        except ConnectionError as error:
+            raise ScreenError(_failure(process, output)) from error
         finally:
+            watchdog.cancel()
             process.terminate()
             try:
                 process.wait(10)
@@ -115,12 +129,30 @@ def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
                 process.wait()
 
 
+def _failure(process: "subprocess.Popen[bytes]", output: "IO[bytes]") -> str:
+    """Return a description of why the viewer does not answer."""
+    try:
+        code = process.wait(_END_WITHIN)
+    except subprocess.TimeoutExpired:
+        return "the viewer (rerun) does not answer, so there is no picture"
+    if code == -signal.SIGKILL:
+        return f"the viewer (rerun) did not finish the picture within {_FINISH_WITHIN:.0f} s, or was killed"
+    text = _text(output)
+    panic = _PANIC.search(text)
+    reason = panic[1] if panic else text.strip()[-400:] or f"exit code {code}"
+    return f"the viewer (rerun) failed while it drew the picture: {reason}"
+
+
+def _text(output: "IO[bytes]") -> str:
+    output.seek(0)
+    return output.read().decode(errors="replace")
+
+
 def _wait_for_port(process: "subprocess.Popen[bytes]", port: int, output: "IO[bytes]") -> None:
     deadline = time.monotonic() + _START_WITHIN
     while time.monotonic() < deadline:
         if process.poll() is not None:
-            output.seek(0)
-            text = output.read().decode(errors="replace")
+            text = _text(output)
             if "adapter" in text or "ulkan" in text:
                 raise ScreenError(
                     "no Vulkan driver was found for the picture; on Debian and Ubuntu "
@@ -134,13 +166,19 @@ def _wait_for_port(process: "subprocess.Popen[bytes]", port: int, output: "IO[by
 
 
 def _wait_for_views(client: "ViewerClient") -> "list[View]":
-    deadline = time.monotonic() + _LOAD_WITHIN
-    while time.monotonic() < deadline:
+    now = loading_at = time.monotonic()
+    deadline = now + _LOAD_WITHIN
+    while now < deadline:
         state = client.get_state()
         timelines = {timeline.name for recording in state.recordings for timeline in recording.timelines}
         if state.views and TREE_TIME in timelines and not state.loading:
             return list(state.views)
         time.sleep(0.1)
+        now = time.monotonic()
+        if state.loading or not state.recordings:
+            loading_at = now
+        elif now - loading_at > _DATA_WITHIN:
+            raise ScreenError("the recording is not one of btcore's monitor, or it has no data")
     raise ScreenError(f"the recording did not load within {_LOAD_WITHIN:.0f} s")
 
 

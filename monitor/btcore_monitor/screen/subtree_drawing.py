@@ -4,7 +4,6 @@ The entities are nested like the nodes. Below ``tree`` are the parts of the draw
 and an entity for each node, by its path. The content of a subtree is below the entity of its SubTree node.
 """
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -13,7 +12,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from btcore_monitor.events import ObservedTree
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, strip_colours
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, entity_part, strip_colours
 from btcore_monitor.screen.style import EDGE_STROKE, PATH_STROKE, PILL_HEIGHT, RIM, RING, Colours, Palette
 
 PARTS: Final = ("frames", "edges", "path", "raised", "found", "rims", "pills", "badges", "ink")
@@ -172,22 +171,27 @@ def split_by_subtree(tree: ObservedTree, most: int = BRANCHES_AT_MOST) -> dict[s
     return indices
 
 
-def node_entities(tree: ObservedTree, origin: str) -> list[str]:
-    """Return the entity of each node, by its path below *origin*, in the order of the nodes."""
+def node_entities(tree: ObservedTree, origin: str) -> tuple[list[str], dict[str, str]]:
+    """Return the entity of each node, in the order of the nodes, and the entity of each subtree by its path.
+
+    The entities are below *origin*. The content of a subtree is below the entity of its SubTree node.
+    """
     taken: set[str] = set()
+    subtrees = {tree.root.subtree: origin}
     entities = []
     for node in tree.nodes:
-        entity = entity_path(origin, node.path)
+        outer = subtrees.get(node.subtree)
+        path = node.path if outer is None else node.path.removeprefix(f"{node.subtree}/")
+        entity = "/".join([outer or origin, *map(_entity_part, path.split("/"))])
         # Replaced characters may make two entities equal, or equal to a part of the drawing.
         if entity in taken or entity.rsplit("/", 1)[1] in PARTS:
             entity += f".{node.uid}"
         taken.add(entity)
         entities.append(entity)
-    return entities
+        if node.kind == "subtree" and node.children:
+            subtrees.setdefault(tree.by_uid[node.children[0]].subtree, entity)
+    return entities, subtrees
 
 
-def entity_path(origin: str, path: str) -> str:
-    """Return the entity of a *path* below *origin*; ``::`` and special characters are replaced."""
-    names = path.replace("::", ".").split("/")
-    parts = [re.sub(r"[^\w.-]+", "_", name, flags=re.ASCII).strip("_") for name in names]
-    return "/".join([origin, *filter(None, parts)])
+def _entity_part(name: str) -> str:
+    return entity_part(name.replace("::", "."))

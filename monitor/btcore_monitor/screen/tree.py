@@ -21,7 +21,6 @@ from btcore_monitor.screen.subtree_drawing import (
     PARTS,
     Strip,
     SubtreeDrawing,
-    entity_path,
     hover_values,
     node_entities,
     split_by_subtree,
@@ -86,9 +85,15 @@ class TreeView:
         self._inner = np.array([bool(node.children) for node in tree.nodes])
         self._pills = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
         edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
+        self._entities, inside = node_entities(tree, self.origin)
         self.subtrees = [
             SubtreeDrawing(
-                rows, palette, entity_path(self.origin, path), np.array(at, dtype=np.intp), self._pills, edges
+                rows,
+                palette,
+                inside[path],
+                np.array(at, dtype=np.intp),
+                self._pills,
+                edges,
             )
             for path, at in split_by_subtree(tree).items()
         ]
@@ -190,8 +195,7 @@ class TreeView:
         selected node.
         """
         shaped = len(self.tree.nodes) <= BIG
-        entities = node_entities(self.tree, self.origin)
-        for node, pill, entity in zip(self.tree.nodes, self._pills, entities, strict=True):
+        for node, pill, entity in zip(self.tree.nodes, self._pills, self._entities, strict=True):
             # A single component, because each component takes a kilobyte of the file.
             components = [hover_values({"node": f"{node.id}  {node.path}  {ports(node)}".rstrip()})]
             if shaped:

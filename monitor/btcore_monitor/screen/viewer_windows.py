@@ -16,6 +16,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from btcore_monitor.screen.blueprint import Pane, lanes, layout, log, running, trees, windowed
+from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.row_buffer import WALL_TIME
 from btcore_monitor.screen.sinks import RecordingSinks
 
@@ -158,7 +159,7 @@ def _recording(application: str, name: str) -> rr.RecordingStream:
     # Without the timelines that rerun adds by itself, which have no meaning here.
     recording.set_log_tick_enabled(False)
     recording.set_log_time_enabled(False)
-    recording.send_recording_name(name)
+    recording.send_recording_name(legible(name))
     return recording
 
 

@@ -2,7 +2,7 @@
 
 from btcore_monitor.events import ExceptionRaised, StatusChanged, TreeSeen
 from btcore_monitor.screen.style import GROOT
-from btcore_monitor.screen.subtree_drawing import entity_path, split_by_subtree
+from btcore_monitor.screen.subtree_drawing import node_entities, split_by_subtree
 from btcore_monitor.screen.tree import FOLDED_AT_MOST, fold_subtrees, matching
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
@@ -27,8 +27,9 @@ def named(tree, name):
 def colours(recording, tree, origin, t):
     """uid → colour of its pill at *t*, from the entities of all subtrees."""
     found = {}
+    _, entities = node_entities(tree, origin)
     for path, indices in split_by_subtree(tree).items():
-        row = recording.at(f"/{entity_path(origin, path)}/pills", "LineStrips2D:colors", t)
+        row = recording.at(f"/{entities[path]}/pills", "LineStrips2D:colors", t)
         found.update(zip((tree.nodes[at].uid for at in indices), row, strict=True))
     return found
 

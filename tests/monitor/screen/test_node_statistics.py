@@ -44,7 +44,9 @@ def test_a_run_of_bumpgo_has_the_results_and_times_of_each_node(run, tmp_path, r
 
 def test_names_are_indented_by_their_depth_in_the_tree(run, tmp_path, recorded):
     document = recorded(run(5), tmp_path / "run.rrd").of("/statistics", "TextDocument:text")[-1][1][0]
-    depth = {match[2]: len(match[1]) for match in re.finditer(r"^\| (\u2003*)(\S+)", document, re.M)}
+    depth = {
+        match[2]: len(match[1]) // 4 for match in re.finditer(r"^\| ((?:\xa0{4})*)(\S+)", document, re.M)
+    }
     assert (depth["bumpgo"], depth["avoid"], depth["clear"], depth["IsObstacle"]) == (0, 1, 2, 3)
 
 

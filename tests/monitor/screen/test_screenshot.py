@@ -5,16 +5,36 @@ import os
 
 import numpy as np
 import pytest
+import rerun as rr
+import rerun.blueprint as rrb
 from PIL import Image
 
+from btcore_monitor.events import (
+    BlackboardSeen,
+    ExceptionRaised,
+    ObservedNode,
+    ObservedTree,
+    SceneMoving,
+    SceneStatic,
+    StatusChanged,
+    Ticked,
+    TreeSeen,
+)
+from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.screenshot import screenshot
 from btcore_monitor.screen.sinks import RecordingSinks, ScreenError
 from btcore_monitor.screen.style import GROOT, PILL_HEIGHT
 from btcore_monitor.screen.tree import TreeView
+from btcore_scene import Box, Frame, MovingScene, StaticScene
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
+SECOND = 10**9
 TREE = "Behavior tree"
+BOX = Box(
+    size=(1, 1, 1), position=(0, 0, 0), quaternion=(0, 0, 0, 1), color=(9, 9, 9, 9), name="箱", frame="車"
+)
+MONOSPACE = rrb.TextLogFormat(monospace_body=True)
 
 
 @pytest.fixture(scope="module")
@@ -34,10 +54,30 @@ def vulkan(tmp_path_factory):
 
 
 def _one_node():
-    from btcore_monitor.events import ObservedNode, ObservedTree, TreeSeen
-
     tree = ObservedTree("c" * 32, "One", (ObservedNode(1, "One", "One", "action", "One"),))
     return TreeSeen(tree, 0, 0, {1: IDLE})
+
+
+FOREIGN = "Δρόμος", "Ход", "充电", "放电", "بطارية", "🔋", "दौड़", "a\u202eb", "\x07"
+
+
+def _foreign_events():
+    """Return events of a tree whose names, ports, values, notes and errors are in many scripts."""
+    nodes = [ObservedNode(1, "🌳", "Sequence", "control", "🌳", 0, tuple(range(2, 2 + 2 * len(FOREIGN), 2)))]
+    for at, name in enumerate(FOREIGN):
+        sub, uid = 2 + 2 * at, 3 + 2 * at
+        nodes.append(ObservedNode(sub, name, "SubTree", "subtree", name, 1, (uid,), {"to": f"{{{name}}}"}))
+        nodes.append(ObservedNode(uid, name, name, "action", f"{name}/{name}", sub, (), {}, name))
+    tree = ObservedTree("d" * 32, "木", tuple(nodes), {"": "木", **{name: name for name in FOREIGN}})
+    yield TreeSeen(tree, 0, 0, {})
+    for number, uid in enumerate((1, 2, 3), start=1):
+        yield StatusChanged(number, SECOND, SECOND, 1, uid, IDLE, RUNNING)
+    yield BlackboardSeen(SECOND, SECOND, {"": {name: [name] for name in FOREIGN}, FOREIGN[2]: {"x": "電"}})
+    yield SceneStatic(StaticScene(frame="地", parts=(BOX,)))
+    frames = (Frame("車", "地", (0, 0, 0), (0, 0, 0, 1)), Frame("轮", "地", (1, 0, 0), (0, 0, 0, 1)))
+    yield SceneMoving(SECOND, SECOND, MovingScene(stamp=SECOND, frames=frames, notes={"電": "🔋 90 %"}))
+    yield ExceptionRaised(SECOND, SECOND, f"{FOREIGN[3]}/{FOREIGN[3]}", "no 電池 🔋")
+    yield Ticked(1, SECOND, SECOND, 1000, RUNNING)
 
 
 @pytest.fixture
@@ -94,13 +134,6 @@ def test_pills_are_at_the_places_of_the_layout_in_their_current_colours(vulkan, 
             assert close(picture.at(name), colour), (t, name, picture.at(name), rgb(colour))
 
 
-def test_the_whole_window_has_the_requested_size(vulkan, recording, tmp_path):
-    path, _ = recording
-    screenshot(path, tmp_path / "window.png", t=4.5, size=(1280, 800))
-    with Image.open(tmp_path / "window.png") as image:
-        assert image.size == (1280, 800)
-
-
 def test_two_pictures_of_the_tree_are_the_same(vulkan, recording, tmp_path):
     """The whole window may differ in the few pixels of a scroll bar, which the viewer fades."""
     path, _ = recording
@@ -117,6 +150,45 @@ def test_the_laser_and_the_trail_are_in_the_scene(vulkan, recording, tmp_path):
         pixels = np.asarray(image.convert("RGB")).reshape(-1, 3).astype(int)
     for colour in (GROOT.laser, GROOT.trail):
         assert (np.abs(pixels - rgb(colour)).max(axis=1) <= 6).sum() > 20
+
+
+def test_texts_in_any_script_are_drawn_in_a_window_of_the_requested_size(vulkan, tmp_path):
+    screen = RobotView(RecordingSinks(save=tmp_path / "run.rrd"), find=["充电"])
+    for event in _foreign_events():
+        screen.show(event)
+    view = screen.tree
+    screen.close()
+    screenshot(tmp_path / "run.rrd", tmp_path / "window.png", size=(1280, 800))
+    with Image.open(tmp_path / "window.png") as image:
+        assert image.size == (1280, 800)
+    screenshot(tmp_path / "run.rrd", tmp_path / "tree.png", t=1.0, view=TREE)
+    picture = TreePicture((tmp_path / "tree.png").read_bytes(), view)
+    assert close(picture.at("🌳"), GROOT.busy)
+    assert close(picture.at("放电"), GROOT.fill[IDLE])  # not hidden by another subtree's drawing
+
+
+def test_every_letter_that_is_not_replaced_can_be_drawn(vulkan, tmp_path):
+    letters = "".join(chr(code) for code in range(32, 0x3000) if legible(chr(code)) == chr(code))
+    recording = rr.RecordingStream("letters")
+    recording.set_sinks(rr.FileSink(tmp_path / "letters.rrd"))
+    recording.set_time("t", duration=1.0)
+    recording.log("text", rr.TextDocument(letters))
+    recording.log("log", rr.TextLog(letters))
+    views = rrb.TextDocumentView(origin="text"), rrb.TextLogView(origin="log", format_options=MONOSPACE)
+    recording.send_blueprint(rrb.Blueprint(*views, auto_views=False))
+    recording.disconnect()
+    screenshot(tmp_path / "letters.rrd", tmp_path / "letters.png", size=(1280, 800))
+
+
+def test_a_viewer_that_dies_is_an_error_with_its_reason(vulkan, tmp_path):
+    recording = rr.RecordingStream("emoji")
+    recording.set_sinks(rr.FileSink(tmp_path / "emoji.rrd"))
+    recording.set_time("t", duration=1.0)
+    recording.log("text", rr.TextDocument("🔋"))
+    recording.send_blueprint(rrb.Blueprint(rrb.TextDocumentView(origin="text"), auto_views=False))
+    recording.disconnect()
+    with pytest.raises(ScreenError, match=r'failed while it drew the picture: No glyph for "🔋"'):
+        screenshot(tmp_path / "emoji.rrd", tmp_path / "none.png", size=(640, 480))
 
 
 def test_an_unknown_view_is_reported_with_the_existing_views(vulkan, recording, tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore_monitor.screen.font import elide, glyph, placed, strokes_of, width_of
+from btcore_monitor.screen.font import elide, glyph, legible, placed, spell, strokes_of, width_of
 from btcore_monitor.screen.symbols import symbol
 
 BOX = glyph("漢")
@@ -75,3 +75,23 @@ def test_symbols_fit_the_badge_and_unknown_nodes_are_drawn_by_their_kind():
                 assert abs(x - 100.0) <= 11.0
                 assert abs(y - 50.0) <= 11.0
     assert len({str(symbol("SomethingOfYourOwn", kind)) for kind in kinds}) == len(kinds)
+
+
+@pytest.mark.parametrize(
+    ("text", "drawn"),
+    [
+        ("Drive → 90° ✓", "Drive → 90° ✓"),
+        ("Δρόμος Ход", "Δρόμος Ход"),
+        ("充电🔋", "□□□"),
+        ("عربي", "□□□□"),
+        ("cafe\u0301 ⚠\ufe0f\u2003\x07", "café ⚠ □"),
+    ],
+)
+def test_characters_that_the_viewer_lacks_are_replaced(text, drawn):
+    assert legible(text) == drawn
+
+
+@given(st.text(), st.text())
+def test_spelled_names_can_be_drawn_and_stay_different(one, other):
+    assert legible(spell(one)) == spell(one)
+    assert one == other or spell(one) != spell(other) or "u" in one + other

@@ -97,17 +97,19 @@ def test_subtrees_beyond_the_limit_belong_to_the_branch_around_them():
 
 
 def test_entities_follow_the_subtrees_and_avoid_the_names_of_drawing_parts(big_tree):
-    assert node_entities(NESTED, "tree") == [
+    entities, subtrees = node_entities(NESTED, "tree")
+    assert entities == [
         "tree/Root.1",
         "tree/Drive",
         "tree/Drive/Steps.3",
         "tree/Drive/Go.4",
         "tree/pills.5",
     ]
+    assert subtrees == {"": "tree", "Drive": "tree/Drive"}
     big = big_tree(1000)
-    assert len(set(node_entities(big, "tree"))) == 1000
+    assert len(set(node_entities(big, "tree")[0])) == 1000
     odd = observed_tree(node(1, "Is it?", path="Is it?", children=(2,)), node(2, "Is it!", 1, path="Is it!"))
-    assert node_entities(odd, "tree") == ["tree/Is_it", "tree/Is_it.2"]
+    assert node_entities(odd, "tree")[0] == ["tree/Is_it", "tree/Is_it.2"]
 
 
 def test_all_parts_of_a_subtree_are_below_its_entity(recorded, tmp_path):
