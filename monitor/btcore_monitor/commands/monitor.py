@@ -177,15 +177,14 @@ def _label(feed: "Feed") -> str:
 
 
 def _show(feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Event) -> None:
-    from btcore_monitor.events import ConnectionChanged, HooksFound
+    from btcore_monitor.commands.notices import notice
 
     for events in feed.batches(until_end):
         for event in events:
             view.show(event)
-            if isinstance(event, ConnectionChanged):
-                click.echo(f"monitor: {event.detail or event.state}", err=True)
-            elif isinstance(event, HooksFound):
-                click.echo(f"monitor: {event.warning}", err=True)
+            text = notice(event)
+            if text:
+                click.echo(f"monitor: {text}", err=True)
         if not events:
             view.flush()
         if stop.is_set():

@@ -130,14 +130,10 @@ class _Files:
 
 
 def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:
-    from btcore_monitor.events import (
-        ConnectionChanged,
-        DataMissed,
-        HooksFound,
-        TransitionsLost,
-        TreeSeen,
-    )
+    from btcore_monitor.commands.notices import notice
+    from btcore_monitor.events import ConnectionChanged, TreeSeen
 
+    shown = ""
     stop = threading.Event()
     deadline = None if duration is None else time.monotonic() + duration
     with stop_on_signals(stop):
@@ -148,16 +144,14 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
             ended = False
             for event in feed.poll(left):
                 files.show(event)
-                if isinstance(event, TreeSeen):
+                # After a gap the same tree is seen again.
+                if isinstance(event, TreeSeen) and event.tree.tree_id != shown:
+                    shown = event.tree.tree_id
                     _print_source(event, statuses_only=not files.views)
-                elif isinstance(event, TransitionsLost):
-                    _print(f"the transitions {event.first} to {event.last} are lost")
-                elif isinstance(event, DataMissed):
-                    _print(f"{event.topic} missing: {event.reason}")
-                elif isinstance(event, HooksFound):
-                    _print(event.warning)
-                elif isinstance(event, ConnectionChanged):
-                    _print(event.detail or event.state)
+                text = notice(event)
+                if text:
+                    _print(text)
+                if isinstance(event, ConnectionChanged):
                     ended = event.state == "ended"
             files.flush()
             if ended and until_end:

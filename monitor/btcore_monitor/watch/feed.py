@@ -85,10 +85,13 @@ class Feed(Closeable):
     def poll(self, timeout: float) -> list[Event]:
         """Return the events since the last call. If there are none, wait up to *timeout* s (wall clock)."""
         deadline = time.monotonic() + timeout
+        events: list[Event] = []
         while True:
-            events = self._gather()
+            events += self._gather()
             left = deadline - time.monotonic()
-            if events or left <= 0 or self._stopped.is_set():
+            # A robot's buffer would overflow while the caller processes the events.
+            is_behind = self._sampled.is_behind and not self._by_scene
+            if (events and not is_behind) or left <= 0 or self._stopped.is_set():
                 return events
             self._wait(min(left, _STEP))
 
@@ -261,6 +264,6 @@ class Feed(Closeable):
         elif not self._by_scene:
             if self._groot2.busy:
                 poller.register(self._groot2.socket, zmq.POLLIN)
-            seconds = min(seconds, max(0.01, self._sampled.next_at - time.monotonic()))
+            seconds = min(seconds, self._sampled.next_at - time.monotonic())
         # At least 1 ms: poll(0) would make the loop in poll() occupy the processor.
         poller.poll(max(1, round(1000 * seconds)))

@@ -5,8 +5,13 @@ transitions. Transitions that do not agree with the statuses are reported as a g
 
 Each request for transitions empties the robot's buffer. So the feed requests only statuses if another client
 requests transitions too, if the robot rejects the request, or if ``record`` is false. Then changes between
-two requests are not seen, with one exception: the protocol sends the previous status of an idle node. With
-and without a recording, the feed numbers the transitions itself, and ``TreeSeen.numbered`` is false.
+two requests are not seen, with one exception: the protocol sends the previous status of an idle node. After
+some time the feed requests transitions again, because the other client may have left. With and without a
+recording, the feed numbers the transitions itself, and ``TreeSeen.numbered`` is false.
+
+The robot keeps 1,000 transitions. The feed requests them so often that a batch is much smaller, also while a
+big tree changes many nodes in one tick. If the buffer overflows anyway, the feed reports a gap and continues
+with the transitions that the robot still has.
 """
 
 import time
@@ -28,15 +33,13 @@ from btcore_monitor.events import (
 from btcore_monitor.watch.blackboard_poller import BlackboardPoller
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.watch.hooks_warning import hooks_warning
-from btcore_monitor.watch.recording_validator import (
-    MissingTransitionsError,
-    RecordingOverflowError,
-    RecordingValidator,
-    RobotClock,
-)
+from btcore_monitor.watch.recording_validator import CheckedBatch, RecordingValidator, RobotClock
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
 from btcore_monitor.wire.fulltree import read_fulltree
 from btcore_monitor.wire.groot2 import (
+    RECORDED_AT_MOST,
+    TRANSITION_SIZE,
+    RecordedTransition,
     Reply,
     Request,
     StatusRecord,
@@ -50,16 +53,20 @@ STATUS_EVERY: Final = 0.05
 """Seconds (wall clock) between two requests for statuses."""
 
 GAPS_AT_MOST: Final = 3
-"""Gaps in the recording of a tree after which the feed stops requesting recorded transitions."""
+"""Gaps because of another client, after which the feed leaves the recording to that client for some time."""
+
+RETRY_AFTER: Final = 10.0
+"""Seconds (wall clock) after which the feed requests recorded transitions again. Each retry doubles them."""
+_RETRY_AT_MOST: Final = 320.0
 
 _FORGIVEN_AFTER: Final = 200
 """Batches without a gap after which earlier gaps no longer count."""
 
-_FASTER_FROM: Final = 400
-"""Transitions in a batch from which on requests become more frequent, because the robot keeps only 1,000."""
-_SLOWER_UNTIL: Final = 100
-"""Transitions in a batch up to which requests become less frequent again."""
-_SHORTEST_INTERVAL: Final = 0.01
+_WANTED: Final = 250
+"""Transitions in a batch above which requests become more frequent, because the robot keeps only 1,000."""
+_SLOWER_AFTER: Final = 5.0
+"""Seconds without a big batch after which requests become less frequent. Ticks may be seconds apart."""
+_SHORTEST_INTERVAL: Final = 0.002
 _UNSURE_BY: Final = 1_000_000_000
 """Maximum error (ns) of the estimate of the robot's clock, in addition to the duration of a request."""
 
@@ -80,6 +87,8 @@ class Groot2Feed:
         self.tree: ObservedTree | None = None
         self._wants_record = self._record = record
         self._no_record = ""
+        self._retry_at = float("inf")
+        self._retry_after = RETRY_AFTER
         self._tree_id = ""
         self._hooks_listed_for = ""
         self._must_list_hooks = False
@@ -89,20 +98,26 @@ class Groot2Feed:
         self._clock = RobotClock()
         self._boards = BlackboardPoller(blackboard_rate)
         self._pending: Request | None = None
-        self._requested_at = 0
+        # When the last request was sent, and the request of the reply that is processed (ns, robot's clock).
+        self._sent_at = self._requested_at = 0
         self._recording_from = 0
         self._drained_at = 0
         self._unsure_by = _UNSURE_BY
         self._seen_up_to = 0
         self._is_first = True
-        self._must_stop = False
+        self._was_sampled = False
+        self._reply_lost = False
         self._gaps = self._complete = 0
         self._number = 0
         self._every = STATUS_EVERY
+        self._busy_at = 0.0
+        self._last_size = 0
         self._next_status = 0.0
 
     def forget(self) -> None:
         """Forget the tree and request it again. The recording of an unchanged tree continues."""
+        # The robot may have sent transitions, and has removed them then.
+        self._reply_lost |= self._pending is Request.GET_TRANSITIONS
         self.tree = None
         self._records = None
         self._observed = None
@@ -112,6 +127,11 @@ class Groot2Feed:
     def following(self) -> bool:
         """Whether the robot's tree and its statuses are known."""
         return self.tree is not None and self._records is not None
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether the robot's buffer may overflow unless `step` is called again immediately."""
+        return self._validator is not None and self._last_size > _WANTED
 
     @property
     def next_at(self) -> float:
@@ -147,8 +167,13 @@ class Groot2Feed:
                 if reply is None:
                     return events
                 self._pending = None
+                self._requested_at = self._sent_at
+                # While a reply is processed, a fast robot overwrites transitions. So the request that will
+                # follow in any case is sent before.
+                self._request_early(reply)
                 self._take(reply, events)
-        self._request(tree_only)
+        if not self.client.busy:
+            self._request(tree_only)
         return events
 
     def leave(self) -> None:
@@ -165,12 +190,11 @@ class Groot2Feed:
         # The scene channel may still connect, and needs no recording.
         elif tree_only:
             pass
-        elif self._must_stop:
-            self._must_stop = False
-            self._begin(Request.TOGGLE_RECORDING, b"stop")
         elif self._observed is not None:
             self._begin(Request.GET_TRANSITIONS)
-        elif self._records is not None and self._record and self._validator is None:
+        elif (
+            self._records is not None and self._validator is None and (self._record or now >= self._retry_at)
+        ):
             self._begin(Request.TOGGLE_RECORDING, b"start")
         elif self._must_list_hooks:
             self._must_list_hooks = False
@@ -182,9 +206,18 @@ class Groot2Feed:
         elif self._boards.due <= now:
             self._begin(Request.BLACKBOARD, self._boards.next_request(now))
 
+    def _request_early(self, reply: Reply) -> None:
+        if self.tree is None or reply.tree_id != self.tree.tree_id or self._validator is None:
+            return
+        if reply.kind == Request.STATUS:
+            self._begin(Request.GET_TRANSITIONS)
+        elif reply.kind == Request.GET_TRANSITIONS and len(reply.body) > _WANTED * TRANSITION_SIZE:
+            # Probably in the middle of a tick.
+            self._begin(Request.STATUS)
+
     def _begin(self, kind: Request, body: bytes | None = None) -> None:
         self._pending = kind
-        self._requested_at = self._clock.wall()
+        self._sent_at = self._clock.wall()
         self.client.begin_request(kind, body)
 
     # Replies
@@ -204,7 +237,11 @@ class Groot2Feed:
                 wall = self._clock.wall()
                 events.append(BlackboardSeen(self._clock.t(wall), wall, boards))
         elif reply.kind == Request.GET_TRANSITIONS:
-            self._apply(reply.body, events)
+            # Until the transitions are decoded, because the robot no longer has them.
+            self._reply_lost, lost = True, self._reply_lost
+            batch = decode_transitions(reply.body)
+            self._reply_lost = lost
+            self._apply(batch, events)
         elif reply.kind == Request.HOOKS_DUMP:
             self._warn_of_hooks(reply.body, events)
         elif reply.kind == Request.TOGGLE_RECORDING and reply.body:
@@ -220,10 +257,11 @@ class Groot2Feed:
         self._validator = None
         self._record = self._wants_record
         self._no_record = "" if self._record else "--no-record"
-        self._must_stop = False
         self._is_first = True
+        self._was_sampled = self._reply_lost = False
         self._gaps = self._complete = self._number = self._seen_up_to = 0
         self._every = STATUS_EVERY
+        self._retry_at, self._retry_after = float("inf"), RETRY_AFTER
         self._clock.begin(self._clock.wall())
 
     def _observe(self, observed: dict[int, StatusRecord], events: list[Event]) -> None:
@@ -247,6 +285,8 @@ class Groot2Feed:
         if self._is_first:
             self._clock.begin(wall)
         self._recording_from = self._drained_at = wall
+        self._was_sampled = not self._record
+        self._record, self._no_record, self._retry_at = True, "", float("inf")
         self._validator = RecordingValidator(self._records)
         self._next_status = 0.0
 
@@ -254,7 +294,7 @@ class Groot2Feed:
         assert self.tree is not None
         statuses = {node.uid: 0 for node in self.tree.nodes}
         statuses |= {uid: record.status for uid, record in records.items()}
-        self._seen_up_to = self._clock.t(wall)
+        self._seen_up_to = max(self._seen_up_to, self._clock.t(wall))
         events.append(
             TreeSeen(self.tree, self._seen_up_to, wall, statuses, numbered=False, source=self._source())
         )
@@ -317,70 +357,99 @@ class Groot2Feed:
         self._seen_up_to = max(self._seen_up_to, self._clock.t(wall))
         events.append(StatusChanged(self._number, self._seen_up_to, wall, 0, uid, previous, status))
 
-    def _apply(self, body: bytes, events: list[Event]) -> None:
+    def _apply(self, batch: list[RecordedTransition], events: list[Event]) -> None:
         """Process the transitions that the robot recorded since the previous batch."""
         assert self._validator is not None
         assert self._observed is not None
         observed, self._observed = self._observed, None
-        batch = decode_transitions(body)
         drained_at, self._drained_at = self._drained_at, self._requested_at
         if batch and self._recording_from + 1000 * batch[0].offset < drained_at - self._unsure_by:
             # Offsets count from the start of the recording, which another client's `start` moves.
             reason = "another client began a recording of this robot, or its clock was set"
-            self._abandon_recording(observed, reason, events)
+            self._leave_recording(observed, reason, events)
             return
-        before = self._validator.statuses
-        try:
-            steps = self._validator.apply(observed, batch)
-        except MissingTransitionsError as error:
-            self._handle_gap(error, events)
+        known = self._validator.statuses
+        checked = self._validator.apply(observed, batch)
+        self._choose_interval(len(batch))
+        # The time of the first transition: statuses of nodes that changed in a gap are shown just before it.
+        wall = self._recording_from + 1000 * batch[0].offset if batch else self._requested_at
+        if self._is_first:
+            self._show(wall if checked.is_overflow else self._recording_from, checked.before, events)
+        elif not checked.is_complete:
+            if not self._report_missing(checked, wall, events):
+                return
+        elif self._was_sampled:
+            self._report_gap("short changes before this time were not seen in the samples", wall, events)
+            self._show(wall, checked.before, events)
         else:
-            if self._is_first:
-                self._show(self._recording_from, before, events)
-            for transition, previous in steps:
-                wall = self._recording_from + 1000 * transition.offset
-                self._report(wall, transition.uid, previous, transition.status, events)
-            self._complete += bool(steps)
+            for uid, record in checked.before.items():
+                if record.status != known[uid].status:
+                    self._report(drained_at, uid, known[uid].status, record.status, events)
+        self._is_first = self._was_sampled = self._reply_lost = False
+        for transition, previous in checked.steps:
+            at = self._recording_from + 1000 * transition.offset
+            self._report(at, transition.uid, previous, transition.status, events)
+        if checked.is_complete:
+            self._complete += bool(checked.steps)
             if self._complete >= _FORGIVEN_AFTER:
                 self._gaps = self._complete = 0
-        self._is_first = False
-        # The robot drops the oldest transitions of a full buffer, so a fast tree is polled more often.
-        if len(batch) >= _FASTER_FROM:
-            self._every = max(_SHORTEST_INTERVAL, self._every / 2)
-        elif len(batch) <= _SLOWER_UNTIL:
-            self._every = min(STATUS_EVERY, self._every * 2)
+                self._retry_after = RETRY_AFTER
 
-    def _handle_gap(self, error: MissingTransitionsError, events: list[Event]) -> None:
+    def _choose_interval(self, size: int) -> None:
+        """Choose the time to the next request after a batch of *size* transitions."""
+        now = time.monotonic()
+        self._last_size = size
+        if size > _WANTED:
+            self._busy_at = now
+            # A full buffer may have had any number of transitions.
+            self._every *= _WANTED / size if size < RECORDED_AT_MOST else 0
+            self._every = max(_SHORTEST_INTERVAL, self._every)
+        elif now - self._busy_at > _SLOWER_AFTER:
+            self._every = min(STATUS_EVERY, 2 * self._every)
+
+    def _report_missing(self, checked: CheckedBatch, wall: int, events: list[Event]) -> bool:
+        """Report that transitions are missing. Return false if the feed leaves the recording."""
         assert self._validator is not None
-        if self._is_first:  # no event was reported yet
-            self._show(self._requested_at, self._validator.statuses, events)
-            return
-        self._gaps += 1
-        self._complete = 0
-        if self._gaps < GAPS_AT_MOST:
-            self._report_gap(str(error), events)
-            self._show(self._requested_at, self._validator.statuses, events)
+        if self._reply_lost:
+            reason = "a reply of the robot with its recorded transitions did not arrive"
+        elif checked.is_overflow:
+            reason = (
+                f"more than {RECORDED_AT_MOST} statuses changed between two requests, and the robot keeps "
+                "only the last ones"
+            )
         else:
+            self._gaps += 1
+            self._complete = 0
             reason = "another client reads this robot's recording too"
-            if isinstance(error, RecordingOverflowError):
-                self._must_stop = True
-                reason = f"{error}: it changes faster than it can be polled"
-            self._abandon_recording(self._validator.statuses, reason, events)
+            if self._gaps >= GAPS_AT_MOST:
+                self._leave_recording(self._validator.statuses, reason, events)
+                return False
+        self._report_gap(reason, wall, events)
+        self._show(wall, checked.before, events)
+        return True
 
-    def _abandon_recording(self, records: dict[int, StatusRecord], reason: str, events: list[Event]) -> None:
-        """Stop using the recording, and continue with statuses only."""
-        self._report_gap(reason, events)
+    def _leave_recording(self, records: dict[int, StatusRecord], reason: str, events: list[Event]) -> None:
+        """Leave the recording to another client, and continue with statuses only until the next retry."""
+        self._no_record = f"{reason}; next attempt to read it in {self._retry_after:g} s"
+        self._report_gap(
+            f"{reason}: statuses are sampled for {self._retry_after:g} s", self._requested_at, events
+        )
+        self._retry_at = time.monotonic() + self._retry_after
+        self._retry_after = min(_RETRY_AT_MOST, 2 * self._retry_after)
+        # The next gap because of another client ends the retry.
+        self._gaps = GAPS_AT_MOST - 1
+        self._complete = 0
         self._record = False
-        self._no_record = reason
         self._validator = None
         self._records = records
         self._show(self._requested_at, records, events)
+        self._is_first = False
 
-    def _report_gap(self, reason: str, events: list[Event]) -> None:
-        if self._is_first:
-            return
-        wall = self._requested_at
-        events.append(DataMissed(self._clock.t(wall), wall, self._seen_up_to, "transitions", reason))
+    def _report_gap(self, reason: str, wall: int, events: list[Event]) -> None:
+        """Report that transitions before *wall* (ns, robot's clock) are missing."""
+        if not self._is_first:
+            t = max(self._seen_up_to, self._clock.t(wall))
+            events.append(DataMissed(t, wall, self._seen_up_to, "transitions", reason))
 
     def _continue_without(self, request: Request | None, reason: str, events: list[Event]) -> bool:
         """Continue without the data that the robot refused to send. Return false if the data is necessary."""

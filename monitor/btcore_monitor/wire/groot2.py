@@ -32,6 +32,8 @@ _REPLY: Final = struct.Struct("<BBI16s")
 _STATUS: Final = struct.Struct("<HB")
 # The offset in µs has 48 bits: groot2_publisher.cpp copies the first 6 bytes of a 64-bit integer.
 _TRANSITION: Final = struct.Struct("<IHHB")
+TRANSITION_SIZE: Final = _TRANSITION.size
+"""Bytes of a recorded transition."""
 
 ERROR: Final = b"error"
 WRONG_HEADER: Final = "wrong request header"

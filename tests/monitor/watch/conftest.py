@@ -62,6 +62,7 @@ class CppRobot:
         self.delay = 0.0
         self.stall_at = ""
         self.stalled = threading.Event()
+        self.drop_reply_to = ""
         self.lock = threading.Lock()
         self.recording = False
         self._began = 0
@@ -113,7 +114,11 @@ class CppRobot:
                 self.stalled.set()
                 self._resumed.wait()
             self._stop.wait(self.delay)
-            self._socket.send_multipart(self.answer(request))
+            reply = self.answer(request)
+            if self.drop_reply_to == chr(request[0][1]) and len(reply[1]):
+                self.drop_reply_to = ""
+                reply = [b""]
+            self._socket.send_multipart(reply)
 
     def answer(self, request: list[bytes]) -> list[bytes]:
         if len(request[0]) != 6:

@@ -1,7 +1,11 @@
 """Following a stock C++ robot through Groot 2's protocol: what is seen, and what is reported as unseen."""
 
+import contextlib
+import re
+import signal
 import threading
 import time
+from collections.abc import Iterator
 
 import pytest
 
@@ -15,6 +19,7 @@ from btcore_monitor.events import (
     TreeSeen,
 )
 from btcore_monitor.serve import serve
+from btcore_monitor.watch import groot2_feed
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.wire.groot2 import Request
@@ -139,25 +144,74 @@ def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(cpp_robot, 
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
     robot.change(*ROUND * 200, (4, RUNNING))
-    until(lambda: viewer.of(DataMissed), "the hole")
-    hole = viewer.of(DataMissed)[0]
-    assert hole.topic == "transitions"
-    assert "keeps 1000 transitions, and older ones are dropped" in hole.reason
-    assert hole.since <= hole.t
+    until(lambda: changes(viewer)[-1:] == [(4, IDLE, RUNNING)], "the last transition that the robot kept")
+    (gap,) = viewer.of(DataMissed)
+    assert gap.topic == "transitions"
+    assert gap.reason == (
+        "more than 1000 statuses changed between two requests, and the robot keeps only the last ones"
+    )
+    assert gap.since < gap.t
     again = viewer.of(TreeSeen)[1]
     assert again.tree is viewer.of(TreeSeen)[0].tree
-    assert {uid for uid, status in again.statuses.items() if status} == {4}
-    assert not viewer.of(StatusChanged)
+    assert again.t == gap.t
+    assert len(changes(viewer)) == 1000, "of 1,201"
     robot.change((4, SUCCESS), (4, IDLE))
-    until(lambda: len(changes(viewer)) == 2, "what comes after the hole")
-    assert changes(viewer) == [(4, RUNNING, SUCCESS), (4, SUCCESS, IDLE)]
+    until(lambda: len(changes(viewer)) == 1002, "what comes after the gap")
+    assert changes(viewer)[-2:] == [(4, RUNNING, SUCCESS), (4, SUCCESS, IDLE)]
     assert not viewer.of(TransitionsLost)
 
 
-def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot, watch_cpp, until):
+@pytest.mark.parametrize("request_before", ["S", "t"])
+def test_statuses_that_changed_within_a_gap_are_corrected_without_another_gap(
+    cpp_robot, watch_cpp, until, request_before
+):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
+    robot.stall_at = request_before
+    assert robot.stalled.wait(10)
+    robot.change((7, RUNNING), (8, RUNNING), *ROUND * 200, (8, SUCCESS))
+    robot.resume()
+    requests = robot.asked["t"]
+    until(lambda: robot.asked["t"] > requests + 3, "a batch after the gap")
+    robot.change((7, SUCCESS), (8, IDLE))
+    until(lambda: (8, SUCCESS, IDLE) in changes(viewer), "what comes after the gap")
+    assert changes(viewer)[-2:] == [(7, RUNNING, SUCCESS), (8, SUCCESS, IDLE)]
+    assert ((7, IDLE, RUNNING) in changes(viewer)) == (request_before == "t"), "after the gap"
+    assert viewer.of(TreeSeen)[1].statuses[7] == (RUNNING if request_before == "S" else IDLE)
+    assert len(viewer.of(DataMissed)) == 1
+    times = [event.t for event in viewer.events if isinstance(event, TreeSeen | DataMissed | StatusChanged)]
+    assert times == sorted(times)
+
+
+def test_a_big_tree_that_changes_in_bursts_is_requested_more_often_and_received_completely(
+    cpp_robot, watch_cpp, until
+):
+    nodes = "".join(f'<AlwaysSuccess name="node {uid}" _uid="{uid}"/>' for uid in range(2, 902))
+    robot = cpp_robot(
+        xml=(
+            '<root BTCPP_format="4"><BehaviorTree ID="Big" _fullpath=""><Sequence name="all" _uid="1">'
+            f"{nodes}</Sequence></BehaviorTree></root>"
+        ).encode()
+    )
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    ticks = 3
+    for _ in range(ticks):
+        for status in (SUCCESS, IDLE):
+            robot.change(*((uid, status) for uid in range(2, 902)))
+            until(lambda: not robot._recorded, "a request before the second half of the tick")
+    until(lambda: len(changes(viewer)) == 2 * 900 * ticks, "all transitions")
+    assert not viewer.of(DataMissed)
+    # Requests stay frequent until the next tick: the default is one request in 0.05 s.
+    requests, began = robot.asked["t"], time.monotonic()
+    until(lambda: robot.asked["t"] >= requests + 60, "further requests")
+    assert time.monotonic() - began < 60 * groot2_feed.STATUS_EVERY * 0.7
+
+
+@contextlib.contextmanager
+def another_reader(robot) -> Iterator[None]:
+    """Another client that reads the recording again and again while node 4 changes."""
     done = threading.Event()
 
     def read() -> None:
@@ -171,17 +225,63 @@ def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot,
     thread = threading.Thread(target=read)
     thread.start()
     try:
-        until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
+        yield
     finally:
         done.set()
         thread.join()
-    assert viewer.of(DataMissed)[-1].reason == "another client reads this robot's recording too"
-    assert "another client reads this robot's recording too" in source(viewer).unavailable["transitions"]
+
+
+def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    with another_reader(robot):
+        until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
+    assert viewer.of(DataMissed)[-1].reason == (
+        "another client reads this robot's recording too: statuses are sampled for 10 s"
+    )
+    assert (
+        "another client reads this robot's recording too; next attempt to read it in 10 s"
+        in source(viewer).unavailable["transitions"]
+    )
     assert source(viewer).name == "Groot 2, sampled"
     drained = robot.asked["t"]
     robot.change((7, RUNNING))
     until(lambda: changes(viewer) and changes(viewer)[-1] == (7, IDLE, RUNNING), "a sampled change")
     assert robot.asked["t"] == drained
+
+
+def test_a_recording_is_read_again_after_another_client_has_left(cpp_robot, watch_cpp, until, monkeypatch):
+    monkeypatch.setattr(groot2_feed, "RETRY_AFTER", 0.2)
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    with another_reader(robot):
+        until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
+    until(lambda: source(viewer).name == "Groot 2, recorded", "another attempt that succeeds")
+    assert viewer.of(DataMissed)[-1].reason == "short changes before this time were not seen in the samples"
+    gaps = len(viewer.of(DataMissed))
+    robot.change(*ROUND * 20)
+    until(lambda: changes(viewer)[-1:] == [(5, FAILURE, IDLE)], "all transitions")
+    assert [step[::2] for step in changes(viewer)[1 - len(ROUND) * 20 :]] == (ROUND * 20)[1:]
+    assert len(viewer.of(DataMissed)) == gaps
+    times = [event.t for event in viewer.of(StatusChanged)]
+    assert times == sorted(times)
+
+
+def test_a_lost_reply_with_transitions_is_not_blamed_on_another_client(cpp_robot, watch_cpp, until):
+    robot = cpp_robot()
+    viewer = watch_cpp(robot.address)
+    until(lambda: viewer.of(TreeSeen), "the tree")
+    robot.drop_reply_to = "t"
+    robot.change((4, RUNNING), (5, RUNNING))
+    until(lambda: viewer.of(DataMissed), "the gap")
+    (gap,) = viewer.of(DataMissed)
+    assert gap.reason == "a reply of the robot with its recorded transitions did not arrive"
+    robot.change((4, SUCCESS))
+    until(lambda: (4, RUNNING, SUCCESS) in changes(viewer), "the next transition")
+    assert viewer.of(TreeSeen)[-1].statuses[5] == RUNNING
+    assert source(viewer).name == "Groot 2, recorded"
 
 
 def test_a_recording_that_another_client_restarts_is_left_to_that_client(cpp_robot, watch_cpp, until):
@@ -200,15 +300,39 @@ def test_a_recording_that_another_client_restarts_is_left_to_that_client(cpp_rob
     assert robot.recording, "the other client's recording goes on"
 
 
-def test_a_robot_that_changes_faster_than_it_can_be_polled_is_sampled(cpp_robot, watch_cpp, until):
+def test_a_robot_that_changes_faster_than_it_can_be_polled_is_recorded_with_gaps(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeSeen), "the tree")
-    for count in (1, 2, 3):
+    for count in range(1, 6):
         robot.change(*ROUND * 200)
-        until(lambda count=count: len(viewer.of(DataMissed)) == count, "a hole")
-    assert "changes faster than it can be polled" in source(viewer).unavailable["transitions"]
-    until(lambda: not robot.recording, "that the recording, which was ours, is stopped")
+        until(lambda count=count: len(viewer.of(DataMissed)) == count, "a gap")
+    robot.change((4, RUNNING))
+    until(lambda: changes(viewer)[-1] == (4, IDLE, RUNNING), "the next transition")
+    assert source(viewer).name == "Groot 2, recorded"
+    # The first of the 1,000 transitions leads to the known status.
+    assert len(changes(viewer)) == 5 * 999 + 1
+    assert all("the robot keeps only the last ones" in gap.reason for gap in viewer.of(DataMissed))
+    assert len(viewer.of(DataMissed)) == 5
+
+
+def test_record_prints_one_line_for_each_gap(cpp_robot, command, until):
+    robot = cpp_robot()
+    recorder = command("record", robot.address, "-o", "run.btlog")
+    recorder.wait_for("recording 'Main'")
+    for count in (1, 2):
+        robot.change(*ROUND * 200)
+        recorder.wait_for(f"(?s)(record: transitions missing from .*){{{count}}}")
+    until(lambda: not robot._recorded, "the last batch")
+    assert recorder.end(signal.SIGINT) == 0
+    lines = [line for line in recorder.stderr_text.splitlines() if "missing" in line]
+    assert len(lines) == 2
+    pattern = (
+        r"record: transitions missing from \d+\.\d{3} s to \d+\.\d{3} s: more than 1000 statuses changed"
+    )
+    assert all(re.match(pattern, line) for line in lines)
+    assert recorder.stderr_text.count("recording 'Main'") == 1
+    assert "2 gaps are marked" in recorder.stderr_text
 
 
 def test_no_record_leaves_the_robots_buffer_to_other_clients(cpp_robot, watch_cpp, until):

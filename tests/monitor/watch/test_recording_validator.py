@@ -1,15 +1,9 @@
 """The check of recorded transitions: each batch must be consistent with the nodes' statuses."""
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore_monitor.watch.recording_validator import (
-    MissingTransitionsError,
-    RecordingOverflowError,
-    RecordingValidator,
-    RobotClock,
-)
+from btcore_monitor.watch.recording_validator import RecordingValidator, RobotClock
 from btcore_monitor.wire.groot2 import RecordedTransition, StatusRecord
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
@@ -38,65 +32,106 @@ class Robot:
         return dict(self.statuses)
 
 
-@given(WALK, WALK, WALK)
-def test_a_complete_recording_passes_at_any_time_of_the_status_request(one, two, three):
-    robot, validator = Robot(), RecordingValidator(START)
-    batch = robot.walk(one)
-    look = robot.snapshot()
-    batch += robot.walk(two)
-    assert [step for step, _ in validator.apply(look, batch)] == batch
+def validator_of(robot: Robot) -> RecordingValidator:
+    """A validator that has seen a complete batch, so that no node is uncertain."""
+    validator = RecordingValidator(robot.statuses)
+    validator.apply(robot.snapshot(), [])
+    return validator
+
+
+@given(WALK, WALK, WALK, WALK)
+def test_a_complete_recording_passes_at_any_time_of_the_status_request(one, two, three, four):
+    robot = Robot()
+    validator = RecordingValidator(START)
+    for before, after in ((one, two), (three, four)):
+        batch = robot.walk(before)
+        look = robot.snapshot()
+        batch += robot.walk(after)
+        checked = validator.apply(look, batch)
+        assert checked.is_complete
+        assert [step for step, _ in checked.steps] == batch
+        assert all(previous != step.status for step, previous in checked.steps)
+        # Only a node whose single transition led to IDLE may still have an unknown previous status.
+        assert {uid: record.status for uid, record in validator.statuses.items()} == {
+            uid: record.status for uid, record in robot.statuses.items()
+        }
+    assert validator.apply(robot.snapshot(), []).is_complete
     assert validator.statuses == robot.statuses
-    batch = robot.walk(three)
-    steps = validator.apply(robot.snapshot(), batch)
-    assert validator.statuses == robot.statuses
-    assert all(previous != step.status for step, previous in steps)
 
 
 @given(WALK, WALK, WALK, st.data())
 def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(one, two, three, data):
-    robot, validator = Robot(), RecordingValidator(START)
+    robot = Robot()
+    validator = validator_of(robot)
     batch = robot.walk(one)
     look = robot.snapshot()
     batch += robot.walk(two)
     kept = batch[data.draw(st.integers(0, len(batch))) :]
     told = False
     for found in (kept, robot.walk(three), []):
-        try:
-            validator.apply(look, found)
-        except MissingTransitionsError:
-            told = True
+        told = told or not validator.apply(look, found).is_complete
         look = robot.snapshot()
     now = {uid: record.status for uid, record in validator.statuses.items()}
     assert told or now == {uid: record.status for uid, record in robot.statuses.items()}
 
 
-def test_a_missing_beginning_is_reported_as_a_gap():
-    robot, validator = Robot(), RecordingValidator(START)
-    batch = robot.walk([(1, 1), (1, 1), (2, 1)])
-    with pytest.raises(MissingTransitionsError, match="do not lead to its statuses"):
-        validator.apply(robot.snapshot(), batch[2:])
+@given(WALK, WALK, WALK, WALK, st.data())
+def test_after_a_gap_a_complete_batch_makes_the_statuses_right(one, two, three, four, data):
+    robot = Robot()
+    validator = validator_of(robot)
+    batch = robot.walk(one)
+    look = robot.snapshot()
+    batch += robot.walk(two)
+    validator.apply(look, batch[data.draw(st.integers(0, len(batch))) :])
+    batch = robot.walk(three)
+    look = robot.snapshot()
+    batch += robot.walk(four)
+    validator.apply(look, batch)
+    validator.apply(robot.snapshot(), [])
     assert validator.statuses == robot.statuses
-    assert validator.apply(robot.snapshot(), []) == []
+    assert validator.apply(robot.snapshot(), robot.walk([(1, 1), (2, 1)])).is_complete
+
+
+def test_a_missing_beginning_is_reported_as_a_gap():
+    robot = Robot()
+    validator = validator_of(robot)
+    batch = robot.walk([(1, 1), (1, 1), (2, 1)])
+    checked = validator.apply(robot.snapshot(), batch[2:])
+    assert not checked.is_complete
+    assert not checked.is_overflow
+    assert validator.statuses == robot.statuses
+    assert validator.apply(robot.snapshot(), []).is_complete
 
 
 def test_a_transition_to_the_same_status_is_reported_as_a_gap():
-    validator = RecordingValidator(START)
+    validator = validator_of(Robot())
     twice = [RecordedTransition(0, 1, RUNNING), RecordedTransition(1, 1, RUNNING)]
-    with pytest.raises(MissingTransitionsError, match="node 1 went twice to the same status"):
-        validator.apply({**START, 1: StatusRecord(RUNNING, 0)}, twice)
+    checked = validator.apply({**START, 1: StatusRecord(RUNNING, 0)}, twice)
+    assert not checked.is_complete
+    assert checked.steps == [(twice[0], IDLE)]
 
 
-def test_a_full_buffer_is_reported_as_an_overflow_even_if_consistent():
-    robot, validator = Robot(), RecordingValidator(START)
+def test_a_full_buffer_is_an_overflow_whose_transitions_are_kept():
+    robot = Robot()
+    validator = validator_of(robot)
+    dropped = robot.walk([(1, 1), (2, 1), (3, 1)])
+    assert dropped
     batch = robot.walk([(1, 1)] * 1000)
-    with pytest.raises(RecordingOverflowError, match="keeps 1000 transitions"):
-        validator.apply(robot.snapshot(), batch)
-    assert validator.statuses[1].status == robot.statuses[1].status
-    assert len(validator.apply(robot.snapshot(), robot.walk([(1, 1)] * 999))) == 999
+    checked = validator.apply(START, batch)
+    assert checked.is_overflow
+    assert not checked.is_complete
+    # From IDLE to SUCCESS: the dropped transition led to RUNNING.
+    assert checked.steps == [(step, (step.status - 1) % 5 if at else IDLE) for at, step in enumerate(batch)]
+    # The dropped transitions of the nodes 2 and 3 are seen in the next complete batch.
+    checked = validator.apply(robot.snapshot(), robot.walk([(3, 1)]))
+    assert checked.is_complete
+    assert [checked.before[uid].status for uid in (2, 3)] == [RUNNING, RUNNING]
+    assert validator.statuses == robot.statuses
+    assert validator.apply(robot.snapshot(), robot.walk([(1, 1)] * 999)).is_complete
 
 
 def test_nodes_that_the_tree_does_not_have_are_not_reported():
-    assert RecordingValidator(START).apply(START, [RecordedTransition(0, 99, RUNNING)]) == []
+    assert RecordingValidator(START).apply(START, [RecordedTransition(0, 99, RUNNING)]).steps == []
 
 
 def test_the_robots_clock_is_ours_until_its_time_is_known():
