@@ -1,5 +1,6 @@
 """The trees that are bundled with btcore, by name."""
 
+import os
 from pathlib import Path
 
 import btcore
@@ -26,7 +27,8 @@ def find(name: str) -> Path:
         FileNotFoundError: There is no such file or tree; the message suggests the nearest name.
     """
     path = Path(name)
-    if path.is_file():
+    # Reading the file reports links that form a loop, devices and the like.
+    if os.path.lexists(path) and not path.is_dir():
         return path
     if path.suffix != ".xml" and name in names():
         return folder() / f"{name}.xml"

@@ -20,7 +20,17 @@ PARENTS = {
 }
 # The layers of the engine from the bottom up: a file imports from its own line and from the lines above it.
 LAYERS = (
-    {"status", "errors", "diagnostic_codes", "clock", "names", "suggestions", "builds", "flatbuffer"},
+    {
+        "status",
+        "errors",
+        "diagnostic_codes",
+        "clock",
+        "names",
+        "suggestions",
+        "builds",
+        "flatbuffer",
+        "input_files",
+    },
     {"values"},
     {"blackboard"},
     {"script"},

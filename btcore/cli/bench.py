@@ -20,6 +20,7 @@ from rich.text import Text
 
 import btcore
 from btcore.cli import files, terminal
+from btcore.input_files import read_file
 from btcore.suggestions import join_names, nearest_name
 
 _MISSING: Final = re.compile(r"^ModuleNotFoundError: No module named '([^']+)'", re.MULTILINE)
@@ -152,7 +153,7 @@ def _python(file: Path, options: Sequence[str]) -> None:
 def _read(path: Path) -> list[BenchmarkData]:
     """Read the results of an earlier run. Raise click.UsageError if *path* holds no results."""
     try:
-        results: list[BenchmarkData] = json.loads(path.read_text(encoding="utf-8"))
+        results: list[BenchmarkData] = json.loads(read_file(path))
         if all("rows" in data and "build" in data for data in results):
             return results
     except (ValueError, TypeError):

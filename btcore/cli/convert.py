@@ -11,6 +11,7 @@ from btcore.cli.exit_codes import ExitCode
 from btcore.cli.tree_source import find_tree
 from btcore.diagnostic_codes import Severity
 from btcore.errors import Diagnostic
+from btcore.input_files import read_file
 from btcore.xml.convert.convert import Conversion
 from btcore.xml.convert.convert import convert as converted
 from btcore.xml.read.document import parse_file
@@ -52,7 +53,7 @@ def convert(
     result = converted(document, libraries.nodes_for(document))
     data = result.text.encode()
     # The parser drops a byte order mark, which the conversion must preserve.
-    if path.read_bytes().startswith(_BYTE_ORDER_MARK):
+    if read_file(path, len(_BYTE_ORDER_MARK)).startswith(_BYTE_ORDER_MARK):
         data = _BYTE_ORDER_MARK + data
     target = path if in_place else output
     if target is None:

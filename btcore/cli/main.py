@@ -148,6 +148,24 @@ def _print_version(ctx: click.Context, parameter: click.Parameter, requested: bo
         ctx.exit()
 
 
+def _set_max_file_size(ctx: click.Context, parameter: click.Parameter, text: str | None) -> None:
+    """Set the limit in the environment, which also reaches the processes that the command starts."""
+    if text is None:
+        return
+    from btcore.input_files import SIZE_VARIABLE, parse_size
+
+    try:
+        parse_size(text)
+    except ValueError as error:
+        raise click.UsageError(f"--max-file-size or {SIZE_VARIABLE}: {error}.") from None
+    before = os.environ.get(SIZE_VARIABLE)
+    os.environ[SIZE_VARIABLE] = text
+    if before is None:
+        ctx.call_on_close(lambda: os.environ.pop(SIZE_VARIABLE, None))
+    else:
+        ctx.call_on_close(lambda: os.environ.__setitem__(SIZE_VARIABLE, before))
+
+
 @click.group(
     cls=CommandLine,
     no_args_is_help=False,
@@ -161,6 +179,14 @@ def _print_version(ctx: click.Context, parameter: click.Parameter, requested: bo
     expose_value=False,
     is_eager=True,
     help="Show the version and the active build (pure or compiled), and exit.",
+)
+@click.option(
+    "--max-file-size",
+    metavar="SIZE",
+    envvar="BTCORE_MAX_FILE_SIZE",
+    callback=_set_max_file_size,
+    expose_value=False,
+    help="The maximum size of each file that a command reads, such as 500MB or 2GB.  [default: 256MB]",
 )
 @click.pass_context
 def main(ctx: click.Context) -> None:

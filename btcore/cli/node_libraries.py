@@ -49,14 +49,18 @@ class NodeLibraries:
     absent: list[UnavailableEntryPoint] = field(default_factory=list)
     has_models: bool = False
 
-    def add_models(self, models: Sequence[Path]) -> None:
+    def add_models(self, models: Sequence[Path], confined: bool = False) -> None:
         """Add the nodes of TreeNodesModel files.
+
+        Args:
+            models: The files.
+            confined: Whether includes from outside of a file's folder are errors.
 
         Raises:
             TreeError: A model is invalid.
         """
         for model in models:
-            add_models(self.nodes, model)
+            add_models(self.nodes, model, confined)
         self.has_models = bool(models)
 
     def nodes_for(self, document: Document) -> Registry:
@@ -82,11 +86,18 @@ class NodeLibraries:
         ]
 
 
-def load_libraries(plugins: Sequence[str], models: Sequence[Path] = ()) -> NodeLibraries:
+def load_libraries(
+    plugins: Sequence[str], models: Sequence[Path] = (), confined: bool = False
+) -> NodeLibraries:
     """Load all installed node libraries, *plugins* and *models*.
 
     An installed library that cannot be imported is not an error, since the tree may not use it. It is added
     to `NodeLibraries.absent`; unless a missing module is the cause, a warning is printed as well.
+
+    Args:
+        plugins: Modules and Python files with nodes.
+        models: TreeNodesModel files.
+        confined: Whether a model that includes a file from outside of its folder is invalid.
 
     Raises:
         RegistrationError: One of *plugins* cannot be loaded.
@@ -113,5 +124,5 @@ def load_libraries(plugins: Sequence[str], models: Sequence[Path] = ()) -> NodeL
         terminal.print_warning(
             f"<{own.id}> of {own.distribution} overrides <{own.id}> of {installed.distribution}"
         )
-    libraries.add_models(models)
+    libraries.add_models(models, confined)
     return libraries

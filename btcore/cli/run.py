@@ -13,7 +13,14 @@ from btcore.cli import initial_blackboard, node_libraries, stub_plans, substitut
 from btcore.cli.extension import gather_resources, load_extensions
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
-from btcore.cli.tree_source import SaveWatcher, TreeSource, find_tree, format_option, tree_option
+from btcore.cli.tree_source import (
+    SaveWatcher,
+    TreeSource,
+    confined_option,
+    find_tree,
+    format_option,
+    tree_option,
+)
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.errors import TreeError
 from btcore.registry.registry import Registry
@@ -71,6 +78,7 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
 @click.argument("source", metavar="TREE")
 @tree_option
 @format_option()
+@confined_option
 @node_libraries.plugin_option
 @node_libraries.model_option
 @stub_plans.plan_option
@@ -166,7 +174,9 @@ def create_session(
         ExtensionError: An installed extension cannot be used.
     """
     # The watcher looks at the files before they are read: a save in between is not missed.
-    saves = SaveWatcher(find_tree(settings["source"])) if settings["watch"] else None
+    saves = None
+    if settings["watch"]:
+        saves = SaveWatcher(find_tree(settings["source"]), settings["confined"])
     source, examined, nodes = read_tree_source(settings, installed)
     installed_extensions, missing = load_extensions(ctx)
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
@@ -212,8 +222,9 @@ def read_tree_source(
         libraries = node_libraries.load_libraries(settings["plugins"])
     else:
         libraries = node_libraries.NodeLibraries(installed.nodes.copy(), installed.absent)
-    libraries.add_models(settings["models"])
-    source = TreeSource(path, settings["tree"], libraries, settings["format"])
+    confined = settings["confined"]
+    libraries.add_models(settings["models"], confined)
+    source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)
     substitute.add_rules(libraries.nodes, settings["substitutes"])
     examined, nodes = source.read()
     stub_plans.check(settings["plans"], examined)

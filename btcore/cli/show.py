@@ -10,7 +10,7 @@ from rich.text import Text
 from rich.tree import Tree as Drawing
 
 from btcore.cli import files, node_libraries, terminal
-from btcore.cli.tree_source import TreeSource, find_tree, tree_option
+from btcore.cli.tree_source import TreeSource, confined_option, find_tree, tree_option
 from btcore.status import NodeType
 from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow
 from btcore.xml.render.svg import diagram_to_svg
@@ -20,6 +20,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 @click.command(short_help="Draw a tree, or list its data flow.")
 @click.argument("source", metavar="TREE")
 @tree_option
+@confined_option
 @node_libraries.plugin_option
 @node_libraries.model_option
 @click.option("--ports/--no-ports", default=True, help="Show or hide ports and scripts.")
@@ -31,6 +32,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 def show(
     source: str,
     tree: str | None,
+    confined: bool,
     plugins: Sequence[str],
     models: Sequence[Path],
     ports: bool,
@@ -46,7 +48,8 @@ def show(
         other = "--data" if as_table else "--json"
         raise click.UsageError(f"--svg and {other} cannot be used together.")
     path = find_tree(source)
-    examined, nodes = TreeSource(path, tree, node_libraries.load_libraries(plugins, models)).read()
+    libraries = node_libraries.load_libraries(plugins, models, confined)
+    examined, nodes = TreeSource(path, tree, libraries, confined=confined).read()
     main, format = examined.main, examined.planner.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if as_table:

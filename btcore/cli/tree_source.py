@@ -21,6 +21,12 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 tree_option = click.option("--tree", metavar="ID", help="Use this tree of the file instead of its main tree.")
 
+confined_option = click.option(
+    "--confined",
+    is_flag=True,
+    help="Reject includes of files outside of the folder of the tree's file, for trees from strangers.",
+)
+
 
 def format_option(
     help: str = "The XML format. By default the file's BTCPP_format attribute; 3 without the attribute.",
@@ -58,12 +64,14 @@ class TreeSource:
         tree: The ID of the tree; None for the file's main tree.
         libraries: The available nodes.
         format: The XML format (3 or 4); None for the file's own.
+        confined: Whether includes from outside of the file's folder are errors.
     """
 
     path: Path
     tree: str | None
     libraries: NodeLibraries
     format: int | None = None
+    confined: bool = False
 
     def read(self) -> tuple[DocumentAnalysis, Registry]:
         """Read and check the file.
@@ -75,7 +83,7 @@ class TreeSource:
             TreeError: The file has an error.
         """
         try:
-            document = parse_file(self.path)
+            document = parse_file(self.path, confined=self.confined)
             nodes = self.libraries.nodes_for(document)
             examined = analyse_document(document, nodes, self.tree, self.format)
             examined.diagnostics.raise_errors()
@@ -93,8 +101,8 @@ class SaveWatcher:
     Calling it often is cheap: the files are checked at most every `POLL_INTERVAL_S` seconds.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._watch = FileWatcher(path)
+    def __init__(self, path: Path, confined: bool) -> None:
+        self._watch = FileWatcher(path, confined)
         self._next = time.monotonic() + POLL_INTERVAL_S
         self._written = False
 

@@ -10,7 +10,7 @@ from rich.text import Text
 from btcore.blackboard.ports import remapped_key
 from btcore.cli import node_libraries, terminal
 from btcore.cli.exit_codes import ExitCode
-from btcore.cli.tree_source import find_tree, format_option, tree_option
+from btcore.cli.tree_source import confined_option, find_tree, format_option, tree_option
 from btcore.errors import Diagnostic, TreeError
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_file
@@ -22,6 +22,7 @@ from btcore.xml.read.document import parse_file
 @node_libraries.model_option
 @tree_option
 @format_option()
+@confined_option
 @click.option(
     "--given",
     "given",
@@ -37,6 +38,7 @@ def validate(
     models: Sequence[Path],
     tree: str | None,
     format: int | None,
+    confined: bool,
     given: Sequence[str],
     strict: bool,
     as_json: bool,
@@ -52,12 +54,12 @@ def validate(
       2  errors, or with --strict warnings
     """
     files = [file for source in sources for file in _files(source)]
-    libraries = node_libraries.load_libraries(plugins, models)
+    libraries = node_libraries.load_libraries(plugins, models, confined)
     keys = [remapped_key(key, key) or key for key in given]
     diagnostics: list[Diagnostic] = []
     for file in files:
         try:
-            document = parse_file(file)
+            document = parse_file(file, confined=confined)
         except TreeError as error:
             diagnostics += error.diagnostics
         else:

@@ -14,10 +14,14 @@ from btcore.xml.read.includes import resolve_includes
 
 
 class FileWatcher:
-    """Detects changes of the file *path* and of the files that it includes."""
+    """Detects changes of the file *path* and of the files that it includes.
 
-    def __init__(self, path: Path) -> None:
+    If *confined*, included files outside of the file's folder are not read.
+    """
+
+    def __init__(self, path: Path, confined: bool = False) -> None:
         self._path = path
+        self._confined = confined
         self._files = self._all_files()
         self._stamps = _stamps(self._files)
 
@@ -33,7 +37,8 @@ class FileWatcher:
 
     def _all_files(self) -> set[Path]:
         try:
-            documents = resolve_includes(parse_file(self._path), DiagnosticCollector())
+            document = parse_file(self._path, confined=self._confined)
+            documents = resolve_includes(document, DiagnosticCollector())
         except BtcoreError:
             return {self._path}
         return {self._path, *(Path(document.file) for document in documents if document.file)}

@@ -31,6 +31,7 @@ def load(
     clock: Clock | None = None,
     packages: PackageResolver | None = None,
     tick_limit: float | None = None,
+    confined: bool = False,
 ) -> Tree:
     """Return the tree in an XML file, ready to be ticked.
 
@@ -46,13 +47,15 @@ def load(
         packages: A function that returns the share directory of a ROS package that an ``<include>`` names.
         tick_limit: The longest time (s, real time) for which a tick may repeat nodes; default no limit. See
             :class:`Tree`.
+        confined: Whether includes from outside of the folder of the including XML file are errors, for trees
+            from strangers.
 
     Raises:
         TreeError: The files have errors. It holds all of them, with file, line and column.
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
         ValueError: *tick_limit* is not a positive number.
     """
-    first, *others = _parse(parse_file, path, *more)
+    first, *others = _parse(parse_file, confined, path, *more)
     registry, given = _registry(nodes), _listed(resources)
     return build(first, registry, tree, format, blackboard, given, clock, packages, others, tick_limit)
 
@@ -69,6 +72,7 @@ def loads(
     clock: Clock | None = None,
     packages: PackageResolver | None = None,
     tick_limit: float | None = None,
+    confined: bool = False,
 ) -> Tree:
     """Return the tree in an XML text, ready to be ticked.
 
@@ -83,13 +87,14 @@ def loads(
         clock: As in :func:`load`.
         packages: As in :func:`load`.
         tick_limit: As in :func:`load`.
+        confined: As in :func:`load`, with the working directory as the folder.
 
     Raises:
         TreeError: The texts have errors. It holds all of them, with line and column.
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
         ValueError: *tick_limit* is not a positive number.
     """
-    first, *others = _parse(parse_text, text, *more)
+    first, *others = _parse(parse_text, confined, text, *more)
     registry, given = _registry(nodes), _listed(resources)
     return build(first, registry, tree, format, blackboard, given, clock, packages, others, tick_limit)
 
@@ -140,6 +145,7 @@ def required_resources(
     tree: str | None = None,
     format: int | None = None,
     packages: PackageResolver | None = None,
+    confined: bool = False,
 ) -> list[Any]:
     """Return the types of the resources that the leaves of a tree need, each once.
 
@@ -150,12 +156,13 @@ def required_resources(
         tree: As in :func:`load`.
         format: As in :func:`load`.
         packages: As in :func:`load`.
+        confined: As in :func:`load`.
 
     Raises:
         TreeError: The files have errors.
         TypeError: *nodes* is not a Registry.
     """
-    first, *others = _parse(parse_file, path, *more)
+    first, *others = _parse(parse_file, confined, path, *more)
     analysis = analyse_document(first, _registry(nodes), tree, format, packages, others)
     analysis.diagnostics.raise_errors()
     types: list[Any] = []
@@ -164,7 +171,7 @@ def required_resources(
     return types
 
 
-def _parse(parse: Callable[[S], Document], *sources: S) -> list[Document]:
+def _parse(parse: Callable[[S], Document], confined: bool, *sources: S) -> list[Document]:
     """Return the documents of *sources*. Raise XmlSyntaxError, which holds the errors of all sources."""
     documents: list[Document] = []
     errors: list[Diagnostic] = []
@@ -175,6 +182,8 @@ def _parse(parse: Callable[[S], Document], *sources: S) -> list[Document]:
             errors += error.diagnostics
     if errors:
         raise XmlSyntaxError(errors)
+    for document in documents if confined else ():
+        document.confine()
     return documents
 
 

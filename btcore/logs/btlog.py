@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from btcore.clock import NS_PER_US
+from btcore.input_files import read_file
 from btcore.logs.files import LogError, create, expect_extension, read_bytes, write_whole
 from btcore.logs.log import Log
 from btcore.logs.recording import (
@@ -168,7 +169,7 @@ def _gaps_file(path: Path) -> Path:
 def _gaps(path: Path, count: int) -> tuple[Gap, ...]:
     """Return the recorded gaps of the log *path* with *count* transitions; invalid lines are ignored."""
     try:
-        lines = _gaps_file(path).read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = read_file(_gaps_file(path)).decode(errors="replace").splitlines()
     except OSError:
         return ()
     parts = [line.partition(" ") for line in lines]

@@ -5,6 +5,7 @@ from io import FileIO
 from pathlib import Path
 
 from btcore.errors import BtcoreError
+from btcore.input_files import read_error, read_file
 from btcore.suggestions import join_names
 
 
@@ -81,21 +82,20 @@ def write_whole(file: FileIO, data: bytes) -> None:
         written = file.write(data)
 
 
-def read_bytes(path: Path, limit: int = -1) -> bytes:
+def read_bytes(path: Path, count: int | None = None) -> bytes:
     """Return the content of a file.
 
     Args:
         path: The file.
-        limit: The largest number of bytes to read; negative for all.
+        count: Return only the first *count* bytes; default the whole file.
 
     Raises:
         LogError: The file cannot be read.
     """
     try:
-        with path.open("rb") as file:
-            return file.read(limit)
+        return read_file(path, count)
     except OSError as error:
-        raise LogError(f"{path}: cannot read this log: {_reason(error)}") from None
+        raise LogError(f"{path}: cannot read this log: {read_error(error)}") from None
 
 
 def _explain(path: Path, error: OSError) -> str:
@@ -110,8 +110,4 @@ def _explain(path: Path, error: OSError) -> str:
         return f"{message}: the folder {folder} does not exist; create it first"
     if isinstance(error, PermissionError):
         return f"{message}: no permission to write to {path if os.access(path, os.F_OK) else folder}"
-    return f"{message}: {_reason(error)}"
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
+    return f"{message}: {read_error(error)}"

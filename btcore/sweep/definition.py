@@ -14,6 +14,7 @@ from btcore import __version__
 from btcore.cli import terminal
 from btcore.cli.run import read_tree_source, run
 from btcore.cli.tree_source import find_tree
+from btcore.input_files import read_file
 from btcore.suggestions import join_names
 from btcore.sweep import options, parameters
 from btcore.xml.read.diagnostics import DiagnosticCollector
@@ -161,11 +162,11 @@ def create_definition(
             raise click.UsageError(f"--{key} and --param {key}=… cannot be used together.")
     arguments = tuple(options.option_arguments(ctx, texts))
     path = find_tree(source)
-    documents = resolve_includes(parse_file(path), DiagnosticCollector())
+    documents = resolve_includes(parse_file(path, confined="confined" in texts), DiagnosticCollector())
     files = {path, *(Path(document.file) for document in documents if document.file)}
     files |= options.named_files([*texts.values(), *varied.values()])
     existing = sorted(file for file in files if file.is_file())
-    inputs = {str(file): hashlib.sha256(file.read_bytes()).hexdigest()[:16] for file in existing}
+    inputs = {str(file): hashlib.sha256(read_file(file)).hexdigest()[:16] for file in existing}
     definition = SweepDefinition(source, arguments, varied, choices, seeds, inputs, __version__)
     if len(definition) > parameters.MAX_EPISODES:
         raise click.UsageError(f"{len(definition)} episodes exceed the limit of {parameters.MAX_EPISODES}.")

@@ -14,6 +14,7 @@ from typing import IO, Any, Final
 
 import click
 
+from btcore.input_files import read_file
 from btcore.sweep.definition import SweepDefinition, difference
 
 if sys.platform != "win32":
@@ -120,7 +121,7 @@ class Journal:
 
 def _read_definition(path: Path) -> Mapping[str, Any]:
     try:
-        definition = json.loads(path.read_text(encoding="utf-8"))
+        definition = json.loads(read_file(path))
     except (OSError, ValueError) as error:
         raise click.UsageError(f"cannot read '{path}' as the definition of a sweep: {error}.") from error
     if not isinstance(definition, dict):

@@ -16,6 +16,7 @@ from btcore.engine.leaf import StatefulAction
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BtcoreError, NodeError, ScriptError
+from btcore.input_files import read_file
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import Program, compile_script
@@ -175,7 +176,7 @@ def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
         SubstitutionError: The rules are invalid; none of them is added.
         OSError: The file cannot be read.
     """
-    text = rules.read_text(encoding="utf-8") if isinstance(rules, Path) else rules
+    text = read_file(rules).decode() if isinstance(rules, Path) else rules
     try:
         data = json.loads(text)
     except ValueError as error:

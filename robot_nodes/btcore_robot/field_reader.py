@@ -6,11 +6,22 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from btcore.input_files import read_file
+
 
 def did_you_mean(word: str, names: Iterable[str]) -> str:
     """Return ``did you mean 'house'? `` if a name in *names* is similar to *word*, else an empty string."""
     matches = get_close_matches(word, list(names), n=1, cutoff=0.6)
     return f"did you mean '{matches[0]}'? " if matches else ""
+
+
+def read_data(path: Path) -> bytes:
+    """Return the content of a regular file of a limited size.
+
+    Raises:
+        OSError: The file cannot be read; `strerror` is the reason.
+    """
+    return read_file(path)
 
 
 def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
@@ -22,7 +33,7 @@ def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
         error_type: The class of the exception for a file that cannot be read.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        return read_data(path).decode()
     except FileNotFoundError:
         raise error_type(f"{path}: no such file") from None
     except OSError as error:

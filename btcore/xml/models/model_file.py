@@ -46,7 +46,7 @@ _ALIASES: Final = {
 }
 
 
-def add_models(nodes: Registry, path: str | os.PathLike[str]) -> list[str]:
+def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = False) -> list[str]:
     """Register a stand-in for every model in a file, and for every explicit tag in its trees.
 
     Registered nodes are not replaced, except for nodes of an installed library.
@@ -55,6 +55,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str]) -> list[str]:
         nodes: The registry to extend.
         path: A palette exported by Groot, a project of Groot 2 (``.btproj``), or a file of trees with
             their models.
+        confined: Whether includes from outside of the file's folder are errors.
 
     Returns:
         The IDs of the new stand-ins.
@@ -63,7 +64,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str]) -> list[str]:
         TreeError: The file or an included file can't be read, or the file contains no valid model.
     """
     diagnostics = DiagnosticCollector()
-    documents = resolve_includes(parse_file(path), diagnostics)
+    documents = resolve_includes(parse_file(path, confined=confined), diagnostics)
     diagnostics.raise_errors()
     added = [id for document in documents for id in _add_models(nodes, document)]
     added += add_explicit_nodes(nodes, documents)

@@ -4,6 +4,7 @@ Invalid XML is reported with file, line and column. A ``<!DOCTYPE …>`` with co
 """
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -17,6 +18,7 @@ from btcore.diagnostic_codes import (
     DiagnosticCode,
 )
 from btcore.errors import Diagnostic, XmlSyntaxError
+from btcore.input_files import read_error, read_file, real_path
 from btcore.suggestions import nearest_name
 from btcore.xml.read.element import EXAMPLE, Element, ElementPart, encoded, parse_with_expat
 
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from btcore.xml.read.positions import SourceMap
     from btcore.xml.read.tinyxml2_parser import Finding
 
+_ROOT_TAG: Final = re.compile(rb"<root\b", re.IGNORECASE)
 _BYTE_ORDER_MARKS: Final = (
     (b"\xff\xfe\x00\x00", "UTF-32"),
     (b"\x00\x00\xfe\xff", "UTF-32"),
@@ -42,9 +45,11 @@ class Document:
         file: Name of the file in messages, or "".
         knows_lines: Whether every element has its line number.
         max_depth: Maximum depth of elements; None means the limit of the format.
+        confined_to: The folder that must contain all included files; None means that any file is allowed.
     """
 
     max_depth: int | None = None
+    confined_to: Path | None = None
 
     def __init__(
         self,
@@ -68,6 +73,10 @@ class Document:
         It is the folder of the file, or the current folder if the document is not from a file.
         """
         return Path(self.file).parent if self.file else Path()
+
+    def confine(self) -> None:
+        """Make includes of files outside of the document's folder errors."""
+        self.confined_to = real_path(self.folder)
 
     @property
     def source_map(self) -> "SourceMap":
@@ -171,18 +180,30 @@ def _has_one_line_tags(text: str) -> bool:
     return text.count("\n") == text.count(">\n") and text.count("<") == text.count(">")
 
 
-def parse_file(path: str | os.PathLike[str]) -> Document:
+def parse_file(path: str | os.PathLike[str], *, confined: bool = False, included: bool = False) -> Document:
     """Read and parse the file *path*.
+
+    Args:
+        path: The XML file.
+        confined: Whether includes from outside of the file's folder are errors.
+        included: Whether the name of the file comes from another document. Then the error for a file that
+            does not contain a ``<root>`` doesn't quote the file.
 
     Raises:
         XmlSyntaxError: The file can't be read, is not UTF-8 or is not valid XML.
     """
     name = os.fspath(path)
     try:
-        data = Path(path).read_bytes()
+        data = read_file(path)
     except OSError as error:
         raise XmlSyntaxError([_unreadable(Path(path), error)]) from None
-    return parse_text(_decoded(data, name), name)
+    if included and _ROOT_TAG.search(data) is None:
+        # Messages quote the text. A file that a stranger includes may contain anything, such as passwords.
+        raise XmlSyntaxError([Diagnostic(UNREADABLE_FILE, "is not an XML document of trees", name)])
+    document = parse_text(_decoded(data, name), name)
+    if confined:
+        document.confine()
+    return document
 
 
 def _unreadable(path: Path, error: OSError) -> Diagnostic:
@@ -201,7 +222,7 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
         if near is not None:
             hint = f"did you mean {path.with_name(near)}?"
     else:
-        message = f"can't be read: {(error.strerror or str(error)).lower()}"
+        message = f"can't be read: {read_error(error)}"
     return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint)
 
 

@@ -2,15 +2,21 @@
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Final
 
 from btcore.diagnostic_codes import IGNORED_PACKAGE, INCLUDE_FAILED, UNREADABLE_FILE
 from btcore.errors import XmlSyntaxError
+from btcore.input_files import real_path
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
 
 PackageResolver = Callable[[str], "str | Path | None"]
 """A function that returns the share directory of the ROS package with a given name, or None."""
+
+
+MAX_INCLUDE_DEPTH: Final = 100
+"""Maximum number of files between the main file and an included file."""
 
 
 def resolve_includes(
@@ -34,11 +40,11 @@ def resolve_includes(
         last. Therefore a tree of the including document comes after included trees with the same ID.
     """
     documents: list[Document] = []
-    main = Path(document.file).resolve() if document.file else None
+    main = real_path(document.file) if document.file else None
     seen: set[Path] = set() if main is None else {main}
     for library in libraries:
         # The same file may be a library and the document itself, or an include of an earlier library.
-        if library is not document and not (library.file and Path(library.file).resolve() in seen):
+        if library is not document and not (library.file and real_path(library.file) in seen):
             _gather(library, diagnostics, packages, documents, seen, [])
     _gather(document, diagnostics, packages, documents, seen, [])
     return documents
@@ -53,14 +59,21 @@ def _gather(
     chain: list[Path],
 ) -> None:
     # The chain of includes, from the outermost file to this file.
-    files = [*chain, Path(document.file).resolve()] if document.file else chain
+    files = [*chain, real_path(document.file)] if document.file else chain
     seen.update(files)
     for element in document.root.iterchildren("include"):
         path = _path_of(document, element, diagnostics, packages)
         if path is None:
             continue
-        resolved = path.resolve()
-        if resolved in files:
+        resolved = real_path(path)
+        if document.confined_to is not None and not resolved.is_relative_to(document.confined_to):
+            message = "the included file is outside of the folder of the main file"
+            hint = "for trees that you trust, omit --confined (in Python: confined=False)"
+            diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=hint))
+        elif len(chain) > MAX_INCLUDE_DEPTH:
+            message = f"includes are nested more than {MAX_INCLUDE_DEPTH} deep"
+            diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path"))
+        elif resolved in files:
             cycle = files[files.index(resolved) :]
             names = " → ".join(file.name for file in [*cycle, resolved])
             diagnostics.add(
@@ -68,11 +81,12 @@ def _gather(
             )
         elif resolved not in seen:
             try:
-                included = parse_file(path)
+                included = parse_file(path, included=True)
             except XmlSyntaxError as error:
                 _add_errors(error, document, element, diagnostics)
                 seen.add(resolved)  # its errors are reported once
             else:
+                included.confined_to = document.confined_to
                 _gather(included, diagnostics, packages, documents, seen, files)
     documents.append(document)
 

@@ -30,7 +30,7 @@ import yaml
 from numpy.typing import NDArray
 
 from btcore_robot.errors import RobotError
-from btcore_robot.field_reader import FieldReader, did_you_mean, read_text
+from btcore_robot.field_reader import FieldReader, did_you_mean, read_data, read_text
 from btcore_robot.yaml_errors import yaml_errors
 
 Rectangle = tuple[float, float, float, float]
@@ -40,6 +40,9 @@ OCCUPIED_THRESHOLD = 0.65
 """Pixels at least this dark (0 white, 1 black) are occupied: the value of map_saver and map_server."""
 FREE_THRESHOLD = 0.25
 """Pixels at most this dark are free: the value that map_saver writes."""
+
+MAX_CELLS = 64_000_000
+"""The maximum number of cells of a map that is read: 400 m x 400 m with cells of 5 cm."""
 
 _WHITE, _BLACK = 254, 0
 # map_saver's 205 is only 0.196 dark: with the threshold that map_saver writes, such a pixel would be free.
@@ -364,17 +367,22 @@ def _read_image(entries: YamlEntries, path: Path) -> tuple[NDArray[np.float64], 
     name = entries.text("image")
     file = path.parent / name
     try:
-        content = np.frombuffer(file.read_bytes(), dtype=np.uint8)
+        content = np.frombuffer(read_data(file), dtype=np.uint8)
     except FileNotFoundError:
         raise entries.mistake("image", f"is '{name}', but there is no file {file}") from None
     except OSError as error:
         raise entries.mistake("image", f"is '{name}', which cannot be read: {error.strerror}") from None
+    too_large = entries.mistake("image", f"is '{name}', which has more than {MAX_CELLS:,} pixels")
+    if _png_pixels(content) > MAX_CELLS:
+        raise too_large
     try:
         image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
     except cv2.error:
         image = None
     if image is None:
         raise entries.mistake("image", f"is '{name}', which is not a readable image: use a PGM or PNG file")
+    if image.shape[0] * image.shape[1] > MAX_CELLS:
+        raise too_large
     pixels = np.atleast_3d(image).astype(np.float64)
     if image.dtype == np.uint16:
         pixels /= 257.0  # 65535 becomes 255
@@ -383,6 +391,13 @@ def _read_image(entries: YamlEntries, path: Path) -> tuple[NDArray[np.float64], 
     colors = channels - 1 if channels in (2, 4) else channels
     grey: NDArray[np.float64] = pixels[:, :, :colors].mean(axis=2)
     return grey, opaque
+
+
+def _png_pixels(content: NDArray[np.uint8]) -> int:
+    """Return the number of pixels of a PNG image, of which a small file can describe billions; else 0."""
+    if bytes(content[:8]) != b"\x89PNG\r\n\x1a\n" or len(content) < 24:
+        return 0
+    return int.from_bytes(content[16:20].tobytes()) * int.from_bytes(content[20:24].tobytes())
 
 
 def _load_keepout(path: Path) -> tuple[Rectangle, ...]:

@@ -1,5 +1,6 @@
 """User errors on the command line: each prints one message without a traceback, and exits with 2."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -35,6 +36,39 @@ def test_mistyped_bundled_tree_is_refused_with_a_suggestion(cli: Cli) -> None:
 
 def test_folder_is_refused(cli: Cli, tmp_path: Path) -> None:
     assert_refused(cli("run", tmp_path), "is a folder; give the path of a file")
+
+
+@pytest.mark.parametrize("command", ["run", "validate", "show"])
+def test_confined_option_refuses_includes_outside_of_the_folder(
+    cli: Cli, tmp_path: Path, command: str
+) -> None:
+    (tmp_path / "in").mkdir()
+    tree = tmp_path / "in" / "t.xml"
+    for file, include in (tree, '<include path="../a.xml"/>'), (tmp_path / "a.xml", ""):
+        trees = f'<BehaviorTree ID="{file.stem}"><AlwaysSuccess/></BehaviorTree>'
+        file.write_text(f'<root main_tree_to_execute="t">{include}{trees}</root>')
+    assert cli(command, tree).exit_code == 0
+    result = cli(command, "--confined", tree)
+    assert result.exit_code == 2
+    assert "E007 the included file is outside of the folder" in result.output
+
+
+def test_named_pipe_is_refused_without_waiting(cli: Cli, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.xml")
+    assert_refused(cli("run", tmp_path / "pipe.xml"), "it is a named pipe, not a regular file")
+
+
+def test_option_sets_the_maximum_size_of_files(
+    cli: Cli, tree_file: TreeFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tree = tree_file("<AlwaysSuccess/>")
+    assert_refused(cli("--max-file-size", "50", "run", tree), "it is larger than 50 bytes")
+    assert cli("run", tree).exit_code == 0
+    monkeypatch.setenv("BTCORE_MAX_FILE_SIZE", "50")
+    assert_refused(cli("run", tree), "it is larger than 50 bytes")
+    assert cli("--max-file-size", "5kB", "run", tree).exit_code == 0
+    assert_refused(cli("run", tree), "it is larger than 50 bytes")
+    assert_refused(cli("--max-file-size", "big", "run", tree), "'big' is not the size of a file")
 
 
 BAD_DOCUMENTS = {

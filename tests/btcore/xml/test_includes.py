@@ -84,3 +84,101 @@ def test_unknown_package_is_refused(tmp_path: Path) -> None:
     main = write(tmp_path / "m.xml", "M=<AlwaysSuccess/>", include='<include ros_pkg="nav" path="a.xml"/>')
     with pytest.raises(TreeError, match="unknown ROS package 'nav'"):
         load(main, packages=lambda name: None)
+
+
+# --- hostile includes
+
+
+@pytest.mark.parametrize(
+    "content", [b"root:x:0:0:secret\n", b"<settings password='secret'>\n", b"\xff secret", b"<a secret"]
+)
+def test_an_include_that_is_no_tree_is_reported_without_its_content(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "passwd").write_bytes(content)
+    main = write(tmp_path / "m.xml", "M=<AlwaysSuccess/>", include='<include path="passwd"/>')
+    with pytest.raises(TreeError) as caught:
+        load(main)
+    (fault,) = caught.value.diagnostics
+    assert (fault.code, fault.file) == ("E007", str(main))
+    assert fault.message == f"the included file '{tmp_path}/passwd': is not an XML document of trees"
+    assert "secret" not in str(caught.value)
+
+
+def test_syntax_error_of_an_included_tree_is_shown_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text("<root>\n  <Sequence></root>")
+    main = write(tmp_path / "m.xml", "M=<AlwaysSuccess/>", include='<include path="a.xml"/>')
+    with pytest.raises(TreeError, match=r"a\.xml:2:13: E002 expected </Sequence>, but found </root>"):
+        load(main)
+
+
+@pytest.mark.parametrize("path", ["../outside.xml", "{tmp}/outside.xml", "link.xml", "linked/outside.xml"])
+def test_confined_tree_cannot_include_files_outside_of_its_folder(tmp_path: Path, path: str) -> None:
+    write(tmp_path / "outside.xml", "A=<AlwaysFailure/>")
+    path = path.format(tmp=tmp_path)
+    main = write(
+        tmp_path / "inside" / "m.xml", 'M=<SubTree ID="A"/>', include=f'<include path="{path}"/>', main="M"
+    )
+    (tmp_path / "inside" / "link.xml").symlink_to("../outside.xml")
+    (tmp_path / "inside" / "linked").symlink_to("..")
+    assert load(main).tick_once() is Status.FAILURE
+    with pytest.raises(TreeError, match="E007 the included file is outside of the folder of the main file"):
+        load(main, confined=True)
+
+
+def test_confined_tree_includes_files_below_its_folder(tmp_path: Path) -> None:
+    write(tmp_path / "b.xml", "B=<AlwaysFailure/>")
+    write(tmp_path / "lib" / "a.xml", 'A=<SubTree ID="B"/>', include='<include path="../b.xml"/>')
+    include = '<include path="lib/a.xml"/>'
+    main = write(tmp_path / "m.xml", 'M=<SubTree ID="A"/>', include=include, main="M")
+    assert load(main, confined=True).tick_once() is Status.FAILURE
+
+
+def test_files_that_a_confined_tree_includes_are_confined_too(tmp_path: Path) -> None:
+    write(tmp_path / "outside.xml", "B=<AlwaysFailure/>")
+    write(
+        tmp_path / "in" / "lib" / "a.xml",
+        'A=<SubTree ID="B"/>',
+        include='<include path="../../outside.xml"/>',
+    )
+    include = '<include path="lib/a.xml"/>'
+    main = write(tmp_path / "in" / "m.xml", 'M=<SubTree ID="A"/>', include=include, main="M")
+    assert load(main).tick_once() is Status.FAILURE
+    with pytest.raises(TreeError, match=r"a\.xml:1:\d+: E007 the included file is outside"):
+        load(main, confined=True)
+
+
+def test_packages_outside_of_the_folder_are_refused_for_a_confined_tree(tmp_path: Path) -> None:
+    write(tmp_path / "share" / "a.xml", "A=<AlwaysFailure/>")
+    include = '<include ros_pkg="nav" path="a.xml"/>'
+    main = write(tmp_path / "in" / "m.xml", 'M=<SubTree ID="A"/>', include=include, main="M")
+    assert load(main, packages=lambda name: tmp_path / "share").tick_once() is Status.FAILURE
+    with pytest.raises(TreeError, match="E007 the included file is outside"):
+        load(main, packages=lambda name: tmp_path / "share", confined=True)
+
+
+def test_confined_text_includes_files_below_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path / "a.xml", "A=<AlwaysFailure/>")
+    (tmp_path / "in").mkdir()
+    write(tmp_path / "in" / "b.xml", "A=<AlwaysFailure/>")
+    monkeypatch.chdir(tmp_path / "in")
+    text = '<root BTCPP_format="4"><include path="{}"/></root>'
+    assert loads(text.format("b.xml"), tree="A", confined=True).tick_once() is Status.FAILURE
+    with pytest.raises(TreeError, match="E007 the included file is outside"):
+        loads(text.format("../a.xml"), tree="A", confined=True)
+
+
+def test_very_long_chain_of_includes_is_refused(tmp_path: Path) -> None:
+    for index in range(1_200):
+        (tmp_path / f"{index}.xml").write_text(
+            f'<root BTCPP_format="4"><include path="{index + 1}.xml"/></root>'
+        )
+    with pytest.raises(TreeError, match="E007 includes are nested more than 100 deep"):
+        load(tmp_path / "0.xml")
+
+
+def test_include_that_is_a_loop_of_links_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "loop.xml").symlink_to("loop.xml")
+    main = write(tmp_path / "m.xml", "M=<AlwaysSuccess/>", include='<include path="loop.xml"/>')
+    with pytest.raises(TreeError, match="can't be read: too many levels of symbolic links"):
+        load(main)

@@ -1,4 +1,6 @@
 import os
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -210,6 +212,17 @@ def test_unknown_keys_without_a_similar_key_are_ignored(tmp_path):
 def test_numbers_may_have_an_exponent(tmp_path):
     path = written(tmp_path, GOOD.replace("0.05", "5e-2"), np.zeros((2, 2), dtype=np.uint8))
     assert load_map(path).resolution == 0.05
+
+
+def test_small_file_with_a_huge_image_is_refused(tmp_path):
+    cv2.imwrite(str(tmp_path / "huge.png"), np.zeros((4, 4), np.uint8))
+    data = bytearray((tmp_path / "huge.png").read_bytes())
+    data[16:24] = struct.pack(">II", 8_001, 8_000)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    (tmp_path / "huge.png").write_bytes(data)
+    (tmp_path / "huge.yaml").write_text("image: huge.png\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    with pytest.raises(MapError, match=r"'image' is 'huge\.png', which has more than 64,000,000 pixels"):
+        load_map(tmp_path / "huge.yaml")
 
 
 def test_a_missing_or_unreadable_map_raises(tmp_path):

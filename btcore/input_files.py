@@ -1,0 +1,85 @@
+"""Read files that may come from strangers: only regular files, and only up to a maximum size."""
+
+import errno
+import os
+import re
+import stat
+from pathlib import Path
+from typing import Final
+
+SIZE_VARIABLE: Final = "BTCORE_MAX_FILE_SIZE"
+"""The environment variable with the maximum size of a file, such as ``1GB``."""
+DEFAULT_MAX_SIZE: Final = "256MB"
+
+_UNITS: Final = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9}
+_KINDS: Final = {
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+# Without O_NONBLOCK, opening a named pipe would wait for its writer. Windows lacks both flags.
+_FLAGS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
+
+
+def read_file(path: str | os.PathLike[str], count: int | None = None) -> bytes:
+    """Return the content of a regular file.
+
+    Args:
+        path: The file.
+        count: Return only the first *count* bytes; default the whole file.
+
+    Raises:
+        OSError: The file is missing, not a regular file, too large or unreadable. :func:`read_error` returns
+            the reason.
+        ValueError: The environment variable BTCORE_MAX_FILE_SIZE is not a size.
+    """
+    limit = parse_size(os.environ.get(SIZE_VARIABLE) or DEFAULT_MAX_SIZE)
+    with open(path, "rb", opener=_open) as file:
+        state = os.fstat(file.fileno())
+        if not stat.S_ISREG(state.st_mode):
+            kind = _KINDS.get(stat.S_IFMT(state.st_mode), "something else")
+            raise OSError(errno.EINVAL, f"it is {kind}, not a regular file", os.fspath(path))
+        # Files in /proc have content, but the size 0.
+        data = file.read(min(count or limit, state.st_size or limit, limit) + (count is None))
+    if max(state.st_size, len(data)) > limit:
+        message = (
+            f"it is larger than {_format_size(limit)}; to read it, use 'btcore --max-file-size SIZE …' "
+            f"or set the environment variable {SIZE_VARIABLE}"
+        )
+        raise OSError(errno.EFBIG, message, os.fspath(path))
+    return data
+
+
+def real_path(path: str | os.PathLike[str]) -> Path:
+    """Return the absolute path without symbolic links. Links that form a loop are kept."""
+    return Path(os.path.realpath(path))  # Path.resolve() raises RuntimeError for a loop
+
+
+def _open(path: str, flags: int) -> int:
+    return os.open(path, flags | _FLAGS)
+
+
+def read_error(error: OSError) -> str:
+    """Return the reason why a file cannot be read, beginning with a lower-case letter."""
+    reason = error.strerror or str(error)
+    return reason[:1].lower() + reason[1:]
+
+
+def parse_size(text: str) -> int:
+    """Return the number of bytes for a text such as ``500000``, ``200MB`` or ``1.5 GB``.
+
+    Raises:
+        ValueError: The text is not a size.
+    """
+    match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d{1,9})?)\s*([kmg]?b|)\s*", text.lower())
+    if match is None:
+        raise ValueError(f"'{text}' is not the size of a file, such as 200MB or 1GB")
+    return int(float(match[1]) * _UNITS.get(match[2], 1))
+
+
+def _format_size(size: int) -> str:
+    for name, unit in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
+        if size >= unit:
+            return f"{size / unit:g} {name}"
+    return f"{size} bytes"
