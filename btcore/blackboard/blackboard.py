@@ -20,6 +20,7 @@ from btcore.values import (
     STRING,
     VECTOR_DOUBLE,
     VECTOR_INT,
+    IntegerType,
     ValueType,
     to_builtin_number,
     type_of,
@@ -192,8 +193,8 @@ class Blackboard:
         if not kind.strong:
             entry.declared = declared or type_of(value)
             entry.inferred = declared is None
-        elif not kind.accepts(value):
-            value = self._fitted(key, kind, value)
+        elif not kind.accepts(value) or (isinstance(entry.value, float) and isinstance(kind, IntegerType)):
+            value = self._fitted(key, entry, value)
         entry.put(value, self.now())
 
     def get(self, key: str) -> object:
@@ -312,12 +313,18 @@ class Blackboard:
                 key = outside
             board = board.parent
 
-    def _fitted(self, key: str, kind: ValueType, value: object) -> object:
-        """Return *value* converted to the entry's type *kind*."""
+    def _fitted(self, key: str, entry: Entry, value: object) -> object:
+        """Return *value* converted to the type of *entry*.
+
+        An entry of integers may hold a float that a script has assigned. Then the result is a float, as in
+        BehaviorTree.CPP, so that the script can assign a fraction again.
+        """
+        kind = entry.declared
         try:
-            if isinstance(value, str) and kind.converts:
-                return kind.from_text(value)
-            return kind.adapt(value)
+            fitted = kind.from_text(value) if isinstance(value, str) and kind.converts else kind.adapt(value)
+            if isinstance(entry.value, float) and isinstance(kind, IntegerType):
+                return DOUBLE.cast(fitted)
+            return fitted
         except ConversionError as error:
             raise BlackboardError(
                 f"the entry '{key}' has the type {kind.name}, which cannot change: {error}"

@@ -105,12 +105,12 @@ class SetBlackboard(SyncAction):
         board = self._blackboard
         entry = board.find(key)
         if isinstance(value, str) and entry is not None:
-            if not entry.declared.strong:
-                # The text does not determine the type: BehaviorTree.CPP accepts a number later, too.
-                entry.put(value, board.now())
-                return
-            value = entry.declared.from_text(value, self.config.format)
-        board.set(key, value)
+            # An entry without a type remains so: BehaviorTree.CPP accepts a number later, too.
+            if entry.declared.strong:
+                value = entry.declared.from_text(value, self.config.format)
+            entry.put(value, board.now())
+        else:
+            board.set(key, value)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -8,6 +8,7 @@ import pytest
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import SimClock
 from btcore.errors import BlackboardError
+from btcore.script.program import compile_script
 from btcore.status import Status
 from btcore.values import (
     ANY,
@@ -176,6 +177,17 @@ class TestWriting:
             board["x"] = value
         assert entry.value is None
         assert entry.sequence_id == 0
+
+    def test_float_in_an_entry_of_integers_remains_a_float(self, board):
+        board.create("x", INT)
+        compile_script("x := 2.5").run(board)
+        board["x"] = 4
+        assert repr(board["x"]) == "4.0"
+        compile_script("x := 2.5").run(board)
+        board["x"] = "7"
+        assert repr(board["x"]) == "7.0"
+        with pytest.raises(BlackboardError, match=r"2\.5 is not a valid int"):
+            board["x"] = 2.5
 
     def test_an_integer_of_more_than_64_bits_is_refused(self, board):
         with pytest.raises(BlackboardError, match="64 bits"):

@@ -109,6 +109,13 @@ def test_text_leaves_an_untyped_entry_untyped(make_tree: Grow) -> None:
     assert tree.blackboard["s"] == 7
 
 
+def test_integer_port_keeps_the_float_that_a_script_created(make_tree: Grow) -> None:
+    tree = make_tree('<Sequence><Script code="t := 2.5"/><Inc in="1" out="{t}"/></Sequence>')
+    for _ in range(3):
+        assert tree.tick_once() is S
+        assert repr(tree.blackboard["t"]) == "2.0"
+
+
 def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: Grow) -> None:
     tree = make_tree('<SetBlackboard value="{=}" output_key="b"/>')
     tree.blackboard["="] = 7
