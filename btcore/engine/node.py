@@ -370,7 +370,7 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
         if result is previous and previous is not IDLE:
             status = previous
         else:
-            status = SUCCESS if result is SUCCESS else _as_status(result)
+            status = SUCCESS if result is SUCCESS else _as_status(node, result)
             # SKIPPED is returned to the parent but not stored, as in BehaviorTree.CPP.
             if status is not previous and status is not SKIPPED:
                 node._status = status
@@ -419,7 +419,7 @@ def _instrumented_tick(node: TreeNode, guard: Instrumentation) -> Status:
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if status is IDLE:
-        status = _as_status(node.tick())
+        status = _as_status(node, node.tick())
     if conditions is not None and (status is SUCCESS or status is FAILURE):
         conditions.run_postconditions(status)
     post_tick = guard.post_tick
@@ -432,10 +432,12 @@ def _instrumented_tick(node: TreeNode, guard: Instrumentation) -> Status:
     return status
 
 
-def _as_status(result: object) -> Status:
-    """Return *result* as a Status. Raise NodeError for IDLE and for anything but a Status or a bool.
+def _as_status(node: TreeNode, result: object) -> Status:
+    """Return *result*, the result of *node*, as a Status. A numpy.bool_ counts as a bool.
 
-    A numpy.bool_ counts as a bool.
+    Raises:
+        NodeError: The result is neither a Status nor a bool, or it is IDLE. In format 3 a node with children
+            may return IDLE, as in BehaviorTree.CPP 3.8.
     """
     if result is SUCCESS or result is True:
         return SUCCESS
@@ -447,6 +449,8 @@ def _as_status(result: object) -> Status:
         return SKIPPED
     if _is_numpy_bool(result):
         return SUCCESS if result else FAILURE
+    if result is IDLE and node.config.format == 3 and node.children:
+        return IDLE
     text = "IDLE" if result is IDLE else repr(result)
     raise NodeError(f"a tick must return RUNNING, SUCCESS (True), FAILURE (False) or SKIPPED, not {text}")
 

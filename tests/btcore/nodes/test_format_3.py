@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from btcore import NodeExecutionError, Status, SyncAction, Tree, TreeError
+from btcore import NodeExecutionError, Status, SyncAction, Tree, TreeError, action
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]
@@ -55,6 +55,24 @@ def test_values_are_read_from_the_blackboard_at_every_tick(make_tree: Grow) -> N
 def test_mismatch_returns_the_configured_status(written: str, make_tree: Grow) -> None:
     tree = make_tree(check("Int", "1", "2", f'return_on_mismatch="{written}"'), format=3)
     assert tree.tick_once() is Status[written]
+
+
+def test_mismatch_may_return_idle_which_a_sequence_refuses(make_tree: Grow) -> None:
+    body = check("Int", "1", "2", 'return_on_mismatch="IDLE"')
+    tree = make_tree(f'<SubTree ID="Sub"/></BehaviorTree><BehaviorTree ID="Sub">{body}', format=3)
+    assert tree.tick_once() is Status.IDLE
+    assert {node.status for node in tree} == {Status.IDLE}
+    with pytest.raises(NodeExecutionError, match="child 1 returned IDLE"):
+        make_tree(f"<Sequence>{body}</Sequence>", format=3).tick_once()
+
+
+def test_leaf_of_format_3_must_not_return_idle(make_tree: Grow) -> None:
+    @action(ID="Idle")
+    def idle() -> Status:
+        return Status.IDLE
+
+    with pytest.raises(NodeExecutionError, match=r"must return RUNNING, .* not IDLE"):
+        make_tree("<Idle/>", idle, format=3).tick_once()
 
 
 @pytest.mark.parametrize("kind", ["Int", "Double", "String", "Bool"])
