@@ -109,6 +109,7 @@ INCOMPLETE_POINTER: Final = DiagnosticCode("W210", "warning", "incomplete braces
 UNCONNECTED_OUTPUT: Final = DiagnosticCode("W211", "warning", "output port without an entry")
 IGNORED_ATTRIBUTE: Final = DiagnosticCode("W212", "warning", "ignored attribute")
 TEXT_FOR_UNTYPED_ENTRY: Final = DiagnosticCode("W213", "warning", "text for an entry without a type")
+BASE_CLASS_READ: Final = DiagnosticCode("W214", "warning", "entry of a base class")
 
 # Conversion: written differently, with the same meaning
 FORMAT_SET: Final = DiagnosticCode("C101", "same meaning", "format attribute set")

@@ -191,7 +191,7 @@ class BatchOutput:
             data, agents = cast(value, self.kind, agent_sets, agents, self._fail)
             value = normalise_values(data, agent_sets)
         agents ^= agents & self.context.raised
-        store(self.slot, agents, value, self._fail)
+        store(self.slot, agents, value, self._fail, self.kind.strong)
 
     def _put_doubles(self, slot: Slot, agents: int, values: Any) -> bool:
         """Write *values* without conversion, if they are doubles for a DOUBLE entry. Return False if not."""

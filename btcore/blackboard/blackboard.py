@@ -133,12 +133,14 @@ class Blackboard:
                 return None
             board = parent
 
-    def create(self, key: str, declared: ValueType = ANY) -> Entry:
+    def create(self, key: str, declared: ValueType = ANY, only_read: bool = False) -> Entry:
         """Return the entry of *key* after remapping. If it is missing, create it where the remappings end.
 
         Args:
             key: The key.
             declared: The type that the caller needs.
+            only_read: Whether the caller reads the entry and never writes it. Then the type of the entry may
+                also be a base class or a derived class, whose objects are checked when they are read.
 
         Raises:
             BlackboardError: The entry has another type. There is no error if one of the types is ANY, if the
@@ -165,6 +167,8 @@ class Blackboard:
             entry.value = declared.adapt(entry.value)
             entry.declared = declared
             entry.inferred = False
+            return entry
+        if only_read and previous.is_related(declared):
             return entry
         raise self._clash(key, previous, declared)
 

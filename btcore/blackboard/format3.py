@@ -2,7 +2,7 @@
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.errors import BlackboardError, ConversionError
-from btcore.values import ANY, STRING, ValueType, to_builtin_number, type_of
+from btcore.values import ANY, ValueType, to_builtin_number, type_of
 
 
 class LegacyBlackboard(Blackboard):
@@ -44,15 +44,18 @@ class LegacyBlackboard(Blackboard):
         kind = entry.declared
         if kind.strong and not kind.accepts(value):
             if not isinstance(value, str) or entry.inferred:
-                raise self._clash(key, kind, STRING if isinstance(value, str) else declared or type_of(value))
+                is_unknown = declared is None or not declared.strong or isinstance(value, str)
+                raise self._clash(key, kind, type_of(value) if is_unknown or declared is None else declared)
             try:
                 value = kind.from_text(value, 3)
             except ConversionError as error:
                 raise BlackboardError(f"the entry '{key}' is of type {kind.name}: {error}") from error
         entry.put(value, self.now())
 
-    def create(self, key: str, declared: ValueType = ANY) -> Entry:
+    def create(self, key: str, declared: ValueType = ANY, only_read: bool = False) -> Entry:
         """Return the entry of *key*. A port does not change the rule for texts of an existing entry.
+
+        Unlike in format 4, *only_read* has no effect: the type of the entry must not be a related class.
 
         Raises:
             BlackboardError: The entry has another type, which cannot change to *declared*.

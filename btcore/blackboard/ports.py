@@ -282,7 +282,8 @@ class Output:
                 value = kind.cast(value)
             except ConversionError as error:
                 raise ConversionError(f"port [{self.name}] takes {kind.name}: {error}") from None
-        self.blackboard.set(key, value)
+        # A port of any type may write a value of another type later, like a port of type BT::Any.
+        self.blackboard.set(key, value, None if kind.strong else kind)
 
     def __call__(self, value: object) -> None:
         """Call :meth:`write`: a function leaf gets the port as a callable."""

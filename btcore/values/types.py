@@ -116,6 +116,10 @@ class ValueType:
         """Return whether *other* is the same type."""
         return self is other or (self.name == other.name and self.python_type is other.python_type)
 
+    def is_related(self, other: "ValueType") -> bool:
+        """Return whether both types are user's classes, and one of the classes derives from the other."""
+        return False
+
     def __repr__(self) -> str:
         return f"<type {self.name}>"
 
@@ -577,6 +581,16 @@ class DirectionType(EnumType):
 
 class UserType(ConvertibleType):
     """The type of a user's class. A dataclass without converters has the text form ``json:{…}``."""
+
+    def is_related(self, other: ValueType) -> bool:
+        """Return whether *other* is the type of a base class or of a derived class."""
+        if not isinstance(other, UserType):
+            return False
+        mine, its = self.python_type, other.python_type
+        try:
+            return issubclass(mine, its) or issubclass(its, mine)
+        except TypeError:
+            return False  # a Protocol that issubclass() does not support
 
     def from_text(self, text: str, format: int = 4) -> object:
         """Return the dataclass that ``json:{…}`` describes, else the result of the converter.

@@ -209,7 +209,7 @@ class TreeInstantiator:
             key = bound.key
             if key is not None and bound.is_explicit:
                 try:
-                    entry = blackboard.create(key, port.type)
+                    entry = blackboard.create(key, port.type, not port.writes)
                 except (BlackboardError, ConversionError) as error:
                     self._diagnostics.add(self._clash(document, plan, port, blackboard.find(key), error))
                 else:
@@ -243,6 +243,10 @@ class TreeInstantiator:
         first = self.declared_by(entry)
         origin = f"declared by {first}" if first else "it was on the blackboard before the tree was built"
         hint = f"{origin}; the type of an entry never changes"
+        if self.format == 4 and entry.declared.is_related(port.type):
+            hint = (
+                f"{origin}; an output needs exactly this type, so declare the port as {entry.declared.name}"
+            )
         return document.diagnostic(CONFLICTING_ENTRY_TYPES, message, plan.element, port.name, hint=hint)
 
     def _make(

@@ -1,10 +1,14 @@
-"""Check values against the types of entries: values that don't convert (W206), texts without type (W213)."""
+"""Check the values that are written and read against the types of entries.
+
+The codes are W206 (value that doesn't convert), W213 (text for an entry without a type) and W214 (object of a
+base class).
+"""
 
 from collections.abc import Collection, Mapping
 
 from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import Port, PortRole
-from btcore.diagnostic_codes import REFUSED_ENTRY_VALUE, TEXT_FOR_UNTYPED_ENTRY
+from btcore.diagnostic_codes import BASE_CLASS_READ, REFUSED_ENTRY_VALUE, TEXT_FOR_UNTYPED_ENTRY
 from btcore.engine.control import ControlNode
 from btcore.errors import BtcoreError, ConversionError, ScriptError
 from btcore.script.expressions import Assignment, Name
@@ -29,7 +33,7 @@ def check_value_types(
     """Warn about writes that always raise, and about constants that the reading ports can't convert.
 
     Also warn about texts that a SetBlackboard writes to entries without a type, which BehaviorTree.CPP
-    handles differently.
+    handles differently, and about ports that read objects of a base class of their type.
 
     Args:
         dry_run: A completed dry run of the tree.
@@ -44,6 +48,8 @@ def check_value_types(
         for use in uses:
             if use.access is AccessKind.WRITES and use.port is not None:
                 _check_port(dry_run, entry, use, use.port, reporter)
+            elif use.access is AccessKind.READS and use.port is not None:
+                _check_base_class(dry_run, entry, use, use.port, reporter)
             elif use.access in WRITING and use.within:
                 _check_script(dry_run, entry, use, enums, reporter)
         _check_constant(uses, entry, reporter)
@@ -65,6 +71,22 @@ def _check_port(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, report
     elif entry.declared is STRING and port.type.strong and not issubclass(port.type.python_type, str):
         write = f"the port '{use.attribute}' of {node_label(use.node)} writes {port.type.name}"
         _warn(dry_run, entry, use, write, reporter)
+
+
+def _check_base_class(
+    dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, reporter: LintReporter
+) -> None:
+    """Warn if *port* reads an entry whose type is a base class of the type of the port."""
+    kind = entry.declared
+    if not kind.is_related(port.type) or issubclass(kind.python_type, port.type.python_type):
+        return
+    message = (
+        f"the port '{use.attribute}' of {node_label(use.node)} reads {port.type.name}, but the entry "
+        f"'{use.key}' has the type {kind.name}: reading any other {kind.name} raises"
+    )
+    origin = dry_run.declared_by(entry)
+    hint = f"declared by {origin}" if origin else ""
+    reporter.warn(BASE_CLASS_READ, message, use.document, use.node, use.attribute, hint)
 
 
 def _written_text(use: EntryUse) -> str | None:
