@@ -156,6 +156,12 @@ class BlackboardError(BtcoreError):
     """A blackboard entry is missing, was never written, or has another type."""
 
 
+class MissingEntryError(BlackboardError, KeyError):
+    """A blackboard entry is missing, or was never written."""
+
+    __str__ = Exception.__str__  # KeyError would quote the message
+
+
 class ConversionError(BtcoreError, ValueError):
     """A text or a value cannot be converted to a type."""
 

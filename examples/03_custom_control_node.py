@@ -8,7 +8,7 @@ class Best(ControlNode):
 
     def tick(self) -> Status:
         self.set_status(Status.RUNNING)
-        best = max(self.children, key=lambda child: self.blackboard.get(child.name))
+        best = max(self.children, key=lambda child: self.blackboard.get(child.name, float))
         status = best.execute_tick()
         if status is not Status.RUNNING:
             self.reset_children()

@@ -5,11 +5,12 @@ remapped or the scope has automatic remapping, and so on up to the root. ``@key`
 scope. A key that begins with ``_`` is not remapped automatically (BehaviorTree.CPP, src/blackboard.cpp).
 """
 
-from collections.abc import Callable, Iterator
-from typing import Final, NoReturn, SupportsIndex
+import reprlib
+from collections.abc import Callable, ItemsView, Iterator, KeysView, Mapping, ValuesView
+from typing import Any, Final, NoReturn, SupportsIndex, TypeVar, cast, get_origin, overload
 
 from btcore.clock import Clock, SystemClock, now_function
-from btcore.errors import BlackboardError, ConversionError
+from btcore.errors import BlackboardError, ConversionError, MissingEntryError
 from btcore.suggestions import did_you_mean
 from btcore.values import (
     ANY,
@@ -21,10 +22,16 @@ from btcore.values import (
     VECTOR_DOUBLE,
     VECTOR_INT,
     IntegerType,
+    TypeRegistry,
+    UserType,
     ValueType,
     to_builtin_number,
     type_of,
 )
+
+T = TypeVar("T")
+D = TypeVar("D")
+_NOT_GIVEN: Final = object()
 
 
 class Entry:
@@ -68,7 +75,10 @@ _WIDER: Final[dict[str, tuple[ValueType, ...]]] = {
 
 
 class Blackboard:
-    """One scope of entries. User code reads and writes it like a dict.
+    """One scope of entries. User code reads and writes it like a dict, and it is a Mapping.
+
+    Looking up a key follows the remappings of the scope. The length and the iteration cover the written
+    entries of the scope itself, in the order of their creation.
 
     The first write, ``blackboard["key"] = value``, determines the type of the entry. Later writes of another
     type raise BlackboardError, except numbers that fit exactly and texts that convert. An entry that is first
@@ -201,14 +211,41 @@ class Blackboard:
             value = self._fitted(key, entry, value)
         entry.put(value, self.now())
 
-    def get(self, key: str) -> object:
-        """Return the value of *key*. Raise BlackboardError if there is no entry or it was never written."""
+    @overload
+    def get(self, key: str) -> object: ...
+    @overload
+    def get(self, key: str, kind: type[T]) -> T: ...
+    @overload
+    def get(self, key: str, kind: type[T], default: D) -> T | D: ...
+    @overload
+    def get(self, key: str, default: object, /) -> object: ...
+    @overload
+    def get(self, key: str, *, default: object) -> object: ...
+    def get(self, key: str, kind: object = None, default: object = _NOT_GIVEN) -> object:
+        """Return the value of an entry: as in a dict, or as a value of a type.
+
+        ``get("speed")`` and ``get("speed", 0.5)`` return None or the default if the entry is missing or was
+        never written. ``get("speed", float)`` raises then, ``get("speed", float, 0.5)`` does not.
+
+        Args:
+            key: The key.
+            kind: The class of the result, or a type such as ``list[float]``. The value is converted as by an
+                input port of the type. Any other second argument is the default.
+            default: The result for an entry that is missing or was never written.
+
+        Raises:
+            MissingEntryError: The entry is missing or was never written, and only a type is given.
+            BlackboardError: The value cannot be converted to the type.
+        """
+        is_typed = isinstance(kind, (type, ValueType)) or get_origin(kind) is not None
         entry = self.find(key)
-        if entry is None:
-            raise BlackboardError(f"there is no entry '{key}' on the blackboard{self.hint(key)}")
-        if entry.value is None:
-            raise BlackboardError(f"the entry '{key}' is declared but was never written")
-        return entry.value
+        if entry is None or entry.value is None:
+            if default is not _NOT_GIVEN:
+                return default
+            if is_typed:
+                raise self._missing(key, entry)
+            return kind
+        return _converted(key, entry.value, kind) if is_typed else entry.value
 
     def unset(self, key: str) -> None:
         """Remove the entry *key*, with its type, from this scope itself, if there is such an entry."""
@@ -248,14 +285,17 @@ class Blackboard:
         return did_you_mean(key, self.visible_keys())
 
     def __getitem__(self, key: str) -> object:
-        return self.get(key)
+        entry = self.find(key)
+        if entry is None or entry.value is None:
+            raise self._missing(key, entry)
+        return entry.value
 
     def __setitem__(self, key: str, value: object) -> None:
         self.set(key, value)
 
     def __delitem__(self, key: str) -> None:
         if key not in self._entries:
-            raise BlackboardError(
+            raise MissingEntryError(
                 f"there is no entry '{key}' in this scope of the blackboard{self.hint(key)}"
             )
         self.unset(key)
@@ -266,6 +306,38 @@ class Blackboard:
 
     def __iter__(self) -> Iterator[str]:
         return iter([key for key, entry in self._entries.items() if entry.value is not None])
+
+    def __len__(self) -> int:
+        return sum([entry.value is not None for entry in self._entries.values()])
+
+    def __bool__(self) -> bool:
+        # Also without entries, so that ``blackboard or Blackboard()`` keeps a shared blackboard.
+        return True
+
+    def keys(self) -> KeysView[str]:
+        """Return a view of the keys of the written entries of this scope itself."""
+        return KeysView(cast(Mapping[str, object], self))
+
+    def values(self) -> ValuesView[object]:
+        """Return a view of the values of this scope itself."""
+        return ValuesView(cast(Mapping[str, object], self))
+
+    def items(self) -> ItemsView[str, object]:
+        """Return a view of the keys and values of this scope itself."""
+        return ItemsView(cast(Mapping[str, object], self))
+
+    def __repr__(self) -> str:
+        shown = reprlib.Repr()
+        shown.maxstring = shown.maxother = 80
+        values = [f"{shown.repr(key)}: {shown.repr(self[key])}" for key in list(self)[:20]]
+        more = len(self) - len(values)
+        return f"<Blackboard {{{', '.join(values)}{f', … and {more} more' if more else ''}}}>"
+
+    def _missing(self, key: str, entry: Entry | None) -> MissingEntryError:
+        """Return the error for a key without a value."""
+        if entry is None:
+            return MissingEntryError(f"there is no entry '{key}' on the blackboard{self.hint(key)}")
+        return MissingEntryError(f"the entry '{key}' is declared but was never written")
 
     def _known(self, key: str) -> Entry | None:
         """Return the entry whose type must agree with a new declaration of *key*, or None."""
@@ -338,6 +410,25 @@ class Blackboard:
         return BlackboardError(
             f"the type of the entry '{key}' cannot change from {previous.name} to {declared.name}"
         )
+
+
+Mapping.register(Blackboard)  # not a base class: mypyc compiles only classes with compiled bases
+
+
+def _converted(key: str, value: object, kind: Any) -> object:
+    """Return *value* as a value of the type *kind*, by the rules of an input port."""
+    if type(value) is kind:
+        return value
+    # A Python int has no size: only ports restrict it to 32 bits.
+    wanted = INT64 if kind is int else TypeRegistry().of(kind)
+    try:
+        if isinstance(value, str) and not isinstance(wanted, UserType):
+            return wanted.from_text(value)
+        return wanted.cast(value)
+    except ConversionError as error:
+        raise BlackboardError(
+            f"the entry '{key}' holds {reprlib.repr(value)}, not {wanted.name}: {error}"
+        ) from error
 
 
 def _widens(previous: ValueType, declared: ValueType) -> bool:

@@ -84,6 +84,13 @@ def run(robot: Robot) -> Status:
         return tree.tick_while_running()
 
 
+def remaining(board: Blackboard) -> float:
+    """Return the ticks that are left, as a fraction of the level."""
+    level: float = board.get("level", float)
+    ticks: int | None = board.get("ticks", int, None)
+    return level if ticks is None else ticks / level
+
+
 def check(tree: Tree) -> None:
     """Drive *tree* in a harness."""
     harness = Harness(tree)

@@ -1,6 +1,8 @@
 """The blackboard: entries, types, scopes."""
 
 import enum
+from collections import ChainMap
+from collections.abc import Mapping
 from fractions import Fraction
 
 import pytest
@@ -45,6 +47,107 @@ def board():
     return Blackboard(clock=SimClock(5))
 
 
+class TestMapping:
+    def test_blackboard_is_a_mapping_of_its_written_entries(self, board):
+        board["x"] = 3
+        board.create("declared", INT)
+        board["y"] = "text"
+        assert isinstance(board, Mapping)
+        assert len(board) == 2
+        assert dict(board) == {**board} == {"x": 3, "y": "text"}
+        assert list(board.items()) == [("x", 3), ("y", "text")]
+        assert (list(board.keys()), list(board.values())) == (["x", "y"], [3, "text"])
+        assert board.keys() & {"x", "declared"} == {"x"}
+        match board:
+            case {"x": int(number), "y": "text"}:
+                assert number == 3
+            case _:
+                pytest.fail("the pattern does not match")
+
+    def test_get_returns_the_default_for_a_missing_entry(self, board):
+        board.create("declared", INT)
+        assert board.get("x") is None
+        assert board.get("x", 0.5) == 0.5
+        assert board.get("declared", default=[]) == []
+        board["x"] = 3
+        assert board.get("x", 0.5) == board.get("x") == 3
+
+    def test_missing_entry_is_a_key_error_with_a_readable_message(self, board):
+        with pytest.raises(KeyError) as caught:
+            board["x"]
+        assert str(caught.value) == "there is no entry 'x' on the blackboard"
+        with pytest.raises(KeyError, match=r"^there is no entry 'x' in this scope"):
+            del board["x"]
+        assert ChainMap(board, {"x": 1})["x"] == 1
+        assert "{x}".format_map({"x": 2, **board}) == "2"
+
+    @pytest.mark.parametrize(
+        ("value", "kind", "expected"),
+        [
+            (3, int, 3),
+            (3, float, 3.0),
+            (3.0, int, 3),
+            (2**40, int, 2**40),
+            (2**63, int, 2**63),
+            (True, int, 1),
+            ("2.5", float, 2.5),
+            ("text", str, "text"),
+            (3, str, "3"),
+            ([1, 2], list[float], [1.0, 2.0]),
+            ("1;2", list[int], [1, 2]),
+            (3, Colour, Colour.BLUE),
+            (7, object, 7),
+        ],
+    )
+    def test_get_with_a_type_converts_the_value_as_a_port_does(self, board, value, kind, expected):
+        board["x"] = value
+        result = board.get("x", kind)
+        assert result == expected
+        assert type(result) is type(expected)
+
+    def test_get_with_a_type_returns_an_object_of_the_users_class(self, board):
+        board["shape"] = circle = Circle()
+        assert board.get("shape", Circle) is circle
+        assert board.get("shape", Shape) is circle
+
+    @pytest.mark.parametrize(("value", "kind"), [(2.5, int), ("text", float), ("text", Shape), (3, Shape)])
+    def test_get_with_another_type_is_an_error(self, board, value, kind):
+        board["x"] = value
+        with pytest.raises(BlackboardError, match=r"^the entry 'x' holds .*, not (long|double|Shape): "):
+            board.get("x", kind)
+        with pytest.raises(BlackboardError):
+            board.get("x", kind, None)
+
+    def test_get_of_a_missing_entry_with_a_type_raises_unless_there_is_a_default(self, board):
+        board["battery"] = 0.5
+        with pytest.raises(KeyError, match=r"^there is no entry 'batery' .*did you mean 'battery'"):
+            board.get("batery", float)
+        assert board.get("batery", float, 1.0) == 1.0
+
+    def test_get_follows_remappings(self):
+        root, inner = scopes()
+        root["out"] = 1
+        assert inner.get("in", float) == 1.0
+        assert len(inner) == 0
+
+    def test_repr_shows_the_entries_and_stays_short(self, board):
+        board["x"] = 3
+        board["name"] = "a" * 1000
+        assert repr(board).startswith("<Blackboard {'x': 3, 'name': 'aaa")
+        for number in range(100):
+            board[f"key{number}"] = list(range(1000))
+        assert repr(board).endswith(", ...], … and 82 more}>")
+        assert len(repr(board)) < 2000
+
+    def test_value_whose_repr_raises_does_not_break_the_repr_of_the_blackboard(self, board):
+        class Broken:
+            def __repr__(self):
+                raise RuntimeError
+
+        board["x"] = Broken()
+        assert "<Broken instance" in repr(board)
+
+
 def scopes():
     """Return a root and an inner scope whose key `in` is remapped to `out`."""
     root = Blackboard(clock=SimClock())
@@ -70,7 +173,7 @@ class TestReading:
         assert "x" not in board
         assert list(board) == []
         with pytest.raises(BlackboardError, match="never written"):
-            board.get("x")
+            board["x"]
 
     def test_none_is_refused_as_a_value(self, board):
         with pytest.raises(BlackboardError, match="None"):
