@@ -42,6 +42,7 @@ COLD_FILES = {
     "btcore/program_runner.py",
     "btcore/run_extension.py",
     "btcore/suggestions.py",
+    "btcore/tree/drawing.py",
     "btcore/tree/hooks.py",
     "btcore/tree/tick_thread.py",
     "btcore/engine/signature.py",

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import click
 from rich.text import Text
-from rich.tree import Tree as Drawing
 
 from btcore.cli import files, node_libraries, terminal
 from btcore.cli.tree_source import TreeSource, confined_option, find_tree, tree_option
-from btcore.status import NodeType
+from btcore.tree.drawing import Fragment, draw_branches, is_ascii_only, node_label
 from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
@@ -65,34 +64,30 @@ def show(
     elif as_json:
         _print_json(_as_data(root))
     else:
-        head = Text.assemble((main.id, "bold"), (f"  {path}  format {format}", "dim"))
-        drawing = Drawing(head, guide_style="dim")
-        _draw(root, drawing, ports)
-        terminal.stdout_console().print(drawing)
+        console = terminal.stdout_console()
+        ascii = is_ascii_only(console.file)
+        head = [(main.id, "bold"), (f"  {path}  format {format}", "dim")]
+        lines = draw_branches(
+            root, lambda node: node.children, lambda node: _label(node, ports, ascii), head, ascii
+        )
+        for line in lines:
+            console.print(Text.assemble(*line), soft_wrap=True)
 
 
 def _print_json(data: object) -> None:
     click.echo(json.dumps(data, ensure_ascii=False, indent=2))
 
 
-def _draw(node: DiagramNode, above: Drawing, ports: bool) -> None:
-    """Add *node* and its descendants to the branch *above* of the drawing."""
-    line = terminal.node_symbol(node.symbol, node.type)
-    line.append(node.name, style="bold" if node.type is not NodeType.ACTION else "")
-    if node.name != node.id:
-        line.append(f"  {node.id}", style=line.style)
-    line.append(f"  {node.uid}", style="dim")
+def _label(node: DiagramNode, ports: bool, ascii: bool) -> list[Fragment]:
+    """Return the symbol, name, ID and UID of a node, and its ports and scripts if *ports*."""
+    line = [*node_label(node.name, node.id, node.symbol, node.type, ascii), (f"  {node.uid}", "dim")]
     if ports:
         for key, text, _ in node.ports:
             pointer = text.strip().startswith("{")
-            line.append(f"  {key}=", style="dim")
-            line.append(text, style="yellow" if pointer else "italic")
+            line += [(f"  {key}=", "dim"), (text, "yellow" if pointer else "italic")]
         for key, text in node.scripts.items():
-            line.append(f"  {key}=", style="dim")
-            line.append(text, style="magenta")
-    branch = above.add(line)
-    for child in node.children:
-        _draw(child, branch, ports)
+            line += [(f"  {key}=", "dim"), (text, "magenta")]
+    return line
 
 
 def _as_data(node: DiagramNode) -> dict[str, object]:

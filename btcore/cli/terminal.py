@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterable
-from typing import Final
 
 import click
 from rich import box
@@ -13,22 +12,7 @@ from rich.text import Text
 from btcore.errors import BtcoreError, Diagnostic, TreeError, excerpt
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.status import NodeType, Status
-
-# The sign and the style of each status and each node type.
-_STATUSES: Final = {
-    Status.IDLE: ("○", "dim"),
-    Status.RUNNING: ("▶", "bold yellow"),
-    Status.SUCCESS: ("✔", "bold green"),
-    Status.FAILURE: ("✘", "bold red"),
-    Status.SKIPPED: ("↷", "cyan"),
-}
-_KINDS: Final = {
-    NodeType.ACTION: ("▪", "green"),
-    NodeType.CONDITION: ("◦", "cyan"),
-    NodeType.CONTROL: ("●", "bold blue"),
-    NodeType.DECORATOR: ("◇", "magenta"),
-    NodeType.SUBTREE: ("▣", "bold yellow"),
-}
+from btcore.tree.drawing import node_sign, status_label
 
 
 def stdout_console() -> Console:
@@ -58,8 +42,8 @@ def node_symbol(symbol: str, kind: NodeType) -> Text:
         symbol: The symbol that the node's class declares, or "". Only its first character is used.
         kind: The node type, whose symbol is used by default.
     """
-    sign, style = _KINDS.get(kind, ("▪", ""))
-    return Text(f"{symbol[:1] or sign} ", style=style)
+    sign, style = node_sign(symbol, kind)
+    return Text(f"{sign} ", style=style)
 
 
 def recorded_symbol(node_id: str, kind: NodeType) -> Text:
@@ -86,8 +70,7 @@ def counted(count: int, noun: str, zero: str = "0") -> str:
 
 def format_status(value: Status) -> Text:
     """Return the symbol and the name of a status, in its colour."""
-    sign, style = _STATUSES[value]
-    return Text(f"{sign} {value.name}", style=style)
+    return Text(*status_label(value))
 
 
 def format_diagnostic(diagnostic: Diagnostic) -> Text:

@@ -160,6 +160,7 @@ class ControlNode(TreeNode):
                 moment = None
             if status is not IDLE:
                 child._status = IDLE
+                child._status_before_reset = status
                 if observers is not None:
                     if moment is None:
                         # Children that are reset together get the same time stamp.
@@ -188,6 +189,7 @@ class ControlNode(TreeNode):
             if status is not IDLE:
                 before[index] = status
                 child._status = IDLE
+                child._status_before_reset = status
                 count += 1
         if count:
             if len(self._configs) != len(children):

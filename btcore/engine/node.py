@@ -93,6 +93,7 @@ class TreeNode:
 
     config: NodeConfig = _UNPLACED
     _status: Status = IDLE
+    _status_before_reset: Status = IDLE
     _guard: Instrumentation | None = None
     _follows: int = PLAIN
     _decorated: "TreeNode | None" = None
@@ -112,6 +113,7 @@ class TreeNode:
         """
         self.config = config
         self._status = IDLE
+        self._status_before_reset = IDLE
         self._guard = None
         self._decorated = None
         self._follows = self._family
@@ -475,6 +477,7 @@ def reset_status(node: TreeNode) -> None:
     previous = node._status
     if previous is not IDLE:
         node._status = IDLE
+        node._status_before_reset = previous
         observers = node._context.observers
         if observers is not None:
             observers.record_transition(observers.now(), node.config, previous, IDLE)

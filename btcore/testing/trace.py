@@ -10,6 +10,7 @@ from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
+from btcore.tree.drawing import Fragment, draw_branches, node_label, status_label, to_text
 from btcore.tree.tree import Tree
 
 
@@ -188,20 +189,18 @@ class Trace(Observer):
 
 
 def format_tree(tree: Tree, step: TraceStep | None = None) -> str:
-    """Return *tree* as text, with the status of each node at the end of *step* (default: now)."""
+    """Return a drawing of *tree*, with the status of each node at the end of *step* (default: now)."""
     keys = {node.uid: key for key, node in tree.nodes_by_path().items()}
-    lines: list[str] = []
-    pending: list[tuple[TreeNode, int]] = [(tree.root, 0)]
-    while pending:
-        node, depth = pending.pop()
+
+    def label(node: TreeNode) -> list[Fragment]:
         path = keys[node.uid]
         status = node.status if step is None else step.statuses[path]
-        name = node.id if node.name == node.id else f"{node.id} '{node.name}'"
         results = step.results.get(path, ()) if step is not None else ()
         returned = f"  returned {' '.join(result.name for result in results)}" if results else ""
-        lines.append(f"{'  ' * depth}{name}  {status.name}{returned}")
-        pending += ((child, depth + 1) for child in reversed(node.children))
-    return "\n".join(lines)
+        name = node_label(node.name, node.id, node.node_symbol, node.type)
+        return [*name, ("  ", ""), status_label(status), (returned, "")]
+
+    return to_text(draw_branches(tree.root, lambda node: node.children, label))
 
 
 def format_trace(trace: Trace, last: int = 5) -> str:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from math import inf
-from typing import TYPE_CHECKING, Final, NoReturn, SupportsIndex, TypeVar
+from typing import TYPE_CHECKING, Final, NoReturn, SupportsIndex, TextIO, TypeVar
 
 from mypy_extensions import mypyc_attr
 
@@ -411,6 +411,24 @@ class Tree:
     def find(self, kind: type[N]) -> list[N]:
         """Return the nodes of class *kind*, in pre-order."""
         return [node for node in self.nodes if isinstance(node, kind)]
+
+    def draw(self, file: TextIO | None = None) -> None:
+        """Print a drawing of the tree with the status of each node. ``print(tree)`` does so without colours.
+
+        A node that has been reset shows its last result in parentheses. If *file* is a terminal, the drawing
+        has colours. If *file* cannot write Unicode, the drawing consists of ASCII characters.
+
+        Args:
+            file: The file; None = standard output.
+        """
+        from btcore.tree.drawing import print_results
+
+        print_results(self.id, self.ticks, self.root, file)
+
+    def __str__(self) -> str:
+        from btcore.tree.drawing import results_text
+
+        return results_text(self.id, self.ticks, self.root)
 
     def __iter__(self) -> Iterator[TreeNode]:
         return iter(self.nodes)

@@ -6,7 +6,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from click.testing import Result
+from click.testing import CliRunner, Result
+
+from btcore.cli.main import main
 
 Cli = Callable[..., Result]
 
@@ -41,6 +43,19 @@ def test_tree_is_drawn_with_symbols_names_ids_numbers_and_ports(cli: Cli, file: 
         "    └── ¬ Inverter  4\n"
         "        └── ⊥ AlwaysFailure  5  _skipIf=late\n"
     )
+
+
+def test_drawing_consists_of_ascii_characters_where_the_terminal_lacks_unicode(file: Path) -> None:
+    assert CliRunner(charset="ascii").invoke(main, ["show", "--no-ports", str(file)]).stdout.split("\n")[
+        1:
+    ] == [
+        "`-- round  Sequence  1",
+        "    |-- hello  SubTree  2",
+        "    |   `-- bow  Sleep  3",
+        "    `-- Inverter  4",
+        "        `-- AlwaysFailure  5",
+        "",
+    ]
 
 
 def test_no_ports_option_hides_the_ports(cli: Cli, file: Path) -> None:

@@ -51,8 +51,8 @@ def test_run_that_does_not_end_fails_and_shows_the_tree() -> None:
     harness = Harness.loads(document('<Inverter><Sleep name="night" msec="90000"/></Inverter>'))
     with pytest.raises(AssertionError, match="still RUNNING after 60 s") as failed:
         harness.run(period=10)
-    assert "Inverter  RUNNING" in str(failed.value)
-    assert "  Sleep 'night'  RUNNING  returned RUNNING" in str(failed.value)
+    assert "¬ Inverter  ▶ RUNNING" in str(failed.value)
+    assert "└── ◷ night  Sleep  ▶ RUNNING  returned RUNNING" in str(failed.value)
     assert harness.tree.clock.now() == 60_000_000_000
 
 

@@ -95,7 +95,7 @@ def test_it_fails(registry, harness):
     assert done.returncode == 1
     section = done.stdout.partition("btcore: tree 'Main'")[2].splitlines()
     assert section[1:4] == ["tick 1, at 0 s: RUNNING", "    all: IDLE → RUNNING", "    out: IDLE → SUCCESS"]
-    assert "  Sleep 'rest'  RUNNING  returned RUNNING" in section
+    assert "└── ◷ rest  Sleep  ▶ RUNNING  returned RUNNING" in section
 
 
 def test_a_passing_test_shows_nothing(tmp_path: Path) -> None:

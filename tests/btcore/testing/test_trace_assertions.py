@@ -45,13 +45,13 @@ def test_the_message_shows_the_ticks_and_the_tree(patrol: Patrol) -> None:
         "    round/way: IDLE → RUNNING",
         "    round/out: IDLE → RUNNING",
         "    BatteryOk::2: SUCCESS → IDLE",
-        "ReactiveSequence 'patrol'  RUNNING  returned RUNNING",
-        "  BatteryOk  IDLE  returned SUCCESS",
-        "  SubTree 'round'  RUNNING  returned RUNNING",
-        "    Sequence 'way'  RUNNING  returned RUNNING",
-        "      Drive 'out'  RUNNING  returned RUNNING",
-        "      Script 'note'  IDLE",
-        "      Drive 'back'  IDLE",
+        "↻ patrol  ReactiveSequence  ▶ RUNNING  returned RUNNING",
+        "├── ◦ BatteryOk  ○ IDLE  returned SUCCESS",
+        "└── ▣ round  SubTree  ▶ RUNNING  returned RUNNING",
+        "    └── → way  Sequence  ▶ RUNNING  returned RUNNING",
+        "        ├── ▪ out  Drive  ▶ RUNNING  returned RUNNING",
+        "        ├── § note  Script  ○ IDLE",
+        "        └── ▪ back  Drive  ○ IDLE",
     ]
 
 
