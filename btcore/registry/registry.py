@@ -8,7 +8,7 @@ from enum import Enum
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, overload
 
 from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
@@ -174,15 +174,26 @@ class Registry:
         """
         self.types.add(python_type, from_text, **more)
 
-    def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None:
-        """Register an enum, whose names scripts and ports may then use.
+    @overload
+    def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None: ...
+    @overload
+    def add_enum(self, enum: str, number: int) -> None: ...
+    def add_enum(self, enum: type[Enum] | Mapping[str, int] | str, number: int | None = None) -> None:
+        """Register an enum or a single name, which scripts and ports may then use.
 
         Args:
-            enum: The class, or a mapping of names to numbers.
+            enum: The class, or a mapping of names to numbers, or a name: ``add_enum("RED", 1)``.
+            number: The number of a name.
 
         Raises:
             RegistrationError: A name is registered with another number, or a value is not an integer.
         """
+        if isinstance(enum, str):
+            if number is None:
+                raise RegistrationError(f"the enum name {enum} has no number: add_enum({enum!r}, 1)")
+            enum = {enum: number}
+        elif number is not None:
+            raise RegistrationError(f"the number {number!r} needs a name: add_enum('RED', {number!r})")
         self.types.add_enum(enum)
 
     def add_trees(self, *sources: str | PathLike[str]) -> None:
