@@ -4,7 +4,17 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 
-class Status(IntEnum):
+class _NamedNumber(IntEnum):
+    """An enum whose members are numbers, but are printed and formatted as their names."""
+
+    def __str__(self) -> str:
+        return self.name
+
+    def __format__(self, format_spec: str) -> str:
+        return format(self.name, format_spec)
+
+
+class Status(_NamedNumber):
     """The status of a node. The numbers are those of BehaviorTree.CPP's protocols and logs."""
 
     IDLE = 0
@@ -14,7 +24,7 @@ class Status(IntEnum):
     SKIPPED = 4
 
 
-class NodeType(IntEnum):
+class NodeType(_NamedNumber):
     """The type of a node. The numbers are those of BehaviorTree.CPP."""
 
     UNDEFINED = 0

@@ -28,4 +28,4 @@ tree = loads(
 for level in (0.9, 0.1):
     tree.blackboard["battery"] = level
     status = tree.tick_once()
-    print(f"battery {level:.0%}: {status.name}, alarm {'on' if 'alarm' in tree.blackboard else 'off'}")
+    print(f"battery {level:.0%}: {status}, alarm {'on' if 'alarm' in tree.blackboard else 'off'}")

@@ -50,4 +50,4 @@ tree = loads(
     clock=clock,
 )
 status = tree.tick_while_running(period=0.1)
-print(f"{status.name} after {clock.now() / 1e9} s, {tree.blackboard['metres']} m")
+print(f"{status} after {clock.now() / 1e9} s, {tree.blackboard['metres']} m")
