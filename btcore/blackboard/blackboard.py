@@ -6,7 +6,8 @@ scope. A key that begins with ``_`` is not remapped automatically (BehaviorTree.
 """
 
 import reprlib
-from collections.abc import Callable, ItemsView, Iterator, KeysView, Mapping, ValuesView
+from collections.abc import Callable, ItemsView, Iterator, KeysView, Mapping, Sequence, ValuesView
+from copy import deepcopy
 from typing import Any, Final, NoReturn, SupportsIndex, TypeVar, cast, get_origin, overload
 
 from btcore.clock import Clock, SystemClock, now_function
@@ -413,6 +414,26 @@ class Blackboard:
 
 
 Mapping.register(Blackboard)  # not a base class: mypyc compiles only classes with compiled bases
+
+
+def copy_scopes(scopes: Sequence[Blackboard]) -> list[Blackboard]:
+    """Return a copy of each scope, with copies of the values but without parents and remappings.
+
+    Values that refer to the same object do so in the copies, too. A value that cannot be copied, such as a
+    lock or a connection, is shared.
+    """
+    copies: list[Blackboard] = []
+    known: dict[int, Any] = {}
+    for scope in scopes:
+        board = Blackboard(clock=scope.clock)
+        scope.clone_into(board)
+        for entry in board.local_entries().values():
+            try:
+                entry.value = deepcopy(entry.value, known)
+            except Exception:
+                continue
+        copies.append(board)
+    return copies
 
 
 def _converted(key: str, value: object, kind: Any) -> object:

@@ -29,14 +29,15 @@ class SavedEntry(NamedTuple):
 class SavedState(NamedTuple):
     """The state of a tree, as returned by :func:`save_state`.
 
-    *nodes* holds the path and the ID of each node. *values* holds the state fields of each node, then the
+    *nodes* holds the path and the ID of each node. *statuses* holds the status of each node, and its status
+    before the last reset. *values* holds the state fields of each node, then the
     value of each entry, in a single list, so that a shared object is copied once. *boards* holds a dictionary
     for each blackboard scope, from keys to indices in *entries*. *deadlines* holds the time (ns) for which a
     node requested a tick, by UID.
     """
 
     nodes: list[tuple[str, str]]
-    statuses: list[Status]
+    statuses: list[tuple[Status, Status]]
     values: list[object]
     entries: list[SavedEntry]
     boards: list[dict[str, int]]
@@ -81,7 +82,7 @@ def save_state(tree: Tree) -> SavedState:
         boards.append(keys)
     return SavedState(
         _names(tree),
-        [node._status for node in tree.nodes],
+        [(node._status, node._status_before_reset) for node in tree.nodes],
         copy.deepcopy(values),
         entries,
         boards,
@@ -106,8 +107,9 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
     if _names(tree) != saved.nodes or len(boards) != len(saved.boards):
         raise BtcoreError(f"the saved state is of another tree than '{tree.id}'")
     values = copy.deepcopy(saved.values)
-    for node, status, fields in zip(tree.nodes, saved.statuses, values, strict=False):
+    for node, (status, before), fields in zip(tree.nodes, saved.statuses, values, strict=False):
         node._status = status
+        node._status_before_reset = before
         assert isinstance(fields, dict)
         for name, value in fields.items():
             setattr(node, name, value)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, NoReturn, SupportsIndex, TextIO, TypeVa
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.blackboard import Blackboard, copy_scopes
 from btcore.blackboard.ports import PortRole
 from btcore.clock import NS_PER_S, Clock, SimClock, TickSchedule
 from btcore.engine.context import TreeContext
@@ -342,6 +342,39 @@ class Tree:
     def wake(self) -> None:
         """End the wait between two ticks, so that the tree is ticked as soon as possible. Thread-safe."""
         self.context.wake_up()
+
+    # --- backups of the blackboards
+
+    def backup_blackboards(self) -> list[Blackboard]:
+        """Return copies of the blackboards of the main tree and its subtrees, with copies of the values.
+
+        A value that cannot be copied, such as a lock or a connection, is shared with the backup.
+        """
+        return copy_scopes(self._scopes())
+
+    def restore_blackboards(self, backup: Sequence[Blackboard]) -> None:
+        """Restore the entries of the blackboards, with their types; later entries are removed.
+
+        Restoring an entry is a write: its sequence ID increases. A backup can be restored several times.
+
+        Args:
+            backup: The result of :meth:`backup_blackboards` of this tree, or of a tree of the same XML.
+
+        Raises:
+            BtcoreError: The backup is of a tree with other subtrees.
+        """
+        scopes = self._scopes()
+        if len(backup) != len(scopes):
+            raise BtcoreError(
+                f"the backup has {len(backup)} blackboards, but the tree '{self.id}' has {len(scopes)}: "
+                "it is of another tree"
+            )
+        for copy, scope in zip(copy_scopes(backup), scopes, strict=True):
+            copy.clone_into(scope)
+
+    def _scopes(self) -> list[Blackboard]:
+        """Return the blackboards of the subtrees in order, each once."""
+        return list(dict.fromkeys(subtree.blackboard for subtree in self.subtrees))
 
     # --- breakpoints, observers, nodes
 

@@ -32,8 +32,8 @@ from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.saved_state import SavedState, restore_state, save_state, state_fields_of
 
 NODES = conformance_registry()
-# Attributes of a node that belong to the engine; saved_state saves the status itself.
-ENGINE_OWNED = {"_status", "_configs"}
+# Attributes of a node that belong to the engine; saved_state saves statuses and blackboards itself.
+ENGINE_OWNED = {"_blackboard", "_configs", "_status", "_status_before_reset"}
 
 COMMON_NODES = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
     <Script code="turn = turn + 1; a = turn"/>
