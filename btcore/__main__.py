@@ -1,5 +1,39 @@
-"""Run the command ``btcore``, for ``python -m btcore``."""
+"""The command ``btcore``, and ``python -m btcore``.
 
-from btcore.cli.main import main
+Importing the command line takes some tenths of a second. In this time Ctrl-C ends the process at once: an
+import that is interrupted by an exception would print a traceback.
+"""
 
-main(prog_name="btcore")
+import os
+import signal
+from types import FrameType
+from typing import NoReturn
+
+INTERRUPTED = 130
+"""The exit code, as in btcore.cli.exit_codes, which is not imported yet."""
+
+
+def main() -> None:
+    """Run the command line, and exit."""
+    # A process that the shell started in the background, or by nohup, may ignore the signal.
+    handles_ctrl_c = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if handles_ctrl_c:
+        signal.signal(signal.SIGINT, _exit_at_once)
+    from btcore.cli.main import main as command
+
+    if handles_ctrl_c:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        command(prog_name="btcore")
+    finally:
+        if handles_ctrl_c:
+            signal.signal(signal.SIGINT, _exit_at_once)
+
+
+def _exit_at_once(number: int, frame: FrameType | None) -> NoReturn:
+    os.write(2, b"interrupted\n")
+    os._exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()

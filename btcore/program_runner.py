@@ -14,7 +14,7 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
-from btcore.cli.exit_codes import ExitCode
+from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import GatheredResources, gather_resources, load_extensions, merge_reports
 from btcore.cli.run import FiniteRange, RunCommand, clock_of
 from btcore.cli.run_report import END_REASON_TEXT, print_figures
@@ -129,7 +129,7 @@ def run_program(
         finally:
             tree.halt()
     report = merge_reports(gathered.extensions)
-    code = ExitCode.INTERRUPTED if ending == "interrupted" else ExitCode.SUCCESS
+    code = code_of_signal(loop.signal) if ending == "interrupted" else ExitCode.SUCCESS
     return ProgramResult(ending, code, loop.elapsed / NS_PER_S, report)
 
 

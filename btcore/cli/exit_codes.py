@@ -1,6 +1,7 @@
 """The exit codes of the command line."""
 
 from enum import IntEnum
+from signal import SIGTERM
 
 
 class ExitCode(IntEnum):
@@ -16,4 +17,11 @@ class ExitCode(IntEnum):
     INTERNAL_ERROR = 70
     """An error in btcore itself: EX_SOFTWARE of sysexits.h."""
     INTERRUPTED = 130
-    """Ctrl-C or SIGTERM: 128 + SIGINT, the convention of shells."""
+    """Ctrl-C: 128 + SIGINT, the convention of shells. Also if the terminal was closed (SIGHUP)."""
+    TERMINATED = 143
+    """SIGTERM: 128 + SIGTERM."""
+
+
+def code_of_signal(number: int) -> ExitCode:
+    """Return the exit code of a command that the signal *number* ended."""
+    return ExitCode.TERMINATED if number == SIGTERM else ExitCode.INTERRUPTED

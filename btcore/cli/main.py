@@ -88,11 +88,15 @@ class CommandLine(click.Group):
         except Exception as error:
             _exit_for_error(error)
         except KeyboardInterrupt:
-            from btcore.cli import terminal
-
-            terminal.stderr_console().print("[bold]interrupted[/]")
-            sys.exit(ExitCode.INTERRUPTED)
+            _exit_after_interrupt()
         sys.exit(code if isinstance(code, int) else ExitCode.SUCCESS)
+
+
+def _exit_after_interrupt() -> NoReturn:
+    from btcore.cli import terminal
+
+    terminal.stderr_console().print("[bold]interrupted[/]")
+    sys.exit(ExitCode.INTERRUPTED)
 
 
 def _exit_for_error(error: Exception) -> NoReturn:
@@ -109,8 +113,8 @@ def _exit_for_error(error: Exception) -> NoReturn:
         import traceback
 
         traceback.print_exception(error)
-    if isinstance(error, click.Abort):
-        sys.exit(ExitCode.INTERRUPTED)
+    if isinstance(error, click.Abort):  # click raises it for KeyboardInterrupt
+        _exit_after_interrupt()
     if isinstance(error, click.ClickException):
         terminal.print_click_error(error)
         sys.exit(ExitCode.USER_ERROR)

@@ -147,7 +147,8 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
       1    the tree ended in FAILURE
       2    an error in the tree or on the command line
       3    a leaf raised an exception, or a tick exceeded --tick-limit
-      130  interrupted
+      130  interrupted by Ctrl-C
+      143  terminated by SIGTERM
     """
     return create_session(ctx, settings).run()
 

@@ -9,7 +9,7 @@ from typing import Any, cast
 import click
 
 from btcore.cli import terminal
-from btcore.cli.exit_codes import ExitCode
+from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import merge_reports
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.run_logs import Logs
@@ -56,6 +56,7 @@ class RunSession:
         stem, tree_id = source.path.stem, settings["tree"]
         self.outcome = RunReport(stem if tree_id is None else f"{stem}:{tree_id}")
         self.reloads = 0
+        self._signal = 0
         self._printed_error: NodeExecutionError | None = None
 
     def run(self) -> int:
@@ -104,7 +105,7 @@ class RunSession:
         if self.outcome.error is not None:
             return ExitCode.LEAF_ERROR
         if ending == "interrupted":
-            return ExitCode.INTERRUPTED
+            return code_of_signal(self._signal)
         failed = ending == "done" and self.outcome.status is Status.FAILURE
         return ExitCode.FAILURE if failed else ExitCode.SUCCESS
 
@@ -131,6 +132,7 @@ class RunSession:
         finally:
             self.outcome.status = loop.status if self.outcome.error is None else Status.IDLE
             self.outcome.elapsed = loop.elapsed / NS_PER_S
+            self._signal = loop.signal
             self.outcome.wall = time.perf_counter() - began
             progress.close()
         if loop.late:

@@ -63,6 +63,7 @@ class TickLoop:
     Attributes:
         status: The tree's status after the last tick.
         late: The number of ticks that were skipped because an earlier tick was still in progress.
+        signal: The number of the signal that ended the loop, or 0.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class TickLoop:
         self.end = None if duration is None else self.start + round(duration * NS_PER_S)
         self.status = Status.IDLE
         self.late = 0
+        self.signal = 0
         self._stop = False
         self._waiting = False
 
@@ -173,6 +175,7 @@ class TickLoop:
         if self._stop:
             raise KeyboardInterrupt
         self._stop = True
+        self.signal = number
         self.tree.context.is_interrupted = True
         # In threads, since the handler may have interrupted code that holds the locks that these calls need.
         # The lambda matters: the access to `hooks` takes a lock, too.

@@ -65,7 +65,7 @@ class Workers:
         self._killed: dict[int, int] = {}
 
     def run_episodes(
-        self, episodes: Iterator[Episode], stopped: Callable[[], bool]
+        self, episodes: Iterator[Episode], stopped: Callable[[], object]
     ) -> Iterator[tuple[Episode, Result]]:
         """Run episodes in parallel, and yield each with its result as soon as it is finished.
 
@@ -75,7 +75,8 @@ class Workers:
 
         Args:
             episodes: The episodes to run.
-            stopped: Called at least every 0.1 s. When it returns True, the submitted episodes are cancelled.
+            stopped: Called at least every 0.1 s. When it returns a true value, the submitted episodes are
+                cancelled.
 
         Raises:
             click.ClickException: The connection to the scheduler is lost, or a worker cannot run episodes.

@@ -1,7 +1,6 @@
 """Running the unfinished episodes of a sweep, with a progress bar."""
 
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -32,7 +31,7 @@ class ExecutionSummary(NamedTuple):
     """The result of `run_sweep`.
 
     Attributes:
-        interrupted: Whether a signal ended the sweep.
+        signal: The number of the signal that ended the sweep, or 0.
         episodes: The number of episodes that were run.
         wall: The duration in s of real time, including the start of the workers.
         workers: The number of workers at the end.
@@ -40,7 +39,7 @@ class ExecutionSummary(NamedTuple):
         busy: The fraction of *wall* that the workers spent running episodes.
     """
 
-    interrupted: bool = False
+    signal: int = 0
     episodes: int = 0
     wall: float = 0.0
     workers: int = 0
@@ -100,20 +99,21 @@ def _raise_user_error(record: Record, episode: Episode, sweep: SweepDefinition) 
 
 
 @contextmanager
-def _stoppable() -> Iterator[Callable[[], bool]]:
-    """Return a context with a function that returns whether SIGINT or SIGTERM was received.
+def _stoppable() -> Iterator[Callable[[], int]]:
+    """Return a context with a function that returns the number of the signal that was received, or 0.
 
-    A second signal raises KeyboardInterrupt.
+    The signals are SIGINT and SIGTERM. A second signal raises KeyboardInterrupt.
     """
-    stopped = threading.Event()
+    received = 0
 
     def handler(number: int, frame: FrameType | None) -> None:
-        if stopped.is_set():
+        nonlocal received
+        if received:
             raise KeyboardInterrupt
-        stopped.set()
+        received = number
 
     with signal_handlers((signal.SIGINT, signal.SIGTERM), handler):
-        yield stopped.is_set
+        yield lambda: received
 
 
 class _Bar(Progress):

@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from btcore.cli import files, terminal
-from btcore.cli.exit_codes import ExitCode
+from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.script.program import Program
 from btcore.sweep import table
 from btcore.sweep.charts import percent
@@ -55,8 +55,8 @@ def write_results(
 
 
 def _code(rows: list[Row], played: ExecutionSummary) -> ExitCode:
-    if played.interrupted:
-        return ExitCode.INTERRUPTED
+    if played.signal:
+        return code_of_signal(played.signal)
     if any(row["status"] == "RAISED" for row in rows):
         return ExitCode.LEAF_ERROR
     return ExitCode.SUCCESS if all(row["success"] for row in rows) else ExitCode.FAILURE
@@ -153,7 +153,7 @@ def _print_summary(data: ReportData, played: ExecutionSummary, results: Path, re
         died = terminal.counted(played.deaths, "worker")
         terminal.print_warning(f"{died} died; their episodes were run again, except those with status KILLED")
     console.print()
-    if played.interrupted:
+    if played.signal:
         terminal.print_labelled(
             "interrupted",
             f"after {rate.count} of {len(sweep)} episodes: run the same command again to continue",

@@ -177,12 +177,17 @@ def test_late_ticks_are_dropped_with_a_single_warning(
     assert last_json(result)["ticks"] == 2
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_signal_halts_the_tree_and_exits_with_130(tree_file: TreeFile, library: Path, number: int) -> None:
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 130)]
+)
+def test_signal_halts_the_tree_completes_the_log_and_exits_with_its_code(
+    tree_file: TreeFile, library: Path, tmp_path: Path, number: int, code: int
+) -> None:
+    log = tmp_path / "run.json"
     tree = tree_file('<Sequence><Say/><Walk steps="1000000"/></Sequence>')
     command = [sys.executable, "-m", "btcore", "run", str(tree), "--plugin", str(library), "--json"]
     with subprocess.Popen(
-        command,
+        [*command, "--log", str(log)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -196,7 +201,8 @@ def test_signal_halts_the_tree_and_exits_with_130(tree_file: TreeFile, library: 
         rest = list(said)
         assert process.stderr is not None
         complaint = process.stderr.read()
-    assert process.returncode == 130
+    assert process.returncode == code
+    assert json.loads(log.read_text())
     assert rest[0] == "halted while walking"
     assert rest[-1].startswith('{"status": "RUNNING"')
     assert "interrupted" in complaint

@@ -122,7 +122,7 @@ def test_broken_tree_is_reported_and_the_old_tree_continues(
     running.wait_for("blink", so_far + 20)
     tree_file(SECOND.replace("n == 1", "true"))
     running.wait_for("second                    IDLE -> RUNNING")
-    assert running.end(signal.SIGTERM) == 130
+    assert running.end(signal.SIGTERM) == 143
     assert running.report()["reloads"] == 1
 
 

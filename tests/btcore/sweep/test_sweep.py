@@ -193,15 +193,15 @@ def test_killed_sweep_leaves_no_worker_and_the_same_command_continues_it(
     assert Path("whole/results.csv").read_bytes() == Path("tree.sweep/results.csv").read_bytes()
 
 
-def test_ctrl_c_ends_the_sweep_and_prints_how_to_continue(tree: Tree, sweep: Sweep, scheduler: str) -> None:
+def test_signal_ends_the_sweep_and_prints_how_to_continue(tree: Tree, sweep: Sweep, scheduler: str) -> None:
     words = [tree('<Sequence><Toil seconds="0.1"/><Walk/></Sequence>'), "--seeds", "500"]
     with start_sweep(*words, "--scheduler", scheduler) as process:
         wait_until(lambda: Path("tree.sweep/journal.jsonl").exists() and len(journal()) >= 2)
         # While the sweep runs, its lock prevents other sweeps from writing to the folder.
         assert "is writing to 'tree.sweep'" in " ".join(sweep(*words).stderr.split())
-        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130
+    assert process.returncode == 143
     assert "Traceback" not in said
     assert "run the same command again to continue" in said
     assert 2 <= len(read_table()) == len(journal()) < 500
