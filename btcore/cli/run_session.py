@@ -87,8 +87,9 @@ class RunSession:
         """
         self.tree.count_ticks()  # before the first tick: the report contains the counts
         with ExitStack() as attached:
-            for extension in self.extensions:
-                attached.enter_context(extension.attach(self.tree, self.resources, self.settings))
+            with log_to_console(terminal.stderr_console()):
+                for extension in self.extensions:
+                    attached.enter_context(extension.attach(self.tree, self.resources, self.settings))
             # An ExitStack unwinds in reverse order: the logs are closed before extensions are detached.
             attached.callback(self.logs.close)
             self.logs.open(self.tree)

@@ -23,8 +23,10 @@ from zmq.utils.monitor import recv_monitor_message
 from btcore_monitor.closeable import Closeable
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import STATUS_NAMES, ObservedNode, ObservedTree
+from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
 from btcore_monitor.watch.request_client import NoReplyError
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
@@ -111,18 +113,21 @@ class BreakpointClient(Closeable):
         address: The robot's address, as in `parse_address`.
         timeout: Maximum time in s (wall clock) to connect to the robot. Later requests wait for a reply for
             at most DEFAULT_TIMEOUT.
+        keys: The keys of the client, if the robot requires keys.
 
     Raises:
         BreakpointError: The address is invalid, or no robot answers there. All methods raise this exception
             if a request fails, for example because the robot does not allow control.
     """
 
-    def __init__(self, address: str = "", timeout: float = DEFAULT_TIMEOUT) -> None:
+    def __init__(
+        self, address: str = "", timeout: float = DEFAULT_TIMEOUT, keys: ClientKeys | None = None
+    ) -> None:
         try:
             self.address = parse_address(address)
         except AddressError as error:
             raise BreakpointError(str(error)) from None
-        self._client = Groot2Client(self.address, timeout)
+        self._client = Groot2Client(self.address, timeout, keys=keys)
         # Reentrant, because `tree` is used inside requests. The keep-alive thread sends requests, too.
         self._lock = threading.RLock()
         self._requested: list[RequestedHook] = []
@@ -132,6 +137,8 @@ class BreakpointClient(Closeable):
         self._notices = self._context.socket(zmq.SUB)
         self._notices.setsockopt(zmq.LINGER, 0)
         self._notices.setsockopt(zmq.SUBSCRIBE, b"")
+        if keys is not None:
+            keys.secure(self._notices)
         self._thread = threading.Thread(target=self._keep_alive, name="btcore-breakpoints", daemon=True)
         try:
             # The first request raises an error if there is no robot, before the thread starts.
@@ -407,7 +414,7 @@ class BreakpointClient(Closeable):
             if groot2.NO_SUCH_NODE in str(refusal):
                 raise _HookGoneError(f"the hook is no longer there ({refusal})") from None
             raise BreakpointError(str(refusal)) from None
-        except ProtocolError as error:
+        except (ProtocolError, ConnectionRefusedByRobotError) as error:
             raise BreakpointError(str(error)) from None
 
     def _keep_alive(self) -> None:

@@ -5,8 +5,9 @@ process never draws. All messages go to stderr.
 """
 
 import importlib.util
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from btcore.run_extension import RunExtension
 from btcore.tree.tree import Tree
 from btcore_monitor.display import has_display
 from btcore_monitor.display_options import DisplayOptions, create_options, explicit_options
+from btcore_monitor.keys import KeyFileError, RobotKeys, create_keys
 from btcore_monitor.monitor_process import MonitorProcess, print_message, wait_until_listening
 from btcore_monitor.serve import Publisher, ServeError, serve
 from btcore_monitor.serve.tcp_ports import GROOT1_PORTS
@@ -53,7 +55,34 @@ class MonitorExtension(RunExtension):
         click.Option(
             ["--allow-control"],
             is_flag=True,
-            help="Let any client that reaches the port set breakpoints and inject statuses (btcore hook).",
+            help="Let clients set breakpoints and inject statuses (btcore hook): with keys those of "
+            "--allow-key, otherwise any client that reaches the port.",
+        ),
+        click.Option(
+            ["--key-file"],
+            type=click.Path(path_type=Path),
+            metavar="FILE",
+            help="The robot's secret key (see btcore keys): encrypt connections, and accept only the clients "
+            "of --allow-key.",
+        ),
+        click.Option(
+            ["--allow-key"],
+            multiple=True,
+            metavar="KEY",
+            help="With --key-file: the public key of a client that may connect, or a file with one key per "
+            "line; may be given several times.",
+        ),
+        click.Option(
+            ["--watch-port"],
+            type=click.IntRange(0, 65533),
+            metavar="PORT",
+            help="With --key-file: the first of further ports where clients without keys, such as Groot, can "
+            "watch but not control; 0 takes free ones.",
+        ),
+        click.Option(
+            ["--insecure"],
+            is_flag=True,
+            help="Permit --allow-control from the network (--bind) without keys.",
         ),
         click.Option(["--monitor"], is_flag=True, help="Start the viewer and show the run live."),
         click.Option(
@@ -94,6 +123,7 @@ class MonitorExtension(RunExtension):
             )
         if settings["allow_control"] and "groot2" not in settings["publish"]:
             raise click.UsageError("--allow-control needs --publish groot2, since Groot 1 has no control")
+        _check_keys(settings)
         save: Path | None = settings["save"]
         if save is not None:
             check_is_recording(save)
@@ -136,26 +166,37 @@ class MonitorExtension(RunExtension):
             yield
             return
         port, groot1 = _ports(settings)
-        try:
-            publisher = serve(
-                tree,
-                groot2=port,
-                groot1=groot1,
-                bind=settings["bind"],
-                resources=resources,
-                allow_control=settings["allow_control"],
+        with ExitStack() as stack:
+            keys, key_options = _robot_keys(settings, stack)
+            try:
+                publisher = serve(
+                    tree,
+                    groot2=port,
+                    groot1=groot1,
+                    bind=settings["bind"],
+                    resources=resources,
+                    allow_control=settings["allow_control"],
+                    keys=keys,
+                    watch_port=settings["watch_port"],
+                    insecure=settings["insecure"],
+                )
+            except ServeError as error:
+                raise click.ClickException(str(error)) from None
+            stack.enter_context(publisher)
+            with_keys = "" if keys is None else f" --key-file YOURS --robot-key {keys.public}"
+            print_message(
+                f"publishing at {publisher.address} (btcore monitor {publisher.address}{with_keys})"
             )
-        except ServeError as error:
-            raise click.ClickException(str(error)) from None
-        with publisher:
-            print_message(f"publishing at {publisher.address} (btcore monitor {publisher.address})")
-            if publisher.groot1 is not None:
+            if publisher.watch_address:
+                print_message(f"watching without keys: {publisher.watch_address}")
+            # Groot cannot use keys, so it connects to the ports for watching without keys.
+            updates = publisher.groot1 if keys is None else publisher.watch_groot1
+            if updates is not None:
                 reason = f", since Groot 2 has {publisher.port}" if port is not None else ""
                 print_message(
-                    f"Groot 1 finds it at publisher port {publisher.groot1} and server port "
-                    f"{publisher.groot1 + 1}{reason}"
+                    f"Groot 1 finds it at publisher port {updates} and server port {updates + 1}{reason}"
                 )
-            options = DisplayOptions.from_settings(settings).arguments()
+            options = [*key_options, *DisplayOptions.from_settings(settings).arguments()]
             monitors: list[MonitorProcess] = []
             if save is not None:
                 arguments = ["--save", str(save), "--no-view", *options]
@@ -189,6 +230,39 @@ def _shown(settings: Mapping[str, Any]) -> list[str]:
         "--serve-web": settings["serve_web"] is not None,
     }
     return [option for option, is_given in given.items() if is_given]
+
+
+def _check_keys(settings: Mapping[str, Any]) -> None:
+    """Raise click.UsageError if the options about keys are incomplete or name unusable keys."""
+    if settings["key_file"] is None:
+        for option in ("allow_key", "watch_port"):
+            if settings[option] not in (None, ()):
+                name = option.replace("_", "-")
+                raise click.UsageError(f"--{name} needs --key-file with the robot's secret key")
+        return
+    if not settings["publish"] and not _shown(settings):
+        raise click.UsageError("--key-file needs --publish: nothing is published")
+    if not settings["allow_key"]:
+        raise click.UsageError("--key-file needs --allow-key with the public keys of the clients")
+    try:
+        RobotKeys(settings["key_file"], settings["allow_key"])
+    except KeyFileError as error:
+        raise click.UsageError(str(error)) from None
+
+
+def _robot_keys(settings: Mapping[str, Any], stack: ExitStack) -> tuple[RobotKeys | None, list[str]]:
+    """Return the keys of the robot, and the options with which its own monitors connect.
+
+    The monitors get a key pair of their own, in a temporary folder that *stack* removes.
+    """
+    if settings["key_file"] is None:
+        return None, []
+    key = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="btcore-"))) / "monitor"
+    try:
+        keys = RobotKeys(settings["key_file"], [*settings["allow_key"], create_keys(key)])
+    except KeyFileError as error:
+        raise click.ClickException(str(error)) from None
+    return keys, ["--key-file", str(key), "--robot-key", keys.public]
 
 
 def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:

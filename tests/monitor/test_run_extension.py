@@ -23,6 +23,7 @@ from btcore_monitor.events import (
     TransitionsLost,
     TreeSeen,
 )
+from btcore_monitor.keys import create_keys
 from btcore_monitor.screen.style import COLOUR_BLIND
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.feed import Feed
@@ -208,6 +209,32 @@ def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(both:
     assert process.returncode == 130, rest
 
 
+def test_a_run_with_keys_records_itself_and_prints_the_options_of_clients(tmp_path, tree_file):
+    robot, desk = (create_keys(tmp_path / name) for name in ("robot", "desk"))
+    recording = tmp_path / "run.rrd"
+    keys = ["--key-file", str(tmp_path / "robot"), "--allow-key", desk, "--watch-port", "0"]
+    done = run(
+        *[tree_file, "--fast", "--duration", "1", "--save", str(recording)],
+        *["--publish", "groot2", "--port", "0", "--bind", "*", "--allow-control", *keys],
+    )
+    assert done.returncode == 0, done.stderr
+    address = re.search(r"publishing at (tcp://127\.0\.0\.1:\d+) \(btcore monitor (.*)\)\n", done.stderr)
+    assert address is not None
+    assert address[2] == f"{address[1]} --key-file YOURS --robot-key {robot}"
+    assert "by btcore's scene channel" in done.stderr
+    assert "watching without keys: tcp://127.0.0.1:" in done.stderr
+    assert "warning" not in done.stderr
+    assert recording.stat().st_size > 10_000
+
+
+def test_publishing_to_the_network_without_keys_prints_one_warning(tree_file):
+    done = run(tree_file, "--fast", "--duration", "1", "--publish", "groot2", "--port", "0", "--bind", "*")
+    assert done.stderr.count("warning") == 1
+    assert (
+        "warning: published at '*' without keys: every program that reaches the port can watch" in done.stderr
+    )
+
+
 def usage_errors(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]:
     return {
         "groot1": (
@@ -229,10 +256,45 @@ def usage_errors(free_port: int, tree_file: str) -> dict[str, tuple[list[str], s
             "cannot listen at '203.0.113.9'",
         ),
         "port": (["--publish", "groot2", "--port", str(free_port)], f"port {free_port} is in use"),
+        "no key file": (
+            ["--publish", "groot2", "--allow-key", "desk.pub"],
+            "--allow-key needs --key-file with the robot's secret key",
+        ),
+        "no key file for a watch port": (
+            ["--publish", "groot2", "--watch-port", "0"],
+            "--watch-port needs --key-file with the robot's secret key",
+        ),
+        "no client": (
+            ["--publish", "groot2", "--key-file", "robot"],
+            "--key-file needs --allow-key with the public keys of the clients",
+        ),
+        "not published": (
+            ["--key-file", "robot", "--allow-key", "desk.pub"],
+            "--key-file needs --publish: nothing is published",
+        ),
+        "missing key": (
+            ["--publish", "groot2", "--key-file", "/no/robot", "--allow-key", "desk.pub"],
+            "there is no file /no/robot: btcore keys FILE creates a key",
+        ),
+        "control": (
+            ["--publish", "groot2", "--port", "0", "--bind", "*", "--allow-control"],
+            "control from the network ('*') needs keys: use --key-file and --allow-key",
+        ),
     }
 
 
-@pytest.mark.parametrize("name", ["groot1", "both", "look", "suffix", "folder", "bind", "port"])
+USAGE_ERRORS = ["groot1", "both", "look", "suffix", "folder", "bind", "port"]
+KEY_ERRORS = [
+    "no key file",
+    "no key file for a watch port",
+    "no client",
+    "not published",
+    "missing key",
+    "control",
+]
+
+
+@pytest.mark.parametrize("name", [*USAGE_ERRORS, *KEY_ERRORS])
 def test_a_usage_error_is_reported_once_before_the_run_starts(
     name: str, sample, tree_file, free_port, no_threads_left: Callable[..., None]
 ):

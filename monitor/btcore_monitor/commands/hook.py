@@ -6,17 +6,29 @@ import threading
 import time
 from collections.abc import Collection, Iterator
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
 
-from btcore_monitor.viewer_setup import check_installed, duration_option, stop_on_signals
+from btcore_monitor.viewer_setup import (
+    check_installed,
+    client_keys,
+    duration_option,
+    key_file_option,
+    robot_key_option,
+    stop_on_signals,
+)
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient, HookReached
+    from btcore_monitor.keys import ClientKeys
 
 _CHECK_EVERY: Final = 0.1
 """Time (s) between two checks whether to stop."""
+
+_OPTIONS: Final = ("--wait", "--key-file", "--robot-key")
+"""The options of the group, which may precede or follow ADDRESS. Each has a value."""
 
 _TIMEOUT_NOTICE: Final = (
     "a robot without requests for 5 s disables its hooks; any btcore hook command before that keeps them"
@@ -28,10 +40,11 @@ class HookGroup(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the arguments, and insert the default address if a command is in its place."""
-        if len(args) > 2 and args[1] == "--wait":  # --wait may follow the address, too
-            args = [*args[1:3], args[0], *args[3:]]
-        # The index of the first argument after --wait and its value.
-        at = 2 if args[:1] == ["--wait"] else 0
+        options, rest = _take_options(args)
+        more, after = _take_options(rest[1:])  # options may follow the address, too
+        args = [*options, *more, *rest[:1], *after]
+        # The index of the first argument after the options and their values.
+        at = len(options) + len(more)
         if len(args) == at + 1 and args[at].isalpha() and args[at] not in self.commands:
             near = get_close_matches(args[at], self.commands, n=1)
             if near:
@@ -39,6 +52,20 @@ class HookGroup(click.Group):
         if args[at : at + 1] and args[at] in self.commands:
             args = [*args[:at], "tcp://127.0.0.1:1667", *args[at:]]
         return super().parse_args(ctx, args)
+
+
+def _take_options(args: list[str]) -> tuple[list[str], list[str]]:
+    """Split *args* after the options of the group, and their values, at its beginning."""
+    at = 0
+    while at < len(args) and args[at].partition("=")[0] in _OPTIONS:
+        at += 1 if "=" in args[at] else 2
+    return args[:at], args[at:]
+
+
+class _Connection(NamedTuple):
+    address: str
+    patience: float
+    keys: "ClientKeys | None"
 
 
 @click.group(cls=HookGroup, subcommand_metavar="COMMAND ...")
@@ -52,14 +79,23 @@ class HookGroup(click.Group):
     metavar="SECONDS",
     help="How long to wait for the robot.",
 )
+@key_file_option
+@robot_key_option
 @click.pass_context
-def hook(context: click.Context, address: str, patience: float) -> None:
+def hook(
+    context: click.Context,
+    address: str,
+    patience: float,
+    key_file: Path | None,
+    robot_keys: tuple[str, ...],
+) -> None:
     """Set breakpoints, step, and inject statuses in the tree at ADDRESS, on a robot with Groot 2's protocol.
 
     ADDRESS is as for `btcore monitor` (default: tcp://127.0.0.1:1667). A btcore robot has to be started with
     --allow-control. A PATTERN is a node's path or name, with the wildcards * ? [] for several nodes.
     """
-    context.obj = (address, patience)
+    [keys] = client_keys(key_file, robot_keys)
+    context.obj = _Connection(address, patience, keys)
 
 
 @contextlib.contextmanager
@@ -68,9 +104,10 @@ def _robot() -> Iterator["BreakpointClient"]:
     check_installed("zmq", "msgpack", "lxml")
     from btcore_monitor.breakpoints import BreakpointClient, BreakpointError
 
-    address, patience = click.get_current_context().find_object(tuple) or ("", 3.0)
+    connection = click.get_current_context().find_object(_Connection)
+    assert connection is not None
     try:
-        with BreakpointClient(address, patience) as robot:
+        with BreakpointClient(*connection) as robot:
             yield robot
     except BreakpointError as error:
         raise click.ClickException(str(error)) from None

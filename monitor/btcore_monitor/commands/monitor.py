@@ -3,6 +3,7 @@
 import contextlib
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -13,7 +14,10 @@ from btcore_monitor.viewer_setup import (
     ViewerOptions,
     check_folder,
     check_installed,
+    client_keys,
     duration_option,
+    key_file_option,
+    robot_key_option,
     robot_options,
     stop_on_signals,
     viewer_options,
@@ -21,6 +25,7 @@ from btcore_monitor.viewer_setup import (
 )
 
 if TYPE_CHECKING:
+    from btcore_monitor.keys import ClientKeys
     from btcore_monitor.screen.robot_view import RobotView
     from btcore_monitor.screen.sinks import RecordingSinks
     from btcore_monitor.watch.feed import Feed
@@ -38,6 +43,8 @@ _CHECK_VIEWER_EVERY: Final = 2.0
 @click.argument("addresses", nargs=-1, metavar="[ADDRESS]...")
 @viewer_options
 @robot_options
+@key_file_option
+@robot_key_option
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @duration_option
@@ -47,6 +54,8 @@ def monitor(
     display: DisplayOptions,
     no_record: bool,
     blackboard_rate: float,
+    key_file: Path | None,
+    robot_keys: tuple[str, ...],
     no_view: bool,
     until_end: bool,
     duration: float | None,
@@ -54,10 +63,12 @@ def monitor(
     """Watch the behavior trees at ADDRESS: of btcore, BehaviorTree.CPP or Nav2.
 
     ADDRESS is tcp://HOST:PORT, HOST:PORT, HOST or PORT (default: tcp://127.0.0.1:1667), or a recording
-    FILE.rrd. The robot may start later, stop, and restart. Ctrl-C stops the monitor.
+    FILE.rrd. The robot may start later, stop, and restart. Ctrl-C stops the monitor. Of several robots with
+    keys, --robot-key is given once, or once for each ADDRESS in their order.
     """
     check_installed("rerun", "zmq", "msgpack", "numpy")
     from btcore_monitor.screen.sinks import ScreenError
+    from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
 
     recordings = [Path(address) for address in addresses if address.endswith(".rrd")]
     robots = [address for address in addresses if not address.endswith(".rrd")]
@@ -69,8 +80,11 @@ def monitor(
             _show_recordings(recordings, viewer, duration)
             return
         robots = robots or [DEFAULT_ADDRESS]
+        keys = client_keys(key_file, robot_keys, len(robots))
         with contextlib.ExitStack() as stack:
-            feeds = [stack.enter_context(feed) for feed in _feeds(robots, blackboard_rate, not no_record)]
+            feeds = [
+                stack.enter_context(feed) for feed in _feeds(robots, keys, blackboard_rate, not no_record)
+            ]
             sinks = stack.enter_context(viewer.open(not no_view and viewer.screenshot is None))
             files = _watch(feeds, sinks, display, until_end, duration)
             viewer.take_screenshot(files)
@@ -81,7 +95,7 @@ def monitor(
             if viewer.save is not None:
                 seen_at = ", ".join(robots)
                 click.echo(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
-    except ScreenError as error:
+    except (ScreenError, ConnectionRefusedByRobotError) as error:
         raise click.ClickException(str(error)) from None
 
 
@@ -93,7 +107,9 @@ def _check_is_live() -> None:
         )
 
 
-def _feeds(addresses: list[str], blackboard_rate: float, record: bool) -> "list[Feed]":
+def _feeds(
+    addresses: list[str], keys: "Sequence[ClientKeys | None]", blackboard_rate: float, record: bool
+) -> "list[Feed]":
     from btcore_monitor.watch.address import AddressError, parse_address
     from btcore_monitor.watch.feed import Feed
 
@@ -104,7 +120,10 @@ def _feeds(addresses: list[str], blackboard_rate: float, record: bool) -> "list[
     for index, address in enumerate(parsed):
         if address in parsed[:index]:
             raise click.UsageError(f"{address} is given twice")
-    return [Feed(address, blackboard_rate=blackboard_rate, record=record) for address in addresses]
+    return [
+        Feed(address, blackboard_rate=blackboard_rate, record=record, keys=key)
+        for address, key in zip(addresses, keys, strict=True)
+    ]
 
 
 def _watch(

@@ -15,7 +15,10 @@ from btcore_monitor.display_options import DisplayOptions, display_options
 from btcore_monitor.viewer_setup import (
     check_installed,
     check_writable,
+    client_keys,
     duration_option,
+    key_file_option,
+    robot_key_option,
     robot_options,
     stop_on_signals,
 )
@@ -46,6 +49,8 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
 @duration_option
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @robot_options
+@key_file_option
+@robot_key_option
 @display_options
 def record(
     address: str,
@@ -54,6 +59,8 @@ def record(
     until_end: bool,
     no_record: bool,
     blackboard_rate: float,
+    key_file: Path | None,
+    robot_keys: tuple[str, ...],
     display: DisplayOptions,
 ) -> None:
     """Record the tree at ADDRESS, on any robot that btcore monitor can show.
@@ -67,16 +74,18 @@ def record(
     from btcore_monitor.log_writer import LOGS, WRITE_ERRORS
     from btcore_monitor.watch.address import AddressError
     from btcore_monitor.watch.feed import Feed
+    from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
 
     _check(outputs, (*LOGS, _RERUN))
+    [keys] = client_keys(key_file, robot_keys)
     try:
-        with Feed(address, blackboard_rate=blackboard_rate, record=not no_record) as feed:
+        with Feed(address, blackboard_rate=blackboard_rate, record=not no_record, keys=keys) as feed:
             files = _Files(outputs, display)
             try:
                 _follow(feed, files, duration, until_end)
             finally:
                 files.close()
-    except (AddressError, LogError) as error:
+    except (AddressError, ConnectionRefusedByRobotError, LogError) as error:
         raise click.ClickException(str(error)) from None
     except WRITE_ERRORS as error:
         text = f"the recording ends here, because writing failed: {error}"

@@ -1,15 +1,23 @@
 """Publish a running tree for Groot 2, Groot 1, btcore's monitor, and any other client of their protocols."""
 
+import ipaddress
+import logging
 from collections.abc import Sequence
 from types import EllipsisType
+from typing import Final
 
 from btcore.tree.tree import Tree
+from btcore_monitor.keys import RobotKeys
 from btcore_monitor.serve.hook_controller import MAX_HEARTBEAT_DELAY
 from btcore_monitor.serve.publisher import Publisher
 from btcore_monitor.serve.tcp_ports import PortInUseError, ServeError
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
 __all__ = ["PortInUseError", "Publisher", "ServeError", "serve"]
+
+_LOOPBACK_NAMES: Final = {"localhost", "lo", "lo0"}
+
+_log = logging.getLogger("monitor")
 
 
 def serve(
@@ -23,11 +31,17 @@ def serve(
     groot1: int | None = None,
     allow_control: bool = False,
     max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY,
+    keys: RobotKeys | None = None,
+    watch_port: int | None = None,
+    insecure: bool = False,
 ) -> Publisher:
     """Publish *tree* from a separate thread until the returned publisher is closed.
 
     The publisher is a context manager: ``with serve(tree): tree.tick_while_running()``. The tree waits for a
     client only at a breakpoint, which *allow_control* permits.
+
+    Without *keys*, every program that reaches the ports can watch the tree. A *bind* to another interface
+    than the loopback interface then logs a warning.
 
     Args:
         tree: The tree to publish.
@@ -45,14 +59,47 @@ def serve(
         allow_control: Whether clients may set breakpoints and inject statuses by Groot 2's requests.
         max_heartbeat_delay: Time in s (wall clock) without a request after which hooks are disabled and a
             tick that waits at a breakpoint continues.
+        keys: Encrypt all connections, and accept only clients with these public keys.
+        watch_port: The first of further ports for clients without keys, such as Groot. These clients can
+            watch, but not control the tree. Only with *keys*. 0 chooses free ports; see
+            `Publisher.watch_address`.
+        insecure: Whether *allow_control* is permitted without *keys* on other interfaces than loopback.
 
     Raises:
         PortInUseError: Another program uses a port.
-        ServeError: The ports or the interface are invalid.
+        ServeError: The ports or the interface are invalid, or the tree could be controlled over the network
+            without keys.
     """
+    if watch_port is not None and keys is None:
+        raise ServeError("a port for watching without keys has no effect, because there are no keys")
+    if keys is None and not is_loopback(bind):
+        _check_exposure(bind, allow_control, insecure)
     if groot1 is None:
         port: int | None = DEFAULT_PORT if groot2 is ... else groot2 or 0
     else:
         port = None if groot2 is ... else groot2
     control = max_heartbeat_delay if allow_control else None
-    return Publisher(tree, port, bind, scene, resources, grace, groot1, control)
+    return Publisher(tree, port, bind, scene, resources, grace, groot1, control, keys, watch_port)
+
+
+def is_loopback(bind: str) -> bool:
+    """Return whether only programs on this machine can connect to the interface *bind*."""
+    try:
+        return ipaddress.ip_address(bind.strip("[]")).is_loopback
+    except ValueError:
+        return bind in _LOOPBACK_NAMES
+
+
+def _check_exposure(bind: str, allow_control: bool, insecure: bool) -> None:
+    if allow_control and not insecure:
+        raise ServeError(
+            f"control from the network ('{bind}') needs keys: use --key-file and --allow-key, or serve(…, "
+            "keys=RobotKeys(…)); --insecure lets every program that reaches the port stop the robot"
+        )
+    verb = "control" if allow_control else "watch"
+    _log.warning(
+        "published at '%s' without keys: every program that reaches the port can %s the tree, and the "
+        "connections are not encrypted; see --key-file",
+        bind,
+        verb,
+    )

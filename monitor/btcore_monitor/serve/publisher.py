@@ -16,6 +16,8 @@ import zmq
 
 from btcore.tree.tree import Tree
 from btcore_monitor.closeable import Closeable
+from btcore_monitor.keys import RobotKeys
+from btcore_monitor.serve.authenticator import Authenticator
 from btcore_monitor.serve.groot1 import Groot1Sockets
 from btcore_monitor.serve.published_tree import PublishedTree
 from btcore_monitor.serve.request_socket import RequestSocket
@@ -52,6 +54,8 @@ class Publisher(Closeable):
         grace: float,
         groot1: int | None = None,
         control: float | None = None,
+        keys: RobotKeys | None = None,
+        watch_port: int | None = None,
     ) -> None:
         if port and groot1 and -GROOT1_PORTS < groot1 - port < PORTS:
             raise ServeError(
@@ -69,24 +73,39 @@ class Publisher(Closeable):
         self._context: zmq.Context[Socket] = zmq.Context()
         self._requests = RequestSocket(self._context, _REQUEST_AT_MOST)
         self._notices = self._context.socket(zmq.PUB)
+        # Requests of clients without keys, if other clients have keys.
+        self._watch_requests = RequestSocket(self._context, _REQUEST_AT_MOST)
         # An XPUB socket receives the subscriptions, which are the clients' requests.
         self._stream = self._context.socket(zmq.XPUB)
         self._stream.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
         self._stream.setsockopt(zmq.SNDHWM, _LIVE_AT_MOST)
         # Without LINGER 0, closing would wait for clients that do not read.
-        for socket in (self._requests.socket, self._notices, self._stream):
+        for socket in (self._notices, self._stream):
             socket.setsockopt(zmq.LINGER, 0)
         for name, value in wire.KEEPALIVE.items():
             self._stream.setsockopt(getattr(zmq, name), value)
         self._groot1 = None if groot1 is None else Groot1Sockets(self._context)
-        self.groot1: int | None = None
-        """The port of Groot 1's updates, or None; the next port answers its requests."""
+        host = "127.0.0.1" if bind in ("*", "0.0.0.0") else bind
+        self.watch_address = ""
+        """The address of the tree for a client on this machine that has no key; "" without *watch_port*."""
+        self.watch_groot1: int | None = None
+        """The port of Groot 1's updates for clients without keys, or None."""
+        self._authenticator: Authenticator | None = None
         try:
-            self.port = self._bind(port, groot1, bind)
+            if keys is not None:
+                self._authenticator = Authenticator(self._context, keys)
+                if watch_port is not None:
+                    # In this order: a socket's keys apply to the ports to which it is bound afterwards.
+                    watched, self.watch_groot1 = self._bind_watch_ports(port, groot1, watch_port, bind)
+                    self.watch_address = f"tcp://{host}:{watched}"
+                for socket in self._sockets():
+                    keys.secure(socket)
+            self.port, updates = self._bind(self._requests, port, groot1, bind)
         except BaseException:
             self._context.destroy(linger=0)
             raise
-        host = "127.0.0.1" if bind in ("*", "0.0.0.0") else bind
+        self.groot1: int | None = updates
+        """The port of Groot 1's updates, or None; the next port answers its requests."""
         self.address = f"tcp://{host}:{self.port}"
         """The address of the tree for a client on this machine."""
         self._change = threading.Condition()
@@ -97,21 +116,67 @@ class Publisher(Closeable):
         self._thread = threading.Thread(target=self._run, name="btcore-publisher", daemon=True)
         self._thread.start()
 
-    def _bind(self, port: int | None, groot1: int | None, host: str) -> int:
-        """Bind the ports. Return the port of requests: Groot 2's, or else Groot 1's."""
+    def _sockets(self) -> list[Socket]:
+        """Return the sockets to which clients with keys connect, if there are keys."""
+        groot1 = self._groot1
+        return [
+            self._requests.socket,
+            self._notices,
+            self._stream,
+            *([] if groot1 is None else [groot1.updates, groot1.requests.socket]),
+        ]
+
+    def _bind(
+        self,
+        groot2: RequestSocket,
+        port: int | None,
+        groot1: int | None,
+        host: str,
+        option: str = "--port",
+    ) -> tuple[int, int | None]:
+        """Bind the ports.
+
+        Args:
+            groot2: The socket for the requests of Groot 2.
+            port: The first port for Groot 2.
+            groot1: The first port for Groot 1.
+            host: The interface.
+            option: The command line's option for the port, for error messages.
+
+        Returns:
+            The port of requests (Groot 2's, or else Groot 1's), and the port of Groot 1's updates.
+        """
         stream = [self._stream] if self._scene else []
-        requests = 0
+        requests, updates = 0, None
         if port is not None:
-            requests = bind_in_a_row([self._requests.socket, self._notices, *stream], host, port)
+            requests = bind_in_a_row([groot2.socket, self._notices, *stream], host, port, option=option)
         if self._groot1 is not None and groot1 is not None:
             row: list[Socket | None] = [self._groot1.updates, self._groot1.requests.socket]
             count = GROOT1_PORTS
             if port is None:
                 row += [None, *stream]
                 count = GROOT1_ALONE
-            self.groot1 = bind_in_a_row(row, host, groot1, count)
-            requests = requests or self.groot1 + 1
-        return requests
+            updates = bind_in_a_row(row, host, groot1, count, option)
+            requests = requests or updates + 1
+        return requests, updates
+
+    def _bind_watch_ports(
+        self, port: int | None, groot1: int | None, first: int, host: str
+    ) -> tuple[int, int | None]:
+        """Bind the ports for clients without keys, and return them as :meth:`_bind` does.
+
+        Args:
+            port: The first port for Groot 2 with keys.
+            groot1: The first port for Groot 1 with keys. If Groot 2 is served too, the distance between the
+                ports of both is the same with and without keys.
+            first: The first port; 0 chooses free ports.
+            host: The interface.
+        """
+        watched_groot1: int | None = None
+        if groot1 is not None:
+            watched_groot1 = first if port is None else first and port and groot1 and first + groot1 - port
+        watched = None if port is None else first
+        return self._bind(self._watch_requests, watched, watched_groot1, host, "--watch-port")
 
     @property
     def tree_id(self) -> str:
@@ -190,7 +255,10 @@ class Publisher(Closeable):
 
     def _run(self) -> None:
         poller = zmq.Poller()
-        poller.register(self._requests.socket, zmq.POLLIN)
+        for requests in (self._requests, self._watch_requests):
+            poller.register(requests.socket, zmq.POLLIN)
+        if self._authenticator is not None:
+            poller.register(self._authenticator.socket, zmq.POLLIN)
         if self._scene:
             poller.register(self._stream, zmq.POLLIN)
         if self._groot1 is not None:
@@ -201,8 +269,12 @@ class Publisher(Closeable):
                 busy = self._drain()
                 self._send_notices()
                 ready = dict(poller.poll(0 if busy else _POLL_MS))
+                if self._authenticator is not None and self._authenticator.socket in ready:
+                    self._authenticator.answer()
                 if self._requests.socket in ready:
-                    self._answer()
+                    self._answer(self._requests)
+                if self._watch_requests.socket in ready:
+                    self._answer(self._watch_requests, may_control=False)
                 self._serve_groot1(ready)
                 scene = self._published.scene
                 if scene is None:
@@ -225,9 +297,12 @@ class Publisher(Closeable):
             # 200 ms for the last message to clients that read; closing does not wait for other clients.
             self._stream.close(linger=200)
             self._requests.socket.close(linger=200)
+            self._watch_requests.socket.close(linger=200)
             self._notices.close(linger=0)
             if self._groot1 is not None:
                 self._groot1.close(linger=200)
+            if self._authenticator is not None:
+                self._authenticator.socket.close(linger=0)
             self._context.term()
             with self._change:
                 self._clients = 0
@@ -259,11 +334,11 @@ class Publisher(Closeable):
     def _send(self, topic: bytes, data: bytes) -> None:
         self._stream.send_multipart([topic, data], zmq.DONTWAIT)
 
-    def _answer(self) -> None:
+    def _answer(self, requests: RequestSocket, may_control: bool = True) -> None:
         self._drain()  # so that the reply is up to date, unless the tree floods the queue
-        frames = self._requests.take()
+        frames = requests.take()
         if frames is not None:
-            self._requests.answer(self._published.groot2.answer(frames))
+            requests.answer(self._published.groot2.answer(frames, may_control))
 
     def _send_notices(self) -> None:
         control = self._published.groot2.control

@@ -32,18 +32,20 @@ class ServeError(MonitorError):
 class PortInUseError(ServeError):
     """Another program listens at a required port. Likely cause: a second robot, or an old run."""
 
-    def __init__(self, port: int, first: int, count: int = PORTS) -> None:
+    def __init__(self, port: int, first: int, count: int = PORTS, option: str = "--port") -> None:
         self.port = port
         message = f"port {port} is in use"
         if port != first:
             message += f" ({first} to {first + count - 1} are needed)"
-        super().__init__(f"{message}: choose another port with --port, or a free port with --port 0")
+        super().__init__(f"{message}: choose another port with {option}, or a free port with {option} 0")
 
 
 Socket = zmq.Socket[bytes]
 
 
-def bind_in_a_row(sockets: Sequence[Socket | None], host: str, port: int, count: int = PORTS) -> int:
+def bind_in_a_row(
+    sockets: Sequence[Socket | None], host: str, port: int, count: int = PORTS, option: str = "--port"
+) -> int:
     """Bind *sockets* to consecutive ports of *host*.
 
     Args:
@@ -51,6 +53,7 @@ def bind_in_a_row(sockets: Sequence[Socket | None], host: str, port: int, count:
         host: The address of the interface (``*``: all interfaces).
         port: The first port; 0 chooses free ports.
         count: The number of ports in the range, for error messages and free ports.
+        option: The command line's option for the port, for error messages.
 
     Returns:
         The first port.
@@ -62,22 +65,22 @@ def bind_in_a_row(sockets: Sequence[Socket | None], host: str, port: int, count:
     if port:
         if not 1 <= port <= 65536 - count:
             raise ServeError(f"port {port} is out of range: choose one from 1 to {65536 - count}")
-        _bind_all(sockets, host, port, count)
+        _bind_all(sockets, host, port, count, option)
         return port
     for _ in range(_ATTEMPTS):
         base = random.SystemRandom().randrange(_FREE_FROM, _FREE_TO, count)
         try:
-            _bind_all(sockets, host, base, count)
+            _bind_all(sockets, host, base, count, option)
         except PortInUseError:
             continue
         return base
     raise ServeError(
         f"no {count} consecutive free ports were found from {_FREE_FROM} to {_FREE_TO}: choose a port with "
-        "--port"
+        f"{option}"
     )
 
 
-def _bind_all(sockets: Sequence[Socket | None], host: str, port: int, count: int) -> None:
+def _bind_all(sockets: Sequence[Socket | None], host: str, port: int, count: int, option: str) -> None:
     bound: list[tuple[Socket, str]] = []
     for offset, socket in enumerate(sockets):
         if socket is None:
@@ -89,16 +92,17 @@ def _bind_all(sockets: Sequence[Socket | None], host: str, port: int, count: int
             # All ports or none: the caller may try again with other ports.
             for other, where in bound:
                 other.unbind(where)
-            raise _explained(error, host, port, port + offset, count) from None
-        bound.append((socket, address))
+            raise _explained(error, host, port, port + offset, count, option) from None
+        # The endpoint as libzmq resolved it: "*" is not accepted by unbind().
+        bound.append((socket, socket.getsockopt_string(zmq.LAST_ENDPOINT).rstrip("\0")))
 
 
-def _explained(error: zmq.ZMQError, host: str, first: int, port: int, count: int) -> ServeError:
+def _explained(error: zmq.ZMQError, host: str, first: int, port: int, count: int, option: str) -> ServeError:
     code: Any = error.errno
     if code == zmq.EADDRINUSE:
-        return PortInUseError(port, first, count)
+        return PortInUseError(port, first, count, option)
     if code == 13:  # EACCES
-        return ServeError(f"this user may not open port {port}: choose a port above 1023 with --port")
+        return ServeError(f"this user may not open port {port}: choose a port above 1023 with {option}")
     return ServeError(
         f"cannot listen at '{host}' ({error.strerror}): --bind takes the address of an interface of this "
         "machine, 127.0.0.1 for this machine only, or * for all interfaces"

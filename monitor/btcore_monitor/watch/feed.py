@@ -29,6 +29,7 @@ from btcore_monitor.events import (
     TransitionsLost,
     TreeSeen,
 )
+from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot1_feed import Groot1Feed
 from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
@@ -63,15 +64,27 @@ class Feed(Closeable):
         blackboard_rate: Rate (Hz) of blackboard requests to a robot without scene channel (0: never).
         record: Whether such a robot is also requested to record its transitions. Then other clients do not
             receive these transitions.
+        keys: The keys of the client, if the robot requires keys.
 
     Raises:
         AddressError: *address* is invalid (:class:`~btcore_monitor.watch.address.AddressError`).
+
+    Every method that returns events raises
+    :class:`~btcore_monitor.watch.handshakes.ConnectionRefusedByRobotError` if the robot refuses the keys.
     """
 
-    def __init__(self, address: str, *, blackboard_rate: float = 2.0, record: bool = True) -> None:
+    def __init__(
+        self,
+        address: str,
+        *,
+        blackboard_rate: float = 2.0,
+        record: bool = True,
+        keys: ClientKeys | None = None,
+    ) -> None:
         self.address = parse_address(address)
-        self._scene = SceneClient(self.address)
-        self._groot2 = Groot2Client(self.address, patience=MAX_REPLY_TIMEOUT)
+        self._keys = keys
+        self._scene = SceneClient(self.address, keys)
+        self._groot2 = Groot2Client(self.address, patience=MAX_REPLY_TIMEOUT, keys=keys)
         self._sampled = Groot2Feed(self._groot2, blackboard_rate, record)
         self._groot1: Groot1Feed | None = None
         self._early: list[Event] = []
@@ -213,7 +226,7 @@ class Feed(Closeable):
         except Groot1DetectedError as detected:
             self._sampled.forget()
             self._answered_at = now
-            self._groot1 = Groot1Feed(self.address, MAX_REPLY_TIMEOUT)
+            self._groot1 = Groot1Feed(self.address, MAX_REPLY_TIMEOUT, self._keys)
             if self._state == "connected":
                 self._link(events, "lost", str(detected))
             return

@@ -15,6 +15,7 @@ import zmq
 from zmq.utils.monitor import parse_monitor_message
 
 from btcore_monitor.events import IDLE, DataMissed, DataSource, Event, StatusChanged, TreeSeen
+from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import Address
 from btcore_monitor.watch.request_client import NoReplyError, RequestClient, Socket
 from btcore_monitor.wire.errors import ProtocolError, describe_bytes
@@ -63,11 +64,12 @@ class Groot1Feed:
     Args:
         address: The robot's address.
         patience: Maximum time for a reply, in s (wall clock).
+        keys: The keys of the client, if the robot requires keys.
     """
 
-    def __init__(self, address: Address, patience: float = 0.0) -> None:
+    def __init__(self, address: Address, patience: float = 0.0, keys: ClientKeys | None = None) -> None:
         self.address = address
-        self._client = RequestClient(address, patience=patience)
+        self._client = RequestClient(address, patience=patience, keys=keys)
         self._context: zmq.Context[Socket] = zmq.Context()
         self._updates = self._context.socket(zmq.SUB)
         # ZeroMQ doubles the time between attempts to connect, up to the maximum.
@@ -78,6 +80,8 @@ class Groot1Feed:
             (zmq.RECONNECT_IVL_MAX, 10 * _RECONNECT_MS),
         ):
             self._updates.setsockopt(option, value)
+        if keys is not None:
+            keys.secure(self._updates)
         # Everything: updates have no topic, their first bytes are a size.
         self._updates.subscribe(b"")
         self._connection_events = self._updates.get_monitor_socket(

@@ -12,6 +12,7 @@ from typing import Final
 
 import zmq
 
+from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import Address
 from btcore_monitor.watch.request_client import TIMEOUT, RequestClient
 from btcore_monitor.wire import groot2
@@ -30,8 +31,14 @@ class Groot1DetectedError(ProtocolError):
 class Groot2Client(RequestClient):
     """A client of one robot. See `RequestClient` for the parameters."""
 
-    def __init__(self, address: Address, timeout: float = TIMEOUT, patience: float = 0.0) -> None:
-        super().__init__(address, timeout, patience)
+    def __init__(
+        self,
+        address: Address,
+        timeout: float = TIMEOUT,
+        patience: float = 0.0,
+        keys: ClientKeys | None = None,
+    ) -> None:
+        super().__init__(address, timeout, patience, keys)
         self._pending = Request.FULLTREE
         self._random = random.Random()
         self._unique_id = 0
@@ -45,6 +52,7 @@ class Groot2Client(RequestClient):
 
         Raises:
             NoReplyError: There is no reply within the timeout.
+            ConnectionRefusedByRobotError: The robot refuses the connection because of the keys.
             RobotRefusedError: The robot sent an error reply.
             Groot1DetectedError: The robot replied in Groot 1's protocol.
             ProtocolError: The reply is invalid.
@@ -69,6 +77,7 @@ class Groot2Client(RequestClient):
 
         Raises:
             NoReplyError: There is no reply within the timeout.
+            ConnectionRefusedByRobotError: The robot refuses the connection because of the keys.
             RobotRefusedError: The robot sent an error reply.
             Groot1DetectedError: The robot replied in Groot 1's protocol.
             ProtocolError: The reply is invalid, or belongs to another request.

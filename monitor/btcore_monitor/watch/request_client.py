@@ -12,7 +12,9 @@ import zmq
 
 from btcore_monitor.closeable import Closeable
 from btcore_monitor.errors import MonitorError
+from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import Address
+from btcore_monitor.watch.handshakes import Handshakes
 
 TIMEOUT: Final = 1.0
 """Default maximum seconds for a reply."""
@@ -36,10 +38,19 @@ class RequestClient(Closeable):
         patience: If positive, the timeout doubles after each missing reply, up to this number of seconds, so
             that replies arrive through a slow network too. After a reply the timeout is four times the
             round trip, and at least *timeout*.
+        keys: The keys of the client, if the robot requires keys.
     """
 
-    def __init__(self, address: Address, timeout: float = TIMEOUT, patience: float = 0.0) -> None:
+    def __init__(
+        self,
+        address: Address,
+        timeout: float = TIMEOUT,
+        patience: float = 0.0,
+        keys: ClientKeys | None = None,
+    ) -> None:
         self.address = address
+        self.keys = keys
+        self._handshakes = Handshakes(address, keys)
         self.timeout = timeout
         self.patience = patience
         self.round_trip = 0.0
@@ -60,6 +71,9 @@ class RequestClient(Closeable):
             self._socket = self._context.socket(zmq.REQ)
             self._socket.setsockopt(zmq.LINGER, 0)
             self._socket.setsockopt(zmq.MAXMSGSIZE, _REPLY_AT_MOST)
+            if self.keys is not None:
+                self.keys.secure(self._socket)
+            self._handshakes.watch(self._socket)
             self._socket.connect(self.address.at())
         return self._socket
 
@@ -81,9 +95,11 @@ class RequestClient(Closeable):
 
         Raises:
             NoReplyError: There is no reply within the timeout.
+            ConnectionRefusedByRobotError: The robot refuses the connection because of the keys.
         """
         if not self.busy:
             return None
+        self._handshakes.check()
         try:
             frames = self.socket.recv_multipart(zmq.DONTWAIT)
         except zmq.ZMQError:  # no reply yet, or the request was never sent
@@ -102,11 +118,16 @@ class RequestClient(Closeable):
 
     def wait(self, seconds: float) -> None:
         """Return when a reply arrives, or after *seconds*."""
-        self.socket.poll(max(0, round(1000 * seconds)) + 1, zmq.POLLIN)
+        poller = zmq.Poller()
+        for socket in (self.socket, self._handshakes.events):
+            if socket is not None:
+                poller.register(socket, zmq.POLLIN)
+        poller.poll(max(0, round(1000 * seconds)) + 1)
 
     def _drop(self) -> None:
         self.busy = False
         if self._socket is not None:
+            self._handshakes.leave(self._socket)
             self._socket.close(linger=0)
             self._socket = None
 

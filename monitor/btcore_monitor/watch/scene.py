@@ -10,6 +10,7 @@ from typing import Final
 
 import zmq
 
+from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import Address
 from btcore_monitor.wire import scene_channel as wire
 from btcore_monitor.wire.errors import ProtocolError
@@ -35,9 +36,12 @@ Socket = zmq.Socket[bytes]
 
 
 class SceneClient:
-    """Receives the stream of the btcore robot at *address*, in order. Use it from one thread."""
+    """Receives the stream of the btcore robot at *address*, in order. Use it from one thread.
 
-    def __init__(self, address: Address) -> None:
+    *keys* are the keys of the client, if the robot requires keys.
+    """
+
+    def __init__(self, address: Address, keys: ClientKeys | None = None) -> None:
         self.tree_id = ""
         """The ID of the current tree; empty until a tree is known."""
         self.last_message = 0.0
@@ -65,6 +69,8 @@ class SceneClient:
             *((getattr(zmq, name), value) for name, value in wire.KEEPALIVE.items()),
         ):
             self.socket.setsockopt(option, value)
+        if keys is not None:
+            keys.secure(self.socket)
         self.socket.subscribe(wire.STREAM)
         self.socket.subscribe(wire.ALIVE)
         self._request_tree()

@@ -41,6 +41,7 @@ NOT_RECOGNIZED: Final = "Request not recognized"
 TWO_PARTS: Final = "must be 2 parts message"
 NO_SUCH_NODE: Final = "Node ID not found"
 HOOKS_DISABLED: Final = "hooks are disabled"
+HOOKS_NEED_KEY: Final = "hooks need a key, and this port is for watching without keys"
 
 
 class Request(IntEnum):

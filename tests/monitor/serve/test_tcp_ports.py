@@ -17,8 +17,8 @@ def test_a_port_in_use_is_reported_with_alternatives(sample):
     assert raised.value.port == first.port
 
 
-@pytest.mark.parametrize("offset", [1, 2])
-def test_a_neighbour_port_in_use_is_reported_and_lower_ports_are_released(sample, offset):
+@pytest.mark.parametrize(("offset", "bind"), [(1, "127.0.0.1"), (2, "127.0.0.1"), (1, "*")])
+def test_a_neighbour_port_in_use_is_reported_and_lower_ports_are_released(sample, offset, bind):
     with serve(sample, groot2=0) as publisher:
         port = publisher.port
     with zmq.Context() as context, context.socket(zmq.REP) as other:
@@ -26,7 +26,7 @@ def test_a_neighbour_port_in_use_is_reported_and_lower_ports_are_released(sample
         with pytest.raises(
             PortInUseError, match=rf"port {port + offset} is in use \({port} to {port + 2} are needed"
         ):
-            serve(sample, groot2=port)
+            serve(sample, groot2=port, bind=bind)
     with serve(sample, groot2=port) as publisher:
         assert publisher.port == port
 

@@ -1,0 +1,27 @@
+"""``btcore keys``: create a key pair for encrypted and authenticated connections."""
+
+from pathlib import Path
+
+import click
+
+from btcore_monitor.viewer_setup import check_installed
+
+
+@click.command(short_help="Create a key pair for encrypted connections.")
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+def keys(file: Path) -> None:
+    """Create a secret key in FILE and its public key in FILE.pub, and print the public key.
+
+    Create a key pair on the robot, and one on each client's machine. FILE stays there; copy FILE.pub to the
+    other side. Start the robot with `btcore run … --key-file FILE --allow-key CLIENT.pub`, and a client with
+    `btcore monitor … --key-file FILE --robot-key ROBOT.pub`. Existing files are not overwritten.
+    """
+    check_installed("zmq")
+    from btcore_monitor.keys import KeyFileError, create_keys, public_file
+
+    try:
+        public = create_keys(file)
+    except KeyFileError as error:
+        raise click.ClickException(str(error)) from None
+    click.echo(public)
+    click.echo(f"keys: {file} is the secret key; give {public_file(file)} to the other side", err=True)
