@@ -1,7 +1,11 @@
 """A client of a btcore robot's scene channel, which requests missing messages of the stream again.
 
-Every message of the stream has a number. A message that arrives too early waits, and the client requests the
-missing messages from the robot's history. Only messages that the history no longer holds are lost.
+Every message of the stream has a number. A piece of the stream that arrives too early waits, and the client
+requests the missing messages from the robot's history. Only messages that the history no longer holds are
+lost.
+
+A robot may send faster than the caller processes the messages. So waiting pieces stay encoded, and take a
+limited number of bytes; further pieces are dropped, and requested again later.
 """
 
 import time
@@ -25,11 +29,15 @@ from btcore_monitor.wire.scene_channel import (
     UnknownMessage,
 )
 
-_WAITING_AT_MOST: Final = 5_000
-"""Maximum stored messages that arrived too early. Further messages are dropped and requested again later."""
+WAITING_BYTES_AT_MOST: Final = 4 << 20
+"""Maximum bytes of pieces that arrived too early."""
+
+_MESSAGE_AT_MOST: Final = 64 << 20
+"""Maximum bytes of a message, because the other program may not be a robot. A map may have 32 MB."""
 
 _ASK_AGAIN_AFTER: Final = 2.0
 _FRAMES_A_TURN: Final = 500
+_BYTES_A_TURN: Final = 2 << 20
 _RECONNECT_MS: Final = 100
 
 Socket = zmq.Socket[bytes]
@@ -52,8 +60,9 @@ class SceneClient:
         """The number of messages that could not be decoded."""
         self._next = 1
         self._latest = 0
-        self._lost_up_to = 0
-        self._waiting: dict[int, StreamMessage | UnknownMessage] = {}
+        # Pieces that arrived too early, by their first number.
+        self._early: dict[int, PieceMessage] = {}
+        self._early_bytes = 0
         self._request_topic = b""
         self._requested_at = 0.0
         self._presence_topic = b""
@@ -63,7 +72,8 @@ class SceneClient:
         self.socket = self._context.socket(zmq.SUB)
         for option, value in (
             (zmq.LINGER, 0),
-            (zmq.RCVHWM, _WAITING_AT_MOST),
+            (zmq.RCVHWM, _FRAMES_A_TURN),
+            (zmq.MAXMSGSIZE, _MESSAGE_AT_MOST),
             (zmq.RECONNECT_IVL, _RECONNECT_MS),
             (zmq.RECONNECT_IVL_MAX, 10 * _RECONNECT_MS),
             *((getattr(zmq, name), value) for name, value in wire.KEEPALIVE.items()),
@@ -80,13 +90,18 @@ class SceneClient:
     def read(self) -> list[Message]:
         """Return the new messages without waiting, in the robot's order, each message exactly once."""
         received: list[Message] = []
+        size = 0
         for _ in range(_FRAMES_A_TURN):
+            # The caller processes these messages before the others are decoded.
+            if size > _BYTES_A_TURN:
+                break
             try:
                 frames = self.socket.recv_multipart(zmq.DONTWAIT)
             except zmq.Again:
                 break
             if len(frames) != 2:
                 continue
+            size += len(frames[1])
             try:
                 self._process(wire.decode(frames[1]), received)
                 self.last_message = time.monotonic()
@@ -120,8 +135,8 @@ class SceneClient:
         if isinstance(message, TreeMessage):
             if message.tree_id != self.tree_id:
                 # The robot no longer replies about the previous tree, so its missing messages are lost.
-                self._lost_up_to = max(self._waiting, default=0)
-                self._advance(received)
+                for first in sorted(self._early):
+                    self._read_piece(self._early[first], received)
                 self._begin(message)
                 received.append(message)
             return
@@ -138,54 +153,61 @@ class SceneClient:
             self._latest = max(self._latest, message.latest)
         elif isinstance(message, PieceMessage):
             self._latest = max(self._latest, message.latest)
-            if message.first <= self._next:
-                # Messages in the range of this piece that the piece does not contain are lost.
-                self._lost_up_to = max(self._lost_up_to, message.last)
-                self._end_request()
-            for data in message.messages:
-                try:
-                    self._store(wire.decode(data), len(message.messages))
-                except ProtocolError as error:
-                    self.error = str(error)
-                    self.errors += 1
-            self._advance(received)
+            if message.first > self._next:
+                self._store(message)
+                return
+            self._end_request()
+            self._read_piece(message, received)
+            while (first := min(self._early, default=self._next + 1)) <= self._next:
+                piece = self._early.pop(first)
+                self._early_bytes -= _size(piece)
+                self._read_piece(piece, received)
 
     def _begin(self, message: TreeMessage) -> None:
         self.tree_id = message.tree_id
         self._next = message.oldest
         self._latest = message.latest
-        self._lost_up_to = 0
-        self._waiting.clear()
+        self._early.clear()
+        self._early_bytes = 0
         self._end_request()
         self._register()
         for topic in self._tree_topics[:-1]:
             self.socket.unsubscribe(topic)
         del self._tree_topics[:-1]
 
-    def _store(self, message: Message, more_room: int) -> None:
-        if not isinstance(message, StreamMessage | UnknownMessage):
-            return
-        room = len(self._waiting) < _WAITING_AT_MOST + more_room
-        if message.seq == self._next or (message.seq > self._next and room):
-            self._waiting[message.seq] = message
+    def _store(self, piece: PieceMessage) -> None:
+        size = _size(piece)
+        if piece.first not in self._early and self._early_bytes + size <= WAITING_BYTES_AT_MOST:
+            self._early[piece.first] = piece
+            self._early_bytes += size
 
-    def _advance(self, received: list[Message]) -> None:
-        while True:
-            message = self._waiting.pop(self._next, None)
-            if message is None and self._next > self._lost_up_to:
-                return
-            self._next += 1
-            if message is None or isinstance(message, UnknownMessage):
+    def _read_piece(self, piece: PieceMessage, received: list[Message]) -> None:
+        """Decode the messages of *piece* from the number `_next` on."""
+        for data in piece.messages:
+            try:
+                message = wire.decode(data)
+            except ProtocolError as error:
+                self.error = str(error)
+                self.errors += 1
+                continue
+            if not isinstance(message, StreamMessage | UnknownMessage):
+                continue
+            if not self._next <= message.seq <= piece.last:
+                continue
+            self._next = message.seq + 1
+            if isinstance(message, UnknownMessage):
                 continue
             received.append(message)
-            if isinstance(message, EndMessage):
+            if isinstance(message, EndMessage) and self._presence_topic:
                 # A closing robot waits for clients that still hold this subscription.
                 self.socket.unsubscribe(self._presence_topic)
                 self._presence_topic = b""
+        # Messages in the range of the piece that the piece does not contain are lost.
+        self._next = max(self._next, piece.last + 1)
 
     def _request_missing(self) -> None:
         """Request missing messages, unless a reply is pending."""
-        if not self.tree_id or self._next > self._latest or self._next in self._waiting:
+        if not self.tree_id or self._next > self._latest:
             return
         now = time.monotonic()
         if self._request_topic and now - self._requested_at < _ASK_AGAIN_AFTER:
@@ -199,6 +221,11 @@ class SceneClient:
         if self._request_topic:
             self.socket.unsubscribe(self._request_topic)
             self._request_topic = b""
+
+
+def _size(piece: PieceMessage) -> int:
+    """Return the approximate memory of *piece* in bytes; its objects take memory, too."""
+    return 500 + sum(100 + len(data) for data in piece.messages)
 
 
 def _token() -> bytes:
