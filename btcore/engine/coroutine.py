@@ -24,6 +24,9 @@ class Pause:
     def __await__(self) -> Generator[Any, Any, None]:
         yield self
 
+    def __repr__(self) -> str:
+        return f"sleep({self.seconds:g})" if self.seconds else "running()"
+
 
 def running() -> Pause:
     """``await running()`` ends this tick with RUNNING; the leaf continues in the next tick."""

@@ -23,6 +23,7 @@ from btcore.engine.node_config import NO_INPUTS, NodeConfig
 from btcore.engine.port_attributes import PORT_PLACEHOLDER
 from btcore.engine.signature import Parameter, bind_class, class_ports, function_parameters
 from btcore.errors import NodeError, RegistrationError
+from btcore.registry.forgotten_awaits import check_awaits
 from btcore.registry.registration_checks import check_class, check_id, check_methods, check_ports
 from btcore.status import NodeType
 from btcore.values import TypeRegistry
@@ -303,6 +304,7 @@ def create_manifest(
         RegistrationError: The class or function cannot be registered.
     """
     check_id(ID)
+    check_awaits(ID, thing)
     if isinstance(thing, type):
         ports = class_ports(thing, types, names)
         check_ports(ID, ports, format)
