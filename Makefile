@@ -26,6 +26,7 @@ PATROLS ?= --seeds 20
 INPUTS ?= 100000
 EPISODES ?= 1000
 RECORDED ?= 600
+ATTACKS ?= --pairs 3 --seconds 10
 
 .PHONY: help setup demo test lint lint-and-pure pure compiled vulkan accept bench clean
 
@@ -118,6 +119,7 @@ accept: .venv/ready
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
+	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
 
 bench: .venv/ready .venv-compiled/bench
 	@mkdir -p out

@@ -187,4 +187,5 @@ def command(tmp_path: Path) -> Iterator[Callable[..., Command]]:
 def no_threads_left() -> Iterator[None]:
     """Check after the test that no publisher's thread is running."""
     yield
-    assert not [one.name for one in threading.enumerate() if one.name == "btcore-publisher"]
+    names = ("btcore-publisher", "btcore-gateway")
+    assert not [one.name for one in threading.enumerate() if one.name in names]

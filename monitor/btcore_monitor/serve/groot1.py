@@ -27,7 +27,8 @@ from btcore_monitor.wire.groot1_tree import (
 )
 
 _UNTYPED: Final = "void"
-_REQUEST_AT_MOST: Final = 1 << 20
+_REQUEST_AT_MOST: Final = 4 << 10
+"""Maximum bytes of a request, whose content is ignored, or of a subscription."""
 _UPDATES_AT_MOST: Final = 250
 """Maximum queued updates of a slow client, about ten seconds; the client misses further updates."""
 

@@ -18,6 +18,7 @@ from btcore.tree.tree import Tree
 from btcore_monitor.closeable import Closeable
 from btcore_monitor.keys import RobotKeys
 from btcore_monitor.serve.authenticator import Authenticator
+from btcore_monitor.serve.gateway import Gateway
 from btcore_monitor.serve.groot1 import Groot1Sockets
 from btcore_monitor.serve.published_tree import PublishedTree
 from btcore_monitor.serve.request_socket import RequestSocket
@@ -35,6 +36,7 @@ from btcore_monitor.wire.groot1 import BESIDE_GROOT2
 
 _POLL_MS: Final = 10
 _REQUEST_AT_MOST: Final = 1 << 20
+_SUBSCRIPTION_AT_MOST: Final = 1 << 10
 _LIVE_AT_MOST: Final = 2_000
 """Maximum queued messages of a slow client; the client requests further messages again later."""
 
@@ -77,13 +79,12 @@ class Publisher(Closeable):
         self._watch_requests = RequestSocket(self._context, _REQUEST_AT_MOST)
         # An XPUB socket receives the subscriptions, which are the clients' requests.
         self._stream = self._context.socket(zmq.XPUB)
-        self._stream.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
+        for socket in (self._notices, self._stream):
+            socket.setsockopt(zmq.MAXMSGSIZE, _SUBSCRIPTION_AT_MOST)
         self._stream.setsockopt(zmq.SNDHWM, _LIVE_AT_MOST)
         # Without LINGER 0, closing would wait for clients that do not read.
         for socket in (self._notices, self._stream):
             socket.setsockopt(zmq.LINGER, 0)
-        for name, value in wire.KEEPALIVE.items():
-            self._stream.setsockopt(getattr(zmq, name), value)
         self._groot1 = None if groot1 is None else Groot1Sockets(self._context)
         host = "127.0.0.1" if bind in ("*", "0.0.0.0") else bind
         self.watch_address = ""
@@ -91,6 +92,10 @@ class Publisher(Closeable):
         self.watch_groot1: int | None = None
         """The port of Groot 1's updates for clients without keys, or None."""
         self._authenticator: Authenticator | None = None
+        try:
+            self._gateway = Gateway()
+        except OSError as error:
+            raise ServeError(f"no folder for the monitor's sockets can be made: {error}") from None
         try:
             if keys is not None:
                 self._authenticator = Authenticator(self._context, keys)
@@ -101,8 +106,10 @@ class Publisher(Closeable):
                 for socket in self._sockets():
                     keys.secure(socket)
             self.port, updates = self._bind(self._requests, port, groot1, bind)
+            self._gateway.start()
         except BaseException:
             self._context.destroy(linger=0)
+            self._gateway.close()
             raise
         self.groot1: int | None = updates
         """The port of Groot 1's updates, or None; the next port answers its requests."""
@@ -148,15 +155,17 @@ class Publisher(Closeable):
         """
         stream = [self._stream] if self._scene else []
         requests, updates = 0, None
+        row: list[Socket | None]
         if port is not None:
-            requests = bind_in_a_row([groot2.socket, self._notices, *stream], host, port, option=option)
+            row = [groot2.socket, self._notices, *stream]
+            requests = bind_in_a_row(self._gateway, row, host, port, option=option)
         if self._groot1 is not None and groot1 is not None:
-            row: list[Socket | None] = [self._groot1.updates, self._groot1.requests.socket]
+            row = [self._groot1.updates, self._groot1.requests.socket]
             count = GROOT1_PORTS
             if port is None:
                 row += [None, *stream]
                 count = GROOT1_ALONE
-            updates = bind_in_a_row(row, host, groot1, count, option)
+            updates = bind_in_a_row(self._gateway, row, host, groot1, count, option)
             requests = requests or updates + 1
         return requests, updates
 
@@ -277,14 +286,14 @@ class Publisher(Closeable):
                     self._answer(self._watch_requests, may_control=False)
                 self._serve_groot1(ready)
                 scene = self._published.scene
-                if scene is None:
-                    continue
-                if self._stream in ready:
+                if scene is not None and self._stream in ready:
                     self._read_subscriptions(scene)
                 now = time.monotonic()
                 if now >= next_heartbeat:
                     next_heartbeat = now + wire.ALIVE_EVERY
-                    self._send(*scene.alive())
+                    self._gateway.continue_if_ended()
+                    if scene is not None:
+                        self._send(*scene.alive())
             while self._drain():
                 pass
             self._serve_groot1({}, at_once=True)
@@ -304,6 +313,7 @@ class Publisher(Closeable):
             if self._authenticator is not None:
                 self._authenticator.socket.close(linger=0)
             self._context.term()
+            self._gateway.close()
             with self._change:
                 self._clients = 0
                 self._change.notify_all()

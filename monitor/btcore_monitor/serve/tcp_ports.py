@@ -1,12 +1,18 @@
 """Bind consecutive ports: two for Groot 2 or Groot 1, and one for the scene channel."""
 
+import contextlib
+import errno
+import os
 import random
+import socket
+import sys
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import zmq
 
 from btcore_monitor.errors import MonitorError
+from btcore_monitor.serve.gateway import Gateway
 
 PORTS: Final = 3
 """Number of ports for Groot 2: requests (port), notifications (port + 1), the scene channel (port + 2)."""
@@ -23,6 +29,9 @@ _FREE_TO: Final = 32_000
 """Free ports are chosen below 32768, where Linux's default range for outgoing connections begins."""
 
 _ATTEMPTS: Final = 200
+
+_BACKLOG: Final = 100
+"""Maximum connections that wait until the gateway accepts them, as in libzmq."""
 
 
 class ServeError(MonitorError):
@@ -44,11 +53,17 @@ Socket = zmq.Socket[bytes]
 
 
 def bind_in_a_row(
-    sockets: Sequence[Socket | None], host: str, port: int, count: int = PORTS, option: str = "--port"
+    gateway: Gateway,
+    sockets: Sequence[Socket | None],
+    host: str,
+    port: int,
+    count: int = PORTS,
+    option: str = "--port",
 ) -> int:
-    """Bind *sockets* to consecutive ports of *host*.
+    """Bind *sockets* to consecutive ports of *host*, behind *gateway*.
 
     Args:
+        gateway: The gateway, which accepts the connections.
         sockets: The sockets, in the order of their ports; None leaves out a port.
         host: The address of the interface (``*``: all interfaces).
         port: The first port; 0 chooses free ports.
@@ -62,48 +77,80 @@ def bind_in_a_row(
         PortInUseError: Another program uses a port.
         ServeError: *host* or *port* is invalid, or no free ports were found.
     """
+    if port and not 1 <= port <= 65536 - count:
+        raise ServeError(f"port {port} is out of range: choose one from 1 to {65536 - count}")
+    address = _interface_address(host)
+    wanted = [socket is not None for socket in sockets]
     if port:
-        if not 1 <= port <= 65536 - count:
-            raise ServeError(f"port {port} is out of range: choose one from 1 to {65536 - count}")
-        _bind_all(sockets, host, port, count, option)
-        return port
+        listeners = _listen(wanted, host, address, port, count, option)
+    else:
+        port, listeners = _listen_at_free_ports(wanted, host, address, count, option)
+    for listener, target in zip(listeners, filter(None, sockets), strict=True):
+        gateway.add(listener, target)
+    return port
+
+
+def _listen_at_free_ports(
+    wanted: Sequence[bool], host: str, address: str, count: int, option: str
+) -> tuple[int, list[socket.socket]]:
     for _ in range(_ATTEMPTS):
         base = random.SystemRandom().randrange(_FREE_FROM, _FREE_TO, count)
         try:
-            _bind_all(sockets, host, base, count, option)
+            return base, _listen(wanted, host, address, base, count, option)
         except PortInUseError:
             continue
-        return base
     raise ServeError(
         f"no {count} consecutive free ports were found from {_FREE_FROM} to {_FREE_TO}: choose a port with "
         f"{option}"
     )
 
 
-def _bind_all(sockets: Sequence[Socket | None], host: str, port: int, count: int, option: str) -> None:
-    bound: list[tuple[Socket, str]] = []
-    for offset, socket in enumerate(sockets):
-        if socket is None:
+def _listen(
+    wanted: Sequence[bool], host: str, address: str, port: int, count: int, option: str
+) -> list[socket.socket]:
+    """Listen at the *wanted* ports from *port* on: at all of them, or at none if there is an error."""
+    listeners: list[socket.socket] = []
+    for offset, is_wanted in enumerate(wanted):
+        if not is_wanted:
             continue
-        address = f"tcp://{host}:{port + offset}"
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        listeners.append(listener)
         try:
-            socket.bind(address)
+            if sys.platform != "win32":
+                # Ports of an ended program are free at once.
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind((address, port + offset))
+            listener.listen(_BACKLOG)
+        except OSError as error:
+            for other in listeners:
+                other.close()
+            raise _explained(error.errno or 0, host, port, port + offset, count, option) from None
+    return listeners
+
+
+def _interface_address(host: str) -> str:
+    """Return the IPv4 address of *host*: an address, the name of an interface, or ``*``."""
+    if host == "*":
+        return "0.0.0.0"
+    with contextlib.suppress(OSError):
+        socket.inet_pton(socket.AF_INET, host)
+        return host
+    # libzmq knows the names of interfaces.
+    with zmq.Context() as context, context.socket(zmq.PAIR) as probe:
+        try:
+            probe.bind(f"tcp://{host}:*")
         except zmq.ZMQError as error:
-            # All ports or none: the caller may try again with other ports.
-            for other, where in bound:
-                other.unbind(where)
-            raise _explained(error, host, port, port + offset, count, option) from None
-        # The endpoint as libzmq resolved it: "*" is not accepted by unbind().
-        bound.append((socket, socket.getsockopt_string(zmq.LAST_ENDPOINT).rstrip("\0")))
+            raise _explained(int(error.errno or 0), host, 0, 0, 0, "") from None
+        endpoint = probe.getsockopt_string(zmq.LAST_ENDPOINT)
+    return endpoint.removeprefix("tcp://").rpartition(":")[0]
 
 
-def _explained(error: zmq.ZMQError, host: str, first: int, port: int, count: int, option: str) -> ServeError:
-    code: Any = error.errno
-    if code == zmq.EADDRINUSE:
+def _explained(code: int, host: str, first: int, port: int, count: int, option: str) -> ServeError:
+    if code == errno.EADDRINUSE:
         return PortInUseError(port, first, count, option)
-    if code == 13:  # EACCES
+    if code == errno.EACCES:
         return ServeError(f"this user may not open port {port}: choose a port above 1023 with {option}")
     return ServeError(
-        f"cannot listen at '{host}' ({error.strerror}): --bind takes the address of an interface of this "
+        f"cannot listen at '{host}' ({os.strerror(code)}): --bind takes the address of an interface of this "
         "machine, 127.0.0.1 for this machine only, or * for all interfaces"
     )

@@ -47,7 +47,8 @@ KEEPALIVE: Final = {
     "TCP_KEEPALIVE_INTVL": 5,
     "TCP_KEEPALIVE_CNT": 3,
 }
-"""Options of both sides' sockets: the connection to a vanished machine ends after 10 + 3 * 5 = 25 s.
+"""Options of a client's socket: the connection to a vanished machine ends after 10 + 3 * 5 = 25 s. The
+robot's side has the same values (serve/gateway_process.py).
 
 ZeroMQ's own heartbeat (``ZMQ_HEARTBEAT_IVL``) would be faster, but it disconnects a client that reads slowly.
 """

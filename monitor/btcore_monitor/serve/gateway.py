@@ -1,0 +1,144 @@
+"""Start and stop the process between the clients and the publisher's sockets.
+
+The publisher's sockets are bound to Unix sockets in a folder that only this user can open. The clients
+connect to TCP ports of the gateway's process (gateway_process.py), which enforces limits. Where Python has no
+Unix sockets (Windows), a thread does the same by TCP.
+"""
+
+import contextlib
+import json
+import logging
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import Final
+
+import zmq
+
+from btcore_monitor.serve import gateway_process
+
+Socket = zmq.Socket[bytes]
+
+_PATH_AT_MOST: Final = 80
+"""Maximum length of the path of the folder for temporary files: a Unix socket's path has up to 103 bytes."""
+
+_HANDSHAKE_MS: Final = 5_000
+"""Maximum time for the handshake of a connection."""
+
+_HAS_UNIX_SOCKETS: Final = hasattr(socket, "AF_UNIX")
+
+_CLOSING: Final = 2.0
+"""Maximum seconds (wall clock) for the process to end."""
+
+_log = logging.getLogger("monitor")
+
+
+class Gateway:
+    """Connects TCP ports to sockets of ZeroMQ. Call :meth:`add` for each port, then :meth:`start`."""
+
+    def __init__(self) -> None:
+        folder = "/tmp" if len(tempfile.gettempdir()) > _PATH_AT_MOST else None
+        self._folder = Path(tempfile.mkdtemp(prefix="btcore-", dir=folder))
+        self._listeners: list[socket.socket] = []
+        self._ports: list[tuple[int, str, bool, bool, int]] = []
+        self._process: subprocess.Popen[bytes] | None = None
+        self._thread: threading.Thread | None = None
+        self._control: socket.socket | None = None
+
+    def add(self, listener: socket.socket, target: Socket) -> None:
+        """Forward the connections of *listener* to *target*.
+
+        Args:
+            listener: A listening socket. The gateway closes it.
+            target: A ROUTER, PUB or XPUB socket with MAXMSGSIZE. This method binds it.
+        """
+        target.setsockopt(zmq.HANDSHAKE_IVL, _HANDSHAKE_MS)
+        if _HAS_UNIX_SOCKETS:
+            path = str(self._folder / str(len(self._ports)))
+            target.bind(f"ipc://{path}")
+        else:
+            target.bind("tcp://127.0.0.1:*")
+            path = target.getsockopt_string(zmq.LAST_ENDPOINT).rstrip("\0")
+        self._listeners.append(listener)
+        kind = target.getsockopt(zmq.TYPE)
+        size = target.getsockopt(zmq.MAXMSGSIZE)
+        assert isinstance(size, int)
+        self._ports.append((listener.fileno(), path, kind != zmq.ROUTER, kind != zmq.PUB, size))
+
+    def start(self) -> None:
+        """Accept connections from now on."""
+        # A program that contains Python can't be started as an interpreter.
+        is_python = not getattr(sys, "frozen", False) and "python" in Path(sys.executable or "").name
+        reads, self._control = socket.socketpair()
+        if not is_python or not _HAS_UNIX_SOCKETS:
+            self._run_in_thread(reads)
+            return
+        command = [sys.executable, "-I", "-S", gateway_process.__file__, json.dumps(self._ports)]
+        try:
+            self._process = subprocess.Popen(
+                command,
+                stdin=reads.fileno(),
+                stdout=subprocess.DEVNULL,
+                pass_fds=[port[0] for port in self._ports],
+                start_new_session=True,  # Ctrl-C ends the robot, and then the robot ends the gateway
+            )
+        except OSError as error:
+            _log.warning("the process for the monitor's connections can't be started: %s", error)
+            self._run_in_thread(reads)
+        else:
+            reads.close()
+
+    def continue_if_ended(self) -> None:
+        """Continue in a thread if the process ended, for instance because the system killed it."""
+        process = self._process
+        if process is not None and process.poll() is not None:
+            self._process = None
+            _log.warning(
+                "the process for the monitor's connections ended with code %d; a thread continues",
+                process.returncode,
+            )
+            self._close_control()
+            reads, self._control = socket.socketpair()
+            self._run_in_thread(reads)
+
+    def _run_in_thread(self, control: socket.socket) -> None:
+        ports = [
+            gateway_process.Port(listener.dup(), *port[1:])
+            for listener, port in zip(self._listeners, self._ports, strict=True)
+        ]
+        self._thread = threading.Thread(
+            target=_run_and_close, args=(ports, control), name="btcore-gateway", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Close all connections and ports. Bytes that the sockets have sent are forwarded first."""
+        self._close_control()
+        if self._process is not None:
+            try:
+                self._process.wait(_CLOSING)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        if self._thread is not None:
+            self._thread.join()
+        for listener in self._listeners:
+            listener.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _close_control(self) -> None:
+        if self._control is not None:
+            # A byte, because a fork of this process may hold the connection open.
+            with contextlib.suppress(OSError):
+                self._control.send(b".")
+            self._control.close()
+            self._control = None
+
+
+def _run_and_close(ports: list[gateway_process.Port], control: socket.socket) -> None:
+    with control:
+        gateway_process.Gateway(ports, control.fileno()).run()

@@ -1,0 +1,539 @@
+"""Accept the clients' connections and forward their bytes to the publisher's sockets, within limits.
+
+libzmq has no limit for the frames of an unfinished message, the topics of a subscriber, or connections, so a
+stranger could fill the memory of the robot's process. This module therefore runs between the clients and
+libzmq, in a process of its own: checking hostile bytes neither takes the interpreter's lock of the robot nor
+its priority. Bytes are forwarded unchanged. A client that exceeds a limit is disconnected before libzmq
+receives the frame.
+
+The process imports only the standard library, so that it starts fast (``python -I -S gateway_process.py``).
+It ends when the robot's process writes to the socket at its standard input, or ends.
+"""
+
+import contextlib
+import errno
+import json
+import os
+import selectors
+import socket
+import sys
+import time
+
+CONNECTIONS = 32
+"""Maximum connections per port. Further clients wait until a connection ends."""
+
+CONNECTIONS_A_SECOND = 50
+"""Maximum new connections per second and port, after the first CONNECTIONS."""
+
+FRAMES_A_MESSAGE = 16
+"""Maximum frames of a message: an envelope with an empty delimiter frame, and a request of two frames."""
+
+TOPICS = 32
+"""Maximum simultaneous subscriptions of a connection."""
+
+TOPIC_SIZE = 200
+"""Maximum bytes of a topic."""
+
+ENCRYPTED_TOPICS_SIZE = 32 << 10
+"""Maximum bytes that a subscriber may send if the connection is encrypted, so that topics can't be counted.
+The client then connects again and continues."""
+
+COMMAND_SIZE = 1024
+"""Maximum bytes of a command, for instance of the handshake."""
+
+FRAMES_AHEAD = 8
+"""Frames that a client may send before it receives any bytes, where the publisher replies. Further frames
+wait, so the replies to a client that does not read can't fill the memory. A request has 2 or 3 frames."""
+
+FRAMES_AHEAD_WITHOUT_REPLY = 2 * TOPICS
+"""The same, where subscriptions get no reply."""
+
+PATIENCE = 10.0
+"""Seconds after which a client that does not read, or that waits for no reply, is disconnected."""
+
+GREETING = 5.0
+"""Maximum seconds until the first bytes of a connection. libzmq limits the rest of the handshake."""
+
+FLUSHING = 0.2
+"""Maximum seconds for bytes that wait at the end."""
+
+KEEPALIVE = (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3))
+"""A connection to a vanished machine ends after 10 + 3 * 5 = 25 s."""
+
+_READ = 64 << 10
+_SWEEP = 0.5
+_PRIORITY = 5  # "nice" steps below the robot's process
+_MORE, _LONG, _COMMAND = 1, 2, 4  # bits of a frame's first byte
+_SIGNATURE_SIZE, _GREETING_SIZE_2, _GREETING_SIZE_3 = 10, 12, 64
+_WITHOUT_ENCRYPTION = b"NULL".ljust(20, b"\0")
+_SUBSCRIBE, _CANCEL = b"SUBSCRIBE", b"CANCEL"
+_COMMANDS = (b"READY", b"ERROR", b"PING", b"PONG")
+
+
+class LimitExceededError(Exception):
+    """A client exceeded a limit, or does not send ZMTP."""
+
+
+class ClientStream:
+    """Checks the bytes that a client sends: ZMTP 2.0, 3.0 or 3.1, encrypted or not.
+
+    The frames of an encrypted connection are counted but can't be read. They are limited by their size and,
+    at a port for topics, by the bytes in all.
+
+    Args:
+        takes_topics: Whether the port takes subscriptions; otherwise it takes requests.
+        size: Maximum bytes of a request.
+    """
+
+    def __init__(self, takes_topics: bool, size: int) -> None:
+        self.is_zmtp = False
+        """Whether the first bytes are those of ZMTP."""
+        self.frames = 0
+        """The number of complete frames so far."""
+        self.topics: set[bytes] = set()
+        self._takes_topics = takes_topics
+        self._size = size
+        self._head = bytearray()  # the greeting, then the beginning of each frame
+        self._greeting_size = 0  # 0: unknown yet
+        self._in_greeting = True
+        self._has_identity = False  # in ZMTP 2.0, the first frame is the client's identity
+        self._encrypted = False
+        self._flags = 0
+        self._left = 0  # bytes of the current frame's body
+        self._body: bytearray | None = None
+        self._total = 0
+        self._message_frames = self._message_size = 0
+
+    def check(self, data: bytes, frames: int) -> int:
+        """Check *data* up to the end of the *frames*-th frame. Return the number of checked bytes.
+
+        Raises:
+            LimitExceededError: The bytes must not be forwarded.
+        """
+        at, end, last = 0, len(data), self.frames + frames
+        while at < end and self.frames < last:
+            if self._left:
+                step = min(self._left, end - at)
+                if self._body is not None:
+                    self._body += data[at : at + step]
+                at += step
+                self._left -= step
+                if not self._left:
+                    self._end_frame()
+                continue
+            self._head.append(data[at])
+            at += 1
+            if self._in_greeting:
+                self._check_greeting()
+            elif len(self._head) == (9 if self._head[0] & _LONG else 2):
+                self._begin_frame()
+        return at
+
+    def _check_greeting(self) -> None:
+        head = self._head
+        if head[0] != 0xFF:
+            raise LimitExceededError("not ZMTP 2 or 3")
+        self.is_zmtp = True
+        if len(head) == _SIGNATURE_SIZE and not head[9] & 1:
+            raise LimitExceededError("not ZMTP 2 or 3")
+        if len(head) == _SIGNATURE_SIZE + 1:
+            # The revision: 1 is ZMTP 2.0, 3 is ZMTP 3.
+            if head[10] != 1 and head[10] < 3:
+                raise LimitExceededError("not ZMTP 2 or 3")
+            self._has_identity = head[10] == 1
+            self._greeting_size = _GREETING_SIZE_2 if self._has_identity else _GREETING_SIZE_3
+        if len(head) == self._greeting_size:
+            mechanism = bytes(head[12:32])
+            self._encrypted = not self._has_identity and mechanism != _WITHOUT_ENCRYPTION
+            self._in_greeting = False
+            self._head = bytearray()
+
+    def _begin_frame(self) -> None:
+        flags, size = self._head[0], int.from_bytes(self._head[1:], "big")
+        self._head = bytearray()
+        self._flags = flags
+        if flags & ~(_MORE | _LONG | _COMMAND) or (flags & _COMMAND and flags & _MORE):
+            raise LimitExceededError("not a frame of ZMTP")
+        self._limit(flags, size)
+        self._left = size
+        # Bodies of requests are not read.
+        is_read = not self._encrypted and (flags & _COMMAND or self._takes_topics)
+        self._body = bytearray() if is_read else None
+        if not size:
+            self._end_frame()
+
+    def _limit(self, flags: int, size: int) -> None:
+        if self._takes_topics:
+            most = COMMAND_SIZE if self._encrypted or flags & _COMMAND else TOPIC_SIZE + 1
+            if self._has_identity:
+                most = 255
+            if self._encrypted:
+                self._total += size
+                if self._total > ENCRYPTED_TOPICS_SIZE:
+                    raise LimitExceededError("too many subscriptions")
+        elif flags & _COMMAND:
+            most = COMMAND_SIZE
+        else:
+            self._message_frames += 1
+            self._message_size += size
+            if self._message_frames > FRAMES_A_MESSAGE:
+                raise LimitExceededError("too many frames")
+            size, most = self._message_size, self._size
+            if not flags & _MORE:
+                self._message_frames = self._message_size = 0
+        if size > most:
+            raise LimitExceededError("too many bytes")
+
+    def _end_frame(self) -> None:
+        self.frames += 1
+        body, self._body = self._body, None
+        if self._has_identity:
+            self._has_identity = False
+        elif body is None:
+            pass
+        elif self._flags & _COMMAND:
+            self._command(bytes(body))
+        elif self._flags & _MORE or not body or body[0] > 1:
+            raise LimitExceededError("not a subscription")
+        else:
+            self._subscription(body[0] == 1, bytes(body[1:]))
+
+    def _command(self, body: bytes) -> None:
+        # A command begins with its name, and the length of the name.
+        name, rest = body[1 : 1 + body[0]] if body else b"", body[1 + body[0] :] if body else b""
+        if self._takes_topics and name in (_SUBSCRIBE, _CANCEL):
+            self._subscription(name == _SUBSCRIBE, rest)
+        elif name not in _COMMANDS:
+            raise LimitExceededError("unknown command")
+
+    def _subscription(self, subscribes: bool, topic: bytes) -> None:
+        if not subscribes:
+            self.topics.discard(topic)
+            return
+        self.topics.add(topic)
+        if len(topic) > TOPIC_SIZE or len(self.topics) > TOPICS:
+            raise LimitExceededError("too many subscriptions")
+
+
+class Port:
+    """A port at which clients connect, and the publisher's socket to which their bytes are forwarded."""
+
+    def __init__(
+        self, listener: socket.socket, path: str, takes_topics: bool, replies: bool, size: int
+    ) -> None:
+        self.listener = listener
+        self.path = path
+        self.takes_topics = takes_topics
+        self.frames_ahead = FRAMES_AHEAD if replies else FRAMES_AHEAD_WITHOUT_REPLY
+        self.size = size
+        self.connections = 0
+        self.listens = False
+        self._permits = float(CONNECTIONS)
+        self._permits_at = time.monotonic()
+
+    def may_accept(self, now: float) -> bool:
+        """Return whether a new connection is within the limits at *now*."""
+        self._permits += (now - self._permits_at) * CONNECTIONS_A_SECOND
+        self._permits = min(self._permits, CONNECTIONS)
+        self._permits_at = now
+        return self._permits >= 1 and self.connections < CONNECTIONS
+
+    def accept(self) -> socket.socket | None:
+        """Accept a connection, if there is any."""
+        try:
+            client, _ = self.listener.accept()
+        except OSError:
+            # Also if there are too many open files. A permit is used, so this is not tried all the time.
+            self._permits -= 1
+            return None
+        self._permits -= 1
+        client.setblocking(False)
+        with contextlib.suppress(OSError):
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            for name, value in KEEPALIVE:
+                if hasattr(socket, name):
+                    client.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+        return client
+
+
+class Connection:
+    """A client's connection, and the connection to the publisher's socket (*server*) behind it."""
+
+    def __init__(self, gateway: "Gateway", port: Port, client: socket.socket, now: float) -> None:
+        self.port = port
+        self.client = client
+        self.server: socket.socket | None = None
+        self.closed = False
+        self._gateway = gateway
+        self._stream = ClientStream(port.takes_topics, port.size)
+        self._unchecked = b""  # bytes of the client
+        self._to_server = b""
+        self._to_client = b""
+        self._ahead_frames, self._ahead_size = port.frames_ahead, port.size
+        self._server_ended = False
+        self._waits_since: float | None = None
+        self._opened = now
+
+    def serve(self, ready: socket.socket, events: int, now: float) -> None:
+        """Move bytes after *events* of the socket *ready*."""
+        try:
+            if ready is self.client:
+                if events & selectors.EVENT_WRITE:
+                    self._send_to_client()
+                if events & selectors.EVENT_READ:
+                    self._receive_from_client()
+            else:
+                if events & selectors.EVENT_WRITE:
+                    self._send_to_server()
+                if events & selectors.EVENT_READ:
+                    self._receive_from_server()
+            self._forward()
+        except (OSError, LimitExceededError):
+            self.close()
+            return
+        if self._server_ended and not self._to_client:
+            self.close()
+            return
+        self._watch(now)
+
+    def is_overdue(self, now: float) -> bool:
+        """Return whether the client has not made progress for too long."""
+        if self.server is None:
+            return now - self._opened > GREETING
+        return self._waits_since is not None and now - self._waits_since > PATIENCE
+
+    def close(self) -> None:
+        """Close both connections."""
+        if not self.closed:
+            self.closed = True
+            self.port.connections -= 1
+            for one in (self.client, self.server):
+                if one is not None:
+                    self._gateway.watch(one, 0, self)
+                    one.close()
+
+    def _receive_from_client(self) -> None:
+        if self._unchecked or self._to_client or self._to_server:
+            return
+        data = _received(self.client)
+        if data == b"":
+            raise LimitExceededError("the client disconnected")
+        self._unchecked = data or b""
+
+    def _forward(self) -> None:
+        """Check bytes of the client and send them to the server, as far as the client may be ahead."""
+        while self._unchecked and not self._to_server and not self._to_client:
+            if self._ahead_frames <= 0 or self._ahead_size <= 0:
+                return
+            frames = self._stream.frames
+            checked = self._stream.check(self._unchecked[: self._ahead_size], self._ahead_frames)
+            self._ahead_frames -= self._stream.frames - frames
+            self._ahead_size -= checked
+            if self.server is None and self._stream.is_zmtp:
+                self.server = _connected(self.port.path)
+            self._to_server, self._unchecked = self._unchecked[:checked], self._unchecked[checked:]
+            self._send_to_server()
+
+    def _send_to_server(self) -> None:
+        if self.server is not None and self._to_server:
+            self._to_server = self._to_server[_sent(self.server, self._to_server) :]
+
+    def _receive_from_server(self) -> None:
+        if self.server is None or self._to_client:
+            return
+        data = _received(self.server)
+        if data == b"":
+            self._server_ended = True
+            self._unchecked = self._to_server = b""
+        elif data:
+            self._to_client = data
+            # A reply, or at least news: the client may send again.
+            self._ahead_frames, self._ahead_size = self.port.frames_ahead, self.port.size
+            self._send_to_client()
+
+    def _send_to_client(self) -> None:
+        if self._to_client:
+            self._to_client = self._to_client[_sent(self.client, self._to_client) :]
+            if not self._to_client:
+                self._waits_since = None
+
+    def _watch(self, now: float) -> None:
+        waits = bool(self._to_client or self._to_server or self._unchecked)
+        if not waits:
+            self._waits_since = None
+        elif self._waits_since is None:
+            self._waits_since = now
+        events = selectors.EVENT_WRITE if self._to_client else 0
+        if not waits and not self._server_ended:
+            events |= selectors.EVENT_READ
+        self._gateway.watch(self.client, events, self)
+        if self.server is not None:
+            events = selectors.EVENT_WRITE if self._to_server else 0
+            if not self._to_client and not self._server_ended:
+                events |= selectors.EVENT_READ
+            self._gateway.watch(self.server, events, self)
+
+
+class Gateway:
+    """Forwards bytes between clients and the publisher's sockets until *control* has data or ends.
+
+    Args:
+        ports: The ports to serve.
+        control: A file descriptor.
+        parent: The ID of the parent process, whose end also ends the gateway (0: that has no effect).
+    """
+
+    def __init__(self, ports: list[Port], control: int, parent: int = 0) -> None:
+        self._ports = ports
+        self._control = control
+        self._connections: set[Connection] = set()
+        self._selector = selectors.DefaultSelector()
+        self._parent = parent
+
+    def run(self) -> None:
+        """Serve the ports."""
+        for port in self._ports:
+            port.listener.setblocking(False)
+        self._selector.register(self._control, selectors.EVENT_READ)
+        sweep_at = 0.0
+        while True:
+            now = time.monotonic()
+            if now >= sweep_at:
+                sweep_at = now + _SWEEP
+                self._sweep(now)
+            for port in self._ports:
+                self._listen(port, port.may_accept(now))
+            ready = self._selector.select(self._timeout(sweep_at - now))
+            now = time.monotonic()
+            for key, events in ready:
+                if key.fileobj == self._control:
+                    self._finish()
+                    return
+                if isinstance(key.data, Port):
+                    self._accept(key.data, now)
+                elif not key.data.closed:
+                    self._serve(key.data, key.fileobj, events, now)
+            # A fork of the robot's process may hold the control connection open.
+            if self._parent and os.getppid() != self._parent:
+                self._finish()
+                return
+
+    def watch(self, watched: socket.socket, events: int, data: "Port | Connection") -> None:
+        """Watch *events* of a socket from now on; 0 watches none."""
+        try:
+            key = self._selector.get_key(watched)
+        except KeyError:
+            if events:
+                self._selector.register(watched, events, data)
+            return
+        if not events:
+            self._selector.unregister(watched)
+        elif key.events != events:
+            self._selector.modify(watched, events, data)
+
+    def _timeout(self, seconds: float) -> float:
+        # A port that does not listen may get a permit soon.
+        waits = any(not port.listens and port.connections < CONNECTIONS for port in self._ports)
+        return max(0.0, min(seconds, 1 / CONNECTIONS_A_SECOND) if waits else seconds)
+
+    def _listen(self, port: Port, listens: bool) -> None:
+        if listens is not port.listens:
+            port.listens = listens
+            self.watch(port.listener, selectors.EVENT_READ if listens else 0, port)
+
+    def _accept(self, port: Port, now: float) -> None:
+        client = port.accept()
+        if client is not None:
+            port.connections += 1
+            connection = Connection(self, port, client, now)
+            self._connections.add(connection)
+            self.watch(client, selectors.EVENT_READ, connection)
+
+    def _serve(self, connection: Connection, ready: object, events: int, now: float) -> None:
+        assert isinstance(ready, socket.socket)
+        connection.serve(ready, events, now)
+        if connection.closed:
+            self._connections.discard(connection)
+
+    def _sweep(self, now: float) -> None:
+        for connection in [one for one in self._connections if one.is_overdue(now)]:
+            connection.close()
+            self._connections.discard(connection)
+
+    def _finish(self) -> None:
+        """Forward what the publisher still sends, then close all connections."""
+        self._selector.unregister(self._control)
+        for port in self._ports:
+            self._listen(port, False)
+        for connection in [one for one in self._connections if one.server is None]:
+            connection.close()
+            self._connections.discard(connection)
+        deadline = time.monotonic() + FLUSHING
+        while self._connections and (now := time.monotonic()) < deadline:
+            for key, events in self._selector.select(deadline - now):
+                if not key.data.closed:
+                    self._serve(key.data, key.fileobj, events, now)
+        for connection in self._connections:
+            connection.close()
+        for port in self._ports:
+            port.listener.close()
+        self._selector.close()
+
+
+def _connected(path: str) -> socket.socket:
+    """Return a connection to *path*, a path of a Unix socket or ``tcp://address:port``."""
+    if path.startswith("tcp://"):
+        host, _, port = path.removeprefix("tcp://").rpartition(":")
+        server = socket.create_connection((host, int(port)), GREETING)
+        server.setblocking(False)
+        return server
+    server = socket.socket(socket.AF_UNIX)
+    server.setblocking(False)
+    # Unlike with TCP, the connection exists when this returns, or there is an error.
+    server.connect(path)
+    return server
+
+
+def _received(source: socket.socket) -> bytes | None:
+    """Return the bytes that wait, or None if there are none; ``b""`` is the end."""
+    try:
+        return source.recv(_READ)
+    except (BlockingIOError, InterruptedError):
+        return None
+    except OSError as error:
+        if error.errno in (errno.ECONNRESET, errno.EPIPE, errno.ETIMEDOUT):
+            return b""
+        raise
+
+
+def _sent(target: socket.socket, data: bytes) -> int:
+    try:
+        return target.send(data)
+    except (BlockingIOError, InterruptedError):
+        return 0
+
+
+def _main(arguments: str) -> None:
+    """Run the gateway of a robot's process.
+
+    Args:
+        arguments: JSON: for each port the listening socket's file descriptor, the path of the publisher's
+            socket, whether it takes topics, whether it replies, and the maximum bytes of a request.
+    """
+    with contextlib.suppress(OSError):
+        os.nice(_PRIORITY)
+    described = json.loads(arguments)
+    ports = [Port(socket.socket(fileno=fd), *rest) for fd, *rest in described]
+    Gateway(ports, sys.stdin.fileno(), os.getppid()).run()
+    # The robot's process does the same, unless it was killed. The import is slow, so it is here.
+    from pathlib import Path
+
+    for _, path, *_ in described:
+        Path(path).unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        Path(described[0][1]).parent.rmdir()
+
+
+if __name__ == "__main__":
+    _main(sys.argv[1])

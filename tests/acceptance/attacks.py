@@ -1,0 +1,359 @@
+"""Strangers attack a robot's ports; its tree, its memory and its other clients must not notice.
+
+``python tests/acceptance/attacks.py`` runs pairs of robots side by side. One robot of a pair is attacked at
+all of its ports, by clients that connect again at once and for ever. For each attack the script prints the
+growth of the robot's memory, the lost ticks and the lateness of ticks beside those of the other robot, and
+the unanswered requests and lost transitions of another client. It exits with 1 if a value is not permitted.
+"""
+
+import argparse
+import contextlib
+import json
+import multiprocessing
+import os
+import resource
+import socket
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PERIOD = 0.02  # s, of the tree
+GROWTH = 50.0  # MB, permitted
+LIMIT = 200  # MB that the robot's process may allocate in addition; then allocations fail
+LATENESS = 5.0  # ms, permitted in addition to 1.5 times the lateness of the robot that is not attacked
+LOST = 0.01  # of the ticks, permitted in addition to the lost ticks of the robot that is not attacked
+GREETING = b"\xff" + b"\0" * 8 + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + b"\0" * 32
+READY = b"\x04\x19\x05READY\x0bSocket-Type\0\0\0\x03"
+TREE = """
+<root BTCPP_format="4"><BehaviorTree ID="Main"><KeepRunningUntilFailure><Sequence>
+  {}
+</Sequence></KeepRunningUntilFailure></BehaviorTree></root>
+""".format('<Fallback><AlwaysFailure/><Script code="n := 1"/></Fallback>' * 50)
+
+Send = Callable[[bytes], None]
+
+
+# --- attacks: each sends to one connection until it is disconnected
+
+
+def big_topics(send: Send) -> None:
+    """Subscribe to topics of 1 MB."""
+    for number in range(1_000_000):
+        send(long_frame(0, b"\1" + b"%d" % number + bytes(1 << 20)))
+
+
+def many_topics(send: Send) -> None:
+    """Subscribe to any number of short topics."""
+    for number in range(0, 1_000_000_000, 500):
+        topics = (b"\1%0150d" % one for one in range(number, number + 500))
+        send(b"".join(b"\0" + bytes([len(topic)]) + topic for topic in topics))
+
+
+def many_topics_by_command(send: Send) -> None:
+    """Subscribe to any number of short topics by the command of ZMTP 3.1."""
+    for number in range(0, 1_000_000_000, 500):
+        topics = (b"\x09SUBSCRIBE%0150d" % one for one in range(number, number + 500))
+        send(b"".join(b"\4" + bytes([len(topic)]) + topic for topic in topics))
+
+
+def unfinished(send: Send) -> None:
+    """Send empty frames of a message that never ends."""
+    while True:
+        send(b"\1\0" * 32_768)
+
+
+def huge_frames(send: Send) -> None:
+    """Send frames of 900 kB of a message that never ends."""
+    while True:
+        send(long_frame(1, bytes(900_000)))
+
+
+def unread_replies(send: Send) -> None:
+    """Send requests and subscriptions that are requests, and never read the replies."""
+    for number in range(1_000_000_000):
+        topic = b"again/tree/%d" % number
+        size = bytes([1 + len(topic)])
+        send(b"\0" + size + b"\1" + topic + b"\0" + size + b"\0" + topic)
+
+
+def unread_trees(send: Send) -> None:
+    """Send requests for the tree, and never read the replies."""
+    while True:
+        send(b"\1\0\0\x06\x02T1234" * 100)
+
+
+def no_handshake(send: Send) -> None:
+    """Connect and disconnect."""
+
+
+ATTACKS = (
+    big_topics,
+    many_topics,
+    many_topics_by_command,
+    unfinished,
+    huge_frames,
+    unread_replies,
+    unread_trees,
+    no_handshake,
+)
+
+
+def long_frame(flags: int, body: bytes) -> bytes:
+    """Return a frame with a length of 8 bytes."""
+    return bytes([flags | 2]) + len(body).to_bytes(8, "big") + body
+
+
+def attack_for_ever(name: str, port: int, kind: bytes) -> None:
+    """Run the attack *name* at *port*, as a client with a socket of type *kind*, and connect again."""
+    os.nice(10)  # an attacker has a computer of its own
+    attack = next(one for one in ATTACKS if one.__name__ == name)
+    while True:
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 5) as connection:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            if attack is not no_handshake:
+                connection.sendall(GREETING)
+                received = 0
+                while received < 64:
+                    data = connection.recv(64)
+                    if not data:
+                        break
+                    received += len(data)
+                connection.sendall(READY + kind)
+            attack(connection.sendall)
+
+
+# --- robots and their other clients
+
+
+def memory(key: str) -> float:
+    """Return the value of *key* in this process's status, in MB."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return int(next(line for line in status.splitlines() if line.startswith(key)).split()[1]) / 1024
+
+
+def run_robot(seconds: float) -> None:
+    """Tick a published tree for *seconds* after a line at the standard input.
+
+    Print the ports, then the ticks, the lost ticks, the transitions, the growth of memory (MB) and the
+    lateness of each tick (ms).
+    """
+    import btcore
+    from btcore_monitor.serve import serve
+
+    class Changes(btcore.Observer):
+        """The *count* of transitions."""
+
+        count = 0
+
+        def transition(self, change: btcore.Transition) -> None:
+            self.count += 1
+
+    tree, changes = btcore.loads(TREE), Changes()
+    tree.subscribe(changes)
+    with serve(tree, groot2=0, groot1=0, allow_control=True) as publisher:
+        first, updates = publisher.port, publisher.groot1
+        assert updates is not None
+        print(json.dumps([first, first + 1, first + 2, updates, updates + 1]), flush=True)
+        sys.stdin.readline()
+        limit = round((memory("VmData") + LIMIT) * (1 << 20))
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+        before, growth = memory("VmRSS"), 0.0
+        lateness: list[float] = []
+        lost = 0
+        begin = time.monotonic()
+        for number in range(round(seconds / PERIOD)):
+            due = begin + number * PERIOD
+            time.sleep(max(0.0, due - time.monotonic()))
+            late = time.monotonic() - due
+            if late >= PERIOD:
+                lost += 1
+                continue
+            lateness.append(1e3 * late)
+            tree.tick_exactly_once()
+            if number % 10 == 0:
+                growth = max(growth, memory("VmRSS") - before)
+        ticks = tree.ticks
+    print(json.dumps([ticks, lost, changes.count, growth, lateness]), flush=True)
+
+
+@dataclass
+class Outcome:
+    """What was measured of a robot; *died* if its process ended early."""
+
+    died: bool = False
+    ticks: int = 0
+    lost_ticks: int = 0
+    transitions: int = 0
+    growth: float = 0.0
+    lateness: list[float] = field(default_factory=list)
+    received: int = 0
+    unanswered: int = 0
+    disconnected: int = 0
+
+    @property
+    def late(self) -> float:
+        """The lateness (ms) that 95 % of the ticks do not exceed."""
+        return sorted(self.lateness)[int(0.95 * len(self.lateness))] if self.lateness else 0.0
+
+
+class Robot:
+    """A robot in a process of its own, and a client that watches it and requests its status."""
+
+    def __init__(self, seconds: float) -> None:
+        path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+        self._process = subprocess.Popen(
+            [sys.executable, __file__, "--robot", str(seconds)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": path},
+            text=True,
+        )
+        self.outcome = Outcome()
+        self.ports: list[int] = json.loads(self._line())
+        self._connected = threading.Event()
+        self._ended = threading.Event()
+        self._client = threading.Thread(target=self._watch)
+        self._client.start()
+        assert self._connected.wait(30), "the robot can't be watched"
+
+    def _line(self) -> str:
+        assert self._process.stdout is not None
+        return self._process.stdout.readline()
+
+    def start(self) -> None:
+        """Begin to tick."""
+        assert self._process.stdin is not None
+        self._process.stdin.write("go\n")
+        self._process.stdin.flush()
+
+    def end(self) -> Outcome:
+        """Wait for the end of the run."""
+        line, outcome = self._line(), self.outcome
+        self._ended.set()
+        self._client.join()
+        self._process.communicate()
+        if line:
+            outcome.ticks, outcome.lost_ticks, outcome.transitions, outcome.growth, outcome.lateness = (
+                json.loads(line)
+            )
+        else:
+            outcome.died = True
+        return outcome
+
+    def _watch(self) -> None:
+        from btcore_monitor.events import ConnectionChanged, StatusChanged, TreeSeen
+        from btcore_monitor.watch.address import parse_address
+        from btcore_monitor.watch.feed import Feed
+        from btcore_monitor.watch.groot2_client import Groot2Client
+        from btcore_monitor.watch.request_client import NoReplyError
+        from btcore_monitor.wire.groot2 import Request
+
+        address = f"tcp://127.0.0.1:{self.ports[0]}"
+        with Feed(address) as feed, Groot2Client(parse_address(address), timeout=2.0) as requests:
+            while not self._ended.is_set():
+                for event in feed.poll(0.1):
+                    if isinstance(event, TreeSeen):
+                        self._connected.set()
+                    elif isinstance(event, StatusChanged):
+                        self.outcome.received += 1
+                    elif isinstance(event, ConnectionChanged):
+                        self.outcome.disconnected += event.state == "lost"
+                        if event.state == "ended":
+                            return
+                try:
+                    requests.request(Request.STATUS)
+                except NoReplyError:
+                    self.outcome.unanswered += not self._ended.is_set()
+
+
+@contextlib.contextmanager
+def attacks_on(ports: Sequence[int], names: Sequence[str]) -> Iterator[None]:
+    """Return a context in which *names* attack the *ports* of a robot."""
+    spawn = multiprocessing.get_context("spawn")
+    kinds = (b"REQ", b"SUB", b"SUB", b"SUB", b"REQ")
+    attackers = [
+        spawn.Process(target=attack_for_ever, args=(name, port, kind), daemon=True)
+        for name in names
+        for port, kind in zip(ports, kinds, strict=True)
+    ]
+    for attacker in attackers:
+        attacker.start()
+    try:
+        yield
+    finally:
+        for attacker in attackers:
+            attacker.kill()
+            attacker.join()
+
+
+def run_pair(names: Sequence[str], seconds: float) -> tuple[Outcome, Outcome]:
+    """Return the outcomes of a robot that *names* attack together, and of a robot beside it."""
+    attacked, alone = Robot(seconds), Robot(seconds)
+    with attacks_on(attacked.ports, names):
+        attacked.start()
+        alone.start()
+        return attacked.end(), alone.end()
+
+
+# --- the report
+
+
+def violations(name: str, pairs: Sequence[tuple[Outcome, Outcome]]) -> Iterator[str]:
+    """Print a row about the *pairs* of the attack *name*, and yield the values that are not permitted."""
+    attacked = [pair[0] for pair in pairs]
+    late = statistics.median(one.late for one in attacked)
+    late_alone = statistics.median(alone.late for _, alone in pairs)
+    lost, lost_alone = sum(one.lost_ticks for one in attacked), sum(alone.lost_ticks for _, alone in pairs)
+    growth = max(one.growth for one in attacked)
+    missing = sum(one.transitions - one.received for one in attacked)
+    unanswered = sum(one.unanswered + one.disconnected for one in attacked)
+    print(
+        f"{name:24}{growth:8.1f} MB {lost:6} {lost_alone:6} {late:9.2f} ms {late_alone:6.2f} ms "
+        f"{missing:8} {unanswered:8}",
+        flush=True,
+    )
+    planned = sum(one.ticks + one.lost_ticks for one in attacked)
+    if any(one.died for one in attacked):
+        yield f"{name}: the robot's process ended"
+    if growth > GROWTH:
+        yield f"{name}: the robot's memory grew by {growth:.0f} MB"
+    # On a busy computer both robots lose ticks; chance explains three standard deviations.
+    if lost - lost_alone > LOST * planned + 3 * (lost + lost_alone) ** 0.5:
+        yield f"{name}: {lost} ticks were lost, and {lost_alone} without the attack"
+    if late > 1.5 * late_alone + LATENESS:
+        yield f"{name}: ticks were late by {late:.1f} ms, and by {late_alone:.1f} ms without the attack"
+    if missing or unanswered:
+        yield f"{name}: the other client missed {missing} transitions and {unanswered} replies"
+
+
+def main() -> int:
+    """Run the attacks, and return 1 if a robot or its client noticed, otherwise 0."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--pairs", type=int, default=3, help="pairs of robots per attack")
+    parser.add_argument("--seconds", type=float, default=10.0, help="duration of a run")
+    parser.add_argument("--attacks", nargs="+", choices=[one.__name__ for one in ATTACKS])
+    parser.add_argument("--robot", type=float, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.robot is not None:
+        run_robot(options.robot)
+        return 0
+    print(
+        f"{'attack':24}{'growth':>11} {'lost ticks':>13} {'late (95 %)':>22} {'missing':>8} {'no reply':>8}"
+    )
+    found: list[str] = []
+    for name in options.attacks or [one.__name__ for one in ATTACKS]:
+        pairs = [run_pair([name], options.seconds) for _ in range(options.pairs)]
+        found += violations(name, pairs)
+    for violation in found:
+        print(f"✗ {violation}")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,33 @@
+"""Attacks on a publisher's ports, side by side with a robot that is not attacked."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def attacks() -> ModuleType:
+    """The acceptance script, which measures more attacks for longer."""
+    path = Path(__file__).parents[2] / "acceptance" / "attacks.py"
+    spec = importlib.util.spec_from_file_location("acceptance_attacks", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_neither_tree_nor_memory_nor_a_second_client_notice_topics_without_end_and_unfinished_requests(
+    attacks,
+):
+    attacked, alone = attacks.run_pair(["big_topics", "many_topics", "unfinished"], 2.5)
+    assert not attacked.died
+    assert attacked.growth <= attacks.GROWTH
+    assert (attacked.received, attacked.unanswered, attacked.disconnected) == (attacked.transitions, 0, 0)
+    # Both lose ticks if this computer is busy.
+    assert attacked.ticks >= 0.8 * alone.ticks
+    assert attacked.late <= 2 * alone.late + attacks.LATENESS
