@@ -6,8 +6,8 @@
         robot.release(reached.path, "FAILURE")
 
 This works with every robot that supports Groot 2's protocol; a btcore robot also needs ``allow_control``. A
-robot disables its hooks and continues after 5 s without a request, so an open :class:`BreakpointClient` sends
-a request every second. Times are in s of wall clock.
+robot disables the hooks of a client and continues after 5 s without its requests, so an open
+:class:`BreakpointClient` sends a request every second. Times are in s of wall clock.
 """
 
 import contextlib

@@ -31,7 +31,7 @@ _OPTIONS: Final = ("--wait", "--key-file", "--robot-key")
 """The options of the group, which may precede or follow ADDRESS. Each has a value."""
 
 _TIMEOUT_NOTICE: Final = (
-    "a robot without requests for 5 s disables its hooks; any btcore hook command before that keeps them"
+    "the robot disables its hooks after 5 s without a further command that sets or releases hooks"
 )
 
 
@@ -129,7 +129,7 @@ _status = click.Choice(["SUCCESS", "FAILURE"], case_sensitive=False)
 @click.argument("patterns", nargs=-1, required=True, metavar="PATTERN...")
 @_after
 @click.option("--once", is_flag=True, help="Remove each breakpoint when it is released; stop after the last.")
-@click.option("--leave", is_flag=True, help="Set them and exit; they last 5 s without further requests.")
+@click.option("--leave", is_flag=True, help="Set them and exit; they last 5 s without further commands.")
 @duration_option
 def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, duration: float | None) -> None:
     """Set breakpoints, print each breakpoint that is reached, and clear them at the end (Ctrl-C).

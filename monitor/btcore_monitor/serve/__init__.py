@@ -57,8 +57,8 @@ def serve(
             free port; see `Publisher.groot1`. The next port answers requests. Without Groot 2, the scene
             channel is two ports above these requests.
         allow_control: Whether clients may set breakpoints and inject statuses by Groot 2's requests.
-        max_heartbeat_delay: Time in s (wall clock) without a request after which hooks are disabled and a
-            tick that waits at a breakpoint continues.
+        max_heartbeat_delay: Time in s (wall clock) after which hooks are disabled and a tick that waits at a
+            breakpoint continues, if the clients that set or released breakpoints send no request.
         keys: Encrypt all connections, and accept only clients with these public keys.
         watch_port: The first of further ports for clients without keys, such as Groot. These clients can
             watch, but not control the tree. Only with *keys*. 0 chooses free ports; see

@@ -74,16 +74,16 @@ class Groot2Server:
             if (code if code < 10 else 0) != status:
                 self._statuses[at] = groot2.status_code(code if code < 10 else code - 10, status)
 
-    def answer(self, frames: Sequence[bytes], may_control: bool = True) -> list[bytes]:
+    def answer(self, frames: Sequence[bytes], client: bytes | None) -> list[bytes]:
         """Return the frames of the reply to a request. An invalid request gets an error reply.
 
         Args:
             frames: The request.
-            may_control: Whether the client may set hooks, if the server allows that at all.
+            client: The client's connection, or None if the client may not set hooks.
         """
-        control = self.control if may_control else None
-        if control is not None:
-            control.on_request()
+        control = self.control
+        if control is not None and client is not None:
+            control.on_request(client)
         try:
             header = RequestHeader.decode(frames[0])
         except ProtocolError:
@@ -100,8 +100,8 @@ class Groot2Server:
         try:
             if kind not in groot2.HOOKS:
                 body = self._body(kind, frames)
-            elif control is not None:
-                body = control.answer(kind, frames[1] if len(frames) > 1 else b"")
+            elif control is not None and client is not None:
+                body = control.answer(client, kind, frames[1] if len(frames) > 1 else b"")
             else:
                 return groot2.encode_error(
                     groot2.HOOKS_DISABLED if self.control is None else groot2.HOOKS_NEED_KEY

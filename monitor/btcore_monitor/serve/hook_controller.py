@@ -1,8 +1,10 @@
 """Control a running tree by Groot 2's requests: breakpoints and injected statuses.
 
-A client that stops a robot must stay connected. After some time without any request the hooks are disabled,
-and a tick that waits at a breakpoint continues. The next request enables the hooks again. The timeout is the
-same as in BehaviorTree.CPP (``Groot2Publisher::heartbeatLoop``).
+A client that stops a robot must stay connected. After some time without any request of a client that inserted
+a hook or released a breakpoint, the hooks are disabled, and a tick that waits at a breakpoint continues. The
+timeout is the same as in BehaviorTree.CPP (``Groot2Publisher::heartbeatLoop``). There, the next request of
+any client enables the hooks again, so that a client that only watches can stop the robot. Here, the hooks
+stay disabled until a client inserts them again.
 """
 
 import random
@@ -27,7 +29,7 @@ from btcore_monitor.wire.hooks import (
 )
 
 MAX_HEARTBEAT_DELAY: Final = 5.0
-"""Seconds (wall clock) without a request after which hooks are disabled: BehaviorTree.CPP's default."""
+"""Seconds (wall clock) after which the hooks of silent clients are disabled: BehaviorTree.CPP's default."""
 
 _NOTICES_AT_MOST: Final = 1000
 """Maximum notifications that wait for the publisher; the oldest are dropped."""
@@ -42,14 +44,15 @@ class HookController:
 
     Args:
         tree: The tree to control.
-        max_heartbeat_delay: Time without a request after which hooks are disabled, in s (wall clock).
+        max_heartbeat_delay: Time in s (wall clock) without a request of a client that controls the tree,
+            after which hooks are disabled.
     """
 
     def __init__(self, tree: Tree, max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY) -> None:
         self._hooks = tree.hooks
         self._delay = max_heartbeat_delay
-        self._last_request = time.monotonic()
-        self._timed_out = False
+        # The last requests of the clients that inserted a hook or released a breakpoint.
+        self._controlling: dict[bytes, float] = {}
         # A separate generator: leaves may seed the global generator to get the same numbers in every run.
         self._random = random.Random()
         self._fired: deque[int] = deque(maxlen=_NOTICES_AT_MOST)
@@ -65,30 +68,31 @@ class HookController:
                 self._unsubscribe()
                 self._hooks.remove_all()
 
-    def on_request(self) -> None:
-        """Restart the timeout. Every request counts, not only requests about hooks."""
-        self._last_request = time.monotonic()
-        if self._timed_out:
-            self._timed_out = False
-            self._hooks.enable_all(True)
+    def on_request(self, client: bytes) -> None:
+        """Restart the timeout of *client*, if it inserted a hook or released a breakpoint."""
+        if client in self._controlling:
+            self._controlling[client] = time.monotonic()
 
     def notices(self) -> list[list[bytes]]:
         """Return the frames of new notifications.
 
-        Disable the hooks if no request has arrived within *max_heartbeat_delay*.
+        Disable the hooks if no client that controls the tree has sent a request within *max_heartbeat_delay*.
         """
-        if not self._timed_out and time.monotonic() - self._last_request >= self._delay:
-            self._timed_out = True
-            self._hooks.enable_all(False)
+        if self._controlling:
+            oldest = time.monotonic() - self._delay
+            self._controlling = {client: at for client, at in self._controlling.items() if at > oldest}
+            if not self._controlling:
+                self._hooks.enable_all(False)
         notices = []
         while self._fired:
             notices.append(encode_breakpoint_reached(self._fired.popleft(), self._random.getrandbits(32)))
         return notices
 
-    def answer(self, kind: Request, body: bytes) -> bytes | None:
+    def answer(self, client: bytes, kind: Request, body: bytes) -> bytes | None:
         """Execute a request about hooks and return the second frame of its reply.
 
         Args:
+            client: The client's connection.
             kind: The kind of request, a member of :data:`~btcore_monitor.wire.groot2.HOOKS`.
             body: The request's second frame.
 
@@ -106,7 +110,9 @@ class HookController:
             elif kind is Request.DISABLE_ALL_HOOKS:
                 self._hooks.enable_all(False)
             elif kind is Request.HOOK_INSERT:
-                for hook in decode_hooks(body):
+                hooks = decode_hooks(body)
+                self._controlling[client] = time.monotonic()
+                for hook in hooks:
                     # As in BehaviorTree.CPP, a hook of an unknown node is accepted and has no effect.
                     self._hooks.insert(_in_engine(hook))
             elif kind is Request.HOOK_REMOVE:
@@ -120,6 +126,7 @@ class HookController:
                     unlock.uid, HookPosition(unlock.position), status, unlock.remove_when_done
                 ):
                     raise RequestRejectedError(groot2.NO_SUCH_NODE)
+                self._controlling[client] = time.monotonic()
         return None
 
 

@@ -41,7 +41,7 @@ class PublishedTree:
         scene: Whether the scene channel is served.
         groot1: The last uid of the previous tree in Groot 1's protocol (0: no previous tree), or None if
             Groot 1 is not served.
-        control: Time in s without a request after which hooks are disabled, or None without hooks.
+        control: The maximum heartbeat delay of hooks in s, or None without hooks.
     """
 
     def __init__(

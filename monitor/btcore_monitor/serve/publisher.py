@@ -348,7 +348,8 @@ class Publisher(Closeable):
         self._drain()  # so that the reply is up to date, unless the tree floods the queue
         frames = requests.take()
         if frames is not None:
-            requests.answer(self._published.groot2.answer(frames, may_control))
+            client = requests.client if may_control else None
+            requests.answer(self._published.groot2.answer(frames, client))
 
     def _send_notices(self) -> None:
         control = self._published.groot2.control

@@ -50,6 +50,11 @@ class RequestSocket:
         self._envelope = frames[:start]
         return frames[start:] or None
 
+    @property
+    def client(self) -> bytes:
+        """The connection of the last request that :meth:`take` returned."""
+        return self._envelope[0]
+
     def answer(self, frames: Sequence[bytes]) -> None:
         """Send *frames* as the reply to the last request that :meth:`take` returned."""
         self.socket.send_multipart([*self._envelope, *frames], zmq.DONTWAIT)

@@ -4,6 +4,7 @@ import json
 import os
 import struct
 import threading
+import time
 from collections.abc import Callable, Iterator
 from itertools import combinations, product
 from pathlib import Path
@@ -14,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import btcore
+from btcore.tree.hooks import Hook, HookMode
 from btcore_monitor.serve import Publisher, serve
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.hooks import (
@@ -342,19 +344,59 @@ def test_recorded_transitions_show_the_injected_status(sample, control):
 # --- hooks work only as long as their client stays connected
 
 
-def test_a_silent_client_disables_hooks_and_its_next_request_enables_them(sample, control, until):
+def test_hooks_that_a_silent_client_left_stay_disabled_until_they_are_inserted_again(sample, control):
     window = control(sample, max_heartbeat_delay=0.3)
-    window.ask("I", BREAKPOINT)
+    window.ask("I", [BREAKPOINT, BREAKPOINT | {"uid": 5}])
     tick = Ticking(sample)
     window.reached()
     assert tick.end() is btcore.Status.RUNNING
-    assert [one.enabled for one in sample.hooks.all()] == [False]
-    assert [one["enabled"] for one in window.dump()] == [True]
-    window.ask("X")
-    assert [one["enabled"] for one in window.dump()] == [False]
-    sample.halt()
-    until(lambda: window.publisher._published.groot2.control._timed_out, "the silence is noticed")
-    assert [one["enabled"] for one in window.dump()] == [True]
+    assert [one.enabled for one in sample.hooks.all()] == [False, False]
+    assert [one["enabled"] for one in window.dump()] == [False, False]
+    window.ask("I", BREAKPOINT)
+    assert {one["uid"]: one["enabled"] for one in window.dump()} == {4: True, 5: False}
+
+
+def test_a_client_that_only_watches_neither_enables_hooks_nor_keeps_them_enabled(sample, control, until):
+    """In BehaviorTree.CPP 4.10 the first request of a monitor brings back the breakpoints of others."""
+    window = control(sample, max_heartbeat_delay=0.3)
+    watching = Window(window.publisher)
+    try:
+        window.ask("I", BREAKPOINT)
+
+        def are_disabled() -> bool:
+            watching.ask("S")
+            return [one["enabled"] for one in watching.dump()] == [False]
+
+        until(are_disabled, "the breakpoint of the silent client is disabled")
+        for kind, body in ("S", None), ("r", b"start"), ("t", None), ("X", None), ("T", None):
+            watching.ask(kind, body)
+        assert [one.enabled for one in sample.hooks.all()] == [False]
+        while sample.tick_exactly_once() is btcore.Status.RUNNING:
+            pass
+    finally:
+        watching.close()
+
+
+def test_a_client_that_releases_breakpoints_keeps_hooks_enabled(sample, control, until):
+    """Single commands, each with a connection of its own: break, and then release again and again."""
+    window = control(sample, max_heartbeat_delay=0.5)
+    releasing = Window(window.publisher)
+    try:
+        window.ask("I", BREAKPOINT)
+        deadline = time.monotonic() + 1.5
+        while time.monotonic() < deadline:
+            releasing.ask("U", {"uid": 4, "position": 0, "desired_status": "", "remove_when_done": False})
+            assert [one["enabled"] for one in releasing.dump()] == [True]
+        until(lambda: not sample.hooks.all()[0].enabled, "both are silent")
+    finally:
+        releasing.close()
+
+
+def test_hooks_of_the_program_itself_stay_enabled_without_a_client(sample, control):
+    publisher = control(sample, max_heartbeat_delay=0.01).publisher
+    sample.hooks.insert(Hook(5, mode=HookMode.REPLACE, desired_status=btcore.Status.FAILURE))
+    assert not publisher.wait_for_clients(1, 0.1)
+    assert [one.enabled for one in sample.hooks.all()] == [True]
 
 
 def test_a_request_of_any_kind_counts_as_a_heartbeat(sample, control):
