@@ -76,6 +76,8 @@ class MonitorProcess:
 
     def _wait(self, limit: float) -> int:
         deadline = time.monotonic() + limit
+        if not self.saves:
+            return self.process.wait(limit)
         try:
             return self.process.wait(_ANNOUNCE_AFTER)
         except subprocess.TimeoutExpired:

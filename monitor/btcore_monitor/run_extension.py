@@ -99,6 +99,11 @@ class MonitorExtension(RunExtension):
             metavar="FILE.rrd",
             help="Record the run for the viewer (rerun).",
         ),
+        click.Option(
+            ["--verbose"],
+            is_flag=True,
+            help="Print the log of the viewer (rerun), and connections.",
+        ),
         *create_options(),
     )
     single_run_options: Sequence[str] = tuple(option.name or "" for option in options)
@@ -183,10 +188,12 @@ class MonitorExtension(RunExtension):
             except ServeError as error:
                 raise click.ClickException(str(error)) from None
             stack.enter_context(publisher)
-            with_keys = "" if keys is None else f" --key-file YOURS --robot-key {keys.public}"
-            print_message(
-                f"publishing at {publisher.address} (btcore monitor {publisher.address}{with_keys})"
-            )
+            verbose = settings["verbose"]
+            if settings["publish"] or verbose:
+                with_keys = "" if keys is None else f" --key-file YOURS --robot-key {keys.public}"
+                print_message(
+                    f"publishing at {publisher.address} (btcore monitor {publisher.address}{with_keys})"
+                )
             if publisher.watch_address:
                 print_message(f"watching without keys: {publisher.watch_address}")
             # Groot cannot use keys, so it connects to the ports for watching without keys.
@@ -197,6 +204,7 @@ class MonitorExtension(RunExtension):
                     f"Groot 1 finds it at publisher port {updates} and server port {updates + 1}{reason}"
                 )
             options = [*key_options, *DisplayOptions.from_settings(settings).arguments()]
+            options.append("--verbose" if verbose else "--quiet")
             monitors: list[MonitorProcess] = []
             if save is not None:
                 arguments = ["--save", str(save), "--no-view", *options]

@@ -6,6 +6,7 @@ Large packages are imported only when they are needed, so that ``--help`` is fas
 import contextlib
 import functools
 import importlib.util
+import os
 import signal
 import tempfile
 import threading
@@ -170,7 +171,7 @@ class ViewerOptions:
     """The destinations of a view, as chosen by the options of :func:`viewer_options`.
 
     *at* is the tree time (s) of the screenshot (None: the end), and *size* is the screenshot's width and
-    height in pixels.
+    height in pixels. *verbose* is true if rerun prints its log lines.
     """
 
     save: Path | None
@@ -179,6 +180,7 @@ class ViewerOptions:
     at: float | None
     size: tuple[int, int]
     memory_limit: str
+    verbose: bool
 
     def given(self) -> list[str]:
         """Return the options that name a destination and are present on the command line."""
@@ -211,9 +213,10 @@ class ViewerOptions:
                 check_folder("--save", save)
             if self.serve_web is not None:
                 web = self.open_web(self.serve_web)  # served as long as this object exists
-                yield RecordingSinks(save=save, viewer=web.address)
+                yield RecordingSinks(save=save, relay=web.address)
             elif window:
-                yield RecordingSinks(save=save, viewer=open_window(self.memory_limit))
+                opened = open_window(self.memory_limit, verbose=self.verbose)
+                yield RecordingSinks(save=save, window=opened)
             elif save is not None:
                 yield RecordingSinks(save=save)
             else:
@@ -258,6 +261,9 @@ def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def with_viewer(*arguments: Any, **settings: Any) -> Any:
+        if not settings["verbose"]:
+            # rerun reads the variable when it is imported, so this precedes the imports of the command.
+            os.environ.setdefault("RUST_LOG", "off")
         viewer = ViewerOptions(**{field.name: settings.pop(field.name) for field in fields(ViewerOptions)})
         return command(*arguments, viewer=viewer, **settings)
 
@@ -306,4 +312,5 @@ def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
             metavar="SIZE",
             help="What the viewer may use before it drops its oldest data: 2GB, or a share of the memory.",
         ),
+        click.option("--verbose", is_flag=True, help="Print the log of the viewer (rerun)."),
     ]

@@ -120,7 +120,7 @@ def test_display_options_apply_to_the_recording(tmp_path):
 
 def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
     recording = tmp_path / "run.rrd"
-    options = [tree_file, "--save", str(recording)]
+    options = [tree_file, "--save", str(recording), "--verbose"]
     process = subprocess.Popen(
         [sys.executable, "-m", "btcore", "run", *options],
         stdout=subprocess.DEVNULL,
@@ -143,7 +143,8 @@ def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
 
 def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(tmp_path, tree_file, free_port):
     recording = tmp_path / "run.rrd"
-    options = ["--watch", "--publish", "groot2", "--port", str(free_port), "--save", str(recording)]
+    options = ["--watch", "--publish", "groot2", "--port", str(free_port)]
+    options += ["--save", str(recording), "--verbose"]
     process = subprocess.Popen(
         [sys.executable, "-m", "btcore", "run", tree_file, *options],
         stdout=subprocess.DEVNULL,
@@ -214,7 +215,7 @@ def test_a_run_with_keys_records_itself_and_prints_the_options_of_clients(tmp_pa
     recording = tmp_path / "run.rrd"
     keys = ["--key-file", str(tmp_path / "robot"), "--allow-key", desk, "--watch-port", "0"]
     done = run(
-        *[tree_file, "--fast", "--duration", "1", "--save", str(recording)],
+        *[tree_file, "--fast", "--duration", "1", "--save", str(recording), "--verbose"],
         *["--publish", "groot2", "--port", "0", "--bind", "*", "--allow-control", *keys],
     )
     assert done.returncode == 0, done.stderr

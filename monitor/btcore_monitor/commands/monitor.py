@@ -3,7 +3,6 @@
 import contextlib
 import threading
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -25,7 +24,6 @@ from btcore_monitor.viewer_setup import (
 )
 
 if TYPE_CHECKING:
-    from btcore_monitor.keys import ClientKeys
     from btcore_monitor.screen.robot_view import RobotView
     from btcore_monitor.screen.sinks import RecordingSinks
     from btcore_monitor.watch.feed import Feed
@@ -48,6 +46,7 @@ _CHECK_VIEWER_EVERY: Final = 2.0
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @duration_option
+@click.option("--quiet", is_flag=True, help="Print only problems, and no changes of the connection.")
 def monitor(
     addresses: tuple[str, ...],
     viewer: ViewerOptions,
@@ -59,6 +58,7 @@ def monitor(
     no_view: bool,
     until_end: bool,
     duration: float | None,
+    quiet: bool,
 ) -> None:
     """Watch the behavior trees at ADDRESS: of btcore, BehaviorTree.CPP or Nav2.
 
@@ -67,7 +67,8 @@ def monitor(
     keys, --robot-key is given once, or once for each ADDRESS in their order.
     """
     check_installed("rerun", "zmq", "msgpack", "numpy")
-    from btcore_monitor.screen.sinks import ScreenError
+    from btcore_monitor.screen.viewer_process import ScreenError
+    from btcore_monitor.watch.feed import Feed
     from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
 
     recordings = [Path(address) for address in addresses if address.endswith(".rrd")]
@@ -82,11 +83,16 @@ def monitor(
         robots = robots or [DEFAULT_ADDRESS]
         keys = client_keys(key_file, robot_keys, len(robots))
         with contextlib.ExitStack() as stack:
-            feeds = [
-                stack.enter_context(feed) for feed in _feeds(robots, keys, blackboard_rate, not no_record)
-            ]
+            _check_addresses(robots)
+            # Before the robots notice their clients: `btcore run` begins when its viewer is connected.
             sinks = stack.enter_context(viewer.open(not no_view and viewer.screenshot is None))
-            files = _watch(feeds, sinks, display, until_end, duration)
+            feeds = [
+                stack.enter_context(
+                    Feed(robot, blackboard_rate=blackboard_rate, record=not no_record, keys=key)
+                )
+                for robot, key in zip(robots, keys, strict=True)
+            ]
+            files = _watch(feeds, sinks, display, until_end, duration, quiet)
             viewer.take_screenshot(files)
             if files:
                 return
@@ -107,11 +113,9 @@ def _check_is_live() -> None:
         )
 
 
-def _feeds(
-    addresses: list[str], keys: "Sequence[ClientKeys | None]", blackboard_rate: float, record: bool
-) -> "list[Feed]":
+def _check_addresses(addresses: list[str]) -> None:
+    """Raise click.UsageError if an address is invalid or given twice."""
     from btcore_monitor.watch.address import AddressError, parse_address
-    from btcore_monitor.watch.feed import Feed
 
     try:
         parsed = [parse_address(address) for address in addresses]
@@ -120,10 +124,6 @@ def _feeds(
     for index, address in enumerate(parsed):
         if address in parsed[:index]:
             raise click.UsageError(f"{address} is given twice")
-    return [
-        Feed(address, blackboard_rate=blackboard_rate, record=record, keys=key)
-        for address, key in zip(addresses, keys, strict=True)
-    ]
 
 
 def _watch(
@@ -132,13 +132,16 @@ def _watch(
     display: DisplayOptions,
     until_end: bool,
     duration: float | None,
+    quiet: bool,
 ) -> list[Path]:
     """Show every feed, and return the written files, in the order of their trees.
 
     Return when all feeds have ended, on a signal, after *duration* s, or when the user closes the viewer and
     no file is being written.
+
+    Raises:
+        click.exceptions.Exit: The viewer failed, which a message has reported.
     """
-    from btcore_monitor.screen.sinks import is_viewer_open
     from btcore_monitor.screen.viewer_windows import SharedWindow
 
     stop = threading.Event()
@@ -148,7 +151,7 @@ def _watch(
 
     def run(feed: "Feed", view: "RobotView") -> None:
         try:
-            _show(feed, view, until_end, stop)
+            _show(feed, view, until_end, stop, quiet)
         except BaseException as error:
             errors.append(error)
             stop.set()
@@ -164,16 +167,20 @@ def _watch(
         for thread in threads:
             thread.start()
         deadline = None if duration is None else time.monotonic() + duration
-        open_viewer, next_check = sinks.viewer, time.monotonic() + _CHECK_VIEWER_EVERY
+        opened, next_check = sinks.window, time.monotonic() + _CHECK_VIEWER_EVERY
         while any(thread.is_alive() for thread in threads) and not stop.wait(_WAIT):
             now = time.monotonic()
             if deadline is not None and now >= deadline:
                 break
-            if open_viewer is not None and now >= next_check:
+            if opened is not None and now >= next_check:
                 next_check = now + _CHECK_VIEWER_EVERY
-                if not is_viewer_open(open_viewer):
-                    open_viewer = None
-                    click.echo("monitor: the viewer was closed", err=True)
+                if not opened.is_open:
+                    failure, opened = opened.failure(), None
+                    # Printed at once, because closing the recording takes some seconds without a viewer.
+                    report = f"the viewer (rerun) failed: {failure}" if failure else "the viewer was closed"
+                    click.echo(f"monitor: {report}", err=True)
+                    if failure:
+                        errors.append(click.exceptions.Exit(2))
                     if sinks.save is None:
                         break
         stop.set()
@@ -195,14 +202,15 @@ def _label(feed: "Feed") -> str:
     return host if port == DEFAULT_PORT else f"{host} {port}"
 
 
-def _show(feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Event) -> None:
+def _show(feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Event, quiet: bool) -> None:
     from btcore_monitor.commands.notices import notice
+    from btcore_monitor.events import ConnectionChanged
 
     for events in feed.batches(until_end):
         for event in events:
             view.show(event)
             text = notice(event)
-            if text:
+            if text and not (quiet and isinstance(event, ConnectionChanged) and event.state != "lost"):
                 click.echo(f"monitor: {text}", err=True)
         if not events:
             view.flush()
@@ -227,4 +235,4 @@ def _show_recordings(recordings: list[Path], viewer: ViewerOptions, duration: fl
         viewer.open_web(viewer.serve_web).show(recordings)
         wait_for_stop(duration)
     else:
-        open_window(viewer.memory_limit, files=recordings)
+        open_window(viewer.memory_limit, files=recordings, verbose=viewer.verbose)

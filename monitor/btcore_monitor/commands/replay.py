@@ -174,7 +174,7 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
 
 
 def _show(recording: Recording, window: range, viewer: ViewerOptions, display: DisplayOptions) -> None:
-    from btcore_monitor.screen.sinks import ScreenError
+    from btcore_monitor.screen.viewer_process import ScreenError
 
     wants_window = not viewer.given()
     try:
@@ -183,6 +183,8 @@ def _show(recording: Recording, window: range, viewer: ViewerOptions, display: D
             for event in events(recording, window):
                 view.show(event)
             view.close()
+            if sinks.window is not None and not sinks.window.is_open and (failure := sinks.window.failure()):
+                raise ScreenError(f"the viewer (rerun) failed: {failure}")
             if viewer.save is not None:
                 click.echo(f"monitor: the recording is {viewer.save}", err=True)
             viewer.take_screenshot(view.files)

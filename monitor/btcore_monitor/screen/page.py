@@ -1,18 +1,20 @@
 """A web server for the viewer's page that works without internet access.
 
 The page of rerun's SDK loads a font, looks for updates and reports usage statistics over the internet. That
-fails on a robot without internet, and users have not agreed to it. So this server forwards the page without
-these requests.
+fails on a robot without internet, and users have not agreed to it. So this server has the files of the page
+without these requests.
 """
 
 import contextlib
 import http.client
 import re
-import shutil
-import socket
 import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
+
+from btcore_monitor.screen.viewer_process import LOOPBACK, ScreenError, ViewerProcess, free_port
 
 _EXTERNAL_LINK: Final = re.compile(rb"<link\b[^>]*\bhref=\"https?://[^>]*>")
 _HEAD: Final = b"<head>"
@@ -30,20 +32,63 @@ _BLOCK_EXTERNAL: Final = b"""
 </script>
 """
 """A script for the page. It blocks all requests except for the page itself and the recordings in its URL."""
-_FORWARDED_HEADERS: Final = ("Content-Type", "rerun-final-length")
-_TIMEOUT: Final = 20.0
+_FILES: Final = ("/", "/re_viewer.js", "/re_viewer_bg.wasm", "/favicon.ico", "/sw.js")
+"""The files of the web viewer."""
+_LENGTH: Final = "rerun-final-length"
+"""A header with the length of a file, from which the page computes the progress of the download."""
+_TIMEOUT: Final = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class PageFile:
+    """A file of the page: its content, and its type for the browser."""
+
+    content: bytes
+    content_type: str
+
+
+def page_files() -> Mapping[str, PageFile]:
+    """Return the files of rerun's web viewer by path, changed as this module describes.
+
+    Raises:
+        ScreenError: The viewer is not installed or does not start.
+    """
+    port = free_port()
+    # Only rerun's program can serve its page at 127.0.0.1 alone; its SDK serves it at all addresses.
+    server = ViewerProcess("--serve-web", f"--web-viewer-port={port}", port=free_port())
+    try:
+        server.wait_until_listening(port)
+        return {path: file for path in _FILES if (file := _fetch(port, path)) is not None}
+    except (OSError, http.client.HTTPException) as error:
+        raise ScreenError(f"rerun does not serve its web viewer: {error}") from error
+    finally:
+        server.close()
+
+
+def _fetch(port: int, path: str) -> PageFile | None:
+    # Not urllib, which would send the request to the environment's proxy, even for this machine.
+    connection = http.client.HTTPConnection(LOOPBACK, port, timeout=_TIMEOUT)
+    with contextlib.closing(connection):
+        connection.request("GET", path)
+        response = connection.getresponse()
+        content = response.read()
+        if response.status != http.client.OK:
+            return None
+    if response.headers.get_content_type() == "text/html":
+        content = _EXTERNAL_LINK.sub(b"", content).replace(_HEAD, _HEAD + _BLOCK_EXTERNAL, 1)
+    return PageFile(content, response.headers.get("Content-Type", "application/octet-stream"))
 
 
 class PageServer:
-    """A server on *port* of this machine that forwards the page that the SDK serves on port *source*.
+    """A server of *files*, by path, on *port* of this machine.
 
     Raises:
         OSError: The port is in use.
     """
 
-    def __init__(self, port: int, source: int) -> None:
-        self._server = _Server(("127.0.0.1", port), _Handler)
-        self._server.source = source
+    def __init__(self, port: int, files: Mapping[str, PageFile]) -> None:
+        self._server = _Server((LOOPBACK, port), _Handler)
+        self._server.files = files
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True, name="btcore-page")
         self._thread.start()
 
@@ -57,42 +102,25 @@ class PageServer:
 class _Server(ThreadingHTTPServer):
     # A browser may keep its connection open; the process must still be able to exit.
     daemon_threads = True
-    source = 0
+    files: Mapping[str, PageFile]
 
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def do_GET(self) -> None:
-        # Not urllib, which would send the request to the environment's proxy, even for this machine.
-        source = http.client.HTTPConnection("127.0.0.1", self.server.source, timeout=_TIMEOUT)
+        file = self.server.files.get(self.path.partition("?")[0])
         # A browser that closes the connection early is not an error.
-        with contextlib.suppress(OSError, http.client.HTTPException), contextlib.closing(source):
-            source.request("GET", self.path)
-            response = source.getresponse()
-            if response.status != http.client.OK:
-                self.send_error(response.status)
+        with contextlib.suppress(OSError):
+            if file is None:
+                self.send_error(http.client.NOT_FOUND)
                 return
-            self.send_response(response.status)
-            for name in _FORWARDED_HEADERS:
-                if name in response.headers:
-                    self.send_header(name, response.headers[name])
+            self.send_response(http.client.OK)
+            self.send_header("Content-Type", file.content_type)
+            self.send_header("Content-Length", str(len(file.content)))
+            self.send_header(_LENGTH, str(len(file.content)))
             self.end_headers()
-            if response.headers.get_content_type() == "text/html":
-                page = _EXTERNAL_LINK.sub(b"", response.read())
-                self.wfile.write(page.replace(_HEAD, _HEAD + _BLOCK_EXTERNAL, 1))
-            else:
-                shutil.copyfileobj(response, self.wfile, 1 << 20)
+            self.wfile.write(file.content)
 
     def log_message(self, format: str, *arguments: Any) -> None:
         """Log nothing: requests of a browser are not of interest."""
-
-
-def free_port(wanted: int = 0) -> int:
-    """Return the port *wanted* if it is free, otherwise another free port. 0 means any port."""
-    with socket.socket() as probe:
-        try:
-            probe.bind(("0.0.0.0", wanted))
-        except OSError:
-            probe.bind(("0.0.0.0", 0))
-        return int(probe.getsockname()[1])

@@ -1,36 +1,26 @@
 """Pictures of a recording without a display. The viewer renders with Vulkan, in hardware or software."""
 
 import contextlib
-import os
-import re
-import signal
-import socket
-import subprocess
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from btcore_monitor.screen.page import free_port
 from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
-from btcore_monitor.screen.sinks import ScreenError, viewer_program
+from btcore_monitor.screen.viewer_process import ScreenError, ViewerProcess, free_port
 
 if TYPE_CHECKING:
     from rerun.experimental import View, ViewerClient
 
 FULL_HD: Final = (1920, 1080)
-_START_WITHIN: Final = 60.0
 _LOAD_WITHIN: Final = 120.0
 _DATA_WITHIN: Final = 10.0
 """Timeout (s) for the first data of a recording that is not loading any more."""
 _FINISH_WITHIN: Final = 240.0
 """Timeout (s) for the viewer, which may also stop answering requests."""
-_END_WITHIN: Final = 2.0
-_PANIC: Final = re.compile(r"panicked at '(.*?)'$", re.MULTILINE)
 _SETTLE_WITHIN: Final = 60.0
 """Timeout (s) for a stable picture; long, because software rendering on a busy machine is slow."""
 _EQUAL: Final = 3
@@ -95,74 +85,21 @@ def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
     """Run a viewer without a window until the end of the ``with`` block."""
     from rerun.experimental import ViewerClient
 
-    port = free_port()
-    command = [
-        str(viewer_program()),
-        "--headless",
-        "--hide-welcome-screen",
-        f"--port={port}",
-        "--bind=127.0.0.1",
-        f"--window-size={size[0]}x{size[1]}",
-        "--memory-limit=1GB",
-    ]
-    # The viewer's warnings would be visible in the picture as pop-ups.
-    environment = {**os.environ, "RUST_LOG": "error", "RERUN_APP_ONLY": "true"}
-    with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=environment
-        )
-        watchdog = threading.Timer(_FINISH_WITHIN, process.kill)
-        watchdog.start()
-        try:
-            _wait_for_port(process, port, output)
-            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
-            yield client
-        except ConnectionError as error:
-            raise ScreenError(_failure(process, output)) from error
-        finally:
-            watchdog.cancel()
-            process.terminate()
-            try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-
-
-def _failure(process: "subprocess.Popen[bytes]", output: "IO[bytes]") -> str:
-    """Return a description of why the viewer does not answer."""
+    window = f"--window-size={size[0]}x{size[1]}"
+    viewer = ViewerProcess(
+        "--headless", "--hide-welcome-screen", window, "--memory-limit=1GB", port=free_port()
+    )
+    watchdog = threading.Timer(_FINISH_WITHIN, viewer.kill)
+    watchdog.start()
     try:
-        code = process.wait(_END_WITHIN)
-    except subprocess.TimeoutExpired:
-        return "the viewer (rerun) does not answer, so there is no picture"
-    if code == -signal.SIGKILL:
-        return f"the viewer (rerun) did not finish the picture within {_FINISH_WITHIN:.0f} s, or was killed"
-    text = _text(output)
-    panic = _PANIC.search(text)
-    reason = panic[1] if panic else text.strip()[-400:] or f"exit code {code}"
-    return f"the viewer (rerun) failed while it drew the picture: {reason}"
-
-
-def _text(output: "IO[bytes]") -> str:
-    output.seek(0)
-    return output.read().decode(errors="replace")
-
-
-def _wait_for_port(process: "subprocess.Popen[bytes]", port: int, output: "IO[bytes]") -> None:
-    deadline = time.monotonic() + _START_WITHIN
-    while time.monotonic() < deadline:
-        if process.poll() is not None:
-            text = _text(output)
-            if "adapter" in text or "ulkan" in text:
-                raise ScreenError(
-                    "no Vulkan driver was found for the picture; on Debian and Ubuntu "
-                    "`apt-get install mesa-vulkan-drivers libvulkan1` installs a software driver"
-                )
-            raise ScreenError(f"the viewer ended while starting: {text.strip()[-400:]}")
-        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
-            return
-        time.sleep(0.05)
-    raise ScreenError(f"the viewer did not answer within {_START_WITHIN:.0f} s")
+        viewer.wait_until_listening()
+        yield ViewerClient.connect(viewer.address)
+    except ConnectionError as error:
+        reason = viewer.failure() or "it does not answer"
+        raise ScreenError(f"the viewer (rerun) failed while it drew the picture: {reason}") from error
+    finally:
+        watchdog.cancel()
+        viewer.close()
 
 
 def _wait_for_views(client: "ViewerClient") -> "list[View]":

@@ -1,35 +1,62 @@
 """The destinations of a recording: a viewer's window, a viewer elsewhere, a file, a browser."""
 
-import contextlib
-import importlib.util
 import itertools
-import socket
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
 import rerun as rr
+from rerun.experimental import ViewerClient
 
 from btcore_monitor.display import has_display
-from btcore_monitor.errors import MonitorError
-from btcore_monitor.screen.page import PageServer, free_port
+from btcore_monitor.screen.page import PageServer, page_files
+from btcore_monitor.screen.viewer_process import (
+    LOOPBACK,
+    ScreenError,
+    ViewerProcess,
+    address_of,
+    free_port,
+    is_listening,
+)
 
 
-class ScreenError(MonitorError):
-    """The viewer, a display, a driver or a port is not available; the message names alternatives."""
+@dataclass(frozen=True, slots=True)
+class ViewerWindow:
+    """The window of a viewer that receives recordings at *port*.
+
+    *process* is None if the window was open before.
+    """
+
+    port: int
+    process: ViewerProcess | None = None
+
+    @property
+    def address(self) -> str:
+        """The address to which recordings are sent."""
+        return address_of(self.port)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the viewer is running."""
+        return is_listening(self.port)
+
+    def failure(self) -> str | None:
+        """Return the reason why the viewer ended, or None if a user closed it."""
+        return self.process.failure() if self.process is not None else None
 
 
 @dataclass(slots=True)
 class RecordingSinks:
     """The destinations of recordings.
 
-    *save* is an ``.rrd`` file; a robot's second tree goes to ``NAME.2.rrd``, and so on. *viewer* is the
-    address of a running viewer or relay, from :func:`open_window` or :func:`serve_web`.
+    *save* is an ``.rrd`` file; a robot's second tree goes to ``NAME.2.rrd``, and so on. *window* is a window
+    from :func:`open_window`, and *relay* the address of a relay for browsers from :func:`serve_web`.
     """
 
     save: Path | None = None
-    viewer: str | None = None
+    window: ViewerWindow | None = None
+    relay: str | None = None
     # next() of a counter is atomic: robots' threads may attach recordings at the same time.
     _numbers: Iterator[int] = field(default_factory=lambda: itertools.count(1), init=False)
 
@@ -43,68 +70,54 @@ class RecordingSinks:
             if number > 1:
                 file = file.with_name(f"{file.stem}.{number}{file.suffix}")
             sinks.append(rr.FileSink(file))
-        if self.viewer is not None:
-            sinks.append(rr.GrpcSink(self.viewer))
+        if self.window is not None:
+            sinks.append(rr.GrpcSink(self.window.address))
+        if self.relay is not None:
+            sinks.append(rr.GrpcSink(self.relay))
         if sinks:
             recording.set_sinks(*sinks)
         return file
 
 
-def viewer_program() -> Path:
-    """Return the path of the viewer's executable.
-
-    This is not ``bin/rerun``: that wrapper leaves the viewer running when the wrapper is terminated.
-
-    Raises:
-        ScreenError: The viewer is not installed.
-    """
-    spec = importlib.util.find_spec("rerun_cli")
-    for folder in (spec.submodule_search_locations or []) if spec else []:
-        for name in ("rerun", "rerun.exe"):
-            program = Path(folder) / name
-            if program.exists():
-                return program
-    raise ScreenError("the rerun viewer is not installed: pip install 'btcore[monitor]'")
-
-
-def open_window(memory_limit: str = "25%", port: int = 9876, files: Sequence[Path] = ()) -> str:
+def open_window(
+    memory_limit: str = "25%", port: int = 9876, files: Sequence[Path] = (), verbose: bool = False
+) -> ViewerWindow:
     """Start the viewer, or use a viewer that runs already. The viewer stays open when this process ends.
 
     Args:
         memory_limit: The maximum memory of the viewer, such as ``2GB`` or ``25%``.
-        port: The viewer's port.
+        port: The viewer's preferred port; another port is used if another program has it.
         files: Recordings to open.
-
-    Returns:
-        The viewer's address.
+        verbose: Whether rerun prints its log lines.
 
     Raises:
-        ScreenError: There is no display, or the viewer is not installed.
+        ScreenError: There is no display, or the viewer is not installed or does not start.
     """
     if not has_display():
         raise ScreenError(
             "there is no display here. Use --serve-web to watch in a browser, --save FILE.rrd to watch "
             "later, or --screenshot FILE.png for a picture"
         )
-    from rerun.experimental import ViewerClient
-
-    client = ViewerClient.spawn(
-        port=port,
-        memory_limit=memory_limit,
-        hide_welcome_screen=True,
-        executable_path=str(viewer_program()),
-    )
+    window = ViewerWindow(port)
+    if not _is_viewer(window.address, port):
+        options = ["--hide-welcome-screen", "--expect-data-soon", f"--memory-limit={memory_limit}"]
+        process = ViewerProcess(*options, port=free_port(port), verbose=verbose)
+        process.wait_until_drawing()
+        window = ViewerWindow(process.port, process)
     if files:
-        client.open([str(file.resolve()) for file in files])
-    return client.url
+        ViewerClient.connect(window.address).open([str(file.resolve()) for file in files])
+    return window
 
 
-def is_viewer_open(address: str) -> bool:
-    """Return whether a viewer listens at *address* (``rerun+http://HOST:PORT/proxy``)."""
-    url = urlsplit(address)
-    with contextlib.suppress(OSError), socket.create_connection((url.hostname, url.port), timeout=1.0):
-        return True
-    return False
+def _is_viewer(address: str, port: int) -> bool:
+    """Return whether a viewer listens at *address*, which is *port* of this machine."""
+    if not is_listening(port):
+        return False
+    try:
+        ViewerClient.connect(address).get_state()
+    except (OSError, RuntimeError, ValueError):
+        return False
+    return True
 
 
 @dataclass(slots=True)
@@ -138,13 +151,11 @@ def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "
     """
     # The relay keeps recordings for browsers that connect later, up to the memory limit.
     relay = rr.RecordingStream("btcore")
-    source = free_port()
     try:
-        server = PageServer(web_port, source)
-        relayed = free_port(grpc_port)
-        address = rr.serve_grpc(recording=relay, grpc_port=relayed, server_memory_limit=memory_limit)
-        rr.serve_web_viewer(web_port=source, open_browser=False, connect_to=address)
+        server = PageServer(web_port, page_files())
+        sink = rr.GrpcServerSink(LOOPBACK, free_port(grpc_port), server_memory_limit=memory_limit)
+        relay.set_sinks(sink)
     except (RuntimeError, OSError) as error:
         raise ScreenError(f"cannot serve the web viewer on port {web_port}: {error}") from error
-    page = f"http://127.0.0.1:{web_port}/?hide_welcome_screen&url={quote(address, safe='')}"
-    return WebView(page, address, relay, server)
+    page = f"http://{LOOPBACK}:{web_port}/?hide_welcome_screen&url={quote(sink.uri, safe='')}"
+    return WebView(page, sink.uri, relay, server)

@@ -1,6 +1,7 @@
 """Fixtures: the events that a bump-and-go robot would send, and the contents of recordings."""
 
 import math
+import os
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +24,9 @@ from btcore_monitor.events import (
     TreeSeen,
 )
 from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.screenshot import screenshot
 from btcore_monitor.screen.sinks import RecordingSinks
+from btcore_monitor.screen.viewer_process import ScreenError
 from btcore_scene import Box, Cylinder, Frame, Laser, MovingScene, Scan, Sphere, StaticScene
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
@@ -215,3 +218,24 @@ def _big_tree(count: int) -> ObservedTree:
 def big_tree():
     """``big_tree(count)``: a tree of *count* nodes, in subtrees of ten."""
     return _big_tree
+
+
+@pytest.fixture(scope="session")
+def vulkan(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Skip the test where no picture can be drawn; CI has a driver, and skips nothing."""
+    folder = tmp_path_factory.mktemp("probe")
+    path = folder / "empty.rrd"
+    screen = RobotView(RecordingSinks(save=path))
+    screen.show(_one_node())
+    screen.close()
+    try:
+        screenshot(path, folder / "probe.png", size=(640, 480))
+    except ScreenError as fault:
+        if os.environ.get("CI") == "true" or "Vulkan driver" not in str(fault):
+            raise
+        pytest.skip(str(fault))
+
+
+def _one_node() -> TreeSeen:
+    tree = ObservedTree("c" * 32, "One", (ObservedNode(1, "One", "One", "action", "One"),))
+    return TreeSeen(tree, 0, 0, {1: IDLE})

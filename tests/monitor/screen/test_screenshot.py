@@ -1,7 +1,6 @@
 """Screenshots without a display, checked by their pixels."""
 
 import io
-import os
 
 import numpy as np
 import pytest
@@ -23,9 +22,10 @@ from btcore_monitor.events import (
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.screenshot import screenshot
-from btcore_monitor.screen.sinks import RecordingSinks, ScreenError
+from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT, PILL_HEIGHT
 from btcore_monitor.screen.tree import TreeView
+from btcore_monitor.screen.viewer_process import ScreenError
 from btcore_scene import Box, Frame, MovingScene, StaticScene
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
@@ -35,27 +35,6 @@ BOX = Box(
     size=(1, 1, 1), position=(0, 0, 0), quaternion=(0, 0, 0, 1), color=(9, 9, 9, 9), name="箱", frame="車"
 )
 MONOSPACE = rrb.TextLogFormat(monospace_body=True)
-
-
-@pytest.fixture(scope="module")
-def vulkan(tmp_path_factory):
-    """Skip the test where no picture can be drawn; CI has a driver, and skips nothing."""
-    folder = tmp_path_factory.mktemp("probe")
-    path = folder / "empty.rrd"
-    screen = RobotView(RecordingSinks(save=path))
-    screen.show(_one_node())
-    screen.close()
-    try:
-        screenshot(path, folder / "probe.png", size=(640, 480))
-    except ScreenError as fault:
-        if os.environ.get("CI") == "true" or "graphics driver" not in str(fault):
-            raise
-        pytest.skip(str(fault))
-
-
-def _one_node():
-    tree = ObservedTree("c" * 32, "One", (ObservedNode(1, "One", "One", "action", "One"),))
-    return TreeSeen(tree, 0, 0, {1: IDLE})
 
 
 FOREIGN = "Δρόμος", "Ход", "充电", "放电", "بطارية", "🔋", "दौड़", "a\u202eb", "\x07"

@@ -1,63 +1,48 @@
-"""The page server forwards the web viewer's files from this machine only."""
+"""The page of the web viewer is served with rerun's files, and without requests to other hosts."""
 
 import http.client
-import threading
-from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
-from btcore_monitor.screen.page import PageServer, free_port
-
-PAGE = b'<html><head><link rel="x" href="https://elsewhere.org/font"></head><canvas></html>'
-
-
-class Sdk(BaseHTTPRequestHandler):
-    """A server of the files that the SDK would serve."""
-
-    def do_GET(self) -> None:
-        found = self.path.startswith("/")
-        self.send_response(200 if found else 404)
-        self.send_header("Content-Type", "text/html" if self.path == "/" else "application/wasm")
-        self.end_headers()
-        self.wfile.write(PAGE if self.path == "/" else self.path.encode())
-
-    def log_message(self, *_: object) -> None:
-        pass
+from btcore_monitor.screen.page import PageServer, page_files
+from btcore_monitor.screen.viewer_process import free_port
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def fetched():
-    """``fetched(path)``: status and body of the page server's response."""
+    """``fetched(path)``: status, body and headers of the page server's response."""
     port = free_port()
-    with HTTPServer(("127.0.0.1", 0), Sdk) as sdk:
-        thread = threading.Thread(target=sdk.serve_forever)
-        thread.start()
-        server = PageServer(port, sdk.server_port)
+    server = PageServer(port, page_files())
 
-        def fetched(path: str) -> tuple[int, bytes]:
-            asking = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-            asking.request("GET", path)
-            answer = asking.getresponse()
-            try:
-                return answer.status, answer.read()
-            finally:
-                asking.close()
+    def fetched(path: str) -> tuple[int, bytes, http.client.HTTPMessage]:
+        asking = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        asking.request("GET", path)
+        answer = asking.getresponse()
+        try:
+            return answer.status, answer.read(), answer.headers
+        finally:
+            asking.close()
 
-        yield fetched
-        server.close()
-        sdk.shutdown()
-        thread.join()
+    yield fetched
+    server.close()
 
 
-def test_local_files_are_served_without_the_proxy_of_the_environment(fetched, monkeypatch):
-    monkeypatch.setenv("http_proxy", "http://127.0.0.1:1")
-    status, page = fetched("/")
+def test_the_page_has_no_links_to_other_hosts(fetched):
+    status, page, headers = fetched("/")
     assert status == 200
-    assert b"<canvas>" in page
-    assert b"elsewhere.org" not in page
-    assert fetched("/viewer.wasm?v=1") == (200, b"/viewer.wasm?v=1")
+    assert headers.get_content_type() == "text/html"
+    assert b"<canvas" in page
+    assert b"fonts.googleapis.com" not in page
 
 
-@pytest.mark.parametrize("path", ["@elsewhere.org/", "99/", "http://elsewhere.org/"])
-def test_a_path_that_names_another_host_is_refused(fetched, path):
+def test_the_viewer_is_served_with_its_length_for_the_progress_bar(fetched):
+    status, program, headers = fetched("/re_viewer_bg.wasm?v=1")
+    assert status == 200
+    assert program.startswith(b"\0asm")
+    assert headers["Content-Type"] == "application/wasm"
+    assert int(headers["rerun-final-length"]) == len(program)
+
+
+@pytest.mark.parametrize("path", ["@elsewhere.org/", "99/", "http://elsewhere.org/", "/../sinks.py"])
+def test_a_path_that_is_not_a_file_of_the_page_is_refused(fetched, path):
     assert fetched(path)[0] == 404

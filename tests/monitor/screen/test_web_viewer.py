@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from btcore_monitor.screen.page import free_port
 from btcore_monitor.screen.style import GROOT
+from btcore_monitor.screen.viewer_process import free_port
 
 ROOT = Path(__file__).parents[3]
 LOG = ROOT / "tests" / "btcore" / "logs" / "captures" / "v4_sample.btlog"
@@ -62,6 +62,7 @@ def test_the_page_is_served_with_all_its_files_and_without_external_links(comman
     assert sources == ["re_viewer.js"]
     assert len(fetched(f"http://127.0.0.1:{port}/re_viewer.js")) > 10_000
     assert fetched(f"http://127.0.0.1:{port}/re_viewer_bg.wasm").startswith(b"\0asm")
+    replay.wait_for("Ctrl-C ends it")
     assert replay.end(signal.SIGINT) == 0, replay.stderr_text
 
 
@@ -88,12 +89,12 @@ def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file):
     assert "Traceback" not in run.stderr_text
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_run_closes_the_viewer(command, tree_file, number):
-    run = command("run", tree_file, "--serve-web", free_port())
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupted_run_closes_the_viewer(command, tree_file, number, code):
+    run = command("run", tree_file, "--serve-web", free_port(), "--verbose")
     run.wait_for("by btcore's scene channel")
     page = address_of(run)
-    assert run.end(number) == 130, run.stderr_text
+    assert run.end(number) == code, run.stderr_text
     with pytest.raises(OSError, match="refused"):
         fetched(page)
 

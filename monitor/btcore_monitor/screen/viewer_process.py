@@ -1,0 +1,191 @@
+"""The process of rerun's viewer. All its ports are on 127.0.0.1, and it prints nothing unless it is asked to.
+
+rerun reports usage statistics unless the user has disabled them. btcore's viewer reports them only if the
+user has enabled them explicitly, with rerun's environment variable ``FORCE_RERUN_ANALYTICS``.
+"""
+
+import contextlib
+import importlib.util
+import os
+import re
+import signal
+import socket
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from rerun.experimental import ViewerClient
+
+from btcore_monitor.errors import MonitorError
+
+LOOPBACK: Final = "127.0.0.1"
+_START_WITHIN: Final = 60.0
+_DRAW_WITHIN: Final = 5.0
+_END_WITHIN: Final = 2.0
+_CLOSED: Final = (0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP if hasattr(signal, "SIGHUP") else 0)
+"""Exit codes of a viewer that a user has closed."""
+_PANIC: Final = re.compile(r"panicked at '(.*?)'$", re.MULTILINE)
+_REASON_ROOM: Final = 400
+
+
+class ScreenError(MonitorError):
+    """The viewer, a display, a driver or a port is not available; the message names alternatives."""
+
+
+class ViewerProcess:
+    """A process of rerun with *options* that listens at *port*.
+
+    Args:
+        options: Further options of rerun's command line.
+        port: The port at which the viewer receives recordings.
+        verbose: Whether rerun prints its log lines on stderr.
+
+    Raises:
+        ScreenError: The viewer is not installed.
+    """
+
+    def __init__(self, *options: str, port: int, verbose: bool = False) -> None:
+        self.port = port
+        self.address = address_of(port)
+        command = [str(viewer_program()), f"--bind={LOOPBACK}", f"--port={port}", *options]
+        # A file and not a pipe, because a window stays open when this process ends.
+        self._output = None if verbose else tempfile.TemporaryFile()  # noqa: SIM115
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=2 if self._output is None else self._output,
+            stderr=self._output,
+            env=environment(verbose),
+            # Ctrl-C in the terminal ends the monitor, but not the window.
+            start_new_session=True,
+        )
+
+    def wait_until_listening(self, port: int | None = None) -> None:
+        """Wait until the viewer accepts connections at *port* (default: its port for recordings).
+
+        Raises:
+            ScreenError: The viewer ends, or does not listen within a minute.
+        """
+        deadline = time.monotonic() + _START_WITHIN
+        while time.monotonic() < deadline:
+            if self._process.poll() is not None:
+                raise ScreenError(self._start_failure())
+            if is_listening(port or self.port):
+                return
+            time.sleep(0.05)
+        raise ScreenError(f"the viewer (rerun) did not answer within {_START_WITHIN:.0f} s")
+
+    def wait_until_drawing(self) -> None:
+        """Wait until the viewer answers from its window, or for some seconds: a hidden window may not answer.
+
+        Raises:
+            ScreenError: The viewer ends, for example because it cannot open its window.
+        """
+        self.wait_until_listening()
+        answered = threading.Event()
+
+        def request() -> None:
+            with contextlib.suppress(OSError, RuntimeError):
+                ViewerClient.connect(self.address).get_state()
+                answered.set()
+
+        threading.Thread(target=request, daemon=True).start()
+        deadline = time.monotonic() + _DRAW_WITHIN
+        while not answered.wait(0.1) and time.monotonic() < deadline:
+            if self._process.poll() is not None:
+                raise ScreenError(self._start_failure())
+
+    def failure(self) -> str | None:
+        """Return the reason why the viewer ended; None if it is running or was closed by a user."""
+        try:
+            code = self._process.wait(_END_WITHIN)
+        except subprocess.TimeoutExpired:
+            return None
+        if code in _CLOSED:
+            return None
+        text = self._text()
+        panic = _PANIC.search(text)
+        return panic[1] if panic else text.strip()[-_REASON_ROOM:] or f"exit code {code}"
+
+    def kill(self) -> None:
+        """Kill the process without waiting."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.terminate()
+        try:
+            self._process.wait(10)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self._output is not None:
+            self._output.close()
+
+    def _start_failure(self) -> str:
+        text = self._text()
+        if "adapter" in text or "ulkan" in text:
+            return (
+                "no Vulkan driver was found for the viewer; on Debian and Ubuntu "
+                "`apt-get install mesa-vulkan-drivers libvulkan1` installs a software driver"
+            )
+        return f"the viewer (rerun) ended while starting: {self.failure()}"
+
+    def _text(self) -> str:
+        if self._output is None:
+            return ""
+        self._output.seek(0)
+        return self._output.read().decode(errors="replace")
+
+
+def environment(verbose: bool = False) -> Mapping[str, str]:
+    """Return the environment variables for rerun: no usage statistics, and only errors in its log.
+
+    rerun's viewer also shows its log lines as pop-ups, which would be visible in pictures.
+    """
+    quiet = {} if verbose else {"RUST_LOG": "error"}
+    # rerun sends no usage statistics if CI is set, unless FORCE_RERUN_ANALYTICS is set, too.
+    return {**os.environ, **quiet, "CI": os.environ.get("CI", "true"), "RERUN_APP_ONLY": "true"}
+
+
+def address_of(port: int) -> str:
+    """Return the address at which rerun on this machine receives recordings at *port*."""
+    return f"rerun+http://{LOOPBACK}:{port}/proxy"
+
+
+def is_listening(port: int) -> bool:
+    """Return whether a program on this machine accepts connections at *port*."""
+    with contextlib.suppress(OSError), socket.create_connection((LOOPBACK, port), timeout=1.0):
+        return True
+    return False
+
+
+def free_port(wanted: int = 0) -> int:
+    """Return the port *wanted* if it is free, otherwise another free port. 0 means any port."""
+    with socket.socket() as probe:
+        try:
+            probe.bind(("0.0.0.0", wanted))
+        except OSError:
+            probe.bind(("0.0.0.0", 0))
+        return int(probe.getsockname()[1])
+
+
+def viewer_program() -> Path:
+    """Return the path of the viewer's executable.
+
+    This is not ``bin/rerun``: that wrapper leaves the viewer running when the wrapper is terminated.
+
+    Raises:
+        ScreenError: The viewer is not installed.
+    """
+    spec = importlib.util.find_spec("rerun_cli")
+    for folder in (spec.submodule_search_locations or []) if spec else []:
+        for name in ("rerun", "rerun.exe"):
+            program = Path(folder) / name
+            if program.exists():
+                return program
+    raise ScreenError("the rerun viewer is not installed: pip install 'btcore[monitor]'")

@@ -1,0 +1,98 @@
+"""rerun's processes: listening at this machine only, silent, and reported when they fail."""
+
+import os
+import re
+import signal
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from btcore_monitor.screen.sinks import serve_web
+from btcore_monitor.screen.viewer_process import environment, free_port, viewer_program
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the sockets of a process from /proc")
+
+LOG = Path(__file__).parents[3] / "tests" / "btcore" / "logs" / "captures" / "v4_sample.btlog"
+LOOPBACK = {"0100007F", "00000000000000000000000001000000"}
+TREE = """
+<root BTCPP_format="4">
+  <BehaviorTree ID="T"><Sleep name="🔋" msec="60000"/></BehaviorTree>
+</root>
+"""
+
+
+def listening(pid: int | str = "self") -> list[str]:
+    """Return the addresses at which process *pid* listens, as in /proc/net/tcp: ADDRESS:PORT in hex."""
+    found = set()
+    for entry in Path(f"/proc/{pid}/fd").iterdir():
+        if entry.is_symlink():
+            try:
+                found.add(str(entry.readlink()))
+            except FileNotFoundError:
+                continue
+    tables = [Path(f"/proc/net/{name}").read_text().splitlines()[1:] for name in ("tcp", "tcp6")]
+    lines = [line.split() for table in tables for line in table]
+    return [line[1] for line in lines if line[3] == "0A" and f"socket:[{line[9]}]" in found]
+
+
+@pytest.fixture
+def headless(tmp_path, monkeypatch):
+    """Make the viewer run without a window. Return the file with the viewer's process ID."""
+    folder = tmp_path / "path" / "rerun_cli"
+    folder.mkdir(parents=True)
+    (folder / "__init__.py").touch()
+    pid = tmp_path / "pid"
+    program = folder / "rerun"
+    program.write_text(f'#!/bin/sh\necho $$ > {pid}\nexec {viewer_program()} --headless "$@"\n')
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(folder.parent), *sys.path]))
+    monkeypatch.setenv("DISPLAY", ":99")
+    yield pid
+    if pid.exists():
+        os.kill(int(pid.read_text()), signal.SIGKILL)
+
+
+def test_a_run_with_its_viewer_prints_the_summary_alone(vulkan, headless, tmp_path):
+    (tmp_path / "t.xml").write_text(TREE)
+    options = ["--monitor", "--fast", "--duration", "30"]
+    command = [sys.executable, "-m", "btcore", "run", str(tmp_path / "t.xml"), *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stdout) == (0, "")
+    assert re.fullmatch(r"▶ RUNNING  t  30\.0 s, 300 ticks, .*\n\n node .*\n─+\n.* Sleep .*\n", done.stderr)
+    addresses = listening(headless.read_text().strip())
+    assert addresses  # the viewer stays open
+    assert {address.partition(":")[0] for address in addresses} <= LOOPBACK
+
+
+def test_a_viewer_without_its_display_is_an_error_with_the_reason(tmp_path, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":77")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    command = [sys.executable, "-m", "btcore", "replay", str(LOG)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2
+    assert re.search(r"error: the viewer \(rerun\) .*: .*Failed to open connection to X server", done.stderr)
+    assert "Traceback" not in done.stderr
+    assert "internal error" not in done.stderr
+
+
+def test_the_web_viewer_and_its_relay_listen_at_this_machine_only():
+    before = set(listening())
+    view = serve_web(free_port(), free_port())
+    addresses = set(listening()) - before
+    assert len(addresses) == 2
+    assert {address.partition(":")[0] for address in addresses} <= LOOPBACK
+    assert view.address.startswith("rerun+http://127.0.0.1:")
+
+
+def test_usage_statistics_are_off_unless_the_user_forces_them(monkeypatch):
+    """rerun sends nothing if CI is set, unless FORCE_RERUN_ANALYTICS is set, too."""
+    monkeypatch.delenv("CI", raising=False)
+    monkeypatch.delenv("FORCE_RERUN_ANALYTICS", raising=False)
+    assert environment()["CI"] == "true"
+    assert "FORCE_RERUN_ANALYTICS" not in environment()
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    assert environment()["FORCE_RERUN_ANALYTICS"] == "1"
