@@ -5,7 +5,7 @@ import os
 import re
 import stat
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 SIZE_VARIABLE: Final = "BTCORE_MAX_FILE_SIZE"
 """The environment variable with the maximum size of a file, such as ``1GB``."""
@@ -34,7 +34,7 @@ def read_file(path: str | os.PathLike[str], count: int | None = None) -> bytes:
             the reason.
         ValueError: The environment variable BTCORE_MAX_FILE_SIZE is not a size.
     """
-    limit = parse_size(os.environ.get(SIZE_VARIABLE) or DEFAULT_MAX_SIZE)
+    limit = max_size()
     with open(path, "rb", opener=_open) as file:
         state = os.fstat(file.fileno())
         if not stat.S_ISREG(state.st_mode):
@@ -43,12 +43,43 @@ def read_file(path: str | os.PathLike[str], count: int | None = None) -> bytes:
         # Files in /proc have content, but the size 0.
         data = file.read(min(count or limit, state.st_size or limit, limit) + (count is None))
     if max(state.st_size, len(data)) > limit:
-        message = (
-            f"it is larger than {_format_size(limit)}; to read it, use 'btcore --max-file-size SIZE …' "
-            f"or set the environment variable {SIZE_VARIABLE}"
-        )
-        raise OSError(errno.EFBIG, message, os.fspath(path))
+        raise _too_large(limit, os.fspath(path))
     return data
+
+
+def read_stream(stream: BinaryIO, name: str) -> bytes:
+    """Return the content of *stream*, for example stdin.
+
+    Args:
+        stream: The stream.
+        name: The name of the stream in error messages.
+
+    Raises:
+        OSError: The content is too large or unreadable. :func:`read_error` returns the reason.
+        ValueError: The environment variable BTCORE_MAX_FILE_SIZE is not a size.
+    """
+    limit = max_size()
+    data = stream.read(limit + 1)
+    if len(data) > limit:
+        raise _too_large(limit, name)
+    return data
+
+
+def max_size() -> int:
+    """Return the maximum size of a file in bytes.
+
+    Raises:
+        ValueError: The environment variable BTCORE_MAX_FILE_SIZE is not a size.
+    """
+    return parse_size(os.environ.get(SIZE_VARIABLE) or DEFAULT_MAX_SIZE)
+
+
+def _too_large(limit: int, name: str) -> OSError:
+    message = (
+        f"it is larger than {_format_size(limit)}; to read it, use 'btcore --max-file-size SIZE …' "
+        f"or set the environment variable {SIZE_VARIABLE}"
+    )
+    return OSError(errno.EFBIG, message, name)
 
 
 def real_path(path: str | os.PathLike[str]) -> Path:

@@ -1,5 +1,6 @@
 """``btcore diff``: find the first difference between two logged runs."""
 
+import json
 from collections.abc import Sequence
 
 import click
@@ -32,7 +33,8 @@ from btcore.suggestions import join_names
     metavar="N",
     help="Show N transitions before and after the difference.",
 )
-def diff(first: str, second: str, tolerance: float | None, no_idle: bool, context: int) -> int:
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
+def diff(first: str, second: str, tolerance: float | None, no_idle: bool, context: int, as_json: bool) -> int:
     """Find the first transition that differs between the logs A and B, in node, status or order.
 
     Logs can be .btlog files, SQLite files (.db3 or .btdb; the last session, or FILE.db3#2 for session 2) and
@@ -51,6 +53,10 @@ def diff(first: str, second: str, tolerance: float | None, no_idle: bool, contex
     _compare_trees(*recordings)
     steps_a, steps_b = (steps(recording, idle=not no_idle) for recording in recordings)
     divergence = find_divergence(steps_a, steps_b, None if tolerance is None else round(tolerance * NS_PER_S))
+    if as_json:
+        data = _as_data(recordings, (steps_a, steps_b), divergence, context)
+        click.echo(json.dumps(data, ensure_ascii=False, indent=2))
+        return ExitCode.SUCCESS if divergence is None else ExitCode.FAILURE
     out = terminal.stdout_console()
     if divergence is None:
         out.print(f"no difference: {len(steps_a)} transitions")
@@ -64,6 +70,42 @@ def diff(first: str, second: str, tolerance: float | None, no_idle: bool, contex
     _print_side("A ", steps_a[common:end], width, "red", first)
     _print_side("B ", steps_b[common:end], width, "green", second)
     return ExitCode.FAILURE
+
+
+def _as_data(
+    recordings: Sequence[Recording],
+    sides: Sequence[Sequence[Step]],
+    divergence: Divergence | None,
+    context: int,
+) -> dict[str, object]:
+    """Return the result as JSON data; the lists begin with the transition that differs."""
+    common = len(sides[0]) if divergence is None else divergence.common
+    end = common if divergence is None else common + context + 1
+    return {
+        "equal": divergence is None,
+        "common": common,
+        "by_time": divergence is not None and divergence.by_time,
+        "before": [_step_data(step) for step in sides[0][max(0, common - context) : common]],
+        "a": [_step_data(step) for step in sides[0][common:end]],
+        "b": [_step_data(step) for step in sides[1][common:end]],
+        "only_in_a": _missing_nodes(recordings[0], recordings[1]),
+        "only_in_b": _missing_nodes(recordings[1], recordings[0]),
+    }
+
+
+def _step_data(step: Step) -> dict[str, object]:
+    return {
+        "time_s": step.since / NS_PER_S,
+        "node": step.path,
+        "previous": step.previous.name,
+        "status": step.status.name,
+    }
+
+
+def _missing_nodes(recording: Recording, other: Recording) -> list[str]:
+    """Return the paths of the nodes of *recording* that the tree of *other* does not have."""
+    known = set(other.keys().values())
+    return [path for path in recording.keys().values() if path not in known]
 
 
 def _headline(divergence: Divergence) -> str:
@@ -93,8 +135,7 @@ def _print(mark: str, step: Step, width: int, style: str) -> None:
 
 def _compare_trees(first: Recording, second: Recording) -> None:
     """Print the nodes that only one tree has: different trees may explain different runs."""
-    paths = [list(recording.keys().values()) for recording in (first, second)]
-    for name, own, others in (("A", *paths), ("B", *reversed(paths))):
-        only = [path for path in own if path not in set(others)]
+    for name, own, other in (("A", first, second), ("B", second, first)):
+        only = _missing_nodes(own, other)
         if only:
             terminal.print_notes([f"only the tree of {name} contains {join_names(only, most=4)}"])

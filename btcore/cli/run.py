@@ -14,10 +14,11 @@ from btcore.cli.extension import gather_resources, load_extensions
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
 from btcore.cli.tree_source import (
+    STDIN,
     SaveWatcher,
     TreeSource,
     confined_option,
-    find_tree,
+    find_source,
     format_option,
     tree_option,
 )
@@ -138,7 +139,7 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
 def run(ctx: click.Context, /, **settings: Any) -> int:
     """Run TREE until it ends.
 
-    TREE is an XML file, or the name of a tree that is bundled with btcore, such as bumpgo. The summary is
+    TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore, such as bumpgo. The summary is
     printed on stderr.
 
     \b
@@ -177,7 +178,10 @@ def create_session(
     # The watcher looks at the files before they are read: a save in between is not missed.
     saves = None
     if settings["watch"]:
-        saves = SaveWatcher(find_tree(settings["source"]), settings["confined"])
+        file = find_source(settings["source"])
+        if file == STDIN:
+            raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
+        saves = SaveWatcher(file, settings["confined"])
     source, examined, nodes = read_tree_source(settings, installed)
     installed_extensions, missing = load_extensions(ctx)
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
@@ -218,7 +222,7 @@ def read_tree_source(
         TreeError: The document has an error.
         RegistrationError: A node library cannot be loaded.
     """
-    path = find_tree(settings["source"])
+    path = find_source(settings["source"])
     if installed is None or settings["plugins"]:
         libraries = node_libraries.load_libraries(settings["plugins"])
     else:

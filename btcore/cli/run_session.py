@@ -53,8 +53,8 @@ class RunSession:
         self.resources = resources
         self.saves = saves
         self.logs = Logs(settings["logs"])
-        stem, tree_id = source.path.stem, settings["tree"]
-        self.outcome = RunReport(stem if tree_id is None else f"{stem}:{tree_id}")
+        tree_id = settings["tree"]
+        self.outcome = RunReport(source.name if tree_id is None else f"{source.name}:{tree_id}")
         self.reloads = 0
         self._signal = 0
         self._printed_error: NodeExecutionError | None = None

@@ -9,7 +9,7 @@ import click
 from rich.text import Text
 
 from btcore.cli import files, node_libraries, terminal
-from btcore.cli.tree_source import TreeSource, confined_option, find_tree, tree_option
+from btcore.cli.tree_source import TreeSource, confined_option, find_source, tree_option
 from btcore.tree.drawing import Fragment, draw_branches, is_ascii_only, node_label
 from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow
 from btcore.xml.render.svg import diagram_to_svg
@@ -41,12 +41,12 @@ def show(
 ) -> None:
     """Draw TREE with its subtrees in the terminal.
 
-    TREE is an XML file, or the name of a tree that is bundled with btcore.
+    TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore.
     """
     if svg is not None and (as_table or as_json):
         other = "--data" if as_table else "--json"
         raise click.UsageError(f"--svg and {other} cannot be used together.")
-    path = find_tree(source)
+    path = find_source(source)
     libraries = node_libraries.load_libraries(plugins, models, confined)
     examined, nodes = TreeSource(path, tree, libraries, confined=confined).read()
     main, format = examined.main, examined.planner.dialect.format

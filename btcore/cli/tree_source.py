@@ -1,10 +1,11 @@
 """The source of a tree: the options that select it, its file, and watching the file for saves."""
 
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import click
 
@@ -12,10 +13,14 @@ from btcore import bundled_trees
 from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.tick_loop import POLL_INTERVAL_S
 from btcore.errors import TreeError
+from btcore.input_files import read_error, read_stream
 from btcore.loading.hot_reload import FileWatcher
 from btcore.registry.registry import Registry
 from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.document import Document, parse_bytes, parse_file
+
+STDIN: Final = Path("-")
+"""Stands for the standard input in place of the path of a file."""
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -43,6 +48,38 @@ def format_option(
     )
 
 
+def find_source(name: str) -> Path:
+    """Return the file for *name* as `find_tree` does, or `STDIN` for ``-``.
+
+    Raises:
+        click.UsageError: There is no such file or tree; the message suggests the nearest name.
+    """
+    return STDIN if name == str(STDIN) else find_tree(name)
+
+
+def parse_source(path: Path, confined: bool) -> Document:
+    """Read and parse a tree.
+
+    Args:
+        path: The file, or `STDIN`.
+        confined: Whether includes from outside of the file's folder, or of the working directory, are errors.
+
+    Raises:
+        XmlSyntaxError: The file can't be read, is not UTF-8 or is not valid XML.
+        click.UsageError: stdin can't be read.
+    """
+    if path != STDIN:
+        return parse_file(path, confined=confined)
+    try:
+        data = read_stream(sys.stdin.buffer, "stdin")
+    except OSError as error:
+        raise click.UsageError(f"stdin can't be read: {read_error(error)}") from None
+    document = parse_bytes(data, "<stdin>")
+    if confined:
+        document.confine()
+    return document
+
+
 def find_tree(name: str) -> Path:
     """Return the file for *name*, which is the path of a file or the name of a bundled tree.
 
@@ -60,7 +97,7 @@ class TreeSource:
     """The file of a tree, and how to read it.
 
     Attributes:
-        path: The XML file.
+        path: The XML file, or `STDIN`.
         tree: The ID of the tree; None for the file's main tree.
         libraries: The available nodes.
         format: The XML format (3 or 4); None for the file's own.
@@ -73,6 +110,11 @@ class TreeSource:
     format: int | None = None
     confined: bool = False
 
+    @property
+    def name(self) -> str:
+        """The name of the file without its suffix."""
+        return "stdin" if self.path == STDIN else self.path.stem
+
     def read(self) -> tuple[DocumentAnalysis, Registry]:
         """Read and check the file.
 
@@ -83,7 +125,7 @@ class TreeSource:
             TreeError: The file has an error.
         """
         try:
-            document = parse_file(self.path, confined=self.confined)
+            document = parse_source(self.path, self.confined)
             nodes = self.libraries.nodes_for(document)
             examined = analyse_document(document, nodes, self.tree, self.format)
             examined.diagnostics.raise_errors()

@@ -10,10 +10,9 @@ from rich.text import Text
 from btcore.blackboard.ports import remapped_key
 from btcore.cli import node_libraries, terminal
 from btcore.cli.exit_codes import ExitCode
-from btcore.cli.tree_source import confined_option, find_tree, format_option, tree_option
+from btcore.cli.tree_source import confined_option, find_source, format_option, parse_source, tree_option
 from btcore.errors import Diagnostic, TreeError
 from btcore.xml.lint.validate import validate_document
-from btcore.xml.read.document import parse_file
 
 
 @click.command(short_help="Check trees, and report all errors and warnings.")
@@ -45,8 +44,8 @@ def validate(
 ) -> int:
     """Report all errors and warnings in trees, each with file, line and column.
 
-    Arguments are XML files, names of trees that are bundled with btcore, and folders: all .xml files in a
-    folder and its subfolders are checked.
+    Arguments are XML files, - for stdin, names of trees that are bundled with btcore, and folders: all .xml
+    files in a folder and its subfolders are checked.
 
     \b
     Exit codes:
@@ -59,7 +58,7 @@ def validate(
     diagnostics: list[Diagnostic] = []
     for file in files:
         try:
-            document = parse_file(file, confined=confined)
+            document = parse_source(file, confined)
         except TreeError as error:
             diagnostics += error.diagnostics
         else:
@@ -80,7 +79,7 @@ def validate(
 def _files(source: str) -> list[Path]:
     """Return the XML files that the argument *source* selects."""
     if not Path(source).is_dir():
-        return [find_tree(source)]
+        return [find_source(source)]
     files = sorted(Path(source).rglob("*.xml"))
     if not files:
         raise click.UsageError(f"the folder '{source}' contains no XML file.")

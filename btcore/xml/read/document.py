@@ -200,10 +200,23 @@ def parse_file(path: str | os.PathLike[str], *, confined: bool = False, included
     if included and _ROOT_TAG.search(data) is None:
         # Messages quote the text. A file that a stranger includes may contain anything, such as passwords.
         raise XmlSyntaxError([Diagnostic(UNREADABLE_FILE, "is not an XML document of trees", name)])
-    document = parse_text(_decoded(data, name), name)
+    document = parse_bytes(data, name)
     if confined:
         document.confine()
     return document
+
+
+def parse_bytes(data: bytes, file: str) -> Document:
+    """Parse the content of a file.
+
+    Args:
+        data: The content.
+        file: Name of the file in messages.
+
+    Raises:
+        XmlSyntaxError: *data* is not UTF-8 or is not valid XML.
+    """
+    return parse_text(_decoded(data, file), file)
 
 
 def _unreadable(path: Path, error: OSError) -> Diagnostic:

@@ -65,6 +65,12 @@ def monitor(
     ADDRESS is tcp://HOST:PORT, HOST:PORT, HOST or PORT (default: tcp://127.0.0.1:1667), or a recording
     FILE.rrd. The robot may start later, stop, and restart. Ctrl-C stops the monitor. Of several robots with
     keys, --robot-key is given once, or once for each ADDRESS in their order.
+
+    \b
+    Exit codes:
+      0  a tree was seen, or nothing was to be written
+      1  no tree was seen, so --save wrote nothing
+      2  an error
     """
     check_installed("rerun", "zmq", "msgpack", "numpy")
     from btcore_monitor.screen.viewer_process import ScreenError
@@ -101,6 +107,7 @@ def monitor(
             if viewer.save is not None:
                 seen_at = ", ".join(robots)
                 click.echo(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
+                click.get_current_context().exit(1)
     except (ScreenError, ConnectionRefusedByRobotError) as error:
         raise click.ClickException(str(error)) from None
 

@@ -108,8 +108,9 @@ def cli(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Cli:
     monkeypatch.setenv("COLUMNS", "110")
     monkeypatch.delenv("BTCORE_DEBUG", raising=False)
 
-    def call(*arguments: str | Path) -> Result:
-        return CliRunner().invoke(main, [str(argument) for argument in arguments], prog_name="btcore")
+    def call(*arguments: str | Path, input: str | bytes | None = None) -> Result:
+        words = [str(argument) for argument in arguments]
+        return CliRunner().invoke(main, words, input=input, prog_name="btcore")
 
     return call
 

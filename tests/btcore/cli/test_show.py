@@ -34,6 +34,20 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
+def test_minus_reads_the_tree_from_stdin(cli: Cli, file: Path) -> None:
+    text = file.read_bytes()
+    assert cli("show", "-", input=text).stdout == cli("show", file.name).stdout.replace(file.name, "-")
+    assert cli("validate", "-", input=text).exit_code == 0
+    wrong = cli("validate", "-", input=text.replace(b"Sleep", b"Slep"))
+    assert "<stdin>:9:5: E101 unknown node <Slep>" in wrong.stdout
+    always = b'<root BTCPP_format="4"><BehaviorTree ID="T"><AlwaysSuccess/></BehaviorTree></root>'
+    run = cli("run", "-", "--fast", input=always)
+    assert run.exit_code == 0
+    assert "SUCCESS  stdin" in run.stderr
+    assert cli("show", "-", input=b"\xff").exit_code == 2
+    assert "--watch needs a file" in cli("run", "-", "--watch", input=always).stderr
+
+
 def test_tree_is_drawn_with_symbols_names_ids_numbers_and_ports(cli: Cli, file: Path) -> None:
     assert cli("show", file.name).stdout == (
         "Rounds  patrol.xml  format 4\n"

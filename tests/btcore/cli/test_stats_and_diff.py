@@ -109,6 +109,26 @@ def test_diff_compares_two_runs_by_the_transitions_of_their_nodes(cli: Cli, tree
     assert "RUNNING" in lines[5]
 
 
+def test_diff_prints_its_result_as_json(cli: Cli, tree_file: TreeFile) -> None:
+    cli(
+        "run", tree_file('<Sequence><AlwaysSuccess/><Sleep msec="9"/></Sequence>'), "--fast", "--log", "a.db3"
+    )
+    cli("run", tree_file("<Sequence><AlwaysSuccess/><AlwaysFailure/></Sequence>"), "--fast", "--log", "b.db3")
+    same, other = (cli("diff", "a.db3", b, "--json", "--context", "1") for b in ("a.db3", "b.db3"))
+    assert same.exit_code == 0
+    assert json.loads(same.stdout) | {"before": []} == {
+        "equal": True, "common": 8, "by_time": False,
+        "before": [], "a": [], "b": [], "only_in_a": [], "only_in_b": [],
+    }  # fmt: skip
+    assert other.exit_code == 1
+    data = json.loads(other.stdout)
+    assert (data["equal"], data["common"]) == (False, 2)
+    assert 0 <= data["before"][0].pop("time_s") < 1e-3
+    assert data["before"] == [{"node": "AlwaysSuccess::2", "previous": "IDLE", "status": "SUCCESS"}]
+    assert [step["node"] for step in data["a"]] == ["Sleep::3", "Sleep::3"]
+    assert (data["only_in_a"], data["only_in_b"]) == (["Sleep::3"], ["AlwaysFailure::3"])
+
+
 def test_diff_reports_times_beyond_the_tolerance(cli: Cli, tree_file: TreeFile) -> None:
     tree = tree_file('<Sleep name="nap" msec="100"/>')
     cli("run", tree, "--fast", "--log", "a.btlog")
