@@ -18,6 +18,7 @@ from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import GatheredResources, gather_resources, load_extensions, merge_reports
 from btcore.cli.run import FiniteRange, RunCommand, clock_of
 from btcore.cli.run_report import END_REASON_TEXT, print_figures
+from btcore.cli.terminal import print_json
 from btcore.cli.tick_loop import EndReason, TickLoop
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
@@ -30,6 +31,7 @@ __all__ = [
     "GatheredResources",
     "ProgramResult",
     "RunCommand",
+    "print_json",
     "print_result",
     "require_resources",
     "run_program",

@@ -1,6 +1,5 @@
 """``btcore diff``: find the first difference between two logged runs."""
 
-import json
 from collections.abc import Sequence
 
 import click
@@ -55,7 +54,7 @@ def diff(first: str, second: str, tolerance: float | None, no_idle: bool, contex
     divergence = find_divergence(steps_a, steps_b, None if tolerance is None else round(tolerance * NS_PER_S))
     if as_json:
         data = _as_data(recordings, (steps_a, steps_b), divergence, context)
-        click.echo(json.dumps(data, ensure_ascii=False, indent=2))
+        terminal.print_json(data, indent=2)
         return ExitCode.SUCCESS if divergence is None else ExitCode.FAILURE
     out = terminal.stdout_console()
     if divergence is None:

@@ -1,6 +1,5 @@
 """``btcore nodes``: list the available nodes as a table, as JSON, or as a TreeNodesModel for Groot."""
 
-import json
 from collections.abc import Sequence
 from typing import Final
 
@@ -9,6 +8,7 @@ from rich.text import Text
 
 from btcore.blackboard.ports import Direction, Port
 from btcore.cli import node_libraries, terminal
+from btcore.cli.completion import complete_node_id
 from btcore.cli.tree_source import format_option
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
@@ -27,7 +27,7 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 
 
 @click.command(short_help="List the available nodes and their ports.")
-@click.argument("ids", nargs=-1, metavar="[ID]…")
+@click.argument("ids", nargs=-1, metavar="[ID]…", shell_complete=complete_node_id)
 @node_libraries.plugin_option
 @format_option("The XML format whose nodes are listed.", default="4")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
@@ -47,7 +47,7 @@ def nodes(ids: Sequence[str], plugins: Sequence[str], format: int, as_xml: bool,
         click.echo(write_models(manifests, format), nl=False)
     elif as_json:
         data = {manifest.id: _as_data(manifest) for manifest in manifests}
-        click.echo(json.dumps(data, ensure_ascii=False, indent=2))
+        terminal.print_json(data, indent=2)
     else:
         _print(manifests)
 

@@ -10,6 +10,7 @@ import click
 from click.core import ParameterSource
 
 from btcore.cli import initial_blackboard, node_libraries, stub_plans, substitute, terminal
+from btcore.cli.completion import complete_tree
 from btcore.cli.extension import gather_resources, load_extensions
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
@@ -76,7 +77,7 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
 
 
 @click.command(cls=RunCommand, short_help="Run a tree until it ends.")
-@click.argument("source", metavar="TREE")
+@click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @tree_option
 @format_option()
 @confined_option
@@ -139,8 +140,8 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
 def run(ctx: click.Context, /, **settings: Any) -> int:
     """Run TREE until it ends.
 
-    TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore, such as bumpgo. The summary is
-    printed on stderr.
+    TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore, such as bumpgo. The
+    summary is printed on stderr.
 
     \b
     Exit codes:

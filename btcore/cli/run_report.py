@@ -23,6 +23,10 @@ _COUNTS: Final = {"ticks": "", "success": "green", "failure": "red", "skipped": 
 """The styles of the tick counts in the summary."""
 
 _MAX_NODES: Final = 40  # in the summary
+# Widths in the summary, in characters: between two columns, outside of the table, and the least of a name.
+_GAP: Final = 3
+_MARGINS: Final = 2
+_MIN_NAME: Final = 8
 
 
 class RunReport:
@@ -55,22 +59,26 @@ class RunReport:
             ending: The reason why the run ended.
             figures: The reports of the extensions, such as a simulated robot's.
         """
+        console = terminal.stderr_console()
         table = terminal.new_table()
-        table.add_column("node", overflow="fold")
+        table.add_column("node", no_wrap=True)
         for title, style in _COUNTS.items():
-            table.add_column(title, justify="right", style=style)
+            table.add_column(title, justify="right", style=style, no_wrap=True)
         depths = _depths(tree)
         # `results` lists the nodes in the order of the tree.
-        for node, result in list(zip(tree.nodes, self.results(tree).values(), strict=True))[:_MAX_NODES]:
+        rows = list(zip(tree.nodes, self.results(tree).values(), strict=True))[:_MAX_NODES]
+        widths = [max(len(title), *(len(str(row[title])) for _, row in rows)) for title in _COUNTS]
+        room = max(console.width - sum(widths) - _GAP * len(widths) - _MARGINS, _MIN_NAME)
+        for node, result in rows:
             never_ticked = not result["ticks"]
             symbol = terminal.node_symbol(node.node_symbol, node.type)
             name = Text.assemble("  " * depths[node.uid], symbol)
             name.append(node.name, style="dim" if never_ticked else "")
             if node.name != node.id:
                 name.append(f" {node.id}", style="dim")
+            name.truncate(room, overflow="ellipsis")
             columns = [str(result[key] or "·") for key in _COUNTS]
             table.add_row(name, *columns, style="dim" if never_ticked else "")
-        console = terminal.stderr_console()
         console.print(self._heading(tree, ending), soft_wrap=True)
         console.print()
         console.print(table)

@@ -1,12 +1,9 @@
 """The course of a run: attaching extensions, ticking, reloading a saved tree, and reporting."""
 
-import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any, cast
-
-import click
 
 from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode, code_of_signal
@@ -72,7 +69,7 @@ class RunSession:
         if outcome.error is not None and outcome.error is not self._printed_error:
             terminal.print_error(str(outcome.error))
         if self.settings["as_json"]:
-            click.echo(json.dumps(outcome.report(self.tree, figures), ensure_ascii=False))
+            terminal.print_json(outcome.report(self.tree, figures))
         return code
 
     def execute(self) -> tuple[EndReason, ExitCode, dict[str, object]]:

@@ -1,6 +1,5 @@
 """``btcore show``: draw a tree in the terminal or as SVG, or list its data flow."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -9,6 +8,7 @@ import click
 from rich.text import Text
 
 from btcore.cli import files, node_libraries, terminal
+from btcore.cli.completion import complete_tree
 from btcore.cli.tree_source import TreeSource, confined_option, find_source, tree_option
 from btcore.tree.drawing import Fragment, draw_branches, is_ascii_only, node_label
 from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow
@@ -17,7 +17,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
 
 @click.command(short_help="Draw a tree, or list its data flow.")
-@click.argument("source", metavar="TREE")
+@click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @tree_option
 @confined_option
 @node_libraries.plugin_option
@@ -54,7 +54,7 @@ def show(
     if as_table:
         rows = trace_dataflow(examined, nodes)
         if as_json:
-            _print_json([asdict(row) for row in rows])
+            terminal.print_json([asdict(row) for row in rows], indent=2)
         else:
             _print_data(rows)
         return
@@ -62,7 +62,7 @@ def show(
     if svg is not None:
         files.write(svg, diagram_to_svg(root, main.id, format).encode())
     elif as_json:
-        _print_json(_as_data(root))
+        terminal.print_json(_as_data(root), indent=2)
     else:
         console = terminal.stdout_console()
         ascii = is_ascii_only(console.file)
@@ -72,10 +72,6 @@ def show(
         )
         for line in lines:
             console.print(Text.assemble(*line), soft_wrap=True)
-
-
-def _print_json(data: object) -> None:
-    click.echo(json.dumps(data, ensure_ascii=False, indent=2))
 
 
 def _label(node: DiagramNode, ports: bool, ascii: bool) -> list[Fragment]:

@@ -1,6 +1,5 @@
 """``btcore stats``: print statistics of each node in a log."""
 
-import json
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -48,7 +47,7 @@ def stats(log: str, sort: str, top: int | None, as_json: bool) -> None:
     rows = recorded_statistics(recording)
     ordered = rows if sort == "tree" else sorted(rows, key=_ORDERS[sort], reverse=True)
     if as_json:
-        click.echo(json.dumps(_as_data(recording, ordered[:top]), ensure_ascii=False, indent=2))
+        terminal.print_json(_as_data(recording, ordered[:top]), indent=2)
         return
     length = (recording.end - recording.start) / NS_PER_S
     head = f"{len(recording.transitions)} transitions of {len(rows)} nodes in {length:.3f} s"

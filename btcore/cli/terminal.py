@@ -1,7 +1,12 @@
 """Printing on the terminal: styles of statuses and nodes, diagnostics, errors and warnings."""
 
+import codecs
+import io
+import json
 import os
+import sys
 from collections.abc import Iterable
+from typing import Final
 
 import click
 from rich import box
@@ -14,18 +19,120 @@ from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.status import NodeType, Status
 from btcore.tree.drawing import node_sign, status_label
 
+_REPLACE: Final = "btcore.similar"
+"""The name of the error handler that replaces characters for `make_encodable`."""
+_SIMILAR: Final = {
+    "→": ">",
+    "←": "<",
+    "↔": "=",
+    "↓": "|",
+    "↻": "@",
+    "↺": "@",
+    "↩": "<",
+    "↷": "~",
+    "⇉": "=",
+    "⇄": "=",
+    "▣": "#",
+    "▪": "-",
+    "■": "#",
+    "□": "#",
+    "◦": "o",
+    "○": "o",
+    "●": "*",
+    "◇": "<",
+    "◷": "@",
+    "▶": ">",
+    "✔": "+",
+    "✓": "+",
+    "✘": "x",
+    "✗": "x",
+    "⊤": "+",
+    "⊥": "x",
+    "¬": "!",
+    "⋔": "+",
+    "⎇": "+",
+    "▸": ">",
+    "·": ".",
+    "×": "x",
+    "…": "...",
+    "–": "-",
+    "—": "-",
+    "−": "-",
+    "≥": ">=",
+    "≤": "<=",
+    "\xa0": " ",
+    "«": '"',
+    "»": '"',
+    "”": '"',
+    "″": '"',
+    "§": "S",
+    "µ": "u",
+}
+"""Replacements for the characters that btcore itself prints."""
+
+
+def make_encodable() -> None:
+    """Let stdout and stderr accept every character, also on a terminal that is limited to ASCII.
+
+    Characters that the encoding lacks are replaced by similar characters, or else by escapes as in JSON.
+    """
+    codecs.register_error(_REPLACE, _replace)
+    codecs.register(lambda name: _ASCII if name == _ASCII.name else None)
+    for stream in (sys.stdout, sys.stderr):
+        # Another error handler was chosen by the user, with PYTHONIOENCODING.
+        if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "backslashreplace"):
+            is_ascii = codecs.lookup(stream.encoding).name == "ascii"
+            stream.reconfigure(encoding=_ASCII.name if is_ascii else None, errors=_REPLACE)
+
+
+class _AsciiEncoder(codecs.IncrementalEncoder):
+    def encode(self, text: str, final: bool = False) -> bytes:
+        return codecs.ascii_encode(text, self.errors)[0]
+
+
+# click writes UTF-8 to a stream whose encoding is called "ascii", as if the encoding was set by mistake.
+_ASCII: Final = codecs.CodecInfo(
+    codecs.ascii_encode,
+    codecs.ascii_decode,
+    incrementalencoder=_AsciiEncoder,
+    incrementaldecoder=codecs.getincrementaldecoder("ascii"),
+    name="btcore_ascii",
+)
+
+
+def _replace(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    return "".join(_SIMILAR.get(char) or json.dumps(char)[1:-1] for char in text), error.end
+
 
 def stdout_console() -> Console:
     """Return the console for results, on stdout."""
-    console = Console(highlight=False)
-    if not console.is_terminal and "COLUMNS" not in os.environ:
-        console.width = 140  # in a pipe or a file rich would assume 80, which is too narrow for the tables
-    return console
+    return _console(stderr=False)
 
 
 def stderr_console() -> Console:
     """Return the console for progress and errors, on stderr."""
-    return Console(stderr=True, highlight=False)
+    return _console(stderr=True)
+
+
+def print_json(data: object, indent: int | None = None) -> None:
+    """Print *data* as JSON on stdout.
+
+    Args:
+        data: The data.
+        indent: The number of spaces for each level; None prints a single line.
+    """
+    is_limited = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+    click.echo(json.dumps(data, ensure_ascii=is_limited, indent=indent))
+
+
+def _console(stderr: bool) -> Console:
+    console = Console(stderr=stderr, highlight=False)
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console.width = 140  # in a pipe or a file rich would assume 80, which is too narrow for the tables
+    return console
 
 
 def new_table() -> Table:

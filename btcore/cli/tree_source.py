@@ -10,6 +10,7 @@ from typing import Any, Final, TypeVar
 import click
 
 from btcore import bundled_trees
+from btcore.cli.completion import complete_tree_id
 from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.tick_loop import POLL_INTERVAL_S
 from btcore.errors import TreeError
@@ -24,7 +25,12 @@ STDIN: Final = Path("-")
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
-tree_option = click.option("--tree", metavar="ID", help="Use this tree of the file instead of its main tree.")
+tree_option = click.option(
+    "--tree",
+    metavar="ID",
+    help="Use this tree of the file instead of its main tree.",
+    shell_complete=complete_tree_id,
+)
 
 confined_option = click.option(
     "--confined",

@@ -1,6 +1,5 @@
 """``btcore validate``: report all errors and warnings in tree files."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,6 +8,7 @@ from rich.text import Text
 
 from btcore.blackboard.ports import remapped_key
 from btcore.cli import node_libraries, terminal
+from btcore.cli.completion import complete_tree
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.tree_source import confined_option, find_source, format_option, parse_source, tree_option
 from btcore.errors import Diagnostic, TreeError
@@ -16,7 +16,7 @@ from btcore.xml.lint.validate import validate_document
 
 
 @click.command(short_help="Check trees, and report all errors and warnings.")
-@click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…")
+@click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…", shell_complete=complete_tree)
 @node_libraries.plugin_option
 @node_libraries.model_option
 @tree_option
@@ -69,7 +69,7 @@ def validate(
     valid = not errors and not (strict and warnings)
     if as_json:
         data = {"ok": valid, "files": len(files), "diagnostics": list(map(_as_data, diagnostics))}
-        click.echo(json.dumps(data))
+        terminal.print_json(data)
     else:
         _print(errors, warnings, len(files), valid)
         terminal.print_notes(libraries.missing_library_notes(diagnostics))

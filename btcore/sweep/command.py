@@ -1,6 +1,5 @@
 """The command ``btcore sweep``."""
 
-import json
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -8,6 +7,8 @@ from typing import Any
 
 import click
 
+from btcore.cli import terminal
+from btcore.cli.completion import complete_tree
 from btcore.cli.run import FiniteRange
 from btcore.errors import ScriptError
 from btcore.script.program import Program, compile_script
@@ -27,7 +28,7 @@ def _parse_script(ctx: click.Context, parameter: click.Parameter, text: str | No
 
 
 @click.command(cls=SweepCommand, short_help="Run a tree many times in parallel, and compare.")
-@click.argument("source", metavar="TREE")
+@click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @click.option(
     "--seeds",
     required=True,
@@ -139,5 +140,5 @@ def sweep(
         summary = run_sweep(journal, script, pool)
         results, code = write_results(journal, script, suffix, summary)
     if as_json:
-        click.echo(json.dumps(results, ensure_ascii=False))
+        terminal.print_json(results)
     return code

@@ -1,13 +1,12 @@
 """``btcore drive``: drive the robot with keys, and make a map on the way."""
 
-import json
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from btcore.program_runner import FiniteRange, RunCommand, require_resources, run_program
+from btcore.program_runner import FiniteRange, RunCommand, print_json, require_resources, run_program
 from btcore_robot.control.keyboard import (
     HELP,
     KeyboardTeleop,
@@ -66,7 +65,7 @@ def drive(ctx: click.Context, /, **settings: Any) -> int:
         done = run_program("Drive", gathered, settings, end, shown=shown, goes_on=teleop.step)
     output = {"time_s": round(done.seconds, 3), **results, **done.report}
     if settings["as_json"]:
-        click.echo(json.dumps(output, ensure_ascii=False))
+        print_json(output)
     return done.code
 
 

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import click
 
+from btcore_sim.completion import complete_world
+
 
 @click.command("map")
-@click.argument("world")
+@click.argument("world", shell_complete=complete_world)
 @click.option(
     "-o",
     "--output",

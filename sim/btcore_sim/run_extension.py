@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from btcore_robot.robot import BaseInfo, Pose2D, Robot, Waypoints
+from btcore_sim.completion import complete_world
 from btcore_sim.errors import SimError
 
 if TYPE_CHECKING:
@@ -36,7 +37,13 @@ class RobotExtension:
     used_by: str | None = "leaf that needs a robot"
     is_fallback: bool = True
     options: Sequence[click.Option] = (
-        _option("world", "NAME", "The robot's world: a name or a JSON file.", default="arena"),
+        _option(
+            "world",
+            "NAME",
+            "The robot's world: a name or a JSON file.",
+            default="arena",
+            shell_complete=complete_world,
+        ),
         click.Option(["--gui"], is_flag=True, help="Open the physics engine's window."),
         _option(
             "robot",

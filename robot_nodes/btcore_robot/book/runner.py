@@ -1,7 +1,6 @@
 """The common parts of the ``btcore book`` commands: options, the robot, and the executor of processes."""
 
 import functools
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -14,6 +13,7 @@ from btcore.program_runner import (
     FiniteRange,
     GatheredResources,
     RunCommand,
+    print_json,
     print_result,
     require_resources,
     run_program,
@@ -164,7 +164,7 @@ class BookRunner:
         print_result(command or name, done, results)
         if self.settings["as_json"]:
             output = {"time_s": round(done.seconds, 3), **results, **done.report}
-            click.echo(json.dumps(output, ensure_ascii=False))
+            print_json(output)
         return done.code
 
 

@@ -273,3 +273,17 @@ def test_table_shows_the_tree_and_the_results_of_each_node(
     assert "SUCCESS" in shown
     row = next(line for line in shown.splitlines() if "stroll" in line)
     assert row.split()[-5:] == ["3", "1", "·", "·", "·"]
+
+
+def test_summary_does_not_wrap_at_80_columns(
+    cli: Cli, tree_file: TreeFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    leaf = '<AlwaysSuccess name="a long name of a leaf that is deep in the tree"/>'
+    tree = tree_file("<Inverter>" * 20 + leaf + "</Inverter>" * 20)
+    heading, *table = cli("run", tree, "--fast").stderr.splitlines()
+    assert heading.startswith("✔ SUCCESS  tree")
+    assert max(map(len, table)) <= 80
+    rows = table[3:]
+    assert len(rows) == 21
+    assert all(row.split()[-5:].count("1") == 2 for row in rows)

@@ -110,10 +110,8 @@ def test_diff_compares_two_runs_by_the_transitions_of_their_nodes(cli: Cli, tree
 
 
 def test_diff_prints_its_result_as_json(cli: Cli, tree_file: TreeFile) -> None:
-    cli(
-        "run", tree_file('<Sequence><AlwaysSuccess/><Sleep msec="9"/></Sequence>'), "--fast", "--log", "a.db3"
-    )
-    cli("run", tree_file("<Sequence><AlwaysSuccess/><AlwaysFailure/></Sequence>"), "--fast", "--log", "b.db3")
+    for log, last in (("a.db3", '<Sleep msec="9"/>'), ("b.db3", "<AlwaysFailure/>")):
+        cli("run", tree_file(f"<Sequence><AlwaysSuccess/>{last}</Sequence>"), "--fast", "--log", log)
     same, other = (cli("diff", "a.db3", b, "--json", "--context", "1") for b in ("a.db3", "b.db3"))
     assert same.exit_code == 0
     assert json.loads(same.stdout) | {"before": []} == {

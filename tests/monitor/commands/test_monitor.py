@@ -102,9 +102,7 @@ def test_help_is_printed_without_importing_rerun():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the processor time from /proc")
-def test_waiting_for_a_robot_takes_little_processor_time_and_ends_at_sigint_with_1_if_nothing_was_saved(
-    tmp_path,
-):
+def test_waiting_for_a_robot_takes_little_processor_time_and_ends_at_sigint_with_1(tmp_path):
     process = subprocess.Popen(
         [
             sys.executable,
