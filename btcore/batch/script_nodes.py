@@ -10,9 +10,10 @@ from btcore.batch.conversion import cast, normalise_values, store
 from btcore.batch.node import BatchDecorator, BatchNode, Results, unsupported
 from btcore.batch.ports import BatchInput
 from btcore.batch.script import BatchProgram
+from btcore.blackboard.ports import braced_key
 from btcore.engine.node import TreeNode
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError
-from btcore.nodes.blackboard_actions import copied_key, copy_error
+from btcore.nodes.blackboard_actions import copy_error
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 from btcore.values import IntegerType
 
@@ -120,7 +121,7 @@ class SetBlackboard(BatchNode):
             message = '<SetBlackboard> of a batch needs value="…" and the name of an entry in output_key="…"'
             raise unsupported(self.config, message, "write the name itself, without braces")
         self.text = value.text
-        source = copied_key(value.text, 4)
+        source = braced_key(value.text)
         self.source = None if source is None else Slot(context.columns, self.board, source)
         self.target = Slot(context.columns, self.board, str(target.read()))
 

@@ -106,12 +106,33 @@ class Port:
         return kind.strong and (kind.converts or (self.reads and is_user_enum))
 
 
+def braced_key(text: str, format: int = 4) -> str | None:
+    """Return the key between the braces of ``{key}``, or None for any other text.
+
+    Spaces around the braces are ignored, spaces inside belong to the key. In format 3 ``${key}`` has the same
+    meaning as ``{key}``, and spaces around the braces make the text a literal. ``=`` has no special meaning,
+    as in the nodes of BehaviorTree.CPP that read the text of a port themselves, instead of its value.
+
+    Args:
+        text: The text of the port.
+        format: The XML format, 3 or 4.
+    """
+    if "}" not in text:
+        return None
+    if format == 3:
+        bare = text[1:] if text.startswith("${") else text
+    else:
+        bare = text.strip(" ")
+    if bare[:1] != "{" or bare[-1:] != "}":
+        return None
+    return bare[1:-1] or None
+
+
 def remapped_key(text: str, name: str, format: int = 4) -> str | None:
     """Return the blackboard key to which the text of a port points, or None for a literal.
 
-    ``{key}`` points to *key*; spaces around the braces are ignored, spaces inside belong to the key. ``=``
-    and ``{=}`` point to the key with the name of the port. In format 3 ``${key}`` has the same meaning as
-    ``{key}``, and spaces around the braces make the text a literal.
+    This is the key in braces. ``=`` and, except in format 3, ``{=}`` point to the key with the name of the
+    port.
 
     Args:
         text: The text of the port.
@@ -120,16 +141,8 @@ def remapped_key(text: str, name: str, format: int = 4) -> str | None:
     """
     if text == "=":
         return name
-    if format == 3:
-        bare = text[1:] if text.startswith("${") else text
-    else:
-        bare = text.strip(" ")
-    if bare[:1] != "{" or bare[-1:] != "}":
-        return None
-    key = bare[1:-1]
-    if key == "=" and format != 3:
-        return name
-    return key or None
+    key = braced_key(text, format)
+    return name if key == "=" and format != 3 else key
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -5,24 +5,11 @@ from typing import ClassVar
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Entry
-from btcore.blackboard.ports import Direction, Port, PortRole, remapped_key
+from btcore.blackboard.ports import Direction, Port, PortRole, braced_key
 from btcore.engine.leaf import SyncAction
 from btcore.errors import BlackboardError
 from btcore.status import FAILURE, SUCCESS, Status
 from btcore.values import STRING, ValueType, number_of
-
-
-def copied_key(text: str, format: int) -> str | None:
-    """Return the key of the entry that the text of the port `value` names, or None for a text to write.
-
-    Args:
-        text: The text of the port.
-        format: The format of the tree, 3 or 4.
-    """
-    if "{" not in text:
-        return None
-    # BehaviorTree.CPP copies the entry with the name "=", not the entry with the name of the port.
-    return "=" if text.strip(" ") == "{=}" else remapped_key(text, "value", format)
 
 
 def copy_error(key: str, declared: ValueType, given: ValueType) -> BlackboardError:
@@ -67,7 +54,7 @@ class SetBlackboard(SyncAction):
         text = self.config.inputs["value"].text if "value" in self.config.inputs else None
         if text is None:
             self.get_input("value")
-        source_key = copied_key(text or "", self.config.format)
+        source_key = braced_key(text or "", self.config.format)
         value: object = text
         if source_key is not None:
             source = board.find(source_key)

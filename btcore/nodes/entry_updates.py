@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.ports import Port, PortRole
+from btcore.blackboard.ports import Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import SyncAction
 from btcore.engine.node import TreeNode, execute_tick
@@ -24,10 +24,7 @@ def entry_key(node: TreeNode) -> str:
     port = node.config.inputs.get("entry")
     if port is None or not port.text:
         raise NodeError(f"<{node.id}> needs port [entry], the blackboard entry to check")
-    # "=" does not stand for the name of the port here: BehaviorTree.CPP watches the entry "=".
-    if port.text.strip(" ") in ("=", "{=}"):
-        return "="
-    return port.text if port.key is None else port.key
+    return braced_key(port.text) or port.text
 
 
 def write_count(node: TreeNode, key: str, seen: int) -> int:

@@ -5,7 +5,7 @@ from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.blackboard.ports import Direction, Input, Port, PortRole
+from btcore.blackboard.ports import Direction, Input, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick
 from btcore.errors import BlackboardError, NodeError
@@ -60,8 +60,7 @@ class LoopNode(DecoratorNode):
         output = self.config.outputs.get("value")
         # A derived class may have declared the port anew, with its own type.
         self._element = self.element if output is None else output.type
-        # Without braces, "=" is not a reference here: BehaviorTree.CPP converts it as a list.
-        if self._queue.key is None or self._queue.text == "=":
+        if braced_key(self._queue.text) is None:
             self._literal = self.elements(self._queue.text)
 
     def elements(self, text: str) -> list[object]:

@@ -3,7 +3,7 @@
 import re
 from typing import Final
 
-from btcore.blackboard.ports import remapped_key
+from btcore.blackboard.ports import braced_key
 from btcore.diagnostic_codes import (
     ATTRIBUTE_RENAMED,
     AUTOREMAP_ALL,
@@ -139,7 +139,7 @@ def _convert_subtree_plus_attributes(changes: ConversionChanges, element: Elemen
                 changes.note(ATTRIBUTE_RENAMED, message, element, name, part="name")
             continue
         # In a SubTreePlus "=" is a constant, while it is a key in the ports of other nodes.
-        key = remapped_key(text, name, 3) if text != "=" else None
+        key = braced_key(text, 3)
         if not is_port_name(name):
             _note_lost_connection(changes, element, name)
         elif key is not None and text != f"{{{key}}}":

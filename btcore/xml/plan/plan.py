@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
 
-from btcore.blackboard.ports import Binding, Input, Port, remapped_key
+from btcore.blackboard.ports import Binding, Input, Port, braced_key
 from btcore.diagnostic_codes import (
     CONTROL_CHARACTER_IN_NAME,
     INCONVERTIBLE_TEXT,
@@ -375,9 +375,9 @@ class TreePlanner:
         call.written = given
         for key, text in given.items():
             # In a SubTree "=" is a constant, and only "{=}" stands for the key of the same name.
-            outer = remapped_key(text, key) if text != "=" else None
+            outer = braced_key(text)
             if outer is not None:
-                call.remaps[key] = outer
+                call.remaps[key] = key if outer == "=" else outer
             else:
                 call.constants[key] = text
 
@@ -397,7 +397,7 @@ class TreePlanner:
                 call.remaps[key] = text
             else:
                 call.written[key] = text
-                outer = remapped_key(text, key, 3) if text != "=" else None
+                outer = braced_key(text, 3)
                 if outer is not None:
                     call.remaps[key] = outer
                 else:
