@@ -341,10 +341,8 @@ class TreeInstantiator:
         inner = self._scopes(outer)
         for key, outer_key in call.remaps.items():
             inner.remap(key, outer_key)
-        # Constants are set before autoremap is enabled, so that they stay in the inner blackboard.
-        for number, (key, text) in enumerate(call.constants.items()):
-            if number == call.inner_constants:
-                inner.autoremap = call.autoremap
+        for key, text in call.constants.items():
+            inner.autoremap = key in call.outer_constants
             value = parse_constant(text) if self.format == 4 else text
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))

@@ -47,13 +47,13 @@ class SubtreeCall:
         written: The text of each port: as written in the document, else the default in the subtree's model.
         autoremap: Whether ``_autoremap``, or ``__autoremap`` of format 3, maps every inner key to the outer
             key of the same name.
-        inner_constants: The number of constants, in the order of the document, that stay in the inner
-            blackboard in spite of *autoremap*; None = all.
+        outer_constants: The keys of the constants that *autoremap* maps, too: they are written to the entries
+            of the calling tree. All other constants stay in the inner blackboard.
         shared: Whether both trees use one blackboard (``__shared_blackboard`` of format 3).
     """
 
     __slots__ = (
-        "autoremap", "constants", "element", "inner_constants", "remaps", "shared", "tree", "written",
+        "autoremap", "constants", "element", "outer_constants", "remaps", "shared", "tree", "written",
     )  # fmt: skip
 
     def __init__(self, tree: str, element: Element) -> None:
@@ -64,7 +64,7 @@ class SubtreeCall:
         self.written: dict[str, str] = {}
         self.autoremap = False
         self.shared = False
-        self.inner_constants: int | None = None
+        self.outer_constants: set[str] = set()
 
 
 class NodePlan:
@@ -389,8 +389,6 @@ class TreePlanner:
                 call.shared = self._truth(plan, key, text)
             elif key == "__autoremap" and tag == "SubTreePlus":
                 call.autoremap = self._truth(plan, key, text)
-                # BehaviorTree.CPP 3.8 reads the attributes in order, so it remaps the constants that follow.
-                call.inner_constants = len(call.constants)
             elif tag == "SubTree":
                 call.written[key] = text
                 # <SubTree> of format 3 has no braces: the text is the outer key itself.
@@ -402,6 +400,9 @@ class TreePlanner:
                     call.remaps[key] = outer
                 else:
                     call.constants[key] = text
+                    # BehaviorTree.CPP 3.8 reads the attributes in order: autoremap maps those that follow.
+                    if call.autoremap:
+                        call.outer_constants.add(key)
         # Format 3 ignores the name of a call.
         plan.name = call.tree
 
