@@ -7,7 +7,7 @@ from typing import Final
 
 from mypy_extensions import mypyc_attr
 
-from btcore.clock import NS_PER_S, Clock, SimClock, TickSchedule
+from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
 
@@ -97,13 +97,16 @@ class TreeContext:
     def next_tick(self, schedule: TickSchedule) -> int:
         """Return the time (ns) of the next tick: the due time of *schedule* or the first deadline before it.
 
-        Without a period a SimClock would stand still, so that no deadline would ever pass. Therefore the next
-        tick is then at the first deadline.
+        Without a period, a clock that advances only by waiting would stand still, so that no deadline would
+        ever pass. If the time is still that of the previous tick, the next tick is at the first deadline.
         """
         clock = self.clock
         now = clock.now()
-        if schedule.step == 0 and self.deadlines and isinstance(clock, SimClock):
-            return max(min(self.deadlines.values()), now)
+        # The system clock never stands still, but may have a low resolution.
+        stands_still = schedule.step == 0 and now == schedule.due and not isinstance(clock, SystemClock)
+        if stands_still and self.deadlines:
+            schedule.due = max(min(self.deadlines.values()), now)
+            return schedule.due
         return self.first_deadline(schedule.next(now))
 
     def doze(self, seconds: float) -> None:

@@ -9,7 +9,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, copy_scopes
 from btcore.blackboard.ports import PortRole
-from btcore.clock import NS_PER_S, Clock, SimClock, TickSchedule
+from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.context import TreeContext
 from btcore.engine.instrumentation import TickCounts
 from btcore.engine.node import TreeNode, execute_tick, halt_node, input_or, reset_status
@@ -155,8 +155,8 @@ class Tree:
         same time; missed ticks are not made up for.
 
         Args:
-            period: The time between ticks (s, tree's clock); 0 = do not wait, except that a SimClock advances
-                to the next time for which a node has requested a tick.
+            period: The time between ticks (s, tree's clock); 0 = do not wait, except that a clock that stands
+                still, such as a SimClock, advances to the next time for which a node has requested a tick.
 
         Raises:
             ValueError: *period* is negative, infinite or NaN.
@@ -166,14 +166,14 @@ class Tree:
         """
         clock = self.context.clock
         schedule = TickSchedule(period, clock.now())
-        simulated = isinstance(clock, SimClock)
+        waits = period > 0 or not isinstance(clock, SystemClock)
         self._begin_loop()
         try:
             while True:
                 status = self.tick_once()
                 if status is not RUNNING:
                     return status
-                if period > 0 or simulated:
+                if waits:
                     self.context.wait_until(self.context.next_tick(schedule))
         finally:
             self._in_loop = False

@@ -240,11 +240,32 @@ def test_negative_or_nan_period_is_refused_before_the_first_tick(make_tree: Grow
     assert tree.ticks == 0
 
 
+class World:
+    """A clock that advances only by waiting, as SimClock, but has no common base with it."""
+
+    def __init__(self) -> None:
+        self.time = 0
+
+    def now(self) -> int:
+        return self.time
+
+    def wait_until(self, deadline: int, wake: threading.Event) -> bool:
+        self.time = max(self.time, deadline)
+        return wake.is_set()
+
+
 @pytest.mark.parametrize("in_event_loop", [False, True])
-def test_period_of_zero_advances_a_sim_clock_to_the_next_deadline(
-    make_tree: Grow, clock: SimClock, in_event_loop: bool
+@pytest.mark.parametrize("clock_type", [SimClock, World])
+def test_period_of_zero_advances_a_clock_that_stands_still_to_the_next_deadline(
+    clock_type: type[SimClock | World], in_event_loop: bool
 ) -> None:
-    tree = make_tree('<Parallel><Sleep msec="2500"/><Sleep msec="60000"/></Parallel>')
+    clock = clock_type()
+    body = '<Parallel><Sleep msec="2500"/><Sleep msec="60000"/></Parallel>'
+    tree = btcore.loads(
+        f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>',
+        nodes=conformance_registry(),
+        clock=clock,
+    )
     if in_event_loop:
         asyncio.run(asyncio.wait_for(tree.run(period=0), 30))
     else:
