@@ -58,6 +58,14 @@ def dtype_of(kind: ValueType) -> "np.dtype[Any]":
     return np.dtype(np.float64 if isinstance(kind, RealType) else object)
 
 
+def all_within(integers: Values, low: int, high: int) -> bool:
+    """Return whether all *integers* are from *low* to *high*.
+
+    A comparison of np.abs() would be wrong for the smallest integer of 64 bits: its absolute value is itself.
+    """
+    return bool((integers >= low).all() and (integers <= high).all())
+
+
 def infer_type(data: Any) -> ValueType:
     """Return the type that an untyped entry gets from the first values written to it."""
     if np.ndim(data) != 1:
@@ -69,8 +77,7 @@ def infer_type(data: Any) -> ValueType:
     if data.dtype.kind == "f":
         return DOUBLE
     # As for a Python int, a number that fits into 32 bits is an int.
-    small = bool((np.abs(data) < 2**31).all())
-    return INT if small else INT64
+    return INT if all_within(data, INT.low, INT.high) else INT64
 
 
 def to_objects(value: BatchValue, agent_sets: AgentSets, agents: int) -> Values:

@@ -20,6 +20,7 @@ from btcore.batch.columns import (
     Form,
     Slot,
     Values,
+    all_within,
     dtype_of,
     infer_type,
     to_objects,
@@ -72,7 +73,7 @@ def normalise_values(value: Any, agent_sets: AgentSets) -> BatchValue:
         return BatchValue(array.astype(np.float64), ROWS, 0)
     if array.dtype == np.bool_:
         return BatchValue(array, TRUTH, 0)
-    if array.dtype.kind in "iu" and (array.dtype.itemsize <= 4 or (np.abs(array) <= MAX_EXACT).all()):
+    if array.dtype.kind in "iu" and (array.dtype.itemsize <= 4 or all_within(array, -MAX_EXACT, MAX_EXACT)):
         return BatchValue(array.astype(np.int64, copy=False), NUMBER, agent_sets.all_agents)
     if array.dtype.kind == "f":
         return BatchValue(array.astype(np.float64, copy=False), NUMBER, 0)

@@ -21,6 +21,7 @@ from btcore.batch import (  # noqa: E402
     Rows,
     Texts,
 )
+from btcore.batch.columns import infer_type  # noqa: E402
 
 
 def document(body: str, more: str = "") -> str:
@@ -566,3 +567,16 @@ def test_copy_of_numbers_to_an_entry_of_another_type_raises() -> None:
     )
     with pytest.raises(BatchNodeError, match="'b' cannot change from double to int"):
         tree.tick()
+
+
+def test_smallest_integer_of_64_bits_is_not_exact_as_a_double() -> None:
+    numbers = np.array([-(2**63), 1])
+    assert infer_type(numbers) is btcore.values.INT64
+    swarm = BatchTree.loads(document('<Script code="w := v + 1"/>'), agents=2, blackboard={"v": numbers})
+    with pytest.raises(BatchNodeError, match="-9223372036854775808 is too large"):
+        swarm.tick()
+
+
+def test_smallest_integer_of_32_bits_is_an_int() -> None:
+    assert infer_type(np.array([-(2**31), 5])) is btcore.values.INT
+    assert infer_type(np.array([-(2**31) - 1, 5])) is btcore.values.INT64
