@@ -197,7 +197,7 @@ def test_tree_with_a_warning_raises_when_ticked(palette: Registry, name: str) ->
         '<Count start="1" result="{n}"/>',
         '<Switch2 variable="{x}" case_1="1"><Drive/><Drive/><Drive/></Switch2>',
         f'<Repeat num_cycles="3">{REPEAT}',
-        f'<Repeat num_cycles="-1">{REPEAT}',
+        '<Repeat num_cycles="-1"><Sleep msec="1"/></Repeat>',
         f'<Repeat num_cycles="3.0">{REPEAT}',
         f'<Repeat num_cycles="{{x}}">{REPEAT}',
         '<BatteryOk minimum="1e-3"/>',
