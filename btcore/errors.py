@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
+from btcore.escaping import escape_controls
 
 
 class Diagnostic(NamedTuple):
@@ -54,7 +55,7 @@ class Diagnostic(NamedTuple):
 
 
 def excerpt(source: str, line: int, column: int, width: int = 1, room: int = 100) -> str:
-    """Return a line of text with carets below the marked characters.
+    """Return a line of text with carets below the marked characters. Control characters are escaped.
 
     Args:
         source: The line.
@@ -65,12 +66,16 @@ def excerpt(source: str, line: int, column: int, width: int = 1, room: int = 100
     """
     start = max(0, min(column - 1 - room // 3, len(source) - room))
     shown = source[start : start + room].replace("\t", " ")
-    text = f"   {line} |  {shown}"
-    if column:
-        gap = " " * (len(str(line)) + 3) + " |  "
-        carets = max(1, min(width, room, len(source) - column + 1))
-        text += "\n" + gap + " " * (column - 1 - start) + "^" * carets
-    return text
+    if not column:
+        return f"   {line} |  {escape_controls(shown)}"
+    first = column - 1 - start
+    last = first + max(1, min(width, room, len(source) - column + 1))
+    before, marked, after = map(escape_controls, (shown[:first], shown[first:last], shown[last:]))
+    gap = " " * (len(str(line)) + 3) + " |  "
+    # Beyond the end of the line, a caret is below no character.
+    indent = len(before) + first - len(shown[:first])
+    carets = len(marked) + last - first - len(shown[first:last])
+    return f"   {line} |  {before}{marked}{after}\n{gap}{' ' * indent}{'^' * carets}"
 
 
 class BtcoreError(Exception):

@@ -25,6 +25,7 @@ LAYERS = (
         "errors",
         "diagnostic_codes",
         "clock",
+        "escaping",
         "names",
         "suggestions",
         "builds",
@@ -130,7 +131,7 @@ def test_engine_does_not_import_the_other_packages(stranger: str) -> None:
     assert violations("btcore", stranger) == []
 
 
-def test_monitor_client_imports_only_flatbuffer_of_the_engine() -> None:
+def test_monitor_client_imports_two_modules_of_the_engine() -> None:
     commands = (
         "btcore_monitor.run_extension",
         "btcore_monitor.commands.monitor",
@@ -139,8 +140,10 @@ def test_monitor_client_imports_only_flatbuffer_of_the_engine() -> None:
         "btcore_monitor.commands.replay",
     )
     reached = violations("btcore_monitor", "btcore", but=("btcore_monitor.serve", *commands))
-    assert {edge.split(" → ")[1] for edge in reached} <= {"btcore.flatbuffer"}
-    assert {name.split(".")[0] for name in imports("btcore.flatbuffer")} <= sys.stdlib_module_names
+    shared = {"btcore.escaping", "btcore.flatbuffer"}
+    assert {edge.split(" → ")[1] for edge in reached} <= shared
+    for module in shared:
+        assert {name.split(".")[0] for name in imports(module)} <= sys.stdlib_module_names
     assert violations("btcore_monitor", "btcore_robot") + violations("btcore_monitor", "btcore_sim") == []
 
 
@@ -240,7 +243,7 @@ def test_there_are_no_import_cycles() -> None:
 
 
 def test_built_in_nodes_import_only_the_public_api() -> None:
-    public = {*btcore._HOMES, "btcore.builds", "btcore.values"}
+    public = {*btcore._HOMES, "btcore.builds", "btcore.escaping", "btcore.values"}
     for module in SOURCES:
         if inside(module, "btcore.nodes"):
             own = {name for name in imports(module) if inside(name, "btcore")}

@@ -57,7 +57,7 @@ def convert(
         data = _BYTE_ORDER_MARK + data
     target = path if in_place else output
     if target is None:
-        click.echo(data, nl=False)
+        terminal.print_xml(data)
     else:
         files.write(target, data)
     _print_summary(result)

@@ -44,7 +44,7 @@ def nodes(ids: Sequence[str], plugins: Sequence[str], format: int, as_xml: bool,
         raise click.UsageError(f"unknown node {join_names(unknown)}. {hint}")
     manifests = [palette[node_id] for node_id in ids] if ids else list(palette.values())
     if as_xml:
-        click.echo(write_models(manifests, format), nl=False)
+        terminal.print_xml(write_models(manifests, format))
     elif as_json:
         data = {manifest.id: _as_data(manifest) for manifest in manifests}
         terminal.print_json(data, indent=2)

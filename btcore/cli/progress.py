@@ -12,6 +12,7 @@ from rich.text import Text
 
 from btcore.cli import terminal
 from btcore.clock import NS_PER_S
+from btcore.escaping import escape_controls
 from btcore.status import Status
 from btcore.tree.tree import Tree
 
@@ -104,8 +105,11 @@ class Progress:
         line = Text.assemble(terminal.format_status(status), "  ", (self.name, "bold"), f"  {elapsed:.1f}")
         line.append(" s" if self.duration is None else f" / {self.duration:g} s")
         line.append(f"  tick {self.tree.ticks}  ×{elapsed / max(wall, 1e-9):.1f}", style="dim")
+        # Escaped before the line is truncated.
         leaves = [
-            node.name for node in self.tree.nodes if node.status is Status.RUNNING and not node.children
+            escape_controls(node.name, one_line=True)
+            for node in self.tree.nodes
+            if node.status is Status.RUNNING and not node.children
         ]
         if leaves:
             line.append("  ▸ ", style="dim")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from btcore.cli import node_libraries
+from btcore.cli import node_libraries, terminal
 from btcore.cli.tree_source import format_option
 from btcore.xml.schema import write_schema
 
@@ -21,4 +21,4 @@ def schema(plugins: Sequence[str], models: Sequence[Path], format: int) -> None:
     to complete tags and attributes, and to show their documentation.
     """
     nodes = node_libraries.load_libraries(plugins, models).nodes
-    click.echo(write_schema(nodes, format), nl=False)
+    terminal.print_xml(write_schema(nodes, format))

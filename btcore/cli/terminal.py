@@ -6,15 +6,19 @@ import json
 import os
 import sys
 from collections.abc import Iterable
+from itertools import accumulate
 from typing import Final
 
 import click
 from rich import box
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+from rich.style import StyleType
 from rich.table import Table
-from rich.text import Text
+from rich.text import Span, Text
 
 from btcore.errors import BtcoreError, Diagnostic, TreeError, excerpt
+from btcore.escaping import escape_controls, escape_xml, to_json
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.status import NodeType, Status
 from btcore.tree.drawing import node_sign, status_label
@@ -107,6 +111,43 @@ def _replace(error: UnicodeError) -> tuple[str, int]:
     return "".join(_SIMILAR.get(char) or json.dumps(char)[1:-1] for char in text), error.end
 
 
+class _EscapingConsole(Console):
+    """A console that escapes the control characters in all texts, tables and lines of progress."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        if isinstance(renderable, Text):
+            renderable = _escaped(renderable)  # before its lines are wrapped
+        for segment in super().render(renderable, options):
+            if segment.control:
+                yield segment
+            else:
+                yield Segment(escape_controls(segment.text), segment.style)
+
+
+class _EscapingTable(Table):
+    """A table that escapes the control characters in its cells before it measures them."""
+
+    def add_row(
+        self, *cells: RenderableType | None, style: StyleType | None = None, end_section: bool = False
+    ) -> None:
+        # rich would read markup in a cell of type str: "[red]" in a name.
+        texts = [Text(cell) if isinstance(cell, str) else cell for cell in cells]
+        escaped = [_escaped(cell) if isinstance(cell, Text) else cell for cell in texts]
+        super().add_row(*escaped, style=style, end_section=end_section)
+
+
+def _escaped(text: Text) -> Text:
+    """Return *text* with its control characters escaped, and with the same styles."""
+    plain = escape_controls(text.plain)
+    if plain == text.plain:
+        return text
+    # The offset of each character after the escaping.
+    offsets = [0, *accumulate(len(escape_controls(character)) for character in text.plain)]
+    escaped = text.blank_copy(plain)
+    escaped.spans = [Span(offsets[span.start], offsets[span.end], span.style) for span in text.spans]
+    return escaped
+
+
 def stdout_console() -> Console:
     """Return the console for results, on stdout."""
     return _console(stderr=False)
@@ -125,11 +166,18 @@ def print_json(data: object, indent: int | None = None) -> None:
         indent: The number of spaces for each level; None prints a single line.
     """
     is_limited = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
-    click.echo(json.dumps(data, ensure_ascii=is_limited, indent=indent))
+    click.echo(to_json(data, indent, ensure_ascii=is_limited))
+
+
+def print_xml(document: str | bytes) -> None:
+    """Print an XML document on stdout. At a terminal, control characters are escaped."""
+    if sys.stdout.isatty():
+        document = escape_xml(document if isinstance(document, str) else document.decode())
+    click.echo(document, nl=False)
 
 
 def _console(stderr: bool) -> Console:
-    console = Console(stderr=stderr, highlight=False)
+    console = _EscapingConsole(stderr=stderr, highlight=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = 140  # in a pipe or a file rich would assume 80, which is too narrow for the tables
     return console
@@ -137,7 +185,7 @@ def _console(stderr: bool) -> Console:
 
 def new_table() -> Table:
     """Return an empty table in the style of all commands."""
-    return Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
+    return _EscapingTable(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
 
 
 def node_symbol(symbol: str, kind: NodeType) -> Text:

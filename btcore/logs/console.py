@@ -8,6 +8,7 @@ import sys
 from typing import ClassVar, Final, TextIO
 
 from btcore.clock import NS_PER_S
+from btcore.escaping import escape_controls
 from btcore.logs.log import Log
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
 from btcore.tree.tree import Tree
@@ -45,7 +46,7 @@ class ConsoleLog(Log):
         if colours is None:
             colours = self.stream.isatty() and not os.environ.get("NO_COLOR")
         self._words = {status: _word(status, colours) for status in _COLOURS}
-        self._names = {node.uid: node.name for node in tree.nodes}
+        self._names = {node.uid: escape_controls(node.name, one_line=True) for node in tree.nodes}
         super().__init__(tree, str(getattr(self.stream, "name", "console")), idle=idle)
         self.attach()
 

@@ -8,6 +8,7 @@ from btcore.blackboard.ports import Port
 from btcore.engine.control import ControlNode
 from btcore.engine.node import execute_tick, input_or
 from btcore.errors import NodeError
+from btcore.escaping import escape_controls
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.values import BOOL
 
@@ -29,9 +30,9 @@ class Prompt:
         Raises:
             NodeError: The standard input has ended.
         """
-        print(question)
+        print(escape_controls(question))
         for number, option in enumerate(options, start=1):
-            print(f"  {number:2}  {option}")
+            print(f"  {number:2}  {escape_controls(option)}")
         while True:
             try:
                 answer = input(f"1–{len(options)}? ").strip()

@@ -22,6 +22,7 @@ from btcore.blackboard.format3 import LegacyBlackboard
 from btcore.clock import SimClock
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError, NodeExecutionError
+from btcore.escaping import escape_controls
 from btcore.loading.load import loads
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
@@ -117,7 +118,7 @@ def main(arguments: list[str]) -> int:
     counts = f"{passed} passed, {len(differences)} failed"
     if documented:
         counts += f", {documented} differ as documented"
-    print("\n".join([counts, *differences[:MAX_DIFFERENCES]]))
+    print(escape_controls("\n".join([counts, *differences[:MAX_DIFFERENCES]])))
     return 1 if differences else 0
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import IO, Final, TextIO, TypeVar
 
 from btcore.engine.node import TreeNode
+from btcore.escaping import escape_controls
 from btcore.status import IDLE, RUNNING, NodeType, Status
 
 T = TypeVar("T")
@@ -80,7 +81,7 @@ def draw_branches(
     title: list[Fragment] | None = None,
     ascii: bool = False,
 ) -> list[list[Fragment]]:
-    """Return the lines of a tree drawing, a line for each node.
+    """Return the lines of a tree drawing, a line for each node. Control characters in texts are escaped.
 
     Args:
         root: The root.
@@ -100,7 +101,7 @@ def draw_branches(
         for child in reversed(children(node)):
             pending.append((child, below + end[0], below + end[1]))
             end = middle, bar
-    return lines
+    return [[(escape_controls(text, one_line=True), style) for text, style in line] for line in lines]
 
 
 def draw_results(id: str, ticks: int, root: TreeNode, ascii: bool = False) -> list[list[Fragment]]:

@@ -11,6 +11,7 @@ from typing import Final
 
 import click
 
+from btcore_monitor.console import print_line
 from btcore_monitor.serve import Publisher
 from btcore_monitor.viewer_setup import stop_on_signals
 
@@ -128,4 +129,4 @@ def wait_until_listening(publisher: Publisher, monitors: Sequence[MonitorProcess
 
 def print_message(text: str) -> None:
     """Print *text* to stderr, separate from the results of the run."""
-    click.echo(f"monitor: {text}", err=True)
+    print_line(f"monitor: {text}", err=True)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from btcore_monitor.console import print_line
 from btcore_monitor.display_options import display_options
 
 if TYPE_CHECKING:
@@ -160,7 +161,7 @@ def stop_on_signals(stop: threading.Event) -> Iterator[None]:
 
 def wait_for_stop(duration: float | None = None) -> None:
     """Return on SIGINT or SIGTERM, or after *duration* s, while a view is served to browsers."""
-    click.echo("monitor: Ctrl-C ends it", err=True)
+    print_line("monitor: Ctrl-C ends it", err=True)
     stop = threading.Event()
     with stop_on_signals(stop):
         stop.wait(duration)
@@ -234,7 +235,7 @@ class ViewerOptions:
         from btcore_monitor.screen.sinks import serve_web
 
         web = serve_web(port, memory_limit=self.memory_limit)
-        click.echo(f"monitor: look at {web.page}", err=True)
+        print_line(f"monitor: look at {web.page}", err=True)
         return web
 
     def take_screenshot(self, recordings: Sequence[Path]) -> None:
@@ -247,7 +248,7 @@ class ViewerOptions:
             from btcore_monitor.screen.screenshot import screenshot
 
             screenshot(recordings[-1], self.screenshot, self.at, self.size)
-            click.echo(f"monitor: the picture is {self.screenshot}", err=True)
+            print_line(f"monitor: the picture is {self.screenshot}", err=True)
 
 
 def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from btcore.escaping import escape_controls
 from btcore.run_extension import RunExtension
 from btcore_robot.leaves.explore import Explorer, MapFile
 from btcore_robot.leaves.lifecycle_leaves import HeadTrackerProtocol, ObjectLocatorProtocol
@@ -214,7 +215,7 @@ def _parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
 
     missing = [f"{file}: {tree}" for tree in missing_trees(parameters.navigator, folder())]
     for warning in (*parameters.warnings, *missing):
-        click.echo(f"warning: {warning}", err=True)
+        click.echo(f"warning: {escape_controls(warning)}", err=True)
     return parameters
 
 
@@ -247,4 +248,4 @@ def _save(exploration: "Exploration", path: Path) -> None:
     try:
         exploration.save(path)
     except MapError as error:
-        click.echo(f"warning: {error}", err=True)
+        click.echo(f"warning: {escape_controls(str(error))}", err=True)

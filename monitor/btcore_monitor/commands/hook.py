@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
 
+from btcore_monitor.console import print_line
 from btcore_monitor.viewer_setup import (
     check_installed,
     client_keys,
@@ -139,10 +140,10 @@ def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, dura
     with _robot() as robot:
         paths = robot.break_at(*patterns, after=after, once=once)
         for path in paths:
-            click.echo(f"breakpoint {'after' if after else 'before'} {path}")
+            print_line(f"breakpoint {'after' if after else 'before'} {path}")
         _warn_of_other_hooks(robot, paths)
         if leave:
-            click.echo(_TIMEOUT_NOTICE, err=True)
+            print_line(_TIMEOUT_NOTICE, err=True)
             return
         _print_reached(robot, duration, until_removed=paths if once else ())
         _clear(robot, paths)
@@ -158,7 +159,7 @@ def release(pattern: str, status: str | None, remove: bool) -> None:
     """Let a tree that waits at a breakpoint continue."""
     with _robot() as robot:
         for path in robot.release(pattern, status, remove):
-            click.echo(f"released {path}")
+            print_line(f"released {path}")
 
 
 @hook.command()
@@ -173,15 +174,15 @@ def step(count: int | None, within: float) -> None:
         _warn_of_other_hooks(robot, [robot.tree.root.path])
         if count is not None or not sys.stdin.isatty():
             _print_step(robot, robot.step(count or 1, within))
-            click.echo(_TIMEOUT_NOTICE, err=True)
+            print_line(_TIMEOUT_NOTICE, err=True)
             return
         _print_step(robot, robot.step(0, within))
-        click.echo("Enter: one tick · q: let it run", err=True)
+        print_line("Enter: one tick · q: let it run", err=True)
         try:
             while sys.stdin.readline().strip().lower() not in ("q", "quit"):
                 _print_step(robot, robot.step(1, within))
         except KeyboardInterrupt:
-            click.echo(err=True)
+            print_line(err=True)
         finally:
             _clear(robot, [robot.tree.root.path])
 
@@ -200,7 +201,7 @@ def inject(pattern: str, status: str, after: bool, keep: bool, within: float, du
         _warn_of_other_hooks(robot, paths)
         if keep:
             for path in paths:
-                click.echo(f"{path}: always {status}")
+                print_line(f"{path}: always {status}")
             _print_reached(robot, duration)
             _clear(robot, paths)
             return
@@ -216,7 +217,7 @@ def inject(pattern: str, status: str, after: bool, keep: bool, within: float, du
                 )
             if reached.path in waiting:
                 waiting.remove(reached.path)
-                click.echo(f"{reached.path}: {status}")
+                print_line(f"{reached.path}: {status}")
 
 
 @hook.command("list")
@@ -226,7 +227,8 @@ def list_() -> None:
 
     with _robot() as robot:
         lines = [describe_hook(hook, robot.path_of(hook.uid)) for hook in robot.hooks()]
-        click.echo("\n".join(lines) or "no hooks")
+        for line in lines or ["no hooks"]:
+            print_line(line)
 
 
 @hook.command()
@@ -237,10 +239,11 @@ def clear(pattern: str, disable: bool) -> None:
     with _robot() as robot:
         if disable:
             robot.disable()
-            click.echo("all hooks are disabled")
+            print_line("all hooks are disabled")
             return
         paths = robot.clear(pattern)
-        click.echo("\n".join(f"cleared {path}" for path in paths) or "no hooks")
+        for line in [f"cleared {path}" for path in paths] or ["no hooks"]:
+            print_line(line)
 
 
 def _warn_of_other_hooks(robot: "BreakpointClient", own_paths: Collection[str]) -> None:
@@ -249,7 +252,7 @@ def _warn_of_other_hooks(robot: "BreakpointClient", own_paths: Collection[str]) 
 
     others = [hook for hook in robot.hooks() if robot.path_of(hook.uid) not in own_paths]
     if others:
-        click.echo(hooks_warning(others, robot.path_of, robot.address), err=True)
+        print_line(hooks_warning(others, robot.path_of, robot.address), err=True)
 
 
 def _print_step(robot: "BreakpointClient", reached: "HookReached") -> None:
@@ -262,7 +265,7 @@ def _print_step(robot: "BreakpointClient", reached: "HookReached") -> None:
         and not any(statuses.get(nodes[child].path) == "RUNNING" for child in node.children)
     ]
     where = "before the next tick" if reached.uid == robot.tree.root.uid else f"at {reached.path}"
-    click.echo(f"stopped {where}; running: {', '.join(running) or 'nothing'}")
+    print_line(f"stopped {where}; running: {', '.join(running) or 'nothing'}")
 
 
 def _print_reached(
@@ -278,7 +281,7 @@ def _print_reached(
         while not stop.is_set() and (deadline is None or time.monotonic() < deadline):
             reached = robot.poll(_CHECK_EVERY)
             if reached is not None:
-                click.echo(f"reached {reached.path}")
+                print_line(f"reached {reached.path}")
             elif until_removed and not any(
                 robot.path_of(hook.uid) in until_removed for hook in robot.hooks()
             ):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from btcore_monitor.console import print_line
 from btcore_monitor.viewer_setup import check_installed
 
 
@@ -23,5 +24,5 @@ def keys(file: Path) -> None:
         public = create_keys(file)
     except KeyFileError as error:
         raise click.ClickException(str(error)) from None
-    click.echo(public)
-    click.echo(f"keys: {file} is the secret key; give {public_file(file)} to the other side", err=True)
+    print_line(public)
+    print_line(f"keys: {file} is the secret key; give {public_file(file)} to the other side", err=True)

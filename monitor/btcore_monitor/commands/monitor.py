@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from btcore_monitor.console import print_line
 from btcore_monitor.display_options import DisplayOptions, explicit_options
 from btcore_monitor.viewer_setup import (
     ViewerOptions,
@@ -106,7 +107,7 @@ def monitor(
                 raise click.ClickException(f"no tree was seen at {', '.join(robots)}, so there is no picture")
             if viewer.save is not None:
                 seen_at = ", ".join(robots)
-                click.echo(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
+                print_line(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
                 click.get_current_context().exit(1)
     except (ScreenError, ConnectionRefusedByRobotError) as error:
         raise click.ClickException(str(error)) from None
@@ -185,7 +186,7 @@ def _watch(
                     failure, opened = opened.failure(), None
                     # Printed at once, because closing the recording takes some seconds without a viewer.
                     report = f"the viewer (rerun) failed: {failure}" if failure else "the viewer was closed"
-                    click.echo(f"monitor: {report}", err=True)
+                    print_line(f"monitor: {report}", err=True)
                     if failure:
                         errors.append(click.exceptions.Exit(2))
                     if sinks.save is None:
@@ -218,7 +219,7 @@ def _show(feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Even
             view.show(event)
             text = notice(event)
             if text and not (quiet and isinstance(event, ConnectionChanged) and event.state != "lost"):
-                click.echo(f"monitor: {text}", err=True)
+                print_line(f"monitor: {text}", err=True)
         if not events:
             view.flush()
         if stop.is_set():

@@ -11,6 +11,7 @@ import click
 
 from btcore.suggestions import join_names
 from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
+from btcore_monitor.console import print_line
 from btcore_monitor.display_options import DisplayOptions, display_options
 from btcore_monitor.viewer_setup import (
     check_installed,
@@ -195,4 +196,4 @@ def _check(outputs: Sequence[Path], known: Sequence[str]) -> None:
 
 
 def _print(text: str) -> None:
-    click.echo(f"record: {text}", err=True)
+    print_line(f"record: {text}", err=True)

@@ -8,10 +8,12 @@ from typing import Final
 import click
 
 from btcore.clock import NS_PER_S
+from btcore.escaping import escape_controls
 from btcore.logs import Recording, read_log
 from btcore.logs.console import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import nearest_name
+from btcore_monitor.console import print_line
 from btcore_monitor.display_options import DisplayOptions
 from btcore_monitor.events import (
     KINDS,
@@ -79,7 +81,7 @@ def replay(
         raise click.UsageError(f"--from {begin:g} is after --to {end:g}.")
     recording = read_log(log)
     for warning in recording.warnings:
-        click.echo(f"warning: {warning}", err=True)
+        print_line(f"warning: {warning}", err=True)
     window = _window(recording, begin, end)
     if text:
         _print(recording, window, patterns)
@@ -157,7 +159,7 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
             hint = f"; did you mean '{guess}'?" if guess else ""
             raise click.UsageError(f"--node: no node's path matches '{pattern}'{hint}")
     chosen = {
-        uid: path
+        uid: escape_controls(path, one_line=True)
         for uid, path in keys.items()
         if not patterns or any(fnmatchcase(path, pattern) for pattern in patterns)
     }
@@ -165,12 +167,12 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
     for event in events(recording, window):
         if isinstance(event, DataMissed):
             label = "" if event.reason == recording.damage else "gap: "
-            click.echo(f"{'—':>12}  {label}{event.reason}")
+            print_line(f"{'—':>12}  {label}{event.reason}")
         elif isinstance(event, StatusChanged) and event.uid in chosen:
             status = Status(event.status)
             line = format_transition(event.t, chosen[event.uid], Status(event.previous), status, width)
             colour = _COLOURS.get(status)
-            click.secho(line, fg=colour, dim=colour is None)
+            print_line(line, colour=colour, dim=colour is None)
 
 
 def _show(recording: Recording, window: range, viewer: ViewerOptions, display: DisplayOptions) -> None:
@@ -186,7 +188,7 @@ def _show(recording: Recording, window: range, viewer: ViewerOptions, display: D
             if sinks.window is not None and not sinks.window.is_open and (failure := sinks.window.failure()):
                 raise ScreenError(f"the viewer (rerun) failed: {failure}")
             if viewer.save is not None:
-                click.echo(f"monitor: the recording is {viewer.save}", err=True)
+                print_line(f"monitor: the recording is {viewer.save}", err=True)
             viewer.take_screenshot(view.files)
             if viewer.serve_web is not None:
                 wait_for_stop()

@@ -9,6 +9,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore.escaping import escape_controls
 from btcore.program_runner import (
     FiniteRange,
     GatheredResources,
@@ -116,7 +117,7 @@ class BookRunner:
         """Add *processes* to the run. Print a warning for each parameter that a process does not declare."""
         for process in processes:
             for warning in process.unused_warnings():
-                click.echo(f"warning: {warning}", err=True)
+                click.echo(f"warning: {escape_controls(warning)}", err=True)
             self.executor.add(process)
 
     def run(
@@ -169,7 +170,7 @@ class BookRunner:
 
 
 def _print(line: LogMessage) -> None:
-    click.echo(str(line))
+    click.echo(escape_controls(str(line)))
 
 
 def _since(

@@ -1,0 +1,119 @@
+"""Names with control characters are escaped in everything that the commands print."""
+
+import io
+import sys
+
+import pytest
+from rich.live import Live
+from rich.text import Text
+
+from btcore.cli import terminal
+from btcore.escaping import escape_controls
+
+TREE = """
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence name="&#x9b;31m&#x202e;evil">
+      <Script name="[/x]" code="key := 'a&#x202e;b'"/>
+      <AlwaysSuccess name="&#x2066;leaf"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+WRONG = '<root BTCPP_format="4"><BehaviorTree ID="A"><Foo name="\u202e" x="\x9b2J"/></BehaviorTree></root>'
+TITLE = "\x1b]0;title\x07"
+
+
+@pytest.fixture
+def hostile(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tree.xml").write_text(TREE, encoding="utf-8")
+    return tmp_path
+
+
+def assert_escaped(text: str) -> None:
+    assert escape_controls(text) == text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (["show"], r"\x9b31m\u202eevil  Sequence"),
+        (["show", "--ports"], r"code=key := 'a\u202eb'"),
+        (["show", "--json"], r'"name": "\u009b31m\u202eevil"'),
+        (["show", "--data"], "[/x] code"),
+        (["show", "--data", "--json"], '"[/x]'),
+        (["run", "--fast"], r"\x9b31m\u202eevil Sequence"),
+        (["run", "--fast", "--json"], r'"\u009b31m\u202eevil": {"id": "Sequence"'),
+        (["run", "--fast", "--log", "-"], r"\u2066leaf                IDLE -> SUCCESS"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_names_in_trees_are_escaped(cli, hostile, arguments, name):
+    command, *options = arguments
+    result = cli(command, "tree.xml", *options)
+    assert_escaped(result.stdout)
+    assert_escaped(result.stderr)
+    assert name in result.stdout + result.stderr
+
+
+def test_diagnostics_are_escaped(cli, hostile):
+    (hostile / "tree.xml").write_text(WRONG, encoding="utf-8")
+    result = cli("validate", "tree.xml")
+    assert result.exit_code == 2
+    assert_escaped(result.stdout)
+    assert r'<Foo name="\u202e" x="\x9b2J"/>' in result.stdout
+    assert_escaped(cli("validate", "tree.xml", "--json").stdout)
+
+
+def test_names_in_logs_are_escaped(cli, hostile):
+    assert cli("run", "tree.xml", "--fast", "--log", "run.db3").exit_code == 0
+    for arguments in (["stats", "run.db3"], ["stats", "run.db3", "--json"], ["replay", "run.db3", "--text"]):
+        result = cli(*arguments)
+        assert_escaped(result.stdout)
+        assert r"31m\u202eevil" in result.stdout
+
+
+def test_errors_are_escaped(cli, hostile):
+    result = cli("show", f"{TITLE}.xml")
+    assert result.exit_code == 2
+    assert_escaped(result.stderr)
+    assert r"\x1b]0;title" in result.stderr
+
+
+def test_messages_tables_and_progress_are_escaped(capsys):
+    for print_message in (terminal.print_error, terminal.print_warning):
+        print_message(f"{TITLE}\u202e")
+    terminal.print_notes([TITLE])
+    terminal.print_labelled(TITLE, TITLE)
+    table = terminal.new_table()
+    table.add_column("name")
+    table.add_column("next")
+    table.add_row(Text(f"{TITLE}\x9b", style="red"), "[/x]\u202e")
+    console = terminal.stdout_console()
+    console.print(table)
+    with Live(console=console, auto_refresh=False) as live:
+        live.update(Text(TITLE), refresh=True)
+    output = capsys.readouterr()
+    assert_escaped(output.out)
+    assert_escaped(output.err)
+    assert output.err.count(r"\x1b]0;title") == 5
+    assert r"\x1b]0;title\x9b   [/x]\u202e" in output.out
+
+
+def test_styles_stay_at_their_characters():
+    text = Text.assemble("a\x9b", ("b\u202e", "red"), "c")
+    escaped = terminal._escaped(text)
+    [span] = escaped.spans
+    assert escaped.plain[span.start : span.end] == r"b\u202e"
+
+
+def test_an_xml_document_is_escaped_at_a_terminal_only(monkeypatch):
+    class Screen(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    for stream, expected in ((Screen(), '<a b="&#x9b;"/>'), (io.StringIO(), '<a b="\x9b"/>')):
+        monkeypatch.setattr(sys, "stdout", stream)
+        terminal.print_xml('<a b="\x9b"/>')
+        assert stream.getvalue() == expected
