@@ -9,7 +9,6 @@ the unanswered requests and lost transitions of another client. It exits with 1 
 import argparse
 import contextlib
 import json
-import multiprocessing
 import os
 import resource
 import socket
@@ -109,9 +108,8 @@ def long_frame(flags: int, body: bytes) -> bytes:
     return bytes([flags | 2]) + len(body).to_bytes(8, "big") + body
 
 
-def attack_for_ever(name: str, port: int, kind: bytes) -> None:
+def attack_for_ever(name: str, port: int, kind: str) -> None:
     """Run the attack *name* at *port*, as a client with a socket of type *kind*, and connect again."""
-    os.nice(10)  # an attacker has a computer of its own
     attack = next(one for one in ATTACKS if one.__name__ == name)
     while True:
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 5) as connection:
@@ -124,7 +122,7 @@ def attack_for_ever(name: str, port: int, kind: bytes) -> None:
                     if not data:
                         break
                     received += len(data)
-                connection.sendall(READY + kind)
+                connection.sendall(READY + kind.encode())
             attack(connection.sendall)
 
 
@@ -215,10 +213,14 @@ class Robot:
             text=True,
         )
         self.outcome = Outcome()
-        self.ports: list[int] = json.loads(self._line())
+        self.ports: list[int] = []
         self._connected = threading.Event()
         self._ended = threading.Event()
         self._client = threading.Thread(target=self._watch)
+
+    def connect(self) -> None:
+        """Wait until the client is connected."""
+        self.ports = json.loads(self._line())
         self._client.start()
         assert self._connected.wait(30), "the robot can't be watched"
 
@@ -255,7 +257,7 @@ class Robot:
         from btcore_monitor.wire.groot2 import Request
 
         address = f"tcp://127.0.0.1:{self.ports[0]}"
-        with Feed(address) as feed, Groot2Client(parse_address(address), timeout=2.0) as requests:
+        with Feed(address) as feed, Groot2Client(parse_address(address), timeout=5.0) as requests:
             while not self._ended.is_set():
                 for event in feed.poll(0.1):
                     if isinstance(event, TreeSeen):
@@ -275,26 +277,26 @@ class Robot:
 @contextlib.contextmanager
 def attacks_on(ports: Sequence[int], names: Sequence[str]) -> Iterator[None]:
     """Return a context in which *names* attack the *ports* of a robot."""
-    spawn = multiprocessing.get_context("spawn")
-    kinds = (b"REQ", b"SUB", b"SUB", b"SUB", b"REQ")
+    kinds = ("REQ", "SUB", "SUB", "SUB", "REQ")
     attackers = [
-        spawn.Process(target=attack_for_ever, args=(name, port, kind), daemon=True)
+        subprocess.Popen([sys.executable, __file__, "--attack", name, str(port), kind])
         for name in names
         for port, kind in zip(ports, kinds, strict=True)
     ]
-    for attacker in attackers:
-        attacker.start()
     try:
         yield
+        assert all(attacker.poll() is None for attacker in attackers), "an attack ended"
     finally:
         for attacker in attackers:
             attacker.kill()
-            attacker.join()
+            attacker.wait()
 
 
 def run_pair(names: Sequence[str], seconds: float) -> tuple[Outcome, Outcome]:
     """Return the outcomes of a robot that *names* attack together, and of a robot beside it."""
     attacked, alone = Robot(seconds), Robot(seconds)
+    attacked.connect()
+    alone.connect()
     with attacks_on(attacked.ports, names):
         attacked.start()
         alone.start()
@@ -321,6 +323,7 @@ def violations(name: str, pairs: Sequence[tuple[Outcome, Outcome]]) -> Iterator[
     planned = sum(one.ticks + one.lost_ticks for one in attacked)
     if any(one.died for one in attacked):
         yield f"{name}: the robot's process ended"
+        return
     if growth > GROWTH:
         yield f"{name}: the robot's memory grew by {growth:.0f} MB"
     # On a busy computer both robots lose ticks; chance explains three standard deviations.
@@ -339,10 +342,14 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=10.0, help="duration of a run")
     parser.add_argument("--attacks", nargs="+", choices=[one.__name__ for one in ATTACKS])
     parser.add_argument("--robot", type=float, help=argparse.SUPPRESS)
+    parser.add_argument("--attack", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.robot is not None:
         run_robot(options.robot)
         return 0
+    if options.attack is not None:
+        name, port, kind = options.attack
+        attack_for_ever(name, int(port), kind)
     print(
         f"{'attack':24}{'growth':>11} {'lost ticks':>13} {'late (95 %)':>22} {'missing':>8} {'no reply':>8}"
     )

@@ -70,10 +70,6 @@ _SUBSCRIBE, _CANCEL = b"SUBSCRIBE", b"CANCEL"
 _COMMANDS = (b"READY", b"ERROR", b"PING", b"PONG")
 
 
-class LimitExceededError(Exception):
-    """A client exceeded a limit, or does not send ZMTP."""
-
-
 class ClientStream:
     """Checks the bytes that a client sends: ZMTP 2.0, 3.0 or 3.1, encrypted or not.
 
@@ -108,7 +104,7 @@ class ClientStream:
         """Check *data* up to the end of the *frames*-th frame. Return the number of checked bytes.
 
         Raises:
-            LimitExceededError: The bytes must not be forwarded.
+            ConnectionAbortedError: The bytes must not be forwarded.
         """
         at, end, last = 0, len(data), self.frames + frames
         while at < end and self.frames < last:
@@ -132,14 +128,14 @@ class ClientStream:
     def _check_greeting(self) -> None:
         head = self._head
         if head[0] != 0xFF:
-            raise LimitExceededError("not ZMTP 2 or 3")
+            raise ConnectionAbortedError("not ZMTP 2 or 3")
         self.is_zmtp = True
         if len(head) == _SIGNATURE_SIZE and not head[9] & 1:
-            raise LimitExceededError("not ZMTP 2 or 3")
+            raise ConnectionAbortedError("not ZMTP 2 or 3")
         if len(head) == _SIGNATURE_SIZE + 1:
             # The revision: 1 is ZMTP 2.0, 3 is ZMTP 3.
             if head[10] != 1 and head[10] < 3:
-                raise LimitExceededError("not ZMTP 2 or 3")
+                raise ConnectionAbortedError("not ZMTP 2 or 3")
             self._has_identity = head[10] == 1
             self._greeting_size = _GREETING_SIZE_2 if self._has_identity else _GREETING_SIZE_3
         if len(head) == self._greeting_size:
@@ -153,7 +149,7 @@ class ClientStream:
         self._head = bytearray()
         self._flags = flags
         if flags & ~(_MORE | _LONG | _COMMAND) or (flags & _COMMAND and flags & _MORE):
-            raise LimitExceededError("not a frame of ZMTP")
+            raise ConnectionAbortedError("not a frame of ZMTP")
         self._limit(flags, size)
         self._left = size
         # Bodies of requests are not read.
@@ -170,19 +166,19 @@ class ClientStream:
             if self._encrypted:
                 self._total += size
                 if self._total > ENCRYPTED_TOPICS_SIZE:
-                    raise LimitExceededError("too many subscriptions")
+                    raise ConnectionAbortedError("too many subscriptions")
         elif flags & _COMMAND:
             most = COMMAND_SIZE
         else:
             self._message_frames += 1
             self._message_size += size
             if self._message_frames > FRAMES_A_MESSAGE:
-                raise LimitExceededError("too many frames")
+                raise ConnectionAbortedError("too many frames")
             size, most = self._message_size, self._size
             if not flags & _MORE:
                 self._message_frames = self._message_size = 0
         if size > most:
-            raise LimitExceededError("too many bytes")
+            raise ConnectionAbortedError("too many bytes")
 
     def _end_frame(self) -> None:
         self.frames += 1
@@ -194,7 +190,7 @@ class ClientStream:
         elif self._flags & _COMMAND:
             self._command(bytes(body))
         elif self._flags & _MORE or not body or body[0] > 1:
-            raise LimitExceededError("not a subscription")
+            raise ConnectionAbortedError("not a subscription")
         else:
             self._subscription(body[0] == 1, bytes(body[1:]))
 
@@ -204,7 +200,7 @@ class ClientStream:
         if self._takes_topics and name in (_SUBSCRIBE, _CANCEL):
             self._subscription(name == _SUBSCRIBE, rest)
         elif name not in _COMMANDS:
-            raise LimitExceededError("unknown command")
+            raise ConnectionAbortedError("unknown command")
 
     def _subscription(self, subscribes: bool, topic: bytes) -> None:
         if not subscribes:
@@ -212,7 +208,7 @@ class ClientStream:
             return
         self.topics.add(topic)
         if len(topic) > TOPIC_SIZE or len(self.topics) > TOPICS:
-            raise LimitExceededError("too many subscriptions")
+            raise ConnectionAbortedError("too many subscriptions")
 
 
 class Port:
@@ -289,7 +285,7 @@ class Connection:
                 if events & selectors.EVENT_READ:
                     self._receive_from_server()
             self._forward()
-        except (OSError, LimitExceededError):
+        except OSError:
             self.close()
             return
         if self._server_ended and not self._to_client:
@@ -318,7 +314,7 @@ class Connection:
             return
         data = _received(self.client)
         if data == b"":
-            raise LimitExceededError("the client disconnected")
+            raise ConnectionResetError
         self._unchecked = data or b""
 
     def _forward(self) -> None:

@@ -14,7 +14,7 @@ import zmq
 
 from btcore_monitor.serve import gateway, gateway_process, serve
 from btcore_monitor.serve.gateway import Gateway
-from btcore_monitor.serve.gateway_process import ClientStream, LimitExceededError
+from btcore_monitor.serve.gateway_process import ClientStream
 
 SIGNATURE = b"\xff" + b"\0" * 8 + b"\x7f"
 NULL = b"NULL".ljust(20, b"\0")
@@ -43,7 +43,7 @@ def verdict(data: bytes, takes_topics: bool, sizes: random.Random | None = None)
             piece = data[: sizes.randint(1, 40)] if sizes else data
             checked = stream.check(piece, sizes.randint(1, 3) if sizes else 10_000)
             data = data[checked:]
-    except LimitExceededError as error:
+    except ConnectionAbortedError as error:
         return str(error)
     return ""
 
