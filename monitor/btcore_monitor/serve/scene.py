@@ -38,6 +38,7 @@ from btcore_scene import MovingScene, Picture, StaticScene
 
 _ROWS_AT_MOST: Final = 5_000
 _JPEG_QUALITY: Final = 80
+_WARNINGS_AT_MOST: Final = 20
 
 _log = logging.getLogger("monitor")
 
@@ -61,7 +62,7 @@ class SceneServer:
         self._xml = xml
         self.history = History(statuses, stamp, time.time_ns())
         self._sent = 0
-        self._warned = False
+        self._warned: set[str] = set()
         # Encoded now, on the tick thread: the robot may change its objects later.
         self._static = None if static is None else self._encoded(StaticMessage(tree_id, static))
         self._expected: int | None = None
@@ -82,7 +83,7 @@ class SceneServer:
             boards = {path: portable_board(board) for path, board in item.boards.items()}
             self._add(BlackboardMessage(self.tree_id, seq, item.stamp, item.wall, boards))
         elif isinstance(item, SceneTaken):
-            self._add(MovingMessage(self.tree_id, seq, item.stamp, item.wall, with_jpeg(item.data)))
+            self._add(MovingMessage(self.tree_id, seq, item.stamp, item.wall, self._with_jpeg(item.data)))
         elif isinstance(item, NodeException):
             self._add(RaisedMessage(self.tree_id, seq, item.stamp, item.wall, item.path, item.message))
         elif isinstance(item, Finished):
@@ -137,10 +138,26 @@ class SceneServer:
             return encode(message)
         except (TypeError, ValueError, LookupError, OverflowError, RecursionError) as error:
             # A scene's `extra` may hold any object. An invalid scene must not end the whole stream.
-            if not self._warned:
-                self._warned = True
-                _log.warning("a '%s' message can't be sent and is left out: %r", message.kind, error)
+            self._warn_once(f"a '{message.kind}' message", error)
             return None
+
+    def _with_jpeg(self, scene: MovingScene) -> MovingScene:
+        """Return *scene* with its rgb8 pictures as JPEG. Invalid pictures are left out."""
+        if not scene.pictures:
+            return scene
+        pictures = []
+        for picture in scene.pictures:
+            try:
+                pictures.append(to_jpeg(picture))
+            # Pillow raises errors of many kinds.
+            except Exception as error:
+                self._warn_once(f"the picture '{picture.name}'", error)
+        return replace(scene, pictures=pictures)
+
+    def _warn_once(self, what: str, error: Exception) -> None:
+        if what not in self._warned and len(self._warned) < _WARNINGS_AT_MOST:
+            self._warned.add(what)
+            _log.warning("%s can't be sent and is left out: %r", what, error)
 
     def alive(self) -> Frames:
         """Return the frames of a heartbeat."""
@@ -175,16 +192,19 @@ class SceneServer:
             yield topic, encode(self.history.piece(self.tree_id, int(request)))
 
 
-def with_jpeg(scene: MovingScene) -> MovingScene:
-    """Return *scene* with its rgb8 pictures as JPEG, or unchanged if Pillow is not installed."""
-    return (
-        replace(scene, pictures=[_jpeg(picture) for picture in scene.pictures]) if scene.pictures else scene
-    )
+def to_jpeg(picture: Picture) -> Picture:
+    """Return *picture* as JPEG if it has the format rgb8 and Pillow is installed, or else unchanged.
 
-
-def _jpeg(picture: Picture) -> Picture:
+    Raises:
+        ValueError: The number of bytes is not that of rgb8 pixels.
+    """
     if picture.format != "rgb8":
         return picture
+    width, height = picture.size
+    if len(picture.data) != 3 * width * height:
+        raise ValueError(
+            f"{width} × {height} rgb8 pixels have {3 * width * height} bytes, not {len(picture.data)}"
+        )
     # Imported here, because most robots have no camera.
     try:
         from PIL import Image

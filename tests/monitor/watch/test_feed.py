@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import pytest
 import zmq
@@ -33,7 +34,7 @@ from btcore_monitor.wire.errors import RobotRefusedError
 from btcore_monitor.wire.fulltree import read_fulltree
 from btcore_monitor.wire.groot2 import Request, StatusRecord, decode_statuses, decode_transitions
 from btcore_monitor.wire.msgpack_values import decode_boards
-from btcore_scene import Box, Frame, MovingScene, Scan, StaticScene
+from btcore_scene import Box, Frame, MovingScene, Picture, Scan, StaticScene
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 
@@ -100,6 +101,33 @@ def statuses(client: Groot2Client) -> dict[int, StatusRecord]:
 
 def numbers(watcher: Watcher) -> list[int]:
     return [event.number for event in watcher.of(StatusChanged)]
+
+
+class Cameras(Scene):
+    """A scene with an invalid picture, which is left out, and a valid picture."""
+
+    def scene_moving(self) -> MovingScene:
+        torn = Picture(name="torn", size=(4, 2), format="rgb8", data=bytes(23))
+        whole = Picture(name="whole", size=(4, 2), format="rgb8", data=bytes(24))
+        return replace(super().scene_moving(), pictures=[torn, whole])
+
+
+def test_a_picture_of_the_wrong_size_is_left_out_with_one_warning(sample, watch, until, caplog):
+    with serve(sample, groot2=0, resources=[Cameras()]) as publisher:
+        watcher = watch(publisher.address)
+        assert publisher.wait_for_clients(1, 10)
+        while sample.tick_exactly_once() is btcore.Status.RUNNING:
+            sample.clock.advance(1.0)
+        publisher.finish()
+        until(watcher.ended, "the end of the stream")
+    scenes = [one.data for one in watcher.of(SceneMoving)]
+    assert len(scenes) > 1
+    assert {tuple(picture.name for picture in scene.pictures) for scene in scenes} == {("whole",)}
+    assert all(scene.frames for scene in scenes)
+    assert [record.getMessage() for record in caplog.records] == [
+        "the picture 'torn' can't be sent and is left out: "
+        "ValueError('4 × 2 rgb8 pixels have 24 bytes, not 23')"
+    ]
 
 
 def test_a_viewer_that_starts_before_the_robot_sees_everything(sample, watch, until):

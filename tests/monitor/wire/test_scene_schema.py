@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from btcore_monitor.serve.queueing_observer import merge_scenes, weight
-from btcore_monitor.serve.scene import with_jpeg
+from btcore_monitor.serve.scene import to_jpeg
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.scene_channel import MovingMessage, StaticMessage, decode, encode
 from btcore_scene import (
@@ -206,15 +206,15 @@ def test_pictures_are_sent_as_jpeg_and_look_the_same():
     rgb[:, :32] = (200, 40, 10)
     rgb[:, 32:] = (10, 60, 220)
     picture = replace(CAMERA, size=(64, 48), data=rgb.tobytes())
-    scene = MovingScene(pictures=[picture], battery=3.0)
-    sent = decode(encode(MovingMessage(ID, 1, 2, 3, with_jpeg(scene)))).data
+    scene = MovingScene(pictures=[to_jpeg(picture)], battery=3.0)
+    sent = decode(encode(MovingMessage(ID, 1, 2, 3, scene))).data
     assert sent.battery == 3.0
     assert sent.pictures[0].format == "jpeg"
     assert len(sent.pictures[0].data) < rgb.size / 5
     seen = cv2.imdecode(np.frombuffer(sent.pictures[0].data, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
     assert seen[24, 10] == pytest.approx(rgb[24, 10], abs=8)
     assert seen[24, 50] == pytest.approx(rgb[24, 50], abs=8)
-    assert with_jpeg(MovingScene(battery=3.0)) == MovingScene(battery=3.0)
+    assert to_jpeg(sent.pictures[0]) is sent.pictures[0]
 
 
 def test_scenes_of_several_sources_are_merged():
