@@ -142,7 +142,7 @@ class ControlNode(TreeNode):
             NodeExecutionError: A child raised. All other children were halted and reset nevertheless.
         """
         observers = self._context.observers
-        if observers is not None and self._batch_reset(observers):
+        if _reset_unobserved(self._children) if observers is None else self._batch_reset(observers):
             return
         first: NodeExecutionError | None = None
         moment: object = None
@@ -205,6 +205,18 @@ class ControlNode(TreeNode):
     def idle_child(self, index: int) -> NodeError:
         """Return the error for a child that returned IDLE."""
         return NodeError(f"child {index + 1} returned IDLE")
+
+
+def _reset_unobserved(children: list[TreeNode]) -> bool:
+    """Reset the children up to the first that is RUNNING. Return whether all children are reset."""
+    for child in children:
+        status = child._status
+        if status is RUNNING:
+            return False
+        if status is not IDLE:
+            child._status = IDLE
+            child._status_before_reset = status
+    return True
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
