@@ -102,7 +102,7 @@ def _as_data(recording: Recording, rows: Sequence[RecordedStatistics]) -> dict[s
         "time_s": (recording.end - recording.start) / NS_PER_S,
         "transitions": len(recording.transitions),
         "damage": recording.damage or None,
-        "gaps": [{"before": gap.at + 1, "said": gap.reason} for gap in recording.gaps],
+        "gaps": [{"before": gap.at + 1, "reason": gap.reason} for gap in recording.gaps],
         "nodes": {
             row.path: {
                 "id": row.node.id,

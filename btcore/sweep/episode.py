@@ -40,9 +40,10 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
 
     Returns:
         A dict. ``code``: the exit code; ``report``: the object that ``--json`` prints, or None if the run
-        could not start; ``blamed``: the path of the node that made the tree fail or that raised an exception,
-        or None; ``warnings``: the messages of the first warnings; ``fault``: why the run could not start, or
-        None (code 2: an error of the user, 70: an internal error); ``wall_s``: the duration (s of real time).
+        could not start; ``failed_at``: the path of the node that made the tree fail or that raised an
+        exception, or None; ``warnings``: the messages of the first warnings; ``fault``: why the run could not
+        start, or None (code 2: an error of the user, 70: an internal error); ``wall_s``: the duration (s of
+        real time).
     """
     stderr = io.StringIO()
     result: Result
@@ -80,8 +81,8 @@ def _run(command: Sequence[str]) -> Result:
         # Convert to JSON and back, as for --json: a report that is not JSON data raises here, in the worker.
         report = json.loads(json.dumps(session.outcome.report(session.tree, figures)))
         error = session.outcome.error
-        blamed = error.path if error is not None else cause.node_path
-        return {"code": code, "report": report, "blamed": blamed, "fault": None}
+        failed_at = error.path if error is not None else cause.node_path
+        return {"code": code, "report": report, "failed_at": failed_at, "fault": None}
 
 
 @cache
@@ -95,7 +96,7 @@ def _internal_error(error: BaseException) -> Result:
 
 
 def _not_started(code: ExitCode, message: str) -> Result:
-    return {"code": code, "report": None, "blamed": None, "fault": message}
+    return {"code": code, "report": None, "failed_at": None, "fault": message}
 
 
 def _warnings(text: str) -> list[str]:

@@ -114,6 +114,8 @@ class Journal:
             if record is None:
                 break
             complete += len(line)
+            if "blamed" in record:  # the name of the key in older journals
+                record["failed_at"] = record.pop("blamed")
             self.done.setdefault(record["episode"], record)
         file.truncate(complete)
         file.seek(0, os.SEEK_END)

@@ -54,7 +54,7 @@ def row(episode: Episode, record: Record, script: Program | None) -> Row:
     cells: Row = {"episode": episode.number, "seed": episode.seed}
     cells |= {f"param.{key}": _typed(value) for key, value in episode.values.items()}
     cells |= {"success": None, "status": _status(record), "code": record["code"]}
-    cells |= {"time_s": None, "ticks": None, "failed_at": record.get("blamed"), "error": _error(record)}
+    cells |= {"time_s": None, "ticks": None, "failed_at": record.get("failed_at"), "error": _error(record)}
     failures = None
     if report is not None:
         cells |= {"time_s": float(report["time_s"]), "ticks": report["ticks"]}

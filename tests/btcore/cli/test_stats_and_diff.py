@@ -57,7 +57,9 @@ def test_gap_is_reported(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "run.btlog.gaps").write_text("20 the transitions 21 to 30 are lost\n")
     result = cli("stats", tmp_path / "run.btlog", "--json")
     assert "a gap before transition 21: the transitions 21 to 30 are lost" in result.stderr
-    assert json.loads(result.stdout)["gaps"] == [{"before": 21, "said": "the transitions 21 to 30 are lost"}]
+    assert json.loads(result.stdout)["gaps"] == [
+        {"before": 21, "reason": "the transitions 21 to 30 are lost"}
+    ]
 
 
 @pytest.mark.parametrize("command", [["stats"], ["diff", str(BTLOG)], ["replay", "--text"]])

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import math
 import re
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from btcore.script.program import compile_script
 from btcore.sweep import charts, table
 from btcore.sweep.definition import SweepDefinition
+from btcore.sweep.journal import Journal
 from btcore.sweep.parameters import RunOptions
 from btcore.sweep.report import ReportData, render_report
 from btcore.sweep.sweep_statistics import SuccessRate, compute_statistics, wilson
@@ -29,7 +31,7 @@ def record(number: int, status: str = "SUCCESS", **more: Any) -> dict[str, Any]:
         "robot": {"distance_m": 1.5, "pose": {"x": 2}, "visited": ["wp1", "wp2"]},
     }
     code = 1 if status == "FAILURE" else 0
-    return {"episode": number, "code": code, "report": report, "blamed": None, "fault": None, **more}
+    return {"episode": number, "code": code, "report": report, "failed_at": None, "fault": None, **more}
 
 
 def test_a_row_is_flat_and_has_no_wall_time() -> None:
@@ -69,7 +71,7 @@ def rows(count: int = 8) -> list[table.Row]:
     found = []
     for number in range(count):
         failed = number % 4 == 3
-        kept = record(number, "FAILURE" if failed else "SUCCESS", blamed="a" if failed else None)
+        kept = record(number, "FAILURE" if failed else "SUCCESS", failed_at="a" if failed else None)
         found.append(table.row(SWEEP.episode(number), kept, None))
     return found
 
@@ -151,3 +153,13 @@ def test_report_names_varied_parameters_and_escapes_user_texts() -> None:
     assert "&lt;b&gt;" in text
     assert "<b>'" not in text
     assert "btcore run walk --set x=2.5 --fast --seed 1" in text.replace("</span>", "")
+
+
+def test_journal_with_an_old_name_of_a_key_is_read(tmp_path: Path) -> None:
+    with Journal(tmp_path, SWEEP):
+        pass
+    old = record(0, "FAILURE", blamed="a")
+    del old["failed_at"]
+    (tmp_path / "journal.jsonl").write_text(json.dumps(old) + "\n", encoding="utf-8")
+    with Journal(tmp_path, SWEEP) as journal:
+        assert table.row(SWEEP.episode(0), journal.done[0], None)["failed_at"] == "a"
