@@ -18,12 +18,13 @@ from btcore_robot.navigation.nodes.action_node import (
 )
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
+    optional_input,
     path_input,
     path_port,
     pose_input,
     write_outputs,
 )
-from btcore_robot.navigation.path import NavPath, NearestPoseSearch, empty_path, join_paths
+from btcore_robot.navigation.path import NavPath, NearestPoseSearch, empty_path
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Pose2D
 
@@ -80,6 +81,8 @@ class TruncatePathLocal(SyncAction):
         In[float], "Maximum distance (m) along the path to search for the robot's pose; inf: the whole path."
     ] = math.inf
     output_path: OutPath = OPTIONAL
+
+    state_fields = ("search",)
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
@@ -141,6 +144,8 @@ class IsPathValid(Condition):
     server_timeout: ServerTimeout = 20
 
     provided_ports = path_port("Path to check.")
+
+    state_fields = ()
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
@@ -246,7 +251,10 @@ class GetCurrentPose(ServersAction):
 
 
 class ConcatenatePaths(SyncAction):
-    """Join two paths: the second follows the first. FAILURE when both are empty."""
+    """Join two paths: all poses of the first, then all poses of the second. FAILURE when both are empty.
+
+    The joined path has the frame and the time of planning of the first path, as in Nav2.
+    """
 
     input_path1: InPath
     input_path2: InPath
@@ -254,10 +262,10 @@ class ConcatenatePaths(SyncAction):
 
     def tick(self) -> bool:
         """Write the joined path."""
-        paths = [
-            path for port in ("input_path1", "input_path2") if (path := path_input(self, port)) is not None
-        ]
-        if not paths:
+        inputs = optional_input(self, "input_path1"), optional_input(self, "input_path2")
+        paths = [path for path in inputs if isinstance(path, NavPath)]
+        if not any(map(len, paths)):
             return False
-        write_outputs(self, output_path=join_paths(paths, self.now()))
+        poses = np.concatenate([path.poses for path in paths])
+        write_outputs(self, output_path=NavPath(poses, paths[0].stamp, paths[0].frame))
         return True

@@ -297,7 +297,11 @@ def test_concatenate_paths_needs_a_path_that_is_not_empty(bench, path):
     text = '<ConcatenatePaths input_path1="{a}" input_path2="{b}" output_path="{both}"/>'
     tree = bench.tree(text, a=path((0, 0), (1, 0)), b=path((1, 0), (1, 1)))
     assert bench.letters(tree, 1) == "S"
-    assert tree.blackboard["both"].length() == pytest.approx(2.0)
+    first, second, both = (tree.blackboard[key] for key in ("a", "b", "both"))
+    # As in Nav2, the pose at which the paths meet stays in both parts.
+    assert np.array_equal(both.poses, np.concatenate([first.poses, second.poses]))
+    assert (both.stamp, both.frame) == (first.stamp, first.frame)
+    assert both.length() == pytest.approx(2.0)
     alone = bench.tree(text, b=path((1, 0), (1, 1)))
     assert bench.letters(alone, 1) == "S"
     assert np.array_equal(alone.blackboard["both"].poses, alone.blackboard["b"].poses)
