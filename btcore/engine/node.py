@@ -66,7 +66,8 @@ class TreeNode:
     """The attributes that the node remembers between ticks, in addition to those of its base classes.
 
     To save and restore a tree, these attributes are sufficient together with the statuses, the blackboard and
-    the time. None = the node cannot be saved while it is RUNNING.
+    the time. None = the node cannot be saved while it is RUNNING. A user's class with attributes must declare
+    this, if only as (), before a tree with it can be saved.
     """
     never_pauses: ClassVar[bool] = False
     """Whether a tick does nothing but tick the children, and, while a child is RUNNING, only this child.

@@ -7,12 +7,14 @@ clock, the resources and the observers. Restore it into a tree whose clock shows
 """
 
 import copy
+from inspect import get_annotations
 from typing import NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError, NodeError
 from btcore.status import RUNNING, Status
+from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
 from btcore.values import ValueType
 
@@ -59,11 +61,13 @@ def save_state(tree: Tree) -> SavedState:
     """Return a copy of the state of *tree*, which must not be in a tick.
 
     Raises:
-        NodeError: A RUNNING node has state that cannot be saved, such as a coroutine.
+        NodeError: A RUNNING node has state that cannot be saved, such as a coroutine. Or a node has
+            attributes, but its class does not declare its state.
         TypeError: A value cannot be copied.
     """
     values: list[object] = []
     for node in tree.nodes:
+        _check_declaration(node)
         if type(node).state_fields is None and node._status is RUNNING:
             raise NodeError(f"the state of '{node.path}' <{node.id}> cannot be saved while it is RUNNING")
         values.append({name: getattr(node, name) for name in state_fields_of(type(node))})
@@ -129,6 +133,22 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
         tree.context.wake_up()
     tree.ticks = saved.ticks
     tree.status = saved.status
+
+
+def _check_declaration(node: TreeNode) -> None:
+    """Raise NodeError if *node* has attributes of a user's class, but no such class declares its state."""
+    kinds = [cls for cls in type(node).__mro__ if issubclass(cls, TreeNode)]
+    engine = [cls for cls in kinds if cls.__module__.startswith("btcore.")]
+    if len(engine) == len(kinds) or any("state_fields" in vars(cls) for cls in kinds if cls not in engine):
+        return
+    known = {name for cls in engine for name in get_annotations(cls)}
+    unknown = sorted(set(getattr(node, "__dict__", ())) - known)
+    if unknown:
+        raise NodeError(
+            f"the state of '{node.path}' <{node.id}> cannot be saved: {kinds[0].__qualname__} does not "
+            f"declare which of its attributes change between ticks ({join_names(unknown)}): write for "
+            f'example state_fields = ("{unknown[0]}",), or state_fields = () if none does'
+        )
 
 
 def _names(tree: Tree) -> list[tuple[str, str]]:

@@ -14,6 +14,7 @@ from btcore import (
     NodeExecutionError,
     Registry,
     SimClock,
+    StatefulAction,
     Status,
     Tree,
     TreeNode,
@@ -324,3 +325,42 @@ def test_coroutine_can_be_saved_only_while_it_is_not_running() -> None:
     assert tree.tick_exactly_once() is Status.RUNNING
     with pytest.raises(NodeError, match="the state of 'n' <Twice> cannot be saved while it is RUNNING"):
         save_state(tree)
+
+
+class Count(StatefulAction):
+    def on_start(self) -> Status:
+        self.left = 3
+        return Status.RUNNING
+
+    def on_running(self) -> Status:
+        self.left -= 1
+        return Status.RUNNING if self.left else Status.SUCCESS
+
+
+class DeclaredCount(Count):
+    state_fields = ("left",)
+
+
+def tree_of(cls: type[TreeNode]) -> Tree:
+    nodes = Registry.standard()
+    nodes.add(cls)
+    name = cls.__name__
+    return loads(f'<root BTCPP_format="4"><BehaviorTree ID="T"><{name}/></BehaviorTree></root>', nodes=nodes)
+
+
+def test_node_with_attributes_must_declare_its_state() -> None:
+    tree = tree_of(Count)
+    tree.tick_once()
+    message = (
+        r"the state of 'Count::1' <Count> cannot be saved: Count does not declare .* \(left\): write for"
+    )
+    with pytest.raises(NodeError, match=message):
+        save_state(tree)
+
+
+def test_declared_attributes_of_a_users_class_are_restored() -> None:
+    tree, other = tree_of(DeclaredCount), tree_of(DeclaredCount)
+    tree.tick_once()
+    tree.tick_once()
+    restore_state(other, save_state(tree))
+    assert [other.tick_once(), other.tick_once()] == [Status.RUNNING, Status.SUCCESS]

@@ -33,6 +33,8 @@ class BatteryChecker(Condition):
 
     low: Annotated[In[float], "The level (0–100) below which the check fails."] = 10.0
 
+    state_fields = ("last_check",)
+
     def __init__(self, robot: Robot, blackboard: Blackboard) -> None:
         self.robot = robot
         self.board = blackboard
@@ -56,6 +58,8 @@ class Recharge(StatefulAction):
 
     A halt interrupts charging; the next start continues it.
     """
+
+    state_fields = ("ticks",)
 
     def __init__(self, robot: Robot, blackboard: Blackboard) -> None:
         self.robot = robot

@@ -30,6 +30,8 @@ FULL_TURN_TIME = round(2 * math.pi / TURN_SPEED * 1e9)
 class Forward(StatefulAction):
     """Drive forward at 0.3 m/s. Always RUNNING."""
 
+    state_fields = ()
+
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
 
@@ -49,6 +51,8 @@ class _Manoeuvre(StatefulAction):
     v: ClassVar[float] = 0.0
     w: ClassVar[float] = 0.0
     duration: ClassVar[int] = MANOEUVRE_TIME
+
+    state_fields = ("started",)
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -93,6 +97,8 @@ class TurnToFree(StatefulAction):
     """
 
     clear: Annotated[In[float], "The distance (m) that has to be free ahead."] = 2.0
+
+    state_fields = ("side", "started")
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot

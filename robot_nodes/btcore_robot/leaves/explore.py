@@ -63,6 +63,8 @@ class Explore(StatefulAction):
     the drive.
     """
 
+    state_fields = None  # the goal and its handle belong to the navigator
+
     def __init__(self, explorer: Explorer, robot: Robot) -> None:
         self.explorer = explorer
         self.clock = robot.clock
@@ -134,6 +136,8 @@ class SaveMap(SyncAction):
     """Write the map: FAILURE when the files cannot be written."""
 
     file: Annotated[In[str], "The map's YAML file; empty: the file of --save-map, or map.yaml."] = ""
+
+    state_fields = ()
 
     def __init__(self, explorer: Explorer, map_file: MapFile) -> None:
         self.explorer = explorer

@@ -55,6 +55,8 @@ class _KeepActive(StatefulAction):
 class TrackObjects(_KeepActive):
     """Keep the head tracker active. Always RUNNING; a halt deactivates the tracker."""
 
+    state_fields = ()
+
     def __init__(self, tracker: HeadTrackerProtocol) -> None:
         self.component = tracker
 
@@ -66,6 +68,8 @@ class LocateObjects(_KeepActive):
     """
 
     boxes: Annotated[Out[object], "The objects in the newest image: a list of boxes in the frame map."]
+
+    state_fields = None  # the boxes belong to the locator, and a copy would count as new
 
     def __init__(self, locator: ObjectLocatorProtocol) -> None:
         self.component = self.locator = locator

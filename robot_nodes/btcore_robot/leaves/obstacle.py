@@ -42,6 +42,8 @@ class WaitForScan(StatefulAction):
     # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
     may_complete_on_start = True
 
+    state_fields = ()
+
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
 

@@ -27,6 +27,8 @@ ErrorMsg = Annotated[Out[str], "The error message; empty when there was no error
 class ServersAction(SyncAction):
     """Base of the actions that call the navigation servers and end within a tick."""
 
+    state_fields = ()
+
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
 
@@ -49,6 +51,8 @@ class BtActionNode(StatefulAction):
     level = logging.WARNING
     """The level at which failures are logged."""
     logged = ""
+
+    state_fields = None  # the goal and its handle belong to the server
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers

@@ -47,6 +47,8 @@ class GoalReached(Condition):
     goal: Annotated[In[Pose2D], "Destination."]
     robot_base_frame: BaseFrame = "base_footprint"
 
+    state_fields = ()
+
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
 
@@ -61,6 +63,8 @@ class GoalUpdated(Condition):
 
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
+
+    state_fields = ("known",)
 
     def __init__(self) -> None:
         self.known: Goals = (None, ())
@@ -82,6 +86,8 @@ class GlobalUpdatedGoal(Condition):
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
 
+    state_fields = ("known",)
+
     def __init__(self) -> None:
         self.known: Goals | None = None
 
@@ -95,6 +101,8 @@ class GlobalUpdatedGoal(Condition):
 
 class IsStuck(Condition):
     """SUCCESS when odometry slowed down by more than 10 m/s², which only a collision causes."""
+
+    state_fields = ("history",)
 
     def __init__(self, servers: Servers) -> None:
         self.robot = servers.robot
@@ -121,6 +129,8 @@ class IsBatteryLow(Condition):
     )
     is_voltage: Annotated[In[bool], "True if min_battery is a voltage; not supported: FAILURE."] = False
 
+    state_fields = ()
+
     def __init__(self, servers: Servers) -> None:
         self.robot = servers.robot
 
@@ -134,6 +144,8 @@ class IsBatteryCharging(Condition):
     """SUCCESS while the last message of *battery_topic* is ``charging``."""
 
     battery_topic: Annotated[In[str], "Battery topic."] = "/battery_status"
+
+    state_fields = ()
 
     def __init__(self, servers: Servers) -> None:
         self.topics = servers.topics
@@ -149,6 +161,8 @@ class DistanceTraveled(Condition):
     distance: Annotated[In[float], "Distance (m)."] = 1.0
     global_frame: GlobalFrame = "map"
     robot_base_frame: BaseFrame = "base_footprint"
+
+    state_fields = ("start",)
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
@@ -170,6 +184,8 @@ class TimeExpired(Condition):
     """SUCCESS when *seconds* have passed since the last SUCCESS or since the start."""
 
     seconds: Annotated[In[float], "Time (s)."] = 1.0
+
+    state_fields = ("since",)
 
     def __init__(self) -> None:
         self.since = 0
@@ -193,6 +209,8 @@ class PathExpiringTimer(Condition):
 
     provided_ports = path_port("Path whose age counts.")
 
+    state_fields = ("known", "since")
+
     def __init__(self) -> None:
         self.since: int | None = None
         self.known: NavPath | None = None
@@ -214,6 +232,8 @@ class TransformAvailable(Condition):
 
     child: Annotated[In[str], "Child frame for transform."] = ""
     parent: Annotated[In[str], "Parent frame for transform."] = ""
+
+    state_fields = ("was_available",)
 
     def __init__(self, servers: Servers) -> None:
         self.transforms = servers.transforms
@@ -254,6 +274,8 @@ class IsGoalNearby(Condition):
     robot_base_frame: BaseFrame = "base_footprint"
 
     provided_ports = path_port("Path that the robot follows.")
+
+    state_fields = ("search",)
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers

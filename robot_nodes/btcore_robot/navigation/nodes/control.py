@@ -16,6 +16,8 @@ class PipelineSequence(ControlNode):
     children are skipped.
     """
 
+    state_fields = ("reached",)
+
     def __init__(self) -> None:
         self.reached = 0
 
@@ -54,6 +56,8 @@ class RecoveryNode(ControlNode):
     """
 
     number_of_retries: Annotated[In[int], "Number of retries of the first child."] = 1
+
+    state_fields = ("current", "retries")
 
     def __init__(self) -> None:
         self.retries = 0
@@ -111,6 +115,8 @@ class RoundRobin(ControlNode):
     """
 
     wrap_around: Annotated[In[bool], "Whether to continue with the first child after the last."] = False
+
+    state_fields = ("failed", "turn")
 
     def __init__(self) -> None:
         self.turn = 0

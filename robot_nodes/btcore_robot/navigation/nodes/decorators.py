@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from copy import copy
 from typing import Annotated
 
 from btcore import DecoratorNode, In, NodeError, Out, Status
@@ -35,6 +36,8 @@ class RateController(DecoratorNode):
 
     hz: Annotated[In[float], "Rate (Hz)."] = 10.0
 
+    state_fields = ("since",)
+
     def __init__(self) -> None:
         self.since = 0
 
@@ -60,6 +63,8 @@ class DistanceController(DecoratorNode):
     distance: Annotated[In[float], "Distance (m) between two starts of the child."] = 1.0
     global_frame: Annotated[In[str], "Global frame; always map here."] = "map"
     robot_base_frame: Annotated[In[str], "Robot base frame; always base_footprint here."] = "base_footprint"
+
+    state_fields = ("start",)
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
@@ -98,6 +103,8 @@ class SpeedController(DecoratorNode):
     filter_duration: Annotated[In[float], "Duration (s) over which the speed is averaged."] = 0.3
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
+
+    state_fields = ("goal_changed", "period", "previous_goals", "since", "speeds")
 
     def __init__(self, servers: Servers) -> None:
         self.servers = servers
@@ -152,6 +159,8 @@ class GoalUpdatedController(DecoratorNode):
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
 
+    state_fields = ("previous_goals",)
+
     def __init__(self) -> None:
         self.previous_goals: Goals = (None, ())
 
@@ -178,6 +187,8 @@ class GoalUpdater(DecoratorNode):
     output_goal: Annotated[Out[Pose2D], "Goal that the child receives."] = OPTIONAL
     output_goals: Annotated[Out[Poses], "Goals that the child receives."] = OPTIONAL
 
+    state_fields = ("several", "single")
+
     def __init__(self, servers: Servers) -> None:
         self.topics = servers.topics
         self.single = NewestSource()
@@ -202,6 +213,10 @@ class NewestSource:
         self.topic_value: object = None
         self.choice: object = None
 
+    def __deepcopy__(self, memo: object) -> "NewestSource":
+        """Return a copy with the same values, for saved states: messages are compared by identity."""
+        return copy(self)
+
     def select(self, port_value: object, topic_value: object) -> object:
         """Return the value that changed last.
 
@@ -225,6 +240,8 @@ class NewestSource:
 
 class SingleTrigger(DecoratorNode):
     """Tick the child until it has returned SUCCESS or FAILURE once; return FAILURE from then on."""
+
+    state_fields = ("triggered",)
 
     def __init__(self) -> None:
         self.triggered = False
@@ -252,6 +269,8 @@ class PathLongerOnApproach(DecoratorNode):
     length_factor: Annotated[In[float], "Factor by which the new path must be longer."] = 2.0
 
     provided_ports = path_port("Planned path.")
+
+    state_fields = ("previous",)
 
     def __init__(self) -> None:
         self.previous: NavPath | None = None

@@ -165,6 +165,8 @@ class CheckStopStatus(StatefulAction):
     velocity_threshold: Annotated[In[float], "Velocity (m/s, rad/s) up to which the robot is stopped."] = 0.01
     duration_stopped: Annotated[In[int], "Time (ms) for which the robot must be stopped."] = 1000
 
+    state_fields = ("since",)
+
     def __init__(self, servers: Servers) -> None:
         self.robot = servers.robot
         self.since = 0
@@ -204,6 +206,8 @@ class _Selector(SyncAction):
             Port(default, type=STRING, default="", description=use),
             Port(f"selected_{cls.kind}", Direction.OUT, STRING, "", f"Selected {words}."),
         ]
+
+    state_fields = ()
 
     def __init__(self, servers: Servers) -> None:
         self.topics = servers.topics

@@ -1,0 +1,97 @@
+"""Robot and Nav2 nodes declare their state, so that a tree can be saved and restored."""
+
+import ast
+import inspect
+import textwrap
+
+import pytest
+
+import btcore
+from btcore import Registry, SimClock, Tree, TreeNode
+from btcore.testing import CallLog, PlanAction
+from btcore.tree.saved_state import restore_state, save_state, state_fields_of
+from btcore_robot import leaves
+from btcore_robot.navigation import nodes as nav2_nodes
+from btcore_robot.robot import Pose2D
+
+XML = """<root BTCPP_format="4"><BehaviorTree ID="Main">
+  <ParallelAll max_failures="-1">
+    <PipelineSequence>
+      <PlanAction plan="RS"/><PlanAction plan="RRS|RF"/><PlanAction plan="RRRS"/>
+    </PipelineSequence>
+    <RecoveryNode number_of_retries="2"><PlanAction plan="RF|F|RS"/><PlanAction plan="RS"/></RecoveryNode>
+    <RoundRobin><PlanAction plan="RS"/><PlanAction plan="RF"/><PlanAction plan="S"/></RoundRobin>
+    <NonblockingSequence><PlanAction plan="RS"/><PlanAction plan="RRS"/></NonblockingSequence>
+    <RateController hz="40"><PlanAction plan="S|RS"/></RateController>
+    <SingleTrigger><PlanAction plan="RS"/></SingleTrigger>
+    <GoalUpdatedController goal="{goal}"><PlanAction plan="RS|S"/></GoalUpdatedController>
+    <ReactiveFallback>
+      <TimeExpired seconds="0.03"/><GoalUpdated goal="{goal}"/><PlanAction plan="RRRRRS"/>
+    </ReactiveFallback>
+    <ReactiveFallback><GlobalUpdatedGoal goal="{goal}"/><PlanAction plan="RRRS"/></ReactiveFallback>
+  </ParallelAll>
+</BehaviorTree></root>"""
+
+
+def registry() -> Registry:
+    nodes = Registry.standard()
+    leaves.register(nodes)
+    nav2_nodes.register(nodes)
+    nodes.add(PlanAction)
+    return nodes
+
+
+def new_tree(start: int) -> Tree:
+    return btcore.loads(XML, nodes=registry(), clock=SimClock(start), resources=[CallLog()])
+
+
+def tick(tree: Tree) -> list[str]:
+    """Change the goal in every fourth tick, tick the tree, and return the statuses of its nodes."""
+    tree.blackboard["goal"] = Pose2D(tree.ticks // 4, 0.0, 0.0)
+    tree.tick_exactly_once()
+    statuses = [node.status.name for node in tree]
+    tree.sleep(0.01)
+    return statuses
+
+
+@pytest.mark.parametrize("count", range(10))
+def test_restored_tree_of_nav2_nodes_does_the_same_as_the_saved_tree(count: int) -> None:
+    original = new_tree(0)
+    for _ in range(count):
+        tick(original)
+    restored = new_tree(original.clock.now())
+    restore_state(restored, save_state(original))
+    assert [tick(restored) for _ in range(10)] == [tick(original) for _ in range(10)]
+
+
+def assigned(cls: type[TreeNode]) -> set[str]:
+    """Return the attributes that the methods of *cls*, apart from ``__init__``, assign."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
+    assert isinstance(definition, ast.ClassDef)
+    return {
+        node.attr
+        for method in definition.body
+        if isinstance(method, ast.FunctionDef) and method.name != "__init__"
+        for node in ast.walk(method)
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.ctx, ast.Store)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "self"
+    }
+
+
+def test_every_attribute_that_a_robot_node_assigns_is_declared_as_state() -> None:
+    undeclared = set()
+    found = 0
+    for manifest in registry():
+        classes = [cls for cls in manifest.cls.__mro__ if cls.__module__.startswith("btcore_robot.")]
+        for cls in classes:
+            assert issubclass(cls, TreeNode)
+            names = assigned(cls) - set(manifest.ports)
+            found += bool(names)
+            if manifest.cls.state_fields is not None:
+                undeclared |= {
+                    f"{cls.__name__}.{name}" for name in names - set(state_fields_of(manifest.cls))
+                }
+    assert undeclared == set()
+    assert found > 20
