@@ -64,6 +64,20 @@ def test_restored_tree_of_nav2_nodes_does_the_same_as_the_saved_tree(count: int)
     assert [tick(restored) for _ in range(10)] == [tick(original) for _ in range(10)]
 
 
+def test_waypoint_nodes_of_a_restored_tree_continue_the_patrol_together() -> None:
+    text = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+        <GetWaypoint waypoint="{first}"/> <GetWaypoint waypoint="{second}"/>
+      </Sequence></BehaviorTree></root>"""
+    tree, restored = (btcore.loads(text, nodes=registry()) for _ in range(2))
+    tree.tick_once()
+    restore_state(restored, save_state(tree))
+    for _ in range(2):
+        tree.tick_once()
+        restored.tick_once()
+        assert dict(restored.blackboard) == dict(tree.blackboard)
+    assert len(set(tree.blackboard.values())) == 2
+
+
 def assigned(cls: type[TreeNode]) -> set[str]:
     """Return the attributes that the methods of *cls*, apart from ``__init__``, assign."""
     (definition,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body

@@ -42,7 +42,7 @@ class GetWaypoint(SyncAction):
     wp_id: Annotated[In[str], "'recharge', or any other text for the next waypoint of the patrol."] = "next"
     waypoint: Annotated[Out[Pose2D], "The waypoint, in the frame map."]
 
-    state_fields = ()
+    state_fields = ("progress",)  # the nodes of a restored tree share one copy
 
     def __init__(self, progress: PatrolProgress, waypoints: Waypoints = BOOK_WAYPOINTS) -> None:
         self.progress = progress
