@@ -196,7 +196,7 @@ class Registry:
             raise RegistrationError(f"the number {number!r} needs a name: add_enum('RED', {number!r})")
         self.types.add_enum(enum)
 
-    def add_trees(self, *sources: str | PathLike[str]) -> None:
+    def add_trees(self, *sources: str | PathLike[str], confined: bool = False) -> None:
         """Register the trees of XML documents.
 
         :func:`btcore.make` creates a registered tree. Every tree that is loaded with this registry can call
@@ -204,14 +204,19 @@ class Registry:
 
         Args:
             sources: XML texts, and paths of XML files. A string that contains ``<`` is a text.
+            confined: Whether includes from outside of the folder of the including XML file are errors, for
+                trees from strangers. The folder of a text is the working directory.
 
         Raises:
             XmlSyntaxError: A file can't be read, or a document is not valid XML. No tree is registered then.
         """
-        self.documents += [
+        documents = [
             parse_text(source) if isinstance(source, str) and "<" in source else parse_file(source)
             for source in sources
         ]
+        for document in documents if confined else ():
+            document.confine()
+        self.documents += documents
 
     # --- substitution
 

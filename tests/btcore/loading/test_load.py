@@ -135,6 +135,18 @@ def test_invalid_document_is_an_error_when_it_is_registered(tmp_path: Path) -> N
     assert nodes.documents == []
 
 
+def test_confined_registered_file_cannot_include_files_outside_of_its_folder(tmp_path: Path) -> None:
+    write(tmp_path / "dock.xml", DOCK)
+    (tmp_path / "inner").mkdir()
+    path = write(tmp_path / "inner" / "all.xml", document(include='<include path="../dock.xml"/>'))
+    trusted, confined = Registry.standard(), Registry.standard()
+    trusted.add_trees(path)
+    assert make("Dock", nodes=trusted).tick_once() is Status.FAILURE
+    confined.add_trees(path, confined=True)
+    with pytest.raises(TreeError, match="E007 the included file is outside of the folder"):
+        make("Dock", nodes=confined)
+
+
 def test_trees_of_a_copied_registry_are_its_own() -> None:
     nodes = Registry.standard()
     nodes.add_trees(DOCK)
