@@ -4,6 +4,7 @@ The XML comes from the network and is not trusted. A document with a document ty
 before parsing, so there are no entities to expand, and the parser fetches nothing.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
@@ -22,6 +23,8 @@ FAMILIES: Final[dict[str, Kind]] = {
 }
 """Node families by the tags in a TreeNodesModel. Nodes in the explicit form (``<Action ID="…"/>``) have these
 tags, too."""
+
+_INVALID_IN_XML: Final = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 
 _TAGS: Final = {kind: tag for tag, kind in FAMILIES.items()}
 _NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
@@ -62,7 +65,11 @@ def read_fulltree(xml: bytes, tree_id: str) -> ObservedTree:
 
 
 def write_fulltree(tree: ObservedTree) -> bytes:
-    """Return the XML that the robot sent for *tree*. If it sent none, build the XML from the known nodes."""
+    """Return the XML that the robot sent for *tree*. If it sent none, build the XML from the known nodes.
+
+    The names of Groot 1's protocol may have any characters. Those that are invalid in XML are escaped, and
+    ports whose names are invalid in XML are left out.
+    """
     if tree.xml:
         return tree.xml
     root = etree.Element("root", BTCPP_format="4")
@@ -73,22 +80,40 @@ def write_fulltree(tree: ObservedTree) -> bytes:
     for node in tree.nodes:
         if node.subtree not in trees:
             tree_id = tree.subtrees.get(node.subtree, tree.name)
-            trees[node.subtree] = etree.SubElement(root, "BehaviorTree", ID=tree_id, _fullpath=node.subtree)
+            place = {"ID": _valid(tree_id), "_fullpath": _valid(node.subtree)}
+            trees[node.subtree] = etree.SubElement(root, "BehaviorTree", place)
         parent = above.get(node.parent)
         if parent is None or tree.by_uid[node.parent].kind == "subtree":
             parent = trees[node.subtree]
-        own = {"ID": tree.subtrees.get(node.path, node.name), "_fullpath": node.path}
+        tag = "SubTree"
+        own = {"ID": _valid(tree.subtrees.get(node.path, node.name)), "_fullpath": _valid(node.path)}
         if node.kind != "subtree":
-            own = {"name": node.name}
-        tag = "SubTree" if node.kind == "subtree" else node.id
-        above[node.uid] = etree.SubElement(parent, tag, {**own, "_uid": str(node.uid), **node.ports})
+            tag, own = node.id, {"name": _valid(node.name)}
+            if not _is_xml_name(tag):
+                tag, own["ID"] = _TAGS[node.kind], _valid(node.id)
+        ports = {name: _valid(text) for name, text in node.ports.items() if _is_xml_name(name)}
+        above[node.uid] = etree.SubElement(parent, tag, {**ports, **own, "_uid": str(node.uid)})
         # Without a model, a reader could not infer the family of a node with one child or none.
         if node.kind != "subtree" and node.id not in known:
             known.add(node.id)
-            etree.SubElement(models, _TAGS[node.kind], ID=node.id)
+            etree.SubElement(models, _TAGS[node.kind], ID=_valid(node.id))
     root.append(models)
     etree.indent(root, "    ")
     return etree.tostring(root, encoding="utf-8") + b"\n"
+
+
+def _is_xml_name(name: str) -> bool:
+    """Return whether *name* is valid as the name of an element or an attribute without a namespace."""
+    try:
+        etree.QName(name)
+    except ValueError:
+        return False
+    return not name.startswith("{") and ":" not in name
+
+
+def _valid(text: str) -> str:
+    """Return *text* with the characters that are invalid in XML as escape sequences of Python."""
+    return _INVALID_IN_XML.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def _parse(xml: bytes) -> etree._Element:

@@ -11,7 +11,6 @@ from btcore import SimClock, loads
 from btcore.cli.main import main
 from btcore.escaping import escape_controls
 from btcore_monitor.breakpoints import BreakpointClient
-from btcore_monitor.commands.record import record
 from btcore_monitor.console import print_line
 from btcore_monitor.serve import serve
 
@@ -38,16 +37,6 @@ def test_names_in_a_robot_are_escaped_by_hook(no_threads_left, arguments):
         done = CliRunner().invoke(main, ["hook", publisher.address, *arguments])
     assert done.exit_code == 0
     assert r"\x9b31m\u202eevil" in done.stdout
-    assert escape_controls(done.output) == done.output
-
-
-def test_names_in_a_robot_are_escaped_by_record(no_threads_left, tmp_path):
-    # A name of format 3 may contain every character.
-    text = """<root><BehaviorTree ID="M"><AlwaysSuccess name="&#27;]0;title&#7;"/></BehaviorTree></root>"""
-    tree = loads(text, clock=SimClock())
-    with serve(tree, groot2=0) as publisher:
-        publisher.finish()
-        done = CliRunner().invoke(record, [publisher.address, "-o", str(tmp_path / "x.btlog"), "--until-end"])
     assert escape_controls(done.output) == done.output
 
 
