@@ -161,3 +161,45 @@ def test_success_is_running(page: dict[str, Any]) -> None:
         "<KeepRunningUntilFailure><StatusQueue queue='SUCCESS;RUNNING;FAILURE'/></KeepRunningUntilFailure>"
     )
     assert_same_results(tree, root, [{}] * 7)
+
+
+LETTERS = {"S": S, "F": F, "R": R}
+COMPOSITES: dict[str, Callable[[], Any]] = {
+    "<Sequence>{}</Sequence>": lambda: py_trees.composites.Sequence("s", memory=True),
+    "<ReactiveSequence>{}</ReactiveSequence>": lambda: py_trees.composites.Sequence("s", memory=False),
+    "<Fallback>{}</Fallback>": lambda: py_trees.composites.Selector("s", memory=True),
+    "<ReactiveFallback>{}</ReactiveFallback>": lambda: py_trees.composites.Selector("s", memory=False),
+    '<Parallel success_count="-1">{}</Parallel>': lambda: py_trees.composites.Parallel(
+        "p", policy=py_trees.common.ParallelPolicy.SuccessOnAll()
+    ),
+    '<Parallel success_count="1">{}</Parallel>': lambda: py_trees.composites.Parallel(
+        "p", policy=py_trees.common.ParallelPolicy.SuccessOnOne()
+    ),
+}
+DECORATORS: dict[str, Callable[[Any], Any]] = {
+    "<Inverter>{}</Inverter>": lambda child: py_trees.decorators.Inverter("d", child),
+    "<ForceSuccess>{}</ForceSuccess>": lambda child: py_trees.decorators.FailureIsSuccess("d", child),
+    "<ForceFailure>{}</ForceFailure>": lambda child: py_trees.decorators.SuccessIsFailure("d", child),
+}
+
+
+def leaf_text(letters: str) -> str:
+    return f'<StatusQueue queue="{";".join(LETTERS[letter].name for letter in letters)}"/>'
+
+
+def leaf(letters: str) -> Any:
+    return queue(letters, *(LETTERS[letter] for letter in letters))
+
+
+@pytest.mark.parametrize("text", COMPOSITES)
+@pytest.mark.parametrize("leaves", [("SRS", "RS", "SSRS"), ("RS", "S", "RRS"), ("F", "RF", "S")])
+def test_composites_of_the_table(page: dict[str, Any], text: str, leaves: tuple[str, ...]) -> None:
+    root = COMPOSITES[text]()
+    root.add_children([leaf(letters) for letters in leaves])
+    assert_same_results(page["tree_of"](text.format("".join(map(leaf_text, leaves)))), root, [{}] * 10)
+
+
+@pytest.mark.parametrize("text", DECORATORS)
+def test_decorators_of_the_table(page: dict[str, Any], text: str) -> None:
+    tree = page["tree_of"](text.format(leaf_text("RSFRRF")))
+    assert_same_results(tree, DECORATORS[text](leaf("RSFRRF")), [{}] * 10)
