@@ -147,7 +147,10 @@ def sweep_trial(*, scheduler: bool, worker: bool) -> Trial:
             kill(*workers(process)[: worker and 1], *[process] * scheduler)
             process.wait(PATIENCE)
         saved = [json.loads(line) for line in journal.read_bytes().split(b"\n")[:-1]]
-        with (folder / "out.json").open("wb") as output, start(folder, *SWEEP, "--json", output=output) as process:
+        with (
+            (folder / "out.json").open("wb") as output,
+            start(folder, *SWEEP, "--json", output=output) as process,
+        ):
             process.wait(PATIENCE)
         with (folder / "wait.sweep" / "results.csv").open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))

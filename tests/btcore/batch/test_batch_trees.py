@@ -444,6 +444,16 @@ def test_invalid_columns_are_rejected(values: object) -> None:
         BatchTree.loads(document('<Above level="{level}"/>'), 2, [above], blackboard={"level": values})
 
 
+def test_reals_do_not_fit_an_entry_of_integers() -> None:
+    tree = BatchTree.loads(
+        document('<Count n="{n}" out="{n}"/>'), 2, [count], resources=[Calls()], blackboard={"n": 3}
+    )
+    with pytest.raises(BlackboardError, match="cannot write the blackboard entry 'n': "):
+        tree.blackboard["n"] = [2.0, 2.5]
+    assert tree.blackboard["n"].dtype == np.int64
+    assert tree.blackboard["n"].tolist() == [2, 3]
+
+
 def test_inputs_cannot_be_assigned_and_outputs_cannot_be_read() -> None:
     class Reading(batch.StatefulAction):
         n: Out[Floats]

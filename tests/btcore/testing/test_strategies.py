@@ -137,6 +137,11 @@ def test_documents_of_format_3_can_be_loaded(text: str) -> None:
     assert tree.format == 3
 
 
+@given(xml_documents(tags=("Parallel", "AlwaysSuccess"), max_nodes=5, format=3))
+def test_thresholds_of_format_3_are_positive(text: str) -> None:
+    assert all(int(count) > 0 for count in re.findall(r'_threshold="(.*?)"', text))
+
+
 @RELAXED
 @given(trees(max_nodes=40, conditions=True, scripts=True, timed=True, subtrees=2), outcomes())
 def test_a_tree_with_everything_can_be_driven(tree: Tree, plan: Outcomes) -> None:

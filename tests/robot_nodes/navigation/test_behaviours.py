@@ -122,6 +122,7 @@ def test_a_timeout_ends_the_behaviour_and_stops_the_robot(floor, server, goal, c
     ("server", "goal", "code"),
     [
         ("drive_on_heading", DriveOnHeadingGoal(0.5, -0.1), Nav2ErrorCode.DRIVE_ON_HEADING_INVALID_INPUT),
+        ("drive_on_heading", DriveOnHeadingGoal(0.5, 0.0), Nav2ErrorCode.DRIVE_ON_HEADING_INVALID_INPUT),
         ("back_up", BackUpGoal(0.5, 0.0), Nav2ErrorCode.BACKUP_INVALID_INPUT),
         ("spin", SpinGoal(math.nan), Nav2ErrorCode.SPIN_UNKNOWN),
         ("wait", WaitGoal(math.inf), Nav2ErrorCode.WAIT_UNKNOWN),

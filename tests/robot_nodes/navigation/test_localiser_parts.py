@@ -241,6 +241,17 @@ def test_a_match_does_not_move_a_guess_along_a_bare_corridor():
     assert found.pose.y == pytest.approx(5.0, abs=0.01)
 
 
+def test_a_laser_beside_the_robot_determines_the_side_of_a_wall_that_is_seen():
+    cells = empty()
+    cells[97:103] = 100
+    walls = SignedDistanceField(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+    along = np.linspace(-1.0, 1.0, 21)
+    # The robot is below the wall, and its laser, 1 m to the left, sees the upper side.
+    points = np.stack((along, np.full(21, 0.65)), axis=1)
+    found = walls.match(Pose2D(5.0, 4.4, 0.0), points, (0.0, 1.0), deviation=(0.2, 0.01))
+    assert found.pose.y == pytest.approx(4.5, abs=0.01)
+
+
 def test_people_shorten_beams_and_at_a_wrong_pose_beams_pass_through_walls():
     field_map, true = l_shaped(), Pose2D(3.0, 5.0, 0.7)
     visibility = RayCaster(field_map)

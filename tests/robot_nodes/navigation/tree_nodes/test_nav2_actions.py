@@ -7,6 +7,7 @@ import pytest
 from btcore import Status
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.planner import Planner, PlannerServer
 from btcore_robot.robot import Pose2D, Twist2D
 
 AHEAD = Pose2D(2.0, 0.0, 0.0)
@@ -272,6 +273,18 @@ def test_drive_on_heading_fails_before_a_wall(among):
     assert bench.run(tree, 20.0) is Status.FAILURE
     assert tree.blackboard["code"] == Nav2ErrorCode.DRIVE_ON_HEADING_COLLISION_AHEAD
     assert bench.robot.nearest > 0.0
+
+
+def test_a_goal_that_the_server_does_not_accept_in_time_fails_and_is_cancelled(bench):
+    # A server that is not on the schedule accepts no goal.
+    server = bench.servers.compute_path = PlannerServer(Planner(bench.costmap), bench.localiser.pose)
+    inside = '<ComputePathToPose goal="1;0;0" path="{path}" error_code_id="{code}" error_msg="{text}"/>'
+    tree = bench.tree(inside)
+    assert bench.run(tree, 5.0) is Status.FAILURE
+    server.step(bench.robot.clock.now())
+    assert server.current is None
+    assert tree.blackboard["code"] == Nav2ErrorCode.SEND_GOAL_FAILURE
+    assert tree.blackboard["text"] == "no server accepted the goal"
 
 
 @pytest.mark.parametrize("seconds", ["2", "-2"])
