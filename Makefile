@@ -27,6 +27,7 @@ INPUTS ?= 100000
 EPISODES ?= 1000
 RECORDED ?= 600
 ATTACKS ?= --pairs 3 --seconds 10
+KILLS ?= 100
 
 .PHONY: help setup demo test lint lint-and-pure pure compiled vulkan accept bench clean
 
@@ -120,6 +121,7 @@ accept: .venv/ready
 	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
+	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 
 bench: .venv/ready .venv-compiled/bench
 	@mkdir -p out

@@ -5,6 +5,8 @@ from typing import Final
 
 import click
 
+from btcore.output_files import write_file
+
 OUTPUT_FILE: Final = click.Path(dir_okay=False, path_type=Path)
 """The type of an option that names a file to write."""
 
@@ -20,6 +22,6 @@ def write(target: Path, data: bytes) -> None:
         click.ClickException: The file cannot be written.
     """
     try:
-        target.write_bytes(data)
+        write_file(target, data)
     except OSError as error:
         raise click.ClickException(f"cannot write '{target}': {error.strerror}") from error

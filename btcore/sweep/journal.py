@@ -15,6 +15,7 @@ from typing import IO, Any, Final
 import click
 
 from btcore.input_files import read_file
+from btcore.output_files import write_file
 from btcore.sweep.definition import SweepDefinition, difference
 
 if sys.platform != "win32":
@@ -91,10 +92,7 @@ class Journal:
         path = self.folder / DEFINITION
         now = self.definition.described
         if not path.exists():
-            # Renaming is atomic: a killed process leaves no incomplete definition.
-            incomplete = path.with_suffix(".tmp")
-            incomplete.write_text(json.dumps(now, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
-            incomplete.replace(path)
+            write_file(path, json.dumps(now, ensure_ascii=False, indent=1).encode() + b"\n")
             return
         changed = difference(_read_definition(path), now)
         if changed is not None:

@@ -145,9 +145,7 @@ def write(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
         click.ClickException: The file cannot be written.
     """
     data = _parquet(rows, names) if path.suffix == ".parquet" else _csv(rows, names)
-    incomplete = path.with_name(f".{path.name}.tmp")
-    files.write(incomplete, data)
-    incomplete.replace(path)
+    files.write(path, data)
 
 
 def _csv(rows: Sequence[Row], names: Sequence[str]) -> bytes:

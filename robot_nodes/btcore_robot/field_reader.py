@@ -15,15 +15,6 @@ def did_you_mean(word: str, names: Iterable[str]) -> str:
     return f"did you mean '{matches[0]}'? " if matches else ""
 
 
-def read_data(path: Path) -> bytes:
-    """Return the content of a regular file of a limited size.
-
-    Raises:
-        OSError: The file cannot be read; `strerror` is the reason.
-    """
-    return read_file(path)
-
-
 def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
     """Return the text of a file in UTF-8.
 
@@ -33,7 +24,7 @@ def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
         error_type: The class of the exception for a file that cannot be read.
     """
     try:
-        return read_data(path).decode()
+        return read_file(path).decode()
     except FileNotFoundError:
         raise error_type(f"{path}: no such file") from None
     except OSError as error:

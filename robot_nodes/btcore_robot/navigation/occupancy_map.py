@@ -29,8 +29,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from btcore.input_files import read_file
+from btcore.output_files import write_file
 from btcore_robot.errors import RobotError
-from btcore_robot.field_reader import FieldReader, did_you_mean, read_data, read_text
+from btcore_robot.field_reader import FieldReader, did_you_mean, read_text
 from btcore_robot.yaml_errors import yaml_errors
 
 Rectangle = tuple[float, float, float, float]
@@ -344,7 +346,7 @@ def save_map(map: OccupancyMap, path: Path) -> None:
         if not map.keepout:
             beside.unlink(missing_ok=True)
         for file, content in contents.items():
-            file.write_bytes(content)
+            write_file(file, content)
     except OSError as error:
         raise MapError(f"{error.filename}: cannot write the map: {error.strerror}") from None
 
@@ -367,7 +369,7 @@ def _read_image(entries: YamlEntries, path: Path) -> tuple[NDArray[np.float64], 
     name = entries.text("image")
     file = path.parent / name
     try:
-        content = np.frombuffer(read_data(file), dtype=np.uint8)
+        content = np.frombuffer(read_file(file), dtype=np.uint8)
     except FileNotFoundError:
         raise entries.mistake("image", f"is '{name}', but there is no file {file}") from None
     except OSError as error:
