@@ -37,6 +37,7 @@ COLD_FILES = {
     "btcore/bundled_trees.py",
     "btcore/diagnostic_codes.py",
     "btcore/errors.py",
+    "btcore/escaping.py",
     "btcore/flatbuffer.py",
     "btcore/names.py",
     "btcore/program_runner.py",

@@ -125,6 +125,27 @@ def test_a_client_with_keys_is_told_that_a_robot_has_none(endless, desk):
         BreakpointClient(publisher.address, timeout=30, keys=desk)
 
 
+def test_a_tunnel_to_a_robot_that_is_not_running_is_no_refusal(desk):
+    """The client continues to wait, although the tunnel closes each connection, as a robot does."""
+    closed = 0
+
+    def close_connections() -> None:
+        nonlocal closed
+        with suppress(OSError):
+            while True:
+                tunnel.accept()[0].close()
+                closed += 1
+
+    with socket.create_server(("127.0.0.1", 0)) as tunnel:
+        threading.Thread(target=close_connections, daemon=True).start()
+        with Feed(f":{tunnel.getsockname()[1]}", keys=desk) as feed:
+            while closed < 12:
+                for event in feed.poll(0.05):
+                    assert isinstance(event, ConnectionChanged)
+                    assert event.state == "waiting"
+        tunnel.shutdown(socket.SHUT_RDWR)
+
+
 @contextmanager
 def connected(address: str, kind: int, keys: ClientKeys | None) -> Iterator[tuple[zmq.Socket, int]]:
     """Yield a new socket of *kind* at *address*, and the first event of its handshake."""
