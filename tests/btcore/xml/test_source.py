@@ -193,8 +193,8 @@ def test_doctype_that_only_names_the_root_is_accepted() -> None:
             "<root>\n\x00</root>",
             """
             t.xml:2:1: E002 invalid XML: the text contains a NUL character
-               2 |  \x00</root>
-                 |  ^
+               2 |  \\x00</root>
+                 |  ^^^^
             """,
         ),
     ],
