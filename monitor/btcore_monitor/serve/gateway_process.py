@@ -54,7 +54,7 @@ PATIENCE = 10.0
 GREETING = 5.0
 """Maximum seconds until the first bytes of a connection. libzmq limits the rest of the handshake."""
 
-FLUSHING = 0.2
+FLUSHING = 0.5
 """Maximum seconds for bytes that wait at the end."""
 
 KEEPALIVE = (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3))
@@ -220,8 +220,10 @@ class Port:
         self.listener = listener
         self.path = path
         self.takes_topics = takes_topics
-        self.frames_ahead = FRAMES_AHEAD if replies else FRAMES_AHEAD_WITHOUT_REPLY
         self.size = size
+        self.frames_ahead = FRAMES_AHEAD if replies else FRAMES_AHEAD_WITHOUT_REPLY
+        # A request of the maximum size and its envelope, or the maximum topics.
+        self.bytes_ahead = max(size, 2 * TOPICS * TOPIC_SIZE) + _READ
         self.connections = 0
         self.listens = False
         self._permits = float(CONNECTIONS)
@@ -266,7 +268,7 @@ class Connection:
         self._unchecked = b""  # bytes of the client
         self._to_server = b""
         self._to_client = b""
-        self._ahead_frames, self._ahead_size = port.frames_ahead, port.size
+        self._frames_ahead, self._bytes_ahead = port.frames_ahead, port.bytes_ahead
         self._server_ended = False
         self._waits_since: float | None = None
         self._opened = now
@@ -320,12 +322,12 @@ class Connection:
     def _forward(self) -> None:
         """Check bytes of the client and send them to the server, as far as the client may be ahead."""
         while self._unchecked and not self._to_server and not self._to_client:
-            if self._ahead_frames <= 0 or self._ahead_size <= 0:
+            if self._frames_ahead <= 0 or self._bytes_ahead <= 0:
                 return
             frames = self._stream.frames
-            checked = self._stream.check(self._unchecked[: self._ahead_size], self._ahead_frames)
-            self._ahead_frames -= self._stream.frames - frames
-            self._ahead_size -= checked
+            checked = self._stream.check(self._unchecked[: self._bytes_ahead], self._frames_ahead)
+            self._frames_ahead -= self._stream.frames - frames
+            self._bytes_ahead -= checked
             if self.server is None and self._stream.is_zmtp:
                 self.server = _connected(self.port.path)
             self._to_server, self._unchecked = self._unchecked[:checked], self._unchecked[checked:]
@@ -345,7 +347,8 @@ class Connection:
         elif data:
             self._to_client = data
             # A reply, or at least news: the client may send again.
-            self._ahead_frames, self._ahead_size = self.port.frames_ahead, self.port.size
+            self._frames_ahead = self.port.frames_ahead
+            self._bytes_ahead = self.port.bytes_ahead
             self._send_to_client()
 
     def _send_to_client(self) -> None:

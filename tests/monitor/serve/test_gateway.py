@@ -2,6 +2,7 @@
 
 import contextlib
 import random
+import select
 import signal
 import socket
 import subprocess
@@ -159,6 +160,30 @@ def test_a_client_of_zmtp_3_0_receives_what_it_subscribes_to(endless, no_threads
             data = b""
             while frame(b"alive", 1) not in data:
                 data += client.recv(1000)
+
+
+def test_requests_and_subscriptions_of_the_maximum_size_are_forwarded(endless, no_threads_left, until):
+    with (
+        serve(endless, groot2=0, allow_control=True) as publisher,
+        zmq.Context() as context,
+        context.socket(zmq.REQ) as client,
+        socket.create_connection(("127.0.0.1", publisher.port + 1), timeout=10) as topics,
+    ):
+        client.linger = 0
+        client.connect(publisher.address)
+        topics.sendall(greeting(0) + READY)
+        receive(topics, 64 + 27)  # with READY of the server
+        topics.sendall(b"".join(frame(b"\1%03d" % number + bytes(197)) for number in range(31)))
+        topics.sendall(frame(b"\1"))
+        hook = b'{"enabled":true,"uid":2,"mode":1,"once":false,"desired_status":"SUCCESS","position":0}'
+        client.send_multipart([b"\x02I1234", hook.ljust((1 << 20) - 6)])
+        assert client.poll(10_000)
+        assert client.recv_multipart()[0][:2] == b"\x02I"
+        until(
+            lambda: endless.tick_exactly_once() and select.select([topics], [], [], 0)[0],
+            "a notification: the subscriptions have arrived",
+        )
+        assert receive(topics, 4) == b"\1\6\x02N"
 
 
 def test_encrypted_clients_are_forwarded_and_limited():
