@@ -1,5 +1,6 @@
 """The exceptions of the engine, and diagnostics: messages with a position and a hint."""
 
+from collections import Counter
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
@@ -78,16 +79,46 @@ def excerpt(source: str, line: int, column: int, width: int = 1, room: int = 100
     return f"   {line} |  {before}{marked}{after}\n{gap}{' ' * indent}{'^' * carets}"
 
 
+MAX_SHOWN_DIAGNOSTICS: Final = 100
+"""The maximum number of diagnostics of one file in a message."""
+
+
+def shown_diagnostics(diagnostics: Iterable[Diagnostic]) -> tuple[list[Diagnostic], list[str]]:
+    """Return the first 100 diagnostics of each file, and a sentence that counts the others of each file."""
+    shown: list[Diagnostic] = []
+    kept: Counter[str] = Counter()
+    omitted: dict[str, Counter[str]] = {}
+    for diagnostic in diagnostics:
+        file = diagnostic.file
+        if kept[file] < MAX_SHOWN_DIAGNOSTICS:
+            kept[file] += 1
+            shown.append(diagnostic)
+        else:
+            severity = diagnostic.code.severity
+            noun = severity if severity in ("error", "warning") else "change"
+            omitted.setdefault(file, Counter())[noun] += 1
+    sentences = [
+        f"{file or '<text>'}: "
+        + " and ".join(f"{count:,} more {noun}{'s' * (count > 1)}" for noun, count in counts.items())
+        for file, counts in omitted.items()
+    ]
+    return shown, sentences
+
+
 class BtcoreError(Exception):
     """The base class of the errors that the engine raises."""
 
 
 class TreeError(BtcoreError):
-    """No tree can be loaded from the document. *diagnostics* holds all errors found in the document."""
+    """No tree can be loaded from the document.
+
+    *diagnostics* holds all errors found in the document. The message shows the first 100 of each file.
+    """
 
     def __init__(self, diagnostics: Iterable[Diagnostic]) -> None:
         self.diagnostics: tuple[Diagnostic, ...] = tuple(diagnostics)
-        super().__init__("\n".join(str(diagnostic) for diagnostic in self.diagnostics))
+        shown, more = shown_diagnostics(self.diagnostics)
+        super().__init__("\n".join([*map(str, shown), *more]))
 
 
 class XmlSyntaxError(TreeError):

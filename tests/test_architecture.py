@@ -31,6 +31,7 @@ LAYERS = (
         "builds",
         "flatbuffer",
         "input_files",
+        "json_text",
         "output_files",
     },
     {"values"},

@@ -21,6 +21,7 @@ from rich.text import Text
 import btcore
 from btcore.cli import files, terminal
 from btcore.input_files import read_file
+from btcore.json_text import load_json
 from btcore.suggestions import join_names, nearest_name
 
 _MISSING: Final = re.compile(r"^ModuleNotFoundError: No module named '([^']+)'", re.MULTILINE)
@@ -153,7 +154,7 @@ def _python(file: Path, options: Sequence[str]) -> None:
 def _read(path: Path) -> list[BenchmarkData]:
     """Read the results of an earlier run. Raise click.UsageError if *path* holds no results."""
     try:
-        results: list[BenchmarkData] = json.loads(read_file(path))
+        results: list[BenchmarkData] = load_json(read_file(path).decode())
         if all("rows" in data and "build" in data for data in results):
             return results
     except (ValueError, TypeError):

@@ -7,6 +7,7 @@ import click
 from btcore.blackboard.ports import remapped_key
 from btcore.cli import terminal
 from btcore.errors import BlackboardError, ConversionError
+from btcore.json_text import too_deep_at
 from btcore.suggestions import nearest_name
 from btcore.tree.tree import Tree
 from btcore.values import ValueType
@@ -64,6 +65,8 @@ def _value_of(text: str, kind: ValueType | None, format: int) -> object:
     try:
         value = read_json(text)
     except ConversionError:
+        if text.lstrip().startswith(("[", "{")) and too_deep_at(text) is not None:
+            raise
         return text
     return text if value is None else value
 

@@ -17,7 +17,7 @@ from rich.style import StyleType
 from rich.table import Table
 from rich.text import Span, Text
 
-from btcore.errors import BtcoreError, Diagnostic, TreeError, excerpt
+from btcore.errors import BtcoreError, Diagnostic, TreeError, excerpt, shown_diagnostics
 from btcore.escaping import escape_controls, escape_xml, to_json
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.status import NodeType, Status
@@ -247,12 +247,15 @@ def format_diagnostic(diagnostic: Diagnostic) -> Text:
 
 
 def print_diagnostics(diagnostics: Iterable[Diagnostic]) -> None:
-    """Print diagnostics on stderr, separated by empty lines."""
+    """Print diagnostics on stderr, separated by empty lines: the first 100 of each file, and a count."""
     console = stderr_console()
-    for number, diagnostic in enumerate(diagnostics):
+    shown, more = shown_diagnostics(diagnostics)
+    for number, diagnostic in enumerate(shown):
         if number:
             console.print()
         console.print(format_diagnostic(diagnostic), soft_wrap=True)
+    for sentence in more:
+        console.print(Text(f"\n{sentence}", style="bold"), soft_wrap=True)
 
 
 def print_error(message: str) -> None:

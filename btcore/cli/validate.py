@@ -11,7 +11,7 @@ from btcore.cli import node_libraries, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.tree_source import confined_option, find_source, format_option, parse_source, tree_option
-from btcore.errors import Diagnostic, TreeError
+from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.xml.lint.validate import validate_document
 
 
@@ -68,7 +68,13 @@ def validate(
     warnings = [item for item in diagnostics if not item.is_error]
     valid = not errors and not (strict and warnings)
     if as_json:
-        data = {"ok": valid, "files": len(files), "diagnostics": list(map(_as_data, diagnostics))}
+        shown, _ = shown_diagnostics([*errors, *warnings])
+        data = {
+            "ok": valid,
+            "files": len(files),
+            "diagnostics": list(map(_as_data, shown)),
+            "omitted": len(diagnostics) - len(shown),
+        }
         terminal.print_json(data)
     else:
         _print(errors, warnings, len(files), valid)
@@ -89,9 +95,12 @@ def _files(source: str) -> list[Path]:
 def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, valid: bool) -> None:
     """Print the errors, the warnings, and their numbers."""
     console = terminal.stdout_console()
-    for diagnostic in (*errors, *warnings):
+    shown, more = shown_diagnostics([*errors, *warnings])
+    for diagnostic in shown:
         console.print(terminal.format_diagnostic(diagnostic), soft_wrap=True)
         console.print()
+    for sentence in more:
+        console.print(Text(f"{sentence}\n", style="bold"), soft_wrap=True)
     mark = Text("✔ ", style="bold green") if valid else Text("✘ ", style="bold red")
     counts = {"file": files, "error": len(errors), "warning": len(warnings)}
     parts = [terminal.counted(count, noun, zero="no") for noun, count in counts.items()]

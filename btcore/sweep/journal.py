@@ -15,6 +15,7 @@ from typing import IO, Any, Final
 import click
 
 from btcore.input_files import read_file
+from btcore.json_text import load_json
 from btcore.output_files import write_file
 from btcore.sweep.definition import SweepDefinition, difference
 
@@ -106,7 +107,7 @@ class Journal:
         complete = 0  # bytes
         for line in file:
             try:
-                record = json.loads(line) if line.endswith(b"\n") else None
+                record = load_json(line.decode()) if line.endswith(b"\n") else None
             except ValueError:
                 record = None
             if record is None:
@@ -121,7 +122,7 @@ class Journal:
 
 def _read_definition(path: Path) -> Mapping[str, Any]:
     try:
-        definition = json.loads(read_file(path))
+        definition = load_json(read_file(path).decode())
     except (OSError, ValueError) as error:
         raise click.UsageError(f"cannot read '{path}' as the definition of a sweep: {error}.") from error
     if not isinstance(definition, dict):

@@ -6,7 +6,6 @@ Differences that docs/differences.md describes are counted separately, and are n
 """
 
 import gzip
-import json
 import math
 import re
 import sys
@@ -23,6 +22,7 @@ from btcore.clock import SimClock
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.escaping import escape_controls
+from btcore.json_text import load_json
 from btcore.loading.load import loads
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
@@ -76,7 +76,7 @@ def read_cases(path: Path) -> Iterator[dict[str, Any]]:
     ):
         for number, line in enumerate(lines, start=1):
             if line.strip():
-                case = json.loads(line)
+                case = load_json(line)
                 if not isinstance(case, dict) or "expect" not in case or not KINDS & case.keys():
                     raise ValueError(f"line {number} is not a case")
                 yield case

@@ -4,7 +4,6 @@ nodes.substitute("Patrol/*", TestNodeConfig(return_status=Status.FAILURE, async_
 load_substitution_rules(nodes, Path("rules.json"))
 """
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -17,6 +16,7 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BtcoreError, NodeError, ScriptError
 from btcore.input_files import read_file
+from btcore.json_text import load_json
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import Program, compile_script
@@ -178,7 +178,7 @@ def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
     """
     text = read_file(rules).decode() if isinstance(rules, Path) else rules
     try:
-        data = json.loads(text)
+        data = load_json(text)
     except ValueError as error:
         raise SubstitutionError(f"the substitution rules are not valid JSON: {error}") from None
     top = _object(data, "the substitution rules")

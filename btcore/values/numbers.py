@@ -12,6 +12,7 @@ import struct
 from typing import Final
 
 from btcore.errors import ConversionError
+from btcore.json_text import MAX_DEPTH, load_json, too_deep_at
 
 MIN_INT64: Final = -(2**63)
 MAX_INT64: Final = 2**63 - 1
@@ -171,12 +172,12 @@ def read_json(text: str) -> object:
     Raises:
         ConversionError: The text is not JSON (NaN and Infinity are not), or a real is too large for a double.
     """
-    import json
-
+    if too_deep_at(text) is not None:
+        raise ConversionError(f"the JSON is nested more than {MAX_DEPTH} levels deep")
     try:
         # parse_constant is called for NaN and Infinity, which are not JSON.
-        value: object = json.loads(text, parse_constant=_refuse, parse_float=_json_float)
-    except (ValueError, RecursionError):
+        value: object = load_json(text, parse_constant=_refuse, parse_float=_json_float)
+    except ValueError:
         raise ConversionError(f"'json:{text}' is not JSON") from None
     return value
 

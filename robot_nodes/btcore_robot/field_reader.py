@@ -1,5 +1,6 @@
 """A reader of data files, field by field, that reports each mistake with its place in the file."""
 
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from btcore.input_files import read_file
+from btcore.json_text import load_json
 
 
 def did_you_mean(word: str, names: Iterable[str]) -> str:
@@ -31,6 +33,20 @@ def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
         raise error_type(f"{path}: cannot read the file: {error.strerror}") from None
     except UnicodeDecodeError:
         raise error_type(f"{path}: not a text file; expected {expected}") from None
+
+
+def read_json(path: Path, expected: str, error_type: type[Exception]) -> Any:
+    """Return the value in a JSON file.
+
+    Args:
+        path: The file.
+        expected: The expected content, for messages: ``a JSON file of a world``.
+        error_type: The class of the exception for a file that cannot be read, or is not JSON.
+    """
+    try:
+        return load_json(read_text(path, expected, error_type))
+    except json.JSONDecodeError as error:
+        raise error_type(f"{path}:{error.lineno}:{error.colno}: not valid JSON: {error.msg}") from None
 
 
 class FieldReader:

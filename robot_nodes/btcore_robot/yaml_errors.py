@@ -21,5 +21,7 @@ def yaml_errors(path: Path, error_type: type[Exception]) -> Iterator[None]:
         mark = error.problem_mark
         place = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
         raise error_type(f"{place}: not valid YAML: {error.problem}") from None
+    except RecursionError:
+        raise error_type(f"{path}: not valid YAML: nested too deeply") from None
     except yaml.reader.ReaderError as error:
         raise error_type(f"{path}: not valid YAML: {error.reason}") from None

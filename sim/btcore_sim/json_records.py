@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from btcore_robot.field_reader import FieldReader, did_you_mean, read_text
+from btcore_robot.field_reader import FieldReader, did_you_mean, read_json
 from btcore_sim.errors import SimError
 
 Value = TypeVar("Value")
@@ -147,10 +147,7 @@ def read_record(path: Path, content: str) -> JsonRecord:
     Raises:
         SimError: The file does not exist, is unreadable, or does not contain a JSON object.
     """
-    try:
-        data = json.loads(read_text(path, f"a JSON file of {content}", SimError))
-    except json.JSONDecodeError as error:
-        raise SimError(f"{path}:{error.lineno}:{error.colno}: not valid JSON: {error.msg}") from None
+    data = read_json(path, f"a JSON file of {content}", SimError)
     if not isinstance(data, dict):
         raise SimError(f"{path}: {content} is a JSON object {{…}}, but this file contains another type")
     return JsonRecord(data, str(path))

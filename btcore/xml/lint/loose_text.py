@@ -7,7 +7,7 @@ from typing import Final
 from btcore.diagnostic_codes import LOOSE_TEXT
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
-from btcore.xml.read.positions import span_at
+from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.tinyxml2_compat import iter_markup
 
 _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
@@ -15,11 +15,12 @@ _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTA
 
 def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> None:
     """Warn about each text between the elements of *document*, in its trees and between them."""
+    lines = LineIndex(document.text)
     for start, text in _iter_loose_text(document.text):
         shown = text if len(text) <= 40 else f"{text[:39]}…"
         message = f"the text {shown!r} between the elements of a tree is ignored"
         hint = "pass values to a node in its attributes; write comments as <!-- … -->"
-        place = span_at(document.text, start, len(text))
+        place = lines.span(start, len(text))
         diagnostics.add(place.diagnostic(LOOSE_TEXT, message, document.file, hint))
 
 

@@ -133,7 +133,7 @@ def check_remappings(
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
-        hint = _unused_key_hint(key, used, call.written)
+        hint = _unused_key_hint(key, used, call.written) if reporter.diagnostics.affords_hint(used) else ""
         reporter.warn(USELESS_REMAPPING, message, document, node, key, hint, part="name")
 
 

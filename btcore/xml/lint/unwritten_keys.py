@@ -9,38 +9,33 @@ from btcore.suggestions import nearest_name
 from btcore.xml.lint.dry_run import DryRun, EntryUse, has_writer
 from btcore.xml.lint.reporter import LintReporter, line_of, node_label
 from btcore.xml.lint.scripts import AccessKind
+from btcore.xml.read.diagnostics import DiagnosticCollector
 
 _READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
-MAX_COMPARISONS = 20_000
-"""Maximum number of comparisons of misspelt keys with known keys, in one tree; each takes about 30 µs."""
 
 
 class WrittenKeys:
     """The keys that are written in a dry run, to suggest them in place of unwritten keys."""
 
-    def __init__(self, dry_run: DryRun, given: Collection[str]) -> None:
+    def __init__(self, dry_run: DryRun, given: Collection[str], diagnostics: DiagnosticCollector) -> None:
         self.dry_run = dry_run
         self._given = given
-        self._comparisons = MAX_COMPARISONS
-        self._written: dict[Blackboard, list[str]] = {}
+        self._diagnostics = diagnostics
+        self._written: dict[Blackboard, dict[str, None]] = {}
 
-    def guess(self, key: str, names: list[str]) -> str | None:
-        """Return the name in *names* that is most similar to *key*, or None.
+    def guess(self, key: str, names: Collection[str]) -> str | None:
+        """Return the name in *names* that is most similar to *key*, or None if none is or time is up."""
+        return nearest_name(key, names) if self._diagnostics.affords_hint(names) else None
 
-        Returns None without a comparison after MAX_COMPARISONS comparisons.
-        """
-        if self._comparisons < len(names):
-            return None
-        self._comparisons -= len(names)
-        return nearest_name(key, names)
-
-    def written_in(self, board: Blackboard) -> list[str]:
+    def written_in(self, board: Blackboard) -> Collection[str]:
         """Return the keys of *board* that are written."""
         known = self._written.get(board)
         if known is None:
             uses = self.dry_run.uses
-            known = [key for key, entry in board.local_entries().items() if has_writer(uses.get(entry, ()))]
-            known += sorted(self._given) if board is self.dry_run.blackboard else []
+            entries = board.local_entries().items()
+            known = {key: None for key, entry in entries if has_writer(uses.get(entry, ()))}
+            if board is self.dry_run.blackboard:
+                known.update(dict.fromkeys(sorted(self._given)))
             self._written[board] = known
         return known
 
@@ -57,7 +52,7 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
         given: Keys that the tree's blackboard holds before the first tick.
         reporter: Collects the warnings.
     """
-    keys = WrittenKeys(dry_run, given)
+    keys = WrittenKeys(dry_run, given, reporter.diagnostics)
     homes = dry_run.entry_homes()
     for entry, uses in dry_run.uses.items():
         if entry not in homes or entry.value is not None:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from btcore.blackboard.ports import Direction, Port
-from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID
+from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID, TOO_LARGE
 from btcore.names import model_port_name_error
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
@@ -36,6 +36,10 @@ def quoted(text: str) -> str:
     return f'"{text.translate(_ATTRIBUTE_ESCAPES)}"'
 
 
+MAX_MODEL_PORTS: Final = 1_000
+"""Maximum number of ports in the model of a subtree."""
+
+
 def subtree_models(
     documents: Sequence[Document], dialect: Dialect, diagnostics: DiagnosticCollector
 ) -> dict[str, dict[str, str | None]]:
@@ -61,6 +65,11 @@ def subtree_models(
                     continue
                 ports = models_by_id.setdefault(id, {})
                 for port in model.iterchildren(*PORT_TAGS):
+                    if len(ports) >= MAX_MODEL_PORTS:
+                        # Every call of the tree has all ports: a short document could fill the memory.
+                        message = f"the model of '{id}' has more than {MAX_MODEL_PORTS:,} ports"
+                        diagnostics.add(document.diagnostic(TOO_LARGE, message, model, "ID"))
+                        break
                     _port(document, port, ports, dialect, diagnostics)
     return models_by_id
 

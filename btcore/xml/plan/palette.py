@@ -1,7 +1,7 @@
 """The nodes that a document of one format may use, with hints for unknown nodes and ports."""
 
 from collections.abc import Callable, Mapping
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import Final
 
 from btcore.registry.manifest import Manifest
@@ -18,6 +18,11 @@ class NodePalette:
         self._format = format
         # Cached, because every node of a document is looked up several times.
         self.get: Final[Callable[[str], Manifest | None]] = cache(partial(registry.get, format=format))
+
+    @cached_property
+    def names(self) -> Mapping[str, Manifest]:
+        """The nodes by ID."""
+        return self._registry.manifests_of(self._format)
 
     def unknown_node_hint(
         self, name: str, trees: Mapping[str, object], declared_in: str | None = None
@@ -43,18 +48,17 @@ class NodePalette:
                 "a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, "
                 f"or {model} to work without the code"
             )
-        manifests = self._registry.manifests_of(self._format)
-        if not manifests:
+        if not self.names:
             return "the registry is empty: start with Registry.standard(), which has the built-in nodes"
         searched = "searched: " + ", ".join(self.distributions())
-        near = nearest_name(name, [*manifests, *EXPLICIT_TAGS])
+        near = nearest_name(name, [*self.names, *EXPLICIT_TAGS])
         if near is None:
             return f"{searched}; load a plugin that provides it (--plugin, or nodes.add_plugin)"
         return f"did you mean <{near}>?   {searched}"
 
     def distributions(self) -> list[str]:
         """Return the names of the Python distributions that provide the nodes, btcore first."""
-        names = {manifest.distribution for manifest in self._registry.manifests_of(self._format).values()}
+        names = {manifest.distribution for manifest in self.names.values()}
         if "__main__" in names:
             names = (names - {"__main__"}) | {"your program"}
         return sorted(names, key=lambda name: (name != "btcore", name))

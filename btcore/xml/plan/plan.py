@@ -34,6 +34,7 @@ from btcore.xml.read.element import Element, ElementPart
 
 _DEPTH_OF = attrgetter("depth")
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
+_MAX_SHOWN_CYCLE = 20
 
 
 class SubtreeCall:
@@ -271,7 +272,9 @@ class TreePlanner:
                 kept[key] = text
             else:
                 message = f"<{plan.id}> has no port '{key}'"
-                self._error(UNKNOWN_PORT, message, plan.element, key, port_hint(manifest, key), name=True)
+                affords_hint = self._diagnostics.affords_hint(manifest.ports)
+                hint = port_hint(manifest, key) if affords_hint else ""
+                self._error(UNKNOWN_PORT, message, plan.element, key, hint, name=True)
         if scripts:
             plan.scripts = {
                 key: scripts[key]
@@ -341,7 +344,8 @@ class TreePlanner:
         if id in self.definitions.by_id:
             return True
         if element.get("ID") is not None and self.definitions.complete:
-            hint = tree_hint(id, self.definitions.by_id)
+            known = self.definitions.by_id
+            hint = tree_hint(id, known) if self._diagnostics.affords_hint(known) else ""
             self._error(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 
@@ -367,6 +371,8 @@ class TreePlanner:
                 if port in given:
                     continue
                 if default is None or default == "":
+                    if self._diagnostics.is_full:
+                        break
                     message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree}' requires"
                     hint = f'write {port}="…", or declare a default in <TreeNodesModel>'
                     self._error(MISSING_SUBTREE_PORT, message, plan.element, "", hint)
@@ -448,6 +454,8 @@ def topological_order(
                 is_recursive = True
                 chain = [*path, call.tree]
                 cycle = chain[chain.index(call.tree) :]
+                if len(cycle) > _MAX_SHOWN_CYCLE:
+                    cycle[_MAX_SHOWN_CYCLE // 2 : -_MAX_SHOWN_CYCLE // 2] = ["…"]
                 message = f"the trees call each other recursively: {' → '.join(cycle)}"
                 document = plan.definition.document
                 hint = "a tree can't contain itself"

@@ -9,6 +9,7 @@ from btcore.diagnostic_codes import (
     MISSING_ID,
     SEVERAL_ASYNC_SEQUENCES,
     TOO_DEEP,
+    TOO_LARGE,
     TREE_NAMED_AS_NODE,
     UNKNOWN_NODE,
     WRONG_CHILD_COUNT,
@@ -16,6 +17,7 @@ from btcore.diagnostic_codes import (
 )
 from btcore.names import forbidden_in, is_reserved
 from btcore.status import NodeType
+from btcore.tree.tree import MAX_NODES
 from btcore.xml.plan.palette import NodePalette
 from btcore.xml.plan.plan import NodePlan
 from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions
@@ -51,6 +53,8 @@ class StructureChecker:
         self._document = definitions.documents[-1]
         self._kinds: dict[str, NodeType | None] = {}
         self._leaves: set[str] = set()
+        # The files that declare nodes in their TreeNodesModel, by ID; None before the first unknown node.
+        self._declared: dict[str | None, str] | None = None
 
     def check(self) -> dict[TreeDefinition, list[NodePlan]]:
         """Check all definitions.
@@ -88,6 +92,11 @@ class StructureChecker:
         while pending:
             node = pending.pop()
             nodes.append(node)
+            if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
+                message = f"the tree has more than {MAX_NODES:,} nodes"
+                self._error(TOO_LARGE, message, top, "ID", hint="nodes are numbered with 16 bits")
+                nodes[0].children = []
+                return nodes[:1]
             element = node.element
             tag = element.tag
             children = element.children
@@ -163,13 +172,16 @@ class StructureChecker:
 
     def _unknown(self, node: str) -> str:
         """Return a hint for the unknown *node*."""
-        declaring = (
-            document.file
-            for document in self._definitions.documents
-            for models in document.root.iterchildren("TreeNodesModel")
-            if any(model.get("ID") == node for model in models.iterchildren(*EXPLICIT_TAGS))
-        )
-        return self._palette.unknown_node_hint(node, self._trees, next(declaring, None))
+        if not self._diagnostics.affords_hint(self._palette.names):
+            return ""
+        if self._declared is None:
+            self._declared = {
+                model.get("ID"): document.file
+                for document in reversed(self._definitions.documents)
+                for models in document.root.iterchildren("TreeNodesModel")
+                for model in models.iterchildren(*EXPLICIT_TAGS)
+            }
+        return self._palette.unknown_node_hint(node, self._trees, self._declared.get(node))
 
     def _count(self, node: str, kind: NodeType, element: Element, children: list[Element]) -> None:
         """Add an error if *children* are too few or too many for *node*, which is of *kind*."""

@@ -1,7 +1,17 @@
 """Collect the diagnostics of a document, so that all errors are reported at once."""
 
+from collections.abc import Sized
+from typing import Final
+
 from btcore.diagnostic_codes import UNKNOWN_NODE
 from btcore.errors import Diagnostic, PortError, TreeError, UnknownNodeError, XmlSyntaxError
+
+MAX_COMPARISONS: Final = 50_000
+"""Maximum number of comparisons of misspelt names with known names; each takes about 30 µs."""
+
+
+MAX_ERRORS: Final = 100_000
+"""The number of errors after which errors that follow from the same declarations are not collected."""
 
 
 class DiagnosticCollector:
@@ -11,12 +21,29 @@ class DiagnosticCollector:
         self.errors: list[Diagnostic] = []
         self.warnings: list[Diagnostic] = []
         self._added: set[Diagnostic] = set()
+        self._comparisons = MAX_COMPARISONS
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Add *diagnostic*, unless an equal diagnostic was added before."""
         if diagnostic not in self._added:
             self._added.add(diagnostic)
             (self.errors if diagnostic.is_error else self.warnings).append(diagnostic)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there are so many errors that loops over declarations of the document should end."""
+        return len(self.errors) > MAX_ERRORS
+
+    def affords_hint(self, names: Sized) -> bool:
+        """Return whether there is time to search *names* for a similar name, which a hint suggests.
+
+        After MAX_COMPARISONS comparisons the result is False: of thousands of mistakes, only the first get
+        hints.
+        """
+        if len(names) > self._comparisons:
+            return False
+        self._comparisons -= len(names)
+        return True
 
     def raise_errors(self) -> None:
         """Raise a single exception with all errors, if there are any.
@@ -44,5 +71,7 @@ def make_tree_error(errors: list[Diagnostic]) -> TreeError:
 
 def sort_diagnostics(diagnostics: list[Diagnostic]) -> list[Diagnostic]:
     """Return *diagnostics* grouped by file, and sorted by line and column within each file."""
-    files = list(dict.fromkeys(item.file for item in diagnostics))
-    return sorted(diagnostics, key=lambda item: (files.index(item.file), item.line, item.column))
+    files: dict[str, int] = {}
+    for item in diagnostics:
+        files.setdefault(item.file, len(files))
+    return sorted(diagnostics, key=lambda item: (files[item.file], item.line, item.column))

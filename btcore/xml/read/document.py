@@ -6,6 +6,7 @@ Invalid XML is reported with file, line and column. A ``<!DOCTYPE …>`` with co
 import os
 import re
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -14,6 +15,7 @@ from btcore.diagnostic_codes import (
     EMPTY_DOCUMENT,
     NOT_UTF8,
     NOT_XML,
+    TOO_LARGE,
     UNREADABLE_FILE,
     DiagnosticCode,
 )
@@ -26,6 +28,11 @@ if TYPE_CHECKING:
     # Imported where they are used: a correct document with one-line tags needs none of them.
     from btcore.xml.read.positions import SourceMap
     from btcore.xml.read.tinyxml2_parser import Finding
+
+MAX_ELEMENTS: Final = 500_000
+"""Maximum number of elements of a document."""
+MAX_ATTRIBUTES: Final = 5_000_000
+"""Maximum number of attributes of a document."""
 
 _ROOT_TAG: Final = re.compile(rb"<root\b", re.IGNORECASE)
 _BYTE_ORDER_MARKS: Final = (
@@ -126,10 +133,11 @@ class Document:
         """A warning for everything that BehaviorTree.CPP accepts, but other XML tools reject."""
         if not self._findings:
             return []
-        from btcore.xml.read.positions import span_at
+        from btcore.xml.read.positions import LineIndex
 
+        lines = LineIndex(self.text)
         return [
-            span_at(self.text, offset, width).diagnostic(code, message, self.file, hint)
+            lines.span(offset, width).diagnostic(code, message, self.file, hint)
             for offset, width, code, message, hint in self._findings
         ]
 
@@ -148,6 +156,10 @@ def parse_text(text: str, file: str = "") -> Document:
     text = text.removeprefix("\ufeff")
     if not text or text.isspace():
         raise XmlSyntaxError([Diagnostic(EMPTY_DOCUMENT, "the document is empty", file, hint=EXAMPLE)])
+    # Every element needs a "<" besides the "</" of its end tag, and every attribute a "=".
+    if text.count("<") - text.count("</") > MAX_ELEMENTS or text.count("=") > MAX_ATTRIBUTES:
+        message = f"the document has more than {MAX_ELEMENTS:,} elements or {MAX_ATTRIBUTES:,} attributes"
+        raise XmlSyntaxError([Diagnostic(TOO_LARGE, message, file)])
     if "!" in text and "<!DOCTYPE" in text:
         _refuse_document_type(text, file)
     zero = text.find("\0")
@@ -231,7 +243,7 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
             hint = "did you mean a file in it: " + ", ".join(names) + "?"
     elif isinstance(error, FileNotFoundError):
         message = "no such file"
-        near = nearest_name(path.name, [file.name for file in path.parent.glob("*.xml")])
+        near = nearest_name(path.name, [file.name for file in islice(path.parent.glob("*.xml"), 500)])
         if near is not None:
             hint = f"did you mean {path.with_name(near)}?"
     else:

@@ -15,6 +15,8 @@ PackageResolver = Callable[[str], "str | Path | None"]
 """A function that returns the share directory of the ROS package with a given name, or None."""
 
 
+MAX_INCLUDED_FILES: Final = 1_000
+"""Maximum number of files that a document includes, directly or indirectly."""
 MAX_INCLUDE_DEPTH: Final = 100
 """Maximum number of files between the main file and an included file."""
 
@@ -73,6 +75,10 @@ def _gather(
         elif len(chain) > MAX_INCLUDE_DEPTH:
             message = f"includes are nested more than {MAX_INCLUDE_DEPTH} deep"
             diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path"))
+        elif len(seen) >= MAX_INCLUDED_FILES:
+            message = f"the document includes more than {MAX_INCLUDED_FILES:,} files"
+            diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path"))
+            break
         elif resolved in files:
             cycle = files[files.index(resolved) :]
             names = " → ".join(file.name for file in [*cycle, resolved])

@@ -1,6 +1,7 @@
 """Positions in a document, computed only when a message needs them."""
 
 import re
+from bisect import bisect_right
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
@@ -9,12 +10,13 @@ from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.tinyxml2_compat import (
     WRITTEN_CHARACTER,
     decode,
-    find_attribute,
+    iter_attributes,
     iter_start_tags,
     value_span,
 )
 
 _LINE: Final = re.compile(r"[^\r\n]*")
+_LINE_BREAK: Final = re.compile(r"\r\n?|\n")
 _TEXT_OR_CDATA: Final = re.compile(r"<!\[CDATA\[(.*?)\]\]>|([^<]++)", re.DOTALL)
 
 
@@ -38,32 +40,37 @@ class SourceSpan(NamedTuple):
         return Diagnostic(code, message, file, self.line, self.column, hint, self.source, self.width)
 
 
-def span_at(text: str, offset: int, width: int = 1, lines: dict[int, str] | None = None) -> SourceSpan:
-    """Return the position of a range of *text*.
+class LineIndex:
+    """The offsets at which the lines of *text* begin. Every lookup takes the same short time."""
 
-    Args:
-        text: The whole text.
-        offset: Offset of the first character, from 0.
-        width: Number of characters; the range ends at the end of the line at the latest.
-        lines: A cache of lines by the offset of their start. It avoids copies of very long lines.
-    """
-    start = max(text.rfind("\n", 0, offset), text.rfind("\r", 0, offset)) + 1
-    line = _line_breaks(text, offset) + 1
-    source = None if lines is None else lines.get(start)
-    if source is None:
-        source = _LINE.match(text, start)[0]  # type: ignore[index]
-        if lines is not None:
-            lines[start] = source
-    end = start + len(source)
-    return SourceSpan(line, offset - start + 1, max(1, min(width, end - offset)), source)
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._starts = [0, *(match.end() for match in _LINE_BREAK.finditer(text))]
+        self._lines: dict[int, str] = {}  # a cache that avoids copies of very long lines
+
+    def line(self, offset: int) -> int:
+        """Return the number of the line, from 1, that contains the character at *offset*."""
+        return bisect_right(self._starts, offset)
+
+    def span(self, offset: int, width: int = 1) -> SourceSpan:
+        """Return the position of a range of the text.
+
+        Args:
+            offset: Offset of the first character, from 0.
+            width: Number of characters; the range ends at the end of the line at the latest.
+        """
+        line = self.line(offset)
+        start = self._starts[line - 1]
+        source = self._lines.get(line)
+        if source is None:
+            source = self._lines[line] = _LINE.match(self._text, start)[0]  # type: ignore[index]
+        end = start + len(source)
+        return SourceSpan(line, offset - start + 1, max(1, min(width, end - offset)), source)
 
 
-def _line_breaks(text: str, end: int, start: int = 0) -> int:
-    # "\r\n" is one line break.
-    count = text.count("\n", start, end)
-    if "\r" in text:
-        count += text.count("\r", start, end) - text.count("\r\n", start, end)
-    return count
+def span_at(text: str, offset: int, width: int = 1) -> SourceSpan:
+    """Return the position of a single range of *text*, as :meth:`LineIndex.span` does."""
+    return LineIndex(text).span(offset, width)
 
 
 def _character(text: str, start: int, end: int, number: int) -> int:
@@ -87,9 +94,10 @@ class SourceMap:
         self._text = text
         self._tags = list(iter_start_tags(text))
         self._elements = list(root.iter())
-        self._lines: list[int] | None = None
-        self._sources: dict[int, str] = {}
+        self._line_index = LineIndex(text)
         self._index = {element: index for index, element in enumerate(self._elements)}
+        # The attributes of each tag that was looked up.
+        self._attributes: dict[int, dict[str, re.Match[str]]] = {}
 
     def index(self, element: Element) -> int:
         """Return the index of *element* in document order, from 0."""
@@ -97,14 +105,7 @@ class SourceMap:
 
     def line(self, element: Element) -> int:
         """Return the line in which the start tag of *element* begins, from 1."""
-        if self._lines is None:
-            self._lines = []
-            line, done = 1, 0
-            for tag in self._tags:
-                line += _line_breaks(self._text, tag.start(), done)
-                done = tag.start()
-                self._lines.append(line)
-        return self._lines[self._index[element]]
+        return self._line_index.line(self._tags[self._index[element]].start())
 
     def text_in(self, element: Element) -> str:
         """Return the text between the start tag of *element* and the next tag."""
@@ -134,7 +135,7 @@ class SourceMap:
         start, end = tag.start(), tag.end(1)
         if self._text[end] == ">":
             end += 1
-        match = find_attribute(tag, attribute) if attribute else None
+        match = self._find(index, attribute) if attribute else None
         if match is not None:
             start, end = value_span(match) if part == "value" else match.span(1)
             if within and part == "value":
@@ -142,4 +143,9 @@ class SourceMap:
                 end = start + 1
             elif start == end:  # an empty value: show its quotes
                 start, end = start - 1, end + 1
-        return span_at(self._text, start, end - start, self._sources)
+        return self._line_index.span(start, end - start)
+
+    def _find(self, index: int, attribute: str) -> re.Match[str] | None:
+        if index not in self._attributes:
+            self._attributes[index] = {match[1]: match for match in iter_attributes(self._tags[index])}
+        return self._attributes[index].get(attribute)

@@ -64,16 +64,14 @@ def iter_start_tags(text: str) -> Iterator[re.Match[str]]:
     return (tag for _, tag in iter_markup(text) if tag is not None)
 
 
-def iter_attribute_values(tag: re.Match[str]) -> Iterator[tuple[str, int, int]]:
-    """Yield the attributes of a start tag, as (name, start of the value, end of the value)."""
-    for attribute in ATTRIBUTE.finditer(tag.string, *tag.span(2)):
-        yield attribute[1], *value_span(attribute)
+def iter_attributes(tag: re.Match[str]) -> Iterator[re.Match[str]]:
+    """Return the matches of :data:`ATTRIBUTE` for the attributes of a start tag."""
+    return ATTRIBUTE.finditer(tag.string, *tag.span(2))
 
 
 def find_attribute(tag: re.Match[str], name: str) -> re.Match[str] | None:
     """Return the match of :data:`ATTRIBUTE` for the attribute *name* of a start tag, or None."""
-    attributes = ATTRIBUTE.finditer(tag.string, *tag.span(2))
-    return next((attribute for attribute in attributes if attribute[1] == name), None)
+    return next((attribute for attribute in iter_attributes(tag) if attribute[1] == name), None)
 
 
 def value_span(attribute: re.Match[str]) -> tuple[int, int]:
@@ -93,8 +91,8 @@ def escape_line_breaks(text: str) -> str:
     for tag in iter_start_tags(text):
         if _LOST_BY_EXPAT.search(tag[2]) is None:
             continue
-        for _, start, end in iter_attribute_values(tag):
-            for match in _LOST_BY_EXPAT.finditer(text, start, end):
+        for attribute in iter_attributes(tag):
+            for match in _LOST_BY_EXPAT.finditer(text, *value_span(attribute)):
                 pieces += (text[done : match.start()], "&#9;" if match[0] == "\t" else "&#10;")
                 done = match.end()
     return "".join((*pieces, text[done:])) if pieces else text

@@ -77,6 +77,7 @@ def test_key_may_be_in_braces_and_an_unused_key_is_reported(
         (["=3"], "write KEY=VALUE"),
         (["far=1", "{far}=2"], "'far' is set more than once"),
         (["far=soon"], "--set far=soon: 'soon' is not an integer"),
+        (["other=" + "[" * 2_000 + "]" * 2_000], "the JSON is nested more than 100 levels deep"),
     ],
 )
 def test_invalid_values_are_refused(

@@ -144,6 +144,27 @@ def test_json_lists_the_diagnostics(cli: Cli, tree_file: TreeFile) -> None:
     assert only["file"].endswith("tree.xml")
 
 
+def test_a_hundred_diagnostics_of_a_file_are_shown_and_the_others_counted(
+    cli: Cli, tree_file: TreeFile
+) -> None:
+    tree = tree_file("<Sequence>" + "<Nonsense/><Sleep/>" * 120 + "</Sequence>")
+    result = cli("validate", tree)
+    assert result.stdout.count("E101") == 100
+    assert "W202" not in result.stdout
+    assert f"{tree}: 20 more errors and 120 more warnings" in result.stdout
+    assert "1 file, 120 errors, 120 warnings" in result.stdout
+    data = json.loads(cli("validate", "--json", tree).stdout)
+    assert len(data["diagnostics"]) == 100
+    assert data["omitted"] == 140
+
+
+def test_a_run_shows_a_hundred_warnings(cli: Cli, tree_file: TreeFile) -> None:
+    tree = tree_file("<Sequence>" + '<Script code="1 &lt; 2"name="s"/>' * 120 + "</Sequence>")
+    result = cli("run", tree)
+    assert result.stderr.count("W109") == 100
+    assert f"{tree}: 20 more warnings" in result.stderr
+
+
 def test_bundled_trees_are_valid_without_their_libraries(cli: Cli) -> None:
     result = cli("validate", "bumpgo", "bumpgo_wide")
     # Without the robot's node library the nodes are unknown, and a note names the missing library.

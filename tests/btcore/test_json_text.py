@@ -1,0 +1,60 @@
+"""JSON from files and options is read up to a maximum depth."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from btcore.errors import ConversionError
+from btcore.json_text import load_json, too_deep_at
+from btcore.registry.registry import Registry
+from btcore.sweep.journal import _read_definition
+from btcore.testing.conformance import read_cases
+from btcore.testing.substitution_rules import SubstitutionError, load_substitution_rules
+from btcore.values.numbers import read_json
+from btcore_robot.navigation.occupancy_map import MapError, load_map
+from btcore_sim.errors import SimError
+from btcore_sim.json_records import read_record
+
+DEEP = "nested more than 100 levels deep"
+DEEP_TEXTS = ['{"a":' * 101 + "1" + "}" * 101, "[" * 100_000 + "]" * 100_000, "[" * 100_000]
+
+
+@pytest.mark.parametrize("text", DEEP_TEXTS, ids=["objects", "arrays", "unclosed"])
+def test_deeply_nested_json_is_refused_with_the_place(text: str) -> None:
+    with pytest.raises(json.JSONDecodeError, match=DEEP) as caught:
+        load_json(text)
+    assert text[caught.value.pos] in "[{"
+    assert too_deep_at(text) == caught.value.pos
+
+
+def test_brackets_in_strings_and_beside_each_other_do_not_count() -> None:
+    deepest = "[" * 100 + "]" * 100
+    texts = [json.dumps(["[{" * 500, "\\", '"[' * 200]), json.dumps([[1]] * 300), deepest]
+    assert [load_json(text) for text in texts] == [json.loads(text) for text in texts]
+
+
+@pytest.mark.parametrize("text", DEEP_TEXTS, ids=["objects", "arrays", "unclosed"])
+def test_json_of_a_port_has_a_maximum_depth(text: str) -> None:
+    with pytest.raises(ConversionError, match=DEEP):
+        read_json(text)
+
+
+@pytest.mark.parametrize(
+    ("read", "error", "message"),
+    [
+        (lambda path: load_substitution_rules(Registry.standard(), path), SubstitutionError, DEEP),
+        (lambda path: list(read_cases(path)), ValueError, DEEP),
+        (lambda path: read_record(path, "a world"), SimError, DEEP),
+        (_read_definition, Exception, DEEP),
+        (load_map, MapError, "not valid YAML: nested too deeply"),
+    ],
+)
+def test_readers_of_files_refuse_deeply_nested_json(
+    tmp_path: Path, read: Callable[[Path], object], error: type[Exception], message: str
+) -> None:
+    path = tmp_path / "deep"
+    path.write_text(DEEP_TEXTS[1])
+    with pytest.raises(error, match=message):
+        read(path)
