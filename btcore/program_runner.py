@@ -24,6 +24,7 @@ from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
 from btcore.loading.load import loads
 from btcore.registry.registry import Registry
+from btcore.run_extension import OutputError
 from btcore.status import Status
 
 __all__ = [
@@ -118,20 +119,28 @@ def run_program(
     clock = clock if clock is not None else clock_of(resources, settings["fast"])
     tree = loads(text, nodes=nodes, resources=resources, clock=clock)
     loop = TickLoop(tree, RATE, settings["duration"], "done", lambda status: None, fast=settings["fast"])
-    with ExitStack() as attached:
-        for extension in gathered.extensions:
-            attached.enter_context(extension.attach(tree, resources, settings))
-        try:
-            with loop.signals():
-                ending = loop.run()
-            if ending == "interrupted":
-                for extension in gathered.extensions:
-                    extension.on_interrupt()
-            end()
-        finally:
-            tree.halt()
+    ending: EndReason = "done"
+    is_complete = True
+    try:
+        with ExitStack() as attached:
+            for extension in gathered.extensions:
+                attached.enter_context(extension.attach(tree, resources, settings))
+            try:
+                with loop.signals():
+                    ending = loop.run()
+                if ending == "interrupted":
+                    for extension in gathered.extensions:
+                        extension.on_interrupt()
+                end()
+            finally:
+                tree.halt()
+    except OutputError as error:
+        is_complete = False
+        terminal.print_error(str(error))
     report = merge_reports(gathered.extensions)
     code = code_of_signal(loop.signal) if ending == "interrupted" else ExitCode.SUCCESS
+    if not is_complete:
+        code = ExitCode.INCOMPLETE_OUTPUT
     return ProgramResult(ending, code, loop.elapsed / NS_PER_S, report)
 
 

@@ -25,6 +25,10 @@ class ExtensionError(BtcoreError):
     """Raised when an installed extension has a hook that is missing, misspelled or of the wrong type."""
 
 
+class OutputError(BtcoreError):
+    """Raised when an output of a run, such as a recording, is incomplete, for example on a full disk."""
+
+
 class RunExtension(Protocol):
     """An extension of ``btcore run``: its options, the resources that it provides, and its part in a run.
 
@@ -97,6 +101,7 @@ class RunExtension(Protocol):
 
         Raises:
             click.UsageError: The tree cannot be run with these options.
+            OutputError: On exit: an output is incomplete. The summary is printed, and the exit code is 4.
         """
         return nullcontext()
 

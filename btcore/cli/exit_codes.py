@@ -14,6 +14,8 @@ class ExitCode(IntEnum):
     """An error in a tree or on the command line."""
     LEAF_ERROR = 3
     """A leaf raised an exception."""
+    INCOMPLETE_OUTPUT = 4
+    """A log, a recording or stdout is incomplete, for example because the disk is full."""
     INTERNAL_ERROR = 70
     """An error in btcore itself: EX_SOFTWARE of sysexits.h."""
     INTERRUPTED = 130

@@ -5,6 +5,7 @@ Each command of btcore is a file in this folder. Other packages add commands by 
 
 # Modules that only errors or single commands need (rich, traceback, importlib.metadata, dataclasses by way
 # of btcore.errors) are imported where they are used, so that `btcore --version` starts fast.
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -128,6 +129,11 @@ def _exit_for_error(error: Exception) -> NoReturn:
     if isinstance(error, click.ClickException):
         terminal.print_click_error(error)
         sys.exit(ExitCode.USER_ERROR)
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        # Mostly stdout, as other errors are reported where they occur. Python would flush it again, as above.
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
+        terminal.print_error(f"cannot write {error.filename or 'the output'}: {error.strerror}")
+        sys.exit(ExitCode.INCOMPLETE_OUTPUT)
     if isinstance(error, BtcoreError):
         terminal.print_btcore_error(error)
         sys.exit(ExitCode.USER_ERROR)

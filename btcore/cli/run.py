@@ -149,6 +149,7 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
       1    the tree ended in FAILURE
       2    an error in the tree or on the command line
       3    a leaf raised an exception, or a tick exceeded --tick-limit
+      4    a log or a recording is incomplete, for example because the disk is full
       130  interrupted by Ctrl-C
       143  terminated by SIGTERM
     """

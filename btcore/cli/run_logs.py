@@ -35,11 +35,15 @@ class Logs:
 
     Args:
         names: The file names that ``--log`` gives.
+
+    Attributes:
+        are_incomplete: Whether writing failed, so that a log ends early or is missing.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = names
         self.number = 1
+        self.are_incomplete = False
         self._open: list[Log] = []
 
     def open(self, tree: Tree) -> None:
@@ -62,12 +66,15 @@ class Logs:
             try:
                 self._open.append(open_log(tree, self._numbered(name)))
             except LogError as error:
+                self.are_incomplete = True
                 terminal.print_warning(str(error))
 
     def close(self) -> None:
         """Close the logs."""
         while self._open:
-            self._open.pop().close()
+            log = self._open.pop()
+            log.close()
+            self.are_incomplete = self.are_incomplete or log.is_incomplete
 
     def _numbered(self, name: str) -> str:
         if name == CONSOLE:

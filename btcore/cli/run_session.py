@@ -16,7 +16,7 @@ from btcore.cli.tree_source import SaveWatcher, TreeSource
 from btcore.clock import NS_PER_S
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.loading.hot_reload import rebuild_tree
-from btcore.run_extension import RunExtension
+from btcore.run_extension import OutputError, RunExtension
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.document_checks import DocumentAnalysis
@@ -54,6 +54,7 @@ class RunSession:
         self.outcome = RunReport(source.name if tree_id is None else f"{source.name}:{tree_id}")
         self.reloads = 0
         self._signal = 0
+        self._is_output_incomplete = False
         self._printed_error: NodeExecutionError | None = None
 
     def run(self) -> int:
@@ -83,17 +84,22 @@ class RunSession:
             click.UsageError: An extension rejects the options of the run.
         """
         self.tree.count_ticks()  # before the first tick: the report contains the counts
-        with ExitStack() as attached:
-            with log_to_console(terminal.stderr_console()):
-                for extension in self.extensions:
-                    attached.enter_context(extension.attach(self.tree, self.resources, self.settings))
-            # An ExitStack unwinds in reverse order: the logs are closed before extensions are detached.
-            attached.callback(self.logs.close)
-            self.logs.open(self.tree)
-            ending = self._loop()
-            if ending == "interrupted":
-                for extension in self.extensions:
-                    extension.on_interrupt()
+        ending: EndReason = "done"
+        try:
+            with ExitStack() as attached:
+                with log_to_console(terminal.stderr_console()):
+                    for extension in self.extensions:
+                        attached.enter_context(extension.attach(self.tree, self.resources, self.settings))
+                # An ExitStack unwinds in reverse order: the logs are closed before extensions are detached.
+                attached.callback(self.logs.close)
+                self.logs.open(self.tree)
+                ending = self._loop()
+                if ending == "interrupted":
+                    for extension in self.extensions:
+                        extension.on_interrupt()
+        except OutputError as error:
+            self._is_output_incomplete = True
+            terminal.print_error(str(error))
         figures = merge_reports(self.extensions)
         if self.saves is not None:
             figures = {"reloads": self.reloads, **figures}
@@ -102,6 +108,8 @@ class RunSession:
     def _code(self, ending: EndReason) -> ExitCode:
         if self.outcome.error is not None:
             return ExitCode.LEAF_ERROR
+        if self._is_output_incomplete or self.logs.are_incomplete:
+            return ExitCode.INCOMPLETE_OUTPUT
         if ending == "interrupted":
             return code_of_signal(self._signal)
         failed = ending == "done" and self.outcome.status is Status.FAILURE

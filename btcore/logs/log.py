@@ -63,6 +63,9 @@ class Log(AttachedObserver):
         tree: The tree to log.
         name: The name of the log in warnings.
         idle: Whether to log transitions to IDLE.
+
+    Attributes:
+        is_incomplete: Whether writing has failed, so that the log ends early.
     """
 
     write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError,)
@@ -71,6 +74,7 @@ class Log(AttachedObserver):
     def __init__(self, tree: Tree, name: str, *, idle: bool = True) -> None:
         self.name = name
         self.idle = idle
+        self.is_incomplete = False
         super().__init__(tree)
 
     def transitions(self, changes: Transitions) -> None:
@@ -110,6 +114,8 @@ class Log(AttachedObserver):
     def _give_up(self, error: Exception) -> None:
         if self.closed:
             return
+        # A reader of stdout that has exited, such as `head`, needs no more.
+        self.is_incomplete = not isinstance(error, BrokenPipeError)
         reason = getattr(error, "strerror", None) or str(error)
         _log.warning("the log %s is incomplete, writing failed: %s", self.name, reason)
         super().close()

@@ -3,3 +3,10 @@
 
 class MonitorError(Exception):
     """Base class of every exception that btcore_monitor defines."""
+
+
+class RecordingError(MonitorError):
+    """A recording's file is incomplete, because it cannot be written, for example on a full disk.
+
+    rerun never closes such a recording: the process has to end by `btcore_monitor.viewer_setup.abandon`.
+    """

@@ -54,26 +54,33 @@ class MonitorProcess:
             env=os.environ | {"PYTHONPATH": path},
         )
 
-    def finish(self, interrupted: bool) -> None:
+    def finish(self, interrupted: bool) -> str:
         """Wait until the process has received all data, for at most WRITE_TIMEOUT or VIEWER_GRACE.
 
         A process that stays after the run is ended on a signal, or immediately if the run was *interrupted*.
+
+        Returns:
+            The reason why the file that the process writes is incomplete, or "".
         """
         if self.stays:
             self._keep_open(interrupted)
-            return
+            return ""
         limit = WRITE_TIMEOUT if self.saves else VIEWER_GRACE
         try:
             code = self._wait(limit)
         except subprocess.TimeoutExpired:
-            print_message(f"{self.name}: not finished {limit:g} s after the run, so its end may be missing")
             self.process.terminate()
-            return
+            reason = f"{self.name}: not finished {limit:g} s after the run, so its end may be missing"
+            if self.saves:
+                return reason
+            print_message(reason)
+            return ""
         except BaseException:
             self.process.terminate()
             raise
-        if code and self.saves:
-            print_message(f"{self.name}: the monitor's process failed with exit code {code}")
+        return (
+            f"{self.name}: the monitor's process failed with exit code {code}" if code and self.saves else ""
+        )
 
     def _wait(self, limit: float) -> int:
         deadline = time.monotonic() + limit

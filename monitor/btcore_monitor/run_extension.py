@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import click
 
-from btcore.run_extension import RunExtension
+from btcore.run_extension import OutputError, RunExtension
 from btcore.tree.tree import Tree
 from btcore_monitor.display import has_display
 from btcore_monitor.display_options import DisplayOptions, create_options, explicit_options
@@ -165,6 +165,7 @@ class MonitorExtension(RunExtension):
 
         Raises:
             click.ClickException: The tree cannot be published, or a monitor process ends early.
+            OutputError: On exit: the file of --save is incomplete.
         """
         save: Path | None = settings["save"]
         if not settings["publish"] and not _shown(settings):
@@ -206,6 +207,7 @@ class MonitorExtension(RunExtension):
             options = [*key_options, *DisplayOptions.from_settings(settings).arguments()]
             options.append("--verbose" if verbose else "--quiet")
             monitors: list[MonitorProcess] = []
+            failures: list[str] = []
             if save is not None:
                 arguments = ["--save", str(save), "--no-view", *options]
                 monitors.append(MonitorProcess(publisher, arguments, f"recording to {save}"))
@@ -226,8 +228,9 @@ class MonitorExtension(RunExtension):
                 self._publisher = None
                 # Before waiting: a monitor process ends when it has received the end of the stream.
                 publisher.finish()
-                for monitor in monitors:
-                    monitor.finish(self._interrupted)
+                failures += filter(None, [monitor.finish(self._interrupted) for monitor in monitors])
+            if failures:
+                raise OutputError("; ".join(failures))
 
 
 def _shown(settings: Mapping[str, Any]) -> list[str]:

@@ -8,22 +8,27 @@ import functools
 import importlib.util
 import os
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import click
 
 from btcore_monitor.console import print_line
 from btcore_monitor.display_options import display_options
+from btcore_monitor.errors import RecordingError
 
 if TYPE_CHECKING:
     from btcore_monitor.keys import ClientKeys
     from btcore_monitor.screen.sinks import RecordingSinks, WebView
+
+INCOMPLETE_OUTPUT: Final = 4
+"""The exit code, as of ``btcore run``, if a recording is incomplete."""
 
 duration_option = click.option(
     "--duration", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after this time."
@@ -165,6 +170,13 @@ def wait_for_stop(duration: float | None = None) -> None:
     stop = threading.Event()
     with stop_on_signals(stop):
         stop.wait(duration)
+
+
+def abandon(error: RecordingError) -> NoReturn:
+    """Print *error*, and end the process with the exit code 4, without closing the recording."""
+    click.echo(f"error: {error}", err=True)
+    sys.stdout.flush()
+    os._exit(INCOMPLETE_OUTPUT)
 
 
 @dataclass(frozen=True, slots=True)

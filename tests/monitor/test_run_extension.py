@@ -118,6 +118,23 @@ def test_display_options_apply_to_the_recording(tmp_path):
     assert [values for name, values in found.items() if "filter" in name] == [[["WARN", "ERROR"]]]
 
 
+def test_a_recording_on_a_full_disk_ends_with_an_error_and_the_exit_code_4(tmp_path):
+    resource = pytest.importorskip("resource", reason="Windows cannot limit the size of files")
+    recording, limit = tmp_path / "run.rrd", 1 << 18  # afterwards a write fails as on a full disk
+    done = subprocess.run(
+        [sys.executable, "-m", "btcore", "run", *BUMPGO, "--duration", "60", "--save", str(recording)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert done.returncode == 4, done.stderr
+    assert f"error: the recording {recording} is incomplete: no space left on the disk" in done.stderr
+    assert json.loads(done.stdout.splitlines()[-1])["ticks"] == 600
+    assert "not finished" not in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
     recording = tmp_path / "run.rrd"
     options = [tree_file, "--save", str(recording), "--verbose"]

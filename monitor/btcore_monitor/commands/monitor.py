@@ -10,8 +10,10 @@ import click
 
 from btcore_monitor.console import print_line
 from btcore_monitor.display_options import DisplayOptions, explicit_options
+from btcore_monitor.errors import RecordingError
 from btcore_monitor.viewer_setup import (
     ViewerOptions,
+    abandon,
     check_folder,
     check_installed,
     client_keys,
@@ -34,6 +36,8 @@ _RECORDING: Final = b"RRF"
 """The first bytes of rerun's files."""
 _WAIT: Final = 0.2
 """Time (s) between two checks whether all robots' threads have ended."""
+_CHECK_FILE_EVERY: Final = 1.0
+"""Time (s) between two checks whether the file of the recording can still be written."""
 _CHECK_VIEWER_EVERY: Final = 2.0
 """Time (s) between two checks whether the viewer is still open."""
 
@@ -72,6 +76,7 @@ def monitor(
       0  a tree was seen, or nothing was to be written
       1  no tree was seen, so --save wrote nothing
       2  an error
+      4  the recording is incomplete, for example because the disk is full
     """
     check_installed("rerun", "zmq", "msgpack", "numpy")
     from btcore_monitor.screen.viewer_process import ScreenError
@@ -109,6 +114,8 @@ def monitor(
                 seen_at = ", ".join(robots)
                 print_line(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
                 click.get_current_context().exit(1)
+    except RecordingError as error:
+        abandon(error)
     except (ScreenError, ConnectionRefusedByRobotError) as error:
         raise click.ClickException(str(error)) from None
 
@@ -164,7 +171,10 @@ def _watch(
             errors.append(error)
             stop.set()
         finally:
-            view.close()
+            try:
+                view.close()
+            except RecordingError as error:
+                errors.append(error)
 
     # Signals arrive in this thread, so the robots are shown in other threads.
     threads = [
@@ -175,9 +185,13 @@ def _watch(
         for thread in threads:
             thread.start()
         deadline = None if duration is None else time.monotonic() + duration
+        next_file_check = time.monotonic()
         opened, next_check = sinks.window, time.monotonic() + _CHECK_VIEWER_EVERY
         while any(thread.is_alive() for thread in threads) and not stop.wait(_WAIT):
             now = time.monotonic()
+            if now >= next_file_check:
+                next_file_check = now + _CHECK_FILE_EVERY
+                sinks.check_files()
             if deadline is not None and now >= deadline:
                 break
             if opened is not None and now >= next_check:

@@ -13,7 +13,10 @@ from btcore.suggestions import join_names
 from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
 from btcore_monitor.console import print_line
 from btcore_monitor.display_options import DisplayOptions, display_options
+from btcore_monitor.errors import RecordingError
 from btcore_monitor.viewer_setup import (
+    INCOMPLETE_OUTPUT,
+    abandon,
     check_installed,
     check_writable,
     client_keys,
@@ -27,6 +30,7 @@ from btcore_monitor.viewer_setup import (
 if TYPE_CHECKING:
     from btcore_monitor.events import Event, TreeSeen
     from btcore_monitor.screen.robot_view import RobotView
+    from btcore_monitor.screen.sinks import RecordingSinks
     from btcore_monitor.watch.feed import Feed
 
 _RERUN: Final = ".rrd"
@@ -88,9 +92,11 @@ def record(
                 files.close()
     except (AddressError, ConnectionRefusedByRobotError, LogError) as error:
         raise click.ClickException(str(error)) from None
+    except RecordingError as error:
+        abandon(error)
     except WRITE_ERRORS as error:
-        text = f"the recording ends here, because writing failed: {error}"
-        raise click.ClickException(text) from None
+        click.echo(f"error: the recording ends here, because writing failed: {error}", err=True)
+        click.get_current_context().exit(INCOMPLETE_OUTPUT)
     if not files.written:
         raise click.ClickException(f"no tree was seen at {address}, so nothing is recorded")
     log = files.log
@@ -107,11 +113,13 @@ class _Files:
 
         recordings = _recordings(outputs)
         self.log = LogWriter([path for path in outputs if path not in recordings])
+        self.sinks: list[RecordingSinks] = []
         self.views: list[RobotView] = []
         if recordings:
-            from btcore_monitor.screen.sinks import RecordingSinks
+            from btcore_monitor.screen import sinks
 
-            self.views = [display.screen(RecordingSinks(save=path)) for path in recordings]
+            self.sinks = [sinks.RecordingSinks(save=path) for path in recordings]
+            self.views = [display.screen(destination) for destination in self.sinks]
 
     @property
     def written(self) -> list[Path]:
@@ -129,6 +137,11 @@ class _Files:
         self.log.flush()
         for view in self.views:
             view.flush()
+
+    def check(self) -> None:
+        """Raise RecordingError if a recording cannot be written because the disk is full."""
+        for destination in self.sinks:
+            destination.check_files()
 
     def close(self) -> None:
         """Finish every file, even if closing another file fails."""
@@ -164,6 +177,7 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
                 if isinstance(event, ConnectionChanged):
                     ended = event.state == "ended"
             files.flush()
+            files.check()
             if ended and until_end:
                 return
 

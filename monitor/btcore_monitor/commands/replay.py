@@ -15,6 +15,7 @@ from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import nearest_name
 from btcore_monitor.console import print_line
 from btcore_monitor.display_options import DisplayOptions
+from btcore_monitor.errors import RecordingError
 from btcore_monitor.events import (
     KINDS,
     DataMissed,
@@ -26,7 +27,7 @@ from btcore_monitor.events import (
     TreeSeen,
     kind_from_children,
 )
-from btcore_monitor.viewer_setup import ViewerOptions, check_installed, viewer_options, wait_for_stop
+from btcore_monitor.viewer_setup import ViewerOptions, abandon, check_installed, viewer_options, wait_for_stop
 
 _NOT_KEPT: Final = "not in a log file"
 LOG_FILE: Final = DataSource(
@@ -192,5 +193,7 @@ def _show(recording: Recording, window: range, viewer: ViewerOptions, display: D
             viewer.take_screenshot(view.files)
             if viewer.serve_web is not None:
                 wait_for_stop()
+    except RecordingError as error:
+        abandon(error)
     except ScreenError as error:
         raise click.ClickException(f"{error}, or --text for lines" if wants_window else str(error)) from None

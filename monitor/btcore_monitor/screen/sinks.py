@@ -1,15 +1,21 @@
 """The destinations of a recording: a viewer's window, a viewer elsewhere, a file, a browser."""
 
+import contextlib
 import itertools
+import shutil
+import sys
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 from urllib.parse import quote
 
 import rerun as rr
 from rerun.experimental import ViewerClient
 
 from btcore_monitor.display import has_display
+from btcore_monitor.errors import RecordingError
 from btcore_monitor.screen.page import PageServer, page_files
 from btcore_monitor.screen.viewer_process import (
     LOOPBACK,
@@ -19,6 +25,17 @@ from btcore_monitor.screen.viewer_process import (
     free_port,
     is_listening,
 )
+
+if sys.platform != "win32":
+    import resource
+
+FLUSH_WITHIN: Final = 20.0
+"""Wall time (s) for sinks to receive the remaining data at the end."""
+FLUSH_FILE_WITHIN: Final = 1.0
+"""Wall time (s) for the file to receive the remaining data if the viewer was closed."""
+FLUSH_STEP: Final = 1.0
+"""Wall time (s) between two checks whether the disk is full."""
+_LEAST_SPACE: Final = 1 << 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +76,8 @@ class RecordingSinks:
     relay: str | None = None
     # next() of a counter is atomic: robots' threads may attach recordings at the same time.
     _numbers: Iterator[int] = field(default_factory=lambda: itertools.count(1), init=False)
+    # Kept after a failure, too: the destructor of a recording that cannot be written never returns.
+    _written: list[tuple[rr.RecordingStream, Path]] = field(default_factory=list, init=False)
 
     def attach(self, recording: rr.RecordingStream) -> Path | None:
         """Send *recording* to all destinations, and return its file, or None without a file."""
@@ -76,7 +95,62 @@ class RecordingSinks:
             sinks.append(rr.GrpcSink(self.relay))
         if sinks:
             recording.set_sinks(*sinks)
+        if file is not None:
+            self._written.append((recording, file))
         return file
+
+    def check_files(self) -> None:
+        """Raise RecordingError if a file can no longer be written because the disk is full."""
+        for _, file in self._written:
+            if _is_full(file):
+                raise _incomplete(file)
+
+    def finish(self, recording: rr.RecordingStream) -> None:
+        """Send the remaining data of *recording* to all destinations, and close it.
+
+        Raises:
+            RecordingError: The file is incomplete.
+        """
+        file = next((file for other, file in self._written if other is recording), None)
+        is_received = self.window is None or self.window.is_open
+        deadline = time.monotonic() + (FLUSH_WITHIN if is_received else FLUSH_FILE_WITHIN)
+        while not _flush(recording, deadline):
+            is_late = time.monotonic() >= deadline
+            if file is not None and (
+                _is_full(file) or (is_late and self.window is None and self.relay is None)
+            ):
+                raise _incomplete(file)
+            # A viewer that was closed is no reason to leave the file unfinished.
+            if is_late:
+                break
+        recording.disconnect()
+        self._written = [entry for entry in self._written if entry[0] is not recording]
+
+
+def _flush(recording: rr.RecordingStream, deadline: float) -> bool:
+    """Return whether all destinations received the data of *recording*; wait at most FLUSH_STEP."""
+    try:
+        recording.flush(timeout_sec=max(min(FLUSH_STEP, deadline - time.monotonic()), 0.1))
+    except RuntimeError:
+        return False
+    return True
+
+
+def _incomplete(file: Path) -> RecordingError:
+    reason = "no space left on the disk" if _is_full(file) else "the file cannot be written"
+    return RecordingError(f"the recording {file} is incomplete: {reason}")
+
+
+def _is_full(file: Path) -> bool:
+    """Return whether the disk of *file* is full, or the file has reached the limit of its size."""
+    with contextlib.suppress(OSError):
+        free = shutil.disk_usage(file.parent).free
+        if sys.platform != "win32":
+            limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+            if limit != resource.RLIM_INFINITY:
+                free = min(free, limit - file.stat().st_size)
+        return free < _LEAST_SPACE
+    return False
 
 
 def open_window(

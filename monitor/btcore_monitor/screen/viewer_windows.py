@@ -4,7 +4,6 @@ A shared window has a tab with all robots side by side, and for each robot a tab
 window uses wall time, because the clocks of the trees are unrelated.
 """
 
-import contextlib
 import math
 import re
 import threading
@@ -20,10 +19,6 @@ from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.row_buffer import WALL_TIME
 from btcore_monitor.screen.sinks import RecordingSinks
 
-FLUSH_WITHIN: Final = 20.0
-"""Wall time (s) for sinks to receive the remaining data at the end."""
-FLUSH_FILE_WITHIN: Final = 1.0
-"""Wall time (s) for the file to receive the remaining data if the viewer was closed."""
 ROOM: Final = (960.0, 505.0)
 """Width and height (pixels) of a tree's view beside another view; in its own tab the tree has more room."""
 EARLIER: Final = 6
@@ -57,7 +52,7 @@ class SingleRobotWindow:
 
     def end(self, recording: rr.RecordingStream) -> None:
         """Finish the recording."""
-        _finish(recording, self._sinks)
+        self._sinks.finish(recording)
 
 
 class SharedWindow:
@@ -109,7 +104,7 @@ class SharedWindow:
         """Finish the recording of all robots."""
         recording, self._recording = self._recording, None
         if recording is not None:
-            _finish(recording, self._sinks)
+            self._sinks.finish(recording)
 
 
 class SharedWindowSlot:
@@ -163,11 +158,3 @@ def _recording(application: str, name: str) -> rr.RecordingStream:
     recording.set_log_time_enabled(False)
     recording.send_recording_name(legible(name))
     return recording
-
-
-def _finish(recording: rr.RecordingStream, sinks: RecordingSinks) -> None:
-    is_received = sinks.window is None or sinks.window.is_open
-    # A viewer that was closed is no reason to leave the file unfinished.
-    with contextlib.suppress(RuntimeError):
-        recording.flush(timeout_sec=FLUSH_WITHIN if is_received else FLUSH_FILE_WITHIN)
-    recording.disconnect()

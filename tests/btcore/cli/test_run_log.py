@@ -1,6 +1,8 @@
 """`btcore run --log`: logs of a run, for other tools."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -56,3 +58,33 @@ def test_invalid_log_name_is_refused_before_the_first_tick(
     assert said in result.stderr
     assert "here we go" not in result.stdout
     assert "Traceback" not in result.stderr
+
+
+def test_log_that_is_cut_short_makes_the_exit_code_4(tree_file: TreeFile, tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource", reason="Windows cannot limit the size of files")
+    tree = tree_file('<KeepRunningUntilFailure><Sleep msec="100"/></KeepRunningUntilFailure>')
+    logs = [str(tmp_path / name) for name in ("run.btlog", "run.db3", "run.json")]
+    options = [part for log in logs for part in ("--log", log)]
+    limit = 100_000  # bytes; afterwards a write fails as on a full disk
+    done = subprocess.run(
+        [sys.executable, "-m", "btcore", "run", str(tree), "--fast", "--duration", "800", *options],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert done.returncode == 4
+    for log in logs:
+        assert f"the log {log} is incomplete, writing failed" in done.stderr.replace("\n", " ")
+    assert "Traceback" not in done.stderr
+    assert len(read_log(logs[0]).transitions) > 1000
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_output_on_a_full_disk_is_an_error_with_the_exit_code_4() -> None:
+    command = [sys.executable, "-m", "btcore", "show", "bumpgo"]
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (
+        4,
+        "error: cannot write the output: No space left on device\n",
+    )
