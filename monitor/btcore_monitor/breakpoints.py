@@ -13,6 +13,7 @@ robot disables the hooks of a client and continues after 5 s without its request
 import contextlib
 import threading
 import time
+from collections.abc import Iterator
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Final, NamedTuple
@@ -52,6 +53,9 @@ DEFAULT_TIMEOUT: Final = 5.0
 
 KEEP_ALIVE_EVERY: Final = 1.0
 """Seconds between requests that keep the robot's hooks enabled."""
+
+_NOTICE_AT_MOST: Final = 1_000
+"""Maximum bytes of a notification, because the other program may not be a robot."""
 
 Socket = zmq.Socket[bytes]
 
@@ -136,6 +140,7 @@ class BreakpointClient(Closeable):
         self._context: zmq.Context[Socket] = zmq.Context()
         self._notices = self._context.socket(zmq.SUB)
         self._notices.setsockopt(zmq.LINGER, 0)
+        self._notices.setsockopt(zmq.MAXMSGSIZE, _NOTICE_AT_MOST)
         self._notices.setsockopt(zmq.SUBSCRIBE, b"")
         if keys is not None:
             keys.secure(self._notices)
@@ -158,7 +163,8 @@ class BreakpointClient(Closeable):
         with self._lock:
             if self._tree is None:
                 reply = self._reply(Request.FULLTREE, None)
-                self._tree = read_fulltree(reply.body, reply.tree_id)
+                with self._decoding():
+                    self._tree = read_fulltree(reply.body, reply.tree_id)
             return self._tree
 
     def status(self, path: str) -> str:
@@ -179,7 +185,9 @@ class BreakpointClient(Closeable):
 
     def statuses(self) -> dict[str, str]:
         """Return the status of every node as text, such as ``RUNNING``, by the node's path."""
-        records = groot2.decode_statuses(self._ask(Request.STATUS).body)
+        reply = self._ask(Request.STATUS)
+        with self._decoding():
+            records = groot2.decode_statuses(reply.body)
         nodes = self.tree.by_uid
         return {
             nodes[uid].path: STATUS_NAMES[record.status] for uid, record in records.items() if uid in nodes
@@ -187,7 +195,9 @@ class BreakpointClient(Closeable):
 
     def hooks(self) -> list[WireHook]:
         """Return all hooks of the robot, also those of other clients. Hooks before a tick come first."""
-        return decode_hooks(self._ask(Request.HOOKS_DUMP).body)
+        reply = self._ask(Request.HOOKS_DUMP)
+        with self._decoding():
+            return decode_hooks(reply.body)
 
     def path_of(self, uid: int) -> str:
         """Return the path of the node *uid*, or ``node UID`` if the tree has no such node."""
@@ -315,6 +325,9 @@ class BreakpointClient(Closeable):
             with contextlib.suppress(ProtocolError):
                 uid = groot2.decode_breakpoint_reached(self._notices.recv_multipart())
                 return HookReached(uid, self.path_of(uid))
+            # The robot may send invalid notifications without end.
+            if time.monotonic() >= deadline:
+                break
         return None
 
     def step(self, ticks: int = 1, timeout: float = DEFAULT_TIMEOUT) -> HookReached:
@@ -350,7 +363,8 @@ class BreakpointClient(Closeable):
         deadline = time.monotonic() + timeout
         while True:
             reached = self.poll(max(0.0, deadline - time.monotonic()))
-            if reached is None:
+            # Other hooks may fire without end.
+            if reached is None or time.monotonic() > deadline:
                 raise BreakpointError(
                     f"no tick began within {timeout:g} s: the tree has ended, is not ticked, or is slow"
                 )
@@ -416,6 +430,14 @@ class BreakpointClient(Closeable):
             raise BreakpointError(str(refusal)) from None
         except (ProtocolError, ConnectionRefusedByRobotError) as error:
             raise BreakpointError(str(error)) from None
+
+    @contextlib.contextmanager
+    def _decoding(self) -> Iterator[None]:
+        """Convert ProtocolError to BreakpointError."""
+        try:
+            yield
+        except ProtocolError as error:
+            raise BreakpointError(f"{self.address} sent an invalid reply: {error}") from None
 
     def _keep_alive(self) -> None:
         while not self._closed.wait(KEEP_ALIVE_EVERY):

@@ -21,9 +21,9 @@ ConnectionState = Literal["waiting", "connected", "lost", "ended"]
 """The connection to the robot: ``waiting`` for the first contact, ``connected``, ``lost`` (no contact for
 some time), or ``ended`` (the robot has reported the end of its run)."""
 
-Topic = Literal["transitions", "ticks", "exceptions", "blackboard"]
+Topic = Literal["transitions", "ticks", "exceptions", "blackboard", "messages"]
 """Data that a robot may send in addition to its tree: transitions of statuses, ticks of the root with their
-duration, exceptions of nodes, and blackboards."""
+duration, exceptions of nodes, and blackboards; or messages of any kind."""
 
 IDLE: Final = 0
 RUNNING: Final = 1

@@ -30,6 +30,10 @@ LOGS: Final = (BTLOG, *SQLITE)
 """The extensions of files that a log writer can write."""
 
 
+_LATEST: Final = (1 << 48) - 1
+"""The largest time in a log, in µs since its start."""
+
+
 class LogWriter:
     """Writes the log files *paths* of one robot.
 
@@ -123,8 +127,8 @@ class LogWriter:
                 self._write(t, uid, before, status)
 
     def _write(self, t: int, uid: int, previous: int, status: int) -> None:
-        # A log's times must not be negative, even if a robot's clock goes back.
-        since = max(0, t - self._start) // NS_PER_US
+        # A log's times must not be negative, even if a robot's clock goes back, and have 48 bits in a .btlog.
+        since = min(max(0, t - self._start) // NS_PER_US, _LATEST)
         self._statuses[uid] = status
         self.transitions += 1
         for log in self._logs:

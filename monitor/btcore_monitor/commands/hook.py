@@ -209,7 +209,7 @@ def inject(pattern: str, status: str, after: bool, keep: bool, within: float, du
         waiting, deadline = set(paths), time.monotonic() + within
         while waiting:
             reached = robot.poll(max(0.0, deadline - time.monotonic()))
-            if reached is None:
+            if reached is None or time.monotonic() > deadline:
                 _clear(robot, sorted(waiting))
                 late = ", ".join(sorted(waiting))
                 raise click.ClickException(

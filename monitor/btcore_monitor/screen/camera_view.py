@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, image_format
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, entity_part, image_format
 from btcore_scene import Camera, Detection, MovingScene, Picture, StaticScene
 
 CAMERA: Final = "camera"
@@ -15,6 +15,8 @@ _DETECTED: Final = 0xFFD54AFF
 _SIGHT: Final = 0xFFD54A90
 _DEPTH: Final = 0.7
 """Length (m) of the pyramid that shows a camera's field of view."""
+_FOCAL_AT_LEAST: Final = 1e-3
+"""Minimum focal length (pixels); a camera without focal length has no field of view."""
 _OLD: Final = 1_000_000_000
 """Age (ns of the tree's clock) above which a picture is drawn faint, with the time when it was taken."""
 _FAINT: Final = 0.3
@@ -37,7 +39,9 @@ class CameraView:
     def static(self, data: StaticScene) -> None:
         """Draw the cameras' fields of view."""
         for camera in data.cameras:
-            entity = f"{self._origin}/sight/{camera.name}"
+            if min(map(abs, camera.focal)) < _FOCAL_AT_LEAST:
+                continue
+            entity = f"{self._origin}/sight/{entity_part(camera.name)}"
             # A negative radius is in pixels of the screen (in rerun).
             lines = rr.LineStrips3D(_pyramid(camera), colors=[_SIGHT], radii=[-1.0])
             self._rows.log(entity, self._rows.in_frame(camera.frame), lines, static=True)
@@ -48,7 +52,7 @@ class CameraView:
             self.pictured = True
             key = picture.name, picture.format
             if key not in self._series:
-                entity = f"{CAMERA}/pictures/{picture.name}"
+                entity = f"{CAMERA}/pictures/{entity_part(picture.name)}"
                 self._series[key] = self._rows.series(entity, _jpegs if key[1] == "jpeg" else _images)
                 self._ages[key] = _Age(self._rows, picture)
             self._series[key].add(t, wall, picture)
@@ -65,7 +69,7 @@ class _Age:
     """The fading of a camera's *picture* when no new picture follows."""
 
     def __init__(self, rows: RowBuffer, picture: Picture) -> None:
-        name, drawn = picture.name, rr.EncodedImage if picture.format == "jpeg" else rr.Image
+        name, drawn = entity_part(picture.name), rr.EncodedImage if picture.format == "jpeg" else rr.Image
         self._middle = picture.size[0] / 2, picture.size[1] / 2
         self._opacity: Series[float] = rows.series(
             f"{CAMERA}/pictures/{name}", lambda values: drawn.columns(opacity=values)

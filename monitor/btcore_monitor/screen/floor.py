@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, image_format
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, entity_part, image_format
 from btcore_monitor.screen.style import Palette
 from btcore_scene import Grid, MovingScene, StaticScene
 
@@ -21,6 +21,7 @@ _OPACITY: Final = 0.99
 """Slightly below 1, because the viewer ignores the alpha of colours in an opaque image."""
 _HATCH: Final = 0.25
 """Distance (m) between the strokes of an area's hatching."""
+_STROKES_AT_MOST: Final = 200
 
 Rgba = NDArray[np.uint8]
 
@@ -98,7 +99,7 @@ class Floor:
     def _known(self, grid: Grid, root: str) -> Series[Grid]:
         known = self._grids.get(grid.name)
         if known is None:
-            entity = f"{self._origin}/grids/{grid.name}"
+            entity = f"{self._origin}/grids/{entity_part(grid.name)}"
             height = _LAYERS[grid.kind] + _STEP * len(self._grids)
             encode = partial(_columns, height=height)
             known = self._grids[grid.name] = self._rows.series(entity, encode)
@@ -129,7 +130,8 @@ def _hatched(xmin: float, ymin: float, xmax: float, ymax: float) -> list[list[tu
     """Return the outline of a rectangle, and diagonal strokes across it."""
     z = 0.03
     strokes = [[(xmin, ymin, z), (xmax, ymin, z), (xmax, ymax, z), (xmin, ymax, z), (xmin, ymin, z)]]
-    for along in np.arange(_HATCH, (xmax - xmin) + (ymax - ymin), _HATCH):
+    edges = (xmax - xmin) + (ymax - ymin)
+    for along in np.arange(_HATCH, edges, max(_HATCH, edges / _STROKES_AT_MOST)):
         start = xmin + min(along, xmax - xmin), ymin + max(0.0, along - (xmax - xmin)), z
         end = xmin + max(0.0, along - (ymax - ymin)), ymin + min(along, ymax - ymin), z
         strokes.append([start, end])

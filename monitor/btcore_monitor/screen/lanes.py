@@ -82,10 +82,10 @@ class Lanes:
             # Two alternating shades distinguish neighbours.
             shades = palette.busy, int(palette.fill[RUNNING])
             names = sorted(set(self._names))
+            shown = [int(palette.fill[IDLE]), *(shades[at % 2] for at in range(len(names)))]
+            # An array of uint32, because rerun would warn that a list of three numbers is ambiguous.
             look = rr.StateConfiguration(
-                values=[NOTHING, *names],
-                labels=[NOTHING, *names],
-                colors=[int(palette.fill[IDLE]), *(shades[at % 2] for at in range(len(names)))],
+                values=[NOTHING, *names], labels=[NOTHING, *names], colors=np.array(shown, dtype=np.uint32)
             )
             for entity in self.entities[: len(self._running_lanes)]:
                 log(entity, look, static=True)

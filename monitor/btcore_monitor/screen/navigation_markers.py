@@ -8,7 +8,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from btcore_monitor.screen.row_buffer import RowBuffer, Series
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, entity_part
+from btcore_monitor.wire.scene_schema import NUMBER_AT_MOST
 from btcore_scene import UPRIGHT, Arrow, BoundingBox, MovingScene, Poses
 
 ARROWS: Final = "arrows"
@@ -109,12 +110,12 @@ class NavigationMarkers:
         for poses in data.poses:
             self._show_poses(t, wall, poses, root)
         if data.arrows is not None:
-            self._show_arrows(t, wall, {arrow.name: arrow for arrow in data.arrows}, root)
+            self._show_arrows(t, wall, {entity_part(arrow.name): arrow for arrow in data.arrows}, root)
         if data.boxes is not None:
             self._show_boxes(t, wall, data.boxes, root)
 
     def _show_poses(self, t: int, wall: int, poses: Poses, root: str) -> None:
-        entity = f"{self._origin}/poses/{poses.name}"
+        entity = f"{self._origin}/poses/{entity_part(poses.name)}"
         # Comparing bytes is faster than drawing an unchanged path again.
         if self._shown.get(entity) == poses.rows:
             return
@@ -126,6 +127,7 @@ class NavigationMarkers:
             self._rows.log(entity, lines, static=True)
         self._place(entity, poses.frame or root)
         rows = np.frombuffer(poses.rows, dtype="<f4").reshape(-1, 3)
+        rows = rows[(np.abs(rows) <= NUMBER_AT_MOST).all(axis=1)]  # without NaN and infinities, too
         self._series[entity].add(t, wall, style.strips(rows, self.footprint))
 
     def _show_arrows(self, t: int, wall: int, arrows: Mapping[str, Arrow], root: str) -> None:

@@ -3,6 +3,7 @@
 import re
 from collections import deque
 from collections.abc import Iterable, Mapping
+from itertools import islice
 from statistics import median
 from typing import Any, Final
 
@@ -58,6 +59,7 @@ _LEVEL_OF_STATUS: Final[Mapping[int, str]] = {
 
 _NAME_WIDTH: Final = 24
 _VALUE_ROOM: Final = 60
+_ENTRIES_AT_MOST: Final = 500
 _NAMES_AT_MOST: Final = 4
 _CELL: Final = 28
 """Characters that always fit into a cell of a table; the viewer does not wrap cells."""
@@ -262,12 +264,14 @@ def markdown(boards: Mapping[str, Mapping[str, Any]], before: Mapping[str, Mappi
             continue
         lines += ["", f"| **{escape_markdown(path)}** | |" if path else "| key | value |", "|:--|:--|"]
         known = before.get(path, {})
-        for key, value in board.items():
+        for key, value in islice(board.items(), _ENTRIES_AT_MOST):
             # Nothing is bold in the first table, in which all entries would be new.
             is_new = key not in known or known[key] != value
             bold = "**" if is_new and before else ""
             text = "–" if value is None else f"`{escape_markdown(_short(value))}`"
-            lines.append(f"| {bold}{escape_markdown(key)}{bold} | {text} |")
+            lines.append(f"| {bold}{escape_markdown(_short(key))}{bold} | {text} |")
+        if len(board) > _ENTRIES_AT_MOST:
+            lines.append(f"| and {len(board) - _ENTRIES_AT_MOST} more entries | |")
     return "\n".join(lines[1:]) if lines else "*no entries*"
 
 
@@ -277,7 +281,8 @@ def _short(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, Mapping):
         # The class of an object is in `__type` (msgpack_values.py).
-        parts = (f"{key}={_short(part)}" for key, part in value.items() if key != "__type")
+        entries = islice(value.items(), _VALUE_ROOM)
+        parts = (f"{key}={_short(part)}" for key, part in entries if key != "__type")
         text = f"{value.get('__type', '')}({', '.join(parts)})"
     elif isinstance(value, list | tuple):
         parts = (_short(part) for part in value[:_VALUE_ROOM])

@@ -9,7 +9,7 @@ All texts of a recording pass this module, where characters are replaced that th
 
 import re
 from collections.abc import Callable, Iterable
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Final, Generic, Literal, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -20,6 +20,7 @@ from btcore_monitor.screen.font import legible, spell
 Value = TypeVar("Value")
 Encode = Callable[[list[Value]], Iterable[Any]]
 
+_NAME_ROOM: Final = 100
 TREE_TIME = "t"
 WALL_TIME = "wall"
 
@@ -137,7 +138,7 @@ def _legible_column(column: Any) -> Any:
 
 def entity_part(name: str) -> str:
     """Return *name* as a part of an entity's path, without characters that rerun shows with escapes."""
-    return re.sub(r"[^\w.-]+", "_", spell(name)).strip("_") or "_"
+    return re.sub(r"[^\w.-]+", "_", spell(name[:_NAME_ROOM])).strip("_") or "_"
 
 
 def scalars(values: list[float]) -> Iterable[Any]:

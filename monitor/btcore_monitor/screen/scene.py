@@ -45,6 +45,7 @@ _FAN_REACH: Final = 6.0
 """Length (m) of the fan for rays without an echo; a fan of the sensor's full range would hide the scene."""
 _BODIES: Final = ("base_footprint", "base_link")
 """Frames that stand for the whole robot (names by REP 105)."""
+_FRAMES_DEEP: Final = 100
 _SPAN: Final = 6.0
 """Smallest extent (m) of the world that is in view."""
 _TRAIL_STEP: Final = 0.02
@@ -257,7 +258,7 @@ class SceneView:
             return None
         place = np.zeros(3)
         # A bounded loop, because the robot may send frames that form a cycle.
-        for _ in range(len(self._poses)):
+        for _ in range(min(len(self._poses), _FRAMES_DEEP)):
             parent, position, quaternion = self._poses[frame]
             place = _rotated(place, quaternion) + np.array(position, dtype=np.float64)
             if parent == self._root:

@@ -20,6 +20,7 @@ from btcore_monitor.events import (
     BlackboardSeen,
     ConnectionChanged,
     ConnectionState,
+    DataMissed,
     Event,
     ExceptionRaised,
     SceneMoving,
@@ -52,7 +53,11 @@ ABANDONED_AFTER: Final = 60.0
 MAX_REPLY_TIMEOUT: Final = 8.0
 """Maximum seconds (wall clock) for a reply over a slow network."""
 
+REPORT_EVERY: Final = 5.0
+"""Shortest time (s, wall clock) between two reports of invalid messages."""
+
 _STEP: Final = 0.2
+_DETAIL_AT_MOST: Final = 500
 _LOOK_EVERY: Final = 0.05
 
 
@@ -93,7 +98,9 @@ class Feed(Closeable):
         self._by_scene = False
         self._answered_at = 0.0
         self._number: int | None = None
-        self._reported_error = ""
+        self._latest = (0, 0)
+        self._reported_errors = 0
+        self._reported_at = -REPORT_EVERY
 
     def poll(self, timeout: float) -> list[Event]:
         """Return the events since the last call. If there are none, wait up to *timeout* s (wall clock)."""
@@ -150,11 +157,8 @@ class Feed(Closeable):
             self._link(events, "waiting", f"waiting for the robot at {self.address}")
         for message in self._scene.read():
             self._from_scene(message, events)
-        if self._scene.error != self._reported_error:
-            self._reported_error = self._scene.error
-            if self._reported_error:
-                self._link(events, "lost", self._reported_error)
         now = time.monotonic()
+        self._report_errors(now, events)
         # The scene channel comes first, because only it has all data. Groot's protocols are used without it.
         if now - self._scene.last_message < SILENT_AFTER and self._scene.tree_id:
             self._by_scene = True
@@ -177,9 +181,24 @@ class Feed(Closeable):
     def _link(self, events: list[Event], state: ConnectionState, detail: str) -> None:
         if state != self._state:
             self._state = state
-            events.append(ConnectionChanged(state, detail))
+            events.append(ConnectionChanged(state, _shortened(detail)))
+
+    def _report_errors(self, now: float, events: list[Event]) -> None:
+        """Report messages of the scene channel that are invalid, at most once in REPORT_EVERY."""
+        if self._scene.errors == self._reported_errors:
+            return
+        if not self._scene.tree_id:
+            self._reported_errors = self._scene.errors
+            self._link(events, "lost", self._scene.error)
+        elif now - self._reported_at >= REPORT_EVERY:
+            count = self._scene.errors - self._reported_errors
+            self._reported_errors, self._reported_at = self._scene.errors, now
+            reason = f"{count} invalid, the last because: {_shortened(self._scene.error)}"
+            events.append(DataMissed(*self._latest, self._latest[0], "messages", reason))
 
     def _from_scene(self, message: wire.Message, events: list[Event]) -> None:
+        if isinstance(message, wire.StreamMessage):
+            self._latest = message.stamp, message.wall
         if isinstance(message, wire.TreeMessage):
             try:
                 tree = read_fulltree(message.xml, message.tree_id)
@@ -230,11 +249,11 @@ class Feed(Closeable):
             if self._state == "connected":
                 self._link(events, "lost", str(detected))
             return
-        # An error before the first connection is not reported: the robot may be starting.
         except (NoReplyError, ProtocolError) as error:
             self._sampled.forget()
             self._answered_at = 0.0
-            if self._state == "connected":
+            # A robot that has not answered yet may be starting.
+            if self._state == "connected" or isinstance(error, ProtocolError):
                 self._link(events, "lost", str(error))
             return
         if self._sampled.following:
@@ -250,8 +269,7 @@ class Feed(Closeable):
                 self._link(events, "lost", str(error))
         except ProtocolError as error:
             self._leave_groot1()
-            if self._state == "connected":
-                self._link(events, "lost", str(error))
+            self._link(events, "lost", str(error))
             return
         if now - self._answered_at < SCENE_FIRST:
             return
@@ -280,3 +298,7 @@ class Feed(Closeable):
             seconds = min(seconds, self._sampled.next_at - time.monotonic())
         # At least 1 ms: poll(0) would make the loop in poll() occupy the processor.
         poller.poll(max(1, round(1000 * seconds)))
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _DETAIL_AT_MOST else text[: _DETAIL_AT_MOST - 1] + "…"

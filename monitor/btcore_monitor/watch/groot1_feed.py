@@ -44,8 +44,9 @@ GROOT1: Final = DataSource(
 
 _ASK_AGAIN_AFTER: Final = 0.2
 _WAITING_AT_MOST: Final = 250
-_UPDATES_A_TURN: Final = 50
-_UPDATE_AT_MOST: Final = 16 << 20
+_UPDATES_A_TURN: Final = 10
+_UPDATE_AT_MOST: Final = 1 << 20
+"""Maximum bytes of an update: the statuses of 65,535 nodes and 70,000 transitions."""
 _RECONNECT_MS: Final = 100
 _FUTURE_NS: Final = 5_000_000_000
 """Maximum time (ns) by which an update may be ahead of the estimate of the robot's clock.

@@ -67,6 +67,8 @@ _WANTED: Final = 250
 _SLOWER_AFTER: Final = 5.0
 """Seconds without a big batch after which requests become less frequent. Ticks may be seconds apart."""
 _SHORTEST_INTERVAL: Final = 0.002
+_PAUSE: Final = 0.1
+"""Seconds without a request after an error, or after the tree was replaced."""
 _UNSURE_BY: Final = 1_000_000_000
 """Maximum error (ns) of the estimate of the robot's clock, in addition to the duration of a request."""
 
@@ -98,6 +100,7 @@ class Groot2Feed:
         self._clock = RobotClock()
         self._boards = BlackboardPoller(blackboard_rate)
         self._pending: Request | None = None
+        self._paused_until = 0.0
         # When the last request was sent, and the request of the reply that is processed (ns, robot's clock).
         self._sent_at = self._requested_at = 0
         self._recording_from = 0
@@ -118,6 +121,7 @@ class Groot2Feed:
         """Forget the tree and request it again. The recording of an unchanged tree continues."""
         # The robot may have sent transitions, and has removed them then.
         self._reply_lost |= self._pending is Request.GET_TRANSITIONS
+        self._paused_until = time.monotonic() + _PAUSE
         self.tree = None
         self._records = None
         self._observed = None
@@ -139,7 +143,7 @@ class Groot2Feed:
         if self._pending is not None:
             return float("inf")
         if not self.following:
-            return 0.0
+            return self._paused_until
         return min(self._next_status, self._boards.due)
 
     def step(self, tree_only: bool = False) -> list[Event]:
@@ -171,7 +175,12 @@ class Groot2Feed:
                 # While a reply is processed, a fast robot overwrites transitions. So the request that will
                 # follow in any case is sent before.
                 self._request_early(reply)
-                self._take(reply, events)
+                try:
+                    self._take(reply, events)
+                except ProtocolError as error:
+                    reason = f"{self.client.address} sent an invalid reply: {error}"
+                    if not self._continue_without(request, reason, events):
+                        raise
         if not self.client.busy:
             self._request(tree_only)
         return events
@@ -185,6 +194,8 @@ class Groot2Feed:
 
     def _request(self, tree_only: bool) -> None:
         now = time.monotonic()
+        if now < self._paused_until:
+            return
         if self.tree is None:
             self._begin(Request.FULLTREE)
         # The scene channel may still connect, and needs no recording.
@@ -228,6 +239,7 @@ class Groot2Feed:
             self.forget()
             if reply.kind == Request.FULLTREE:
                 self._begin_tree(read_fulltree(reply.body, reply.tree_id))
+                self._paused_until = 0.0
             return
         if reply.kind == Request.STATUS:
             self._observe(decode_statuses(reply.body), events)
@@ -452,7 +464,7 @@ class Groot2Feed:
             events.append(DataMissed(t, wall, self._seen_up_to, "transitions", reason))
 
     def _continue_without(self, request: Request | None, reason: str, events: list[Event]) -> bool:
-        """Continue without the data that the robot refused to send. Return false if the data is necessary."""
+        """Continue without data that the robot does not send. Return false if the data is necessary."""
         if request is Request.BLACKBOARD:
             wall = self._clock.wall()
             t = self._clock.t(wall)

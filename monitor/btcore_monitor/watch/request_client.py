@@ -19,7 +19,7 @@ from btcore_monitor.watch.handshakes import Handshakes
 TIMEOUT: Final = 1.0
 """Default maximum seconds for a reply."""
 
-_REPLY_AT_MOST: Final = 256 << 20
+_REPLY_AT_MOST: Final = 32 << 20
 """Maximum bytes of a frame in a reply, because the other program may not be a robot."""
 
 Socket = zmq.Socket[bytes]

@@ -32,9 +32,10 @@ from btcore_monitor.wire.scene_channel import (
 WAITING_BYTES_AT_MOST: Final = 4 << 20
 """Maximum bytes of pieces that arrived too early."""
 
-_MESSAGE_AT_MOST: Final = 64 << 20
-"""Maximum bytes of a message, because the other program may not be a robot. A map may have 32 MB."""
+_MESSAGE_AT_MOST: Final = 32 << 20
+"""Maximum bytes of a message, because the other program may not be a robot."""
 
+_TREE_REQUESTS_AT_MOST: Final = 8
 _ASK_AGAIN_AFTER: Final = 2.0
 _FRAMES_A_TURN: Final = 500
 _BYTES_A_TURN: Final = 2 << 20
@@ -55,7 +56,7 @@ class SceneClient:
         self.last_message = 0.0
         """When the last message arrived (monotonic s); 0: never."""
         self.error = ""
-        """Why the last message could not be decoded; empty if it was decoded."""
+        """Why the last invalid message could not be decoded; empty without one."""
         self.errors = 0
         """The number of messages that could not be decoded."""
         self._next = 1
@@ -125,6 +126,8 @@ class SceneClient:
         """Request the tree."""
         # The subscription stays: after a reconnection ZeroMQ subscribes again, and the reply shows whether
         # the robot has another tree.
+        if len(self._tree_topics) >= _TREE_REQUESTS_AT_MOST:
+            self.socket.unsubscribe(self._tree_topics.pop(0))
         self._tree_topics.append(b"again/tree/" + _token())
         self._tree_requested_at = time.monotonic()
         # A client sends a request by subscribing. The token makes the topic unique, so no other client
@@ -146,7 +149,6 @@ class SceneClient:
             if isinstance(message, AliveMessage) and self.tree_id and waited >= _ASK_AGAIN_AFTER:
                 self._request_tree()
             return
-        self.error = ""
         if isinstance(message, StaticMessage):
             received.append(message)
         elif isinstance(message, AliveMessage):

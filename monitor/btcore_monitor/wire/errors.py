@@ -20,3 +20,8 @@ def describe_bytes(data: bytes, room: int = 24) -> str:
         return "nothing"
     dots = " …" if len(data) > room else ""
     return f"{len(data)} bytes ({data[:room].hex(' ')}{dots})"
+
+
+def describe_value(value: object, room: int = 40) -> str:
+    """Return a received *value* for an error message: at most *room* characters, or the name of its type."""
+    return repr(value)[:room] if isinstance(value, str | int | float | None) else type(value).__name__

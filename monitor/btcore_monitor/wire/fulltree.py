@@ -1,7 +1,8 @@
 """Convert the XML of a Groot 2 FULLTREE reply to an :class:`ObservedTree`, and back.
 
 The XML comes from the network and is not trusted. A document with a document type declaration is rejected
-before parsing, so there are no entities to expand, and the parser fetches nothing.
+before parsing, so there are no entities to expand, and the parser fetches nothing. The number of nodes and
+the lengths of names are limited.
 """
 
 import re
@@ -12,7 +13,7 @@ from typing import Final
 from lxml import etree
 
 from btcore_monitor.events import Kind, ObservedNode, ObservedTree, kind_from_children
-from btcore_monitor.wire.errors import ProtocolError
+from btcore_monitor.wire.errors import ProtocolError, describe_value
 
 FAMILIES: Final[dict[str, Kind]] = {
     "Action": "action",
@@ -25,6 +26,11 @@ FAMILIES: Final[dict[str, Kind]] = {
 tags, too."""
 
 _INVALID_IN_XML: Final = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+_NODES_AT_MOST: Final = 65_535
+"""Maximum nodes of a tree: a uid of Groot 2's protocol has 16 bits."""
+_NAME_AT_MOST: Final = 1_000
+_PATH_AT_MOST: Final = 4_000
+"""Maximum characters of a node's name and of its path. The paths of all nodes are kept."""
 
 _TAGS: Final = {kind: tag for tag, kind in FAMILIES.items()}
 _NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
@@ -47,7 +53,9 @@ def read_fulltree(xml: bytes, tree_id: str) -> ObservedTree:
         if path is None:
             raise ProtocolError("expected _fullpath on every <BehaviorTree>, and it is missing")
         if path in trees:
-            raise ProtocolError(f"expected a single <BehaviorTree> with _fullpath '{path}', and got two")
+            raise ProtocolError(
+                f"expected a single <BehaviorTree> with _fullpath {describe_value(path)}, and got two"
+            )
         trees[path] = element
     if not trees:
         raise ProtocolError("expected a <BehaviorTree> in the full tree, and got none")
@@ -141,7 +149,7 @@ def _parse(xml: bytes) -> etree._Element:
     except etree.XMLSyntaxError as error:
         raise ProtocolError(f"expected the full tree as XML, and got: {error.msg}") from None
     if root.tag != "root":
-        raise ProtocolError(f"expected <root> around the full tree, and got <{root.tag}>")
+        raise ProtocolError(f"expected <root> around the full tree, and got {describe_value(root.tag)}")
     return root
 
 
@@ -165,6 +173,8 @@ class _Reader:
         waiting = [(element, 0, main) for element in _roots(self._trees[main])]
         while waiting:
             element, parent, subtree = waiting.pop()
+            if len(nodes) >= _NODES_AT_MOST:
+                raise ProtocolError(f"expected a full tree of at most {_NODES_AT_MOST} nodes, and got more")
             node = self._node(element, parent, subtree)
             nodes.append(node)
             children[parent].append(node.uid)
@@ -186,18 +196,27 @@ class _Reader:
 
     def _content(self, path: str) -> list[etree._Element]:
         if path not in self._trees:
-            raise ProtocolError(f"expected a <BehaviorTree> with _fullpath '{path}', and it is missing")
+            raise ProtocolError(
+                f"expected a <BehaviorTree> with _fullpath {describe_value(path)}, and it is missing"
+            )
         if path in self._read:
-            raise ProtocolError(f"expected a single <SubTree> with _fullpath '{path}', and got two")
+            raise ProtocolError(
+                f"expected a single <SubTree> with _fullpath {describe_value(path)}, and got two"
+            )
         self._read.add(path)
         return _roots(self._trees[path])
 
     def _node(self, element: etree._Element, parent: int, subtree: str) -> ObservedNode:
         tag = str(element.tag)
+        for name in (tag, element.get("name", ""), element.get("ID", "")):
+            if len(name) > _NAME_AT_MOST:
+                raise ProtocolError(
+                    f"expected names of at most {_NAME_AT_MOST} characters, and got {len(name)}"
+                )
         text = element.get("_uid", "")
         # A limited length, because int() takes quadratic time for thousands of digits.
         if not (text.isascii() and text.isdigit()) or len(text) > 10:
-            raise ProtocolError(f"expected a number as _uid of <{tag}>, and got '{text}'")
+            raise ProtocolError(f"expected a number as _uid of <{tag}>, and got {describe_value(text)}")
         uid = int(text)
         if uid == 0 or uid in self._uids:
             raise ProtocolError(f"expected unique values of _uid from 1 on, and <{tag}> has {uid}")
@@ -207,6 +226,10 @@ class _Reader:
             path = element.get("_fullpath")
             if path is None:
                 raise ProtocolError(f"expected _fullpath on the <SubTree> with _uid {uid}")
+            if len(path) > _PATH_AT_MOST:
+                raise ProtocolError(
+                    f"expected paths of at most {_PATH_AT_MOST} characters, and got {len(path)}"
+                )
             # The element of a subtree has no name attribute. BehaviorTree.CPP appends "::uid" to the path of
             # a subtree that has no name of its own.
             name = path.removeprefix(subtree + "/" if subtree else "")
@@ -218,6 +241,8 @@ class _Reader:
         path = name if name != node_id else f"{name}::{uid}"
         if subtree:
             path = f"{subtree}/{path}"
+        if len(path) > _PATH_AT_MOST:
+            raise ProtocolError(f"expected paths of at most {_PATH_AT_MOST} characters, and got {len(path)}")
         kind = self._kinds.get(node_id, "action")
         if tag in FAMILIES and node_id not in self._kinds:
             kind = self._kinds[node_id] = FAMILIES[tag]
@@ -227,7 +252,6 @@ class _Reader:
 def _roots(tree: etree._Element) -> list[etree._Element]:
     roots = list(tree.iterchildren(etree.Element))
     if len(roots) != 1:
-        raise ProtocolError(
-            f'expected one node in <BehaviorTree ID="{tree.get("ID")}">, and got {len(roots)} nodes'
-        )
+        name = describe_value(tree.get("ID"))
+        raise ProtocolError(f"expected one node in the <BehaviorTree> {name}, and got {len(roots)} nodes")
     return roots

@@ -35,6 +35,15 @@ _TRANSITION: Final = struct.Struct("<IHHB")
 TRANSITION_SIZE: Final = _TRANSITION.size
 """Bytes of a recorded transition."""
 
+_STATUSES_AT_MOST: Final = _STATUS.size << 16
+"""Maximum bytes of a STATUS buffer: a uid has 16 bits."""
+
+_RECORDING_AT_MOST: Final = 1 << 17
+"""Maximum bytes of recorded transitions: more than 10 times the number that a publisher keeps."""
+
+_START_AT_MOST: Final = (1 << 62) // 1000
+"""Maximum start of a recording in µs, in the year 2116: times in ns must fit into 64 bits."""
+
 ERROR: Final = b"error"
 WRONG_HEADER: Final = "wrong request header"
 NOT_RECOGNIZED: Final = "Request not recognized"
@@ -197,7 +206,7 @@ def decode_statuses(body: bytes) -> dict[int, StatusRecord]:
     Raises:
         ProtocolError: *body* is not a STATUS buffer.
     """
-    if len(body) % _STATUS.size:
+    if len(body) % _STATUS.size or len(body) > _STATUSES_AT_MOST:
         raise ProtocolError(f"expected statuses of {_STATUS.size} bytes each, and got {describe_bytes(body)}")
     statuses = {}
     for uid, code in _STATUS.iter_unpack(body):
@@ -235,7 +244,7 @@ def decode_transitions(body: bytes) -> list[RecordedTransition]:
     Raises:
         ProtocolError: *body* does not hold recorded transitions.
     """
-    if len(body) % _TRANSITION.size:
+    if len(body) % _TRANSITION.size or len(body) > _RECORDING_AT_MOST:
         raise ProtocolError(
             f"expected transitions of {_TRANSITION.size} bytes each, and got {describe_bytes(body)}"
         )
@@ -251,12 +260,11 @@ def decode_recording_start(body: bytes) -> int:
     """Return when a recording began (µs since the epoch), from the reply to ``start``.
 
     Raises:
-        ProtocolError: *body* is not a decimal number.
+        ProtocolError: *body* is not a decimal number, or too large.
     """
-    # 20 digits are enough for every 64-bit number.
-    if not body.isdigit() or len(body) > 20:
+    if not body.isdigit() or len(body) > 20 or int(body) > _START_AT_MOST:
         raise ProtocolError(
-            f"expected the recording's start in decimal digits, and got {describe_bytes(body)}"
+            f"expected the recording's start in µs as decimal digits, and got {describe_bytes(body)}"
         )
     return int(body)
 

@@ -15,13 +15,19 @@ from typing import Any, Final
 
 import msgpack
 
-from btcore_monitor.wire.errors import ProtocolError
+from btcore_monitor.wire.errors import ProtocolError, describe_value
 
 Boards = Mapping[str, Mapping[str, Any]]
 """The values of blackboards: by the blackboard's name or path, then by key."""
 
 DEPTH_AT_MOST: Final = 16
 """Maximum nesting; deeper values become nil. A limit is necessary, because a list may contain itself."""
+
+_RECEIVED_DEPTH_AT_MOST: Final = 64
+"""Maximum nesting of received values. C++ robots may send deeper values than btcore."""
+
+_BOARDS_AT_MOST: Final = 8 << 20
+"""Maximum bytes of received blackboards: small values take many times as much memory when decoded."""
 
 _FLOAT32_MAX: Final = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]
 _INT64_MIN: Final = -(1 << 63)
@@ -93,15 +99,27 @@ def decode_boards(body: bytes) -> dict[str, dict[str, Any]]:
     Raises:
         ProtocolError: *body* is not MessagePack, or not a map of maps.
     """
-    values = unpack_msgpack(body)
+    if len(body) > _BOARDS_AT_MOST:
+        raise ProtocolError(f"expected blackboards of at most {_BOARDS_AT_MOST} bytes, and got {len(body)}")
+    return check_boards(unpack_msgpack(body))
+
+
+def check_boards(values: Any) -> dict[str, dict[str, Any]]:
+    """Return *values*, the received values of blackboards, with an empty dict for an empty blackboard.
+
+    Raises:
+        ProtocolError: *values* is not a map of maps, or nested too deeply.
+    """
     if values is None:
         return {}
+    check_depth(values)
     if not isinstance(values, dict):
         raise ProtocolError(f"expected blackboards as a map, and got {type(values).__name__}")
     boards: dict[str, dict[str, Any]] = {}
     for name, board in values.items():
         if board is not None and not isinstance(board, dict):
-            raise ProtocolError(f"expected the blackboard '{name}' as a map, and got {type(board).__name__}")
+            got = type(board).__name__
+            raise ProtocolError(f"expected the blackboard {describe_value(name)} as a map, and got {got}")
         boards[name] = board or {}
     return boards
 
@@ -123,9 +141,25 @@ def unpack_msgpack(body: bytes) -> Any:
         TypeError,
         OverflowError,
         RecursionError,
+        MemoryError,
         msgpack.exceptions.UnpackException,
     ) as error:
         raise ProtocolError(f"expected MessagePack, and {len(body)} bytes can't be read: {error}") from None
+
+
+def check_depth(value: object) -> None:
+    """Raise ProtocolError if *value* is nested so deeply that recursive functions might fail."""
+    level = [value] if isinstance(value, dict | list) else []
+    for _ in range(_RECEIVED_DEPTH_AT_MOST):
+        if not level:
+            return
+        level = [
+            item
+            for container in level
+            for item in (container.values() if isinstance(container, dict) else container)
+            if isinstance(item, dict | list)
+        ]
+    raise ProtocolError(f"expected values with at most {_RECEIVED_DEPTH_AT_MOST} levels, and got more")
 
 
 def _text_keys(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:

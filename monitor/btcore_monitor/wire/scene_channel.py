@@ -30,8 +30,8 @@ from typing import Any, ClassVar, Final, TypeGuard, TypeVar, get_origin
 import msgpack
 
 from btcore_monitor.wire import scene_schema
-from btcore_monitor.wire.errors import ProtocolError, describe_bytes
-from btcore_monitor.wire.msgpack_values import to_portable, unpack_msgpack
+from btcore_monitor.wire.errors import ProtocolError, describe_bytes, describe_value
+from btcore_monitor.wire.msgpack_values import check_boards, check_depth, to_portable, unpack_msgpack
 from btcore_scene import MovingScene, StaticScene
 
 VERSION: Final = 1
@@ -210,6 +210,8 @@ _FIELDS: Final[Mapping[str, Sequence[tuple[str, Any]]]] = {
     for kind, message in _KINDS.items()
 }
 """Names and classes of the fields, by the kind of message. Of a list or dict, only the class is checked."""
+_STATUSES: Final = range(5)
+_INT_END: Final = 1 << 62
 _T = TypeVar("_T")
 
 
@@ -244,7 +246,7 @@ def decode(data: bytes) -> Message:
         raise ProtocolError(f"expected a message of the scene channel, and got {describe_bytes(data)}")
     version = values["v"]
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        raise ProtocolError(f"expected a version of the scene channel, and got {version!r}")
+        raise ProtocolError(f"expected a version of the scene channel, and got {describe_value(version)}")
     if version > VERSION:
         raise ProtocolError(
             f"the robot uses version {version} of the scene channel, and this monitor supports up to version "
@@ -252,14 +254,17 @@ def decode(data: bytes) -> Message:
         )
     kind = values.get("kind")
     if not isinstance(kind, str):
-        raise ProtocolError(f"expected the kind of a message, and got {kind!r}")
+        raise ProtocolError(f"expected the kind of a message, and got {describe_value(kind)}")
     # A message of a newer publisher still counts in the numbers of the stream.
     if kind not in _KINDS:
         seq = values.get("seq")
         return UnknownMessage(_field(str, values, "tree_id", kind), seq if _is_int(seq) else 0)
     if kind == TreeMessage.kind:
         values["statuses"] = _pairs(values)
+    elif kind == BlackboardMessage.kind:
+        values["boards"] = check_boards(_field(dict, values, "boards", kind))
     elif kind in scene_schema.SCENES:
+        check_depth(values)
         values["data"] = scene_schema.unpack_scene(_field(dict, values, "data", kind), kind)
     message: Message = _KINDS[kind](*(_field(type_, values, name, kind) for name, type_ in _FIELDS[kind]))
     if isinstance(message, TicksMessage):
@@ -271,22 +276,28 @@ def decode(data: bytes) -> Message:
 
 def _field(type_: type[_T], values: Mapping[str, Any], name: str, kind: str) -> _T:
     value = values.get(name)
-    # bool is a subclass of int in Python, but another type in MessagePack.
-    if not isinstance(value, type_) or (type_ is int and isinstance(value, bool)):
-        got = "nothing" if name not in values else type(value).__name__
+    if not isinstance(value, type_) or (type_ is int and not _is_int(value)):
+        got = "nothing" if name not in values else describe_value(value)
         raise ProtocolError(f"expected '{name}' of a '{kind}' message to be {type_.__name__}, and got {got}")
+    if name == "status" and value not in _STATUSES:
+        raise ProtocolError(f"expected 'status' of a '{kind}' message from 0 to 4, and got {value}")
     return value
 
 
 def _is_int(value: object) -> TypeGuard[int]:
-    return isinstance(value, int) and not isinstance(value, bool)
+    """Return whether *value* is an integer of at most 62 bits, so that sums fit into 64 bits."""
+    # bool is a subclass of int in Python, but another type in MessagePack.
+    return isinstance(value, int) and not isinstance(value, bool) and -_INT_END < value < _INT_END
 
 
 def _pairs(values: Mapping[str, Any]) -> dict[int, int]:
     statuses = {}
     for pair in _field(list, values, "statuses", "tree"):
-        if not (isinstance(pair, list) and len(pair) == 2 and all(map(_is_int, pair))):
-            raise ProtocolError(f"expected [uid, status] in 'statuses' of a 'tree' message, and got {pair!r}")
+        if (
+            not (isinstance(pair, list) and len(pair) == 2 and _is_int(pair[0]) and _is_int(pair[1]))
+            or pair[1] not in _STATUSES
+        ):
+            raise ProtocolError("expected [uid, status] in 'statuses' of a 'tree' message")
         statuses[pair[0]] = pair[1]
     return statuses
 
@@ -294,4 +305,6 @@ def _pairs(values: Mapping[str, Any]) -> dict[int, int]:
 def _check_rows(rows: list[list[int]]) -> None:
     for row in rows:
         if not (isinstance(row, list) and len(row) == 6 and all(map(_is_int, row))):
-            raise ProtocolError(f"expected six integers in a transition, and got {row!r:.80}")
+            raise ProtocolError("expected six integers in a transition")
+        if row[4] not in _STATUSES or row[5] not in _STATUSES:
+            raise ProtocolError(f"expected statuses 0–4 in a transition, and got {row[4]} and {row[5]}")

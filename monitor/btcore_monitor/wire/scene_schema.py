@@ -13,11 +13,16 @@ from functools import cache
 from types import NoneType
 from typing import Annotated, Any, Final, Literal, get_args, get_origin, get_type_hints
 
-from btcore_monitor.wire.errors import ProtocolError
+from btcore_monitor.wire.errors import ProtocolError, describe_value
 from btcore_scene import Grid, MovingScene, Picture, StaticScene
 
 CELLS_AT_MOST: Final = 1 << 25
-"""Maximum accepted cells of a grid or bytes of a picture: a few compressed bytes could fill the memory."""
+"""Maximum accepted cells and pixels of a message: a few compressed bytes could fill the memory."""
+NUMBER_AT_MOST: Final = 1e9
+"""Maximum absolute value of a number, such as a coordinate in m. Numbers in an array may be larger."""
+_STAMP_AT_MOST: Final = 1 << 62
+_ENTRIES_AT_MOST: Final = 100_000
+_TEXT_AT_MOST: Final = 100_000
 _LEVEL: Final = 1
 """Compression level. It reduces costmaps to 1/20 of their size; higher levels take several times as long."""
 
@@ -52,6 +57,10 @@ def unpack_scene(data: Mapping[str, Any], kind: str) -> Scene:
         ProtocolError: The data do not match the annotations of the scene's class, or are too large.
     """
     scene: Scene = _reader(SCENES[kind])(data, f"a '{kind}' message")
+    sizes = [entry.size for key in _BLOBS for entry in getattr(scene, key, ())]
+    # Negative sizes are rejected below.
+    if sum(abs(width * height) for width, height in sizes) > CELLS_AT_MOST:
+        raise ProtocolError(f"expected at most {CELLS_AT_MOST} cells and pixels in a '{kind}' message")
     known = {field.name for field in fields(scene)}
     changed: dict[str, Any] = {"extra": {key: value for key, value in data.items() if key not in known}}
     for key, blob in _BLOBS.items():
@@ -102,7 +111,9 @@ def _inflated(entry: Grid | Picture, sent: Mapping[str, Any], key: str, blob: st
 
 def _unzipped(sent: Mapping[str, Any], blob: str, length: int) -> bytes:
     if sent["coding"] != "zlib":
-        raise ProtocolError(f"expected '{blob}' to be coded by zlib, and got {_short_repr(sent['coding'])}")
+        raise ProtocolError(
+            f"expected '{blob}' to be coded by zlib, and got {describe_value(sent['coding'])}"
+        )
     try:
         # At most one byte more than expected: enough to detect too much data without decompressing it all.
         return zlib.decompressobj().decompress(sent[blob], length + 1)
@@ -110,12 +121,8 @@ def _unzipped(sent: Mapping[str, Any], blob: str, length: int) -> bytes:
         raise ProtocolError(f"expected compressed '{blob}' for {sent['name']!r}, and got {error}") from None
 
 
-def _short_repr(value: object) -> str:
-    return repr(value)[:40] if isinstance(value, str | int | float | None) else type(value).__name__
-
-
 def _unexpected(where: str, expected: str, value: object) -> ProtocolError:
-    return ProtocolError(f"expected {where} to be {expected}, and got {_short_repr(value)}")
+    return ProtocolError(f"expected {where} to be {expected}, and got {describe_value(value)}")
 
 
 @cache
@@ -146,6 +153,12 @@ def _plain_value(kind: Any, expected: str) -> Reader:
     def read(value: object, where: str) -> object:
         if not isinstance(value, kind) or isinstance(value, bool):
             raise _unexpected(where, expected, value)
+        if isinstance(value, int | float):
+            # The comparison is false for NaN.
+            if not abs(value) <= (_STAMP_AT_MOST if kind is int else NUMBER_AT_MOST):
+                raise _unexpected(where, f"{expected} of a usual size", value)
+        elif isinstance(value, str) and len(value) > _TEXT_AT_MOST:
+            raise _unexpected(where, f"{expected} of at most {_TEXT_AT_MOST} characters", value)
         return value
 
     return read
@@ -174,6 +187,10 @@ def _list(reader: Reader, count: int | None = None) -> Reader:
     def read(value: object, where: str) -> object:
         if not isinstance(value, list | tuple) or (count is not None and len(value) != count):
             raise _unexpected(where, "a list" if count is None else f"{count} values", value)
+        if len(value) > _ENTRIES_AT_MOST:
+            raise ProtocolError(
+                f"expected at most {_ENTRIES_AT_MOST} values in {where}, and got {len(value)}"
+            )
         return tuple(reader(item, where) for item in value)
 
     return read
@@ -202,6 +219,8 @@ def _record(kind: Any) -> Reader:
                 values[name] = reader(value[name], f"'{name}' of {where}")
             elif required:
                 raise ProtocolError(f"expected '{name}' of {where}, and got nothing")
+        if not all(0 <= part <= 255 for part in values.get("color") or ()):
+            raise ProtocolError(f"expected 'color' of {where} with values from 0 to 255")
         return kind(**values)
 
     return read

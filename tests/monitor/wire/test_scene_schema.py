@@ -144,7 +144,7 @@ def test_unknown_fields_are_passed_on():
         ("grids", [{**GRID, "kind": "soup"}], "'kind' of 'grids' .* occupancy or costs, and got 'soup'"),
         ("grids", [{**GRID, "size": [40, 31]}], "expected 1240 bytes of 'cells' for 'global_costmap'"),
         ("grids", [{**GRID, "size": [0, 31]}], "got 0 times 31"),
-        ("grids", [{**GRID, "size": [1 << 20, 1 << 20]}], "expected at most 33554432 bytes"),
+        ("grids", [{**GRID, "size": [1 << 20, 1 << 20]}], "expected at most 33554432 cells and pixels"),
         ("grids", [{**GRID, "resolution": "fine"}], "'resolution' of 'grids' .* a number, and got 'fine'"),
         ("grids", [{**GRID, "coding": "morse"}], "coded by zlib, and got 'morse'"),
         ("grids", [{**GRID, "coding": "zlib"}], "expected compressed 'cells' for 'global_costmap'"),

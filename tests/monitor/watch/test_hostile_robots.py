@@ -1,0 +1,613 @@
+"""Clients against a hostile robot: a message, never a traceback, and a time limit always ends the command."""
+
+import functools
+import json
+import math
+import struct
+import threading
+import time
+import traceback
+import warnings
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+from click.testing import CliRunner
+
+from btcore_monitor.commands.hook import hook
+from btcore_monitor.commands.monitor import monitor
+from btcore_monitor.commands.notices import notice
+from btcore_monitor.commands.record import record
+from btcore_monitor.events import Event, TreeSeen
+from btcore_monitor.log_writer import LogWriter
+from btcore_monitor.watch.feed import Feed
+from btcore_monitor.wire import groot2
+from btcore_monitor.wire import scene_channel as wire
+from btcore_monitor.wire.groot2 import RequestHeader
+from btcore_monitor.wire.hooks import encode_breakpoint_reached
+
+pytest.importorskip("rerun")
+from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.sinks import RecordingSinks
+
+TREE_ID = bytes(range(16))
+XML = (
+    b'<root BTCPP_format="4"><BehaviorTree ID="Main" _fullpath=""><Sequence name="all" _uid="1">'
+    b'<AlwaysSuccess name="first" _uid="2"/><AlwaysSuccess name="second" _uid="3"/></Sequence></BehaviorTree>'
+    b"</root>"
+)
+DEEP = 100_000
+HUGE = 1 << 62
+WALL = 1_700_000_000 * 10**9
+
+Replies = Mapping[str, bytes | None]
+
+
+def deep_msgpack(depth: int) -> bytes:
+    """A blackboard whose entry is nested lists."""
+    return b"\x81\xa4Main\x81\xa1x" + b"\x91" * depth + b"\xc0"
+
+
+def tree_of(nodes: str) -> bytes:
+    return f'<root BTCPP_format="4"><BehaviorTree ID="M" _fullpath="">{nodes}</BehaviorTree></root>'.encode()
+
+
+def transitions(*records: tuple[int, int, int]) -> bytes:
+    return b"".join(groot2.encode_transition(*one) for one in records)
+
+
+REPLIES: dict[str, Replies] = {
+    "a recording start of 20 digits": {"r": b"9" * 20},
+    "a recording start of 19 digits": {"r": b"9" * 19},
+    "a recording start of 100,000 digits": {"r": b"9" * 100_000},
+    "transitions at the end of time": {
+        "r": b"4611686018427387",
+        "t": transitions((2**48 - 1, 2, 1), (0, 2, 2)),
+    },
+    "transitions that go back in time": {"t": transitions((2**48 - 1, 2, 1), (0, 2, 2), (5, 99, 1))},
+    "two hundred thousand transitions": {"t": transitions((1, 2, 1), (2, 2, 2)) * 100_000},
+    "14,000 transitions": {"t": transitions((1, 2, 1), (2, 2, 2)) * 7_000},
+    "half a transition": {"t": b"1234"},
+    "an unknown status in a transition": {"t": transitions((1, 2, 200))},
+    "statuses of a hundred thousand nodes": {"S": b"\1\0\1" * 100_000},
+    "an unknown status": {"S": b"\1\0\x63"},
+    "no statuses": {"S": b""},
+    "a blackboard nested 100,000 deep": {"B": deep_msgpack(DEEP)},
+    "a blackboard nested 1,000 deep": {"B": deep_msgpack(1_000)},
+    "a blackboard with numbers as keys": {"B": msgpack.packb({1: {2: 3}})},
+    "a blackboard that is a list": {"B": msgpack.packb({"Main": [1]})},
+    "a blackboard of wild values": {
+        "B": msgpack.packb(
+            {
+                "Main": {
+                    "nan": math.nan,
+                    "inf": -math.inf,
+                    "big": 1e308,
+                    "u": 2**64 - 1,
+                    "k" * 9_999: "|\n\x1b[2J",
+                }
+            }
+        )
+    },
+    "a blackboard of ten million entries": {"B": b"\x81\xa4Main\xdd\x00\x98\x96\x80" + b"\x90" * 10_000_000},
+    "hooks nested 100,000 deep": {"D": b"[" * DEEP + b"]" * DEEP},
+    "hooks with wild numbers": {
+        "D": json.dumps(
+            [
+                {
+                    "uid": 1e308,
+                    "position": -1e308,
+                    "enabled": True,
+                    "mode": 2**200,
+                    "once": True,
+                    "desired_status": "IDLE",
+                }
+            ]
+        ).encode()
+    },
+    "hooks that are not JSON": {"D": b"\xff\xfe"},
+    "a reply without a second frame": {"S": None},
+    "a tree that is not XML": {"T": b"\x00\x01 no"},
+    "a tree nested 100,000 deep": {
+        "T": tree_of(
+            "".join(f'<Inverter _uid="{uid}">' for uid in range(1, DEEP)) + "</Inverter>" * (DEEP - 1)
+        )
+    },
+    "a tree of 100,000 nodes": {
+        "T": tree_of(
+            '<Sequence _uid="1">' + "".join(f'<A _uid="{uid}"/>' for uid in range(2, DEEP)) + "</Sequence>"
+        )
+    },
+    "a name of a million characters": {"T": tree_of(f'<A name="{"n" * 1_000_000}" _uid="1"/>')},
+    "a tag of a million characters": {"T": tree_of(f'<{"n" * 1_000_000} _uid="1"/>')},
+    "a path of a million characters": {"T": tree_of(f'<SubTree _fullpath="{"n" * 1_000_000}" _uid="1"/>')},
+    "a uid of a million digits": {"T": tree_of(f'<A _uid="{"9" * 1_000_000}"/>')},
+    "an entity bomb": {"T": b'<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa">]><root>&a;</root>'},
+    "a tree that contains itself": {"T": tree_of('<SubTree ID="M" _fullpath="" _uid="1"/>')},
+}
+"""The bodies of hostile replies by the letter of the request."""
+
+
+def message(kind: str, **values: object) -> bytes:
+    """A message of the scene channel without any check."""
+    return bytes(msgpack.packb({"v": 1, "kind": kind, "tree_id": TREE_ID.hex(), **values}))
+
+
+def piece(*messages: bytes, first: int = 1, last: int | None = None, latest: int | None = None) -> bytes:
+    last = first + len(messages) - 1 if last is None else last
+    return message("piece", first=first, last=last, latest=latest or last, messages=messages)
+
+
+def tree(statuses: object = (), oldest: int = 1, latest: int = 0, stamp: int = 0, xml: bytes = XML) -> bytes:
+    return message("tree", stamp=stamp, wall=WALL, xml=xml, oldest=oldest, latest=latest, statuses=statuses)
+
+
+def stream(kind: str, seq: int = 1, stamp: int = 10**9, wall: int = WALL, **values: object) -> bytes:
+    return message(kind, seq=seq, stamp=stamp, wall=wall, **values)
+
+
+def ticks(
+    *rows: object, first: int = 1, tick: int = 1, duration: int = 1, status: int = 1, **more: int
+) -> bytes:
+    return stream(
+        "ticks",
+        tick=tick,
+        duration=duration,
+        status=status,
+        ended=True,
+        first=first,
+        transitions=rows,
+        **more,
+    )
+
+
+def moving(**data: object) -> list[bytes]:
+    return [tree(), piece(stream("moving", data=data))]
+
+
+def static(**data: object) -> list[bytes]:
+    return [tree(), message("static", data=data), piece(ticks())]
+
+
+def grid(**values: object) -> dict[str, object]:
+    cells = zlib.compress(b"\0" * 4)
+    return {
+        "name": "map",
+        "kind": "occupancy",
+        "resolution": 0.1,
+        "origin": [0, 0],
+        "size": [2, 2],
+        "cells": cells,
+        "coding": "zlib",
+    } | values
+
+
+def picture(**values: object) -> dict[str, object]:
+    return {"name": "c", "size": [2, 2], "format": "jpeg", "data": b"no JPEG"} | values
+
+
+def box(**values: object) -> dict[str, object]:
+    return {"kind": "box", "position": [0, 0, 0], "size": [1, 1, 1]} | values
+
+
+def floats(*values: float) -> bytes:
+    return struct.pack(f"<{len(values)}f", *values)
+
+
+ROW = [10**9, WALL, 1, 2, 0, 1]
+WILD = (math.nan, math.inf, -math.inf, 1e308, -1e308, 1e9, -1e9, 0)
+SCENES: dict[str, list[bytes]] = {
+    "a piece up to 2^62": [tree(), piece(last=HUGE, first=1), piece(ticks(ROW, seq=HUGE), first=HUGE)],
+    "a piece from 2^62 on": [tree(), piece(ticks(), first=HUGE - 1)],
+    "a piece of messages that end at 2^62": [tree(), piece(ticks(), ticks(), last=HUGE - 1)],
+    "a latest number of 2^62": [tree(), message("alive", latest=HUGE - 1), piece(latest=HUGE - 1)],
+    "a tree whose oldest message is 2^62": [tree(oldest=HUGE - 1, latest=HUGE - 1), piece(ticks())],
+    "numbers of 64 bits": [tree(), piece(ticks(first=2**64 - 1)), message("alive", latest=2**64 - 1)],
+    "a million early pieces": [tree(), *(piece(ticks(), first=at * 7) for at in range(2, 200))],
+    "stamps of 2^62": [tree(stamp=1 - HUGE), piece(ticks([HUGE - 1, 1 - HUGE, 1, 2, 0, 1], stamp=HUGE - 1))],
+    "numbers of transitions at 2^62": [
+        tree(),
+        piece(ticks(ROW), ticks(ROW, seq=2, first=HUGE - 1, tick=HUGE - 1)),
+    ],
+    "a duration of 2^62": [tree(), piece(ticks(duration=HUGE - 1), ticks(seq=2, tick=3, duration=1 - HUGE))],
+    "unknown statuses": [tree(), piece(ticks([10**9, WALL, 1, 2, 0, 99])), piece(ticks(status=-1))],
+    "unknown statuses of the tree": [tree(statuses=[[1, 99]])],
+    "unknown nodes": [
+        tree(statuses=[[-5, 1], [HUGE - 1, 1]]),
+        piece(ticks([10**9, WALL, 1, HUGE - 1, 0, 1])),
+    ],
+    "a message nested 100,000 deep": [tree(), b"\x91" * DEEP + b"\xc0"],
+    "a version nested 900 deep": [tree(), b"\x81\xa1v" + b"\x91" * 900 + b"\xc0"],
+    "statuses nested 900 deep": [
+        b"",
+        message("tree", statuses=[functools.reduce(lambda v, _: [v], range(900), [])]),
+    ],
+    "a blackboard nested 900 deep": [
+        tree(),
+        piece(stream("blackboard", boards={"": {"x": functools.reduce(lambda v, _: [v], range(900), 0)}})),
+    ],
+    "a blackboard of numbers": [tree(), piece(stream("blackboard", boards={"": 5}))],
+    "blackboards that are a list": [tree(), piece(stream("blackboard", boards=[1]))],
+    "an extra value nested 900 deep": moving(more=functools.reduce(lambda v, _: [v], range(900), 0)),
+    "messages that are pieces": [tree(), piece(piece(piece(ticks())))],
+    "a version of the future": [b"", msgpack.packb({"v": 99})],
+    "a tree that is not XML": [tree(xml=b"\0"), piece(ticks())],
+    "an error of a million characters": [
+        tree(),
+        piece(stream("raised", path="p" * 10**6, message="\x1b[2J" * 10**5)),
+    ],
+    "ends without end": [
+        tree(),
+        piece(*(stream("end", seq=at, status=1, dropped=HUGE - 1) for at in (1, 2, 3))),
+    ],
+    "wild positions": [
+        tree(),
+        *(
+            piece(
+                stream("moving", seq=at, data={"frames": [["base_link", "map", [x, x, x], [x, x, x, x]]]}),
+                first=at,
+            )
+            for at, x in enumerate(WILD, start=1)
+        ),
+    ],
+    "wild speeds": [
+        tree(),
+        *(
+            piece(stream("moving", seq=at, data={"velocity": [x, x], "battery": x}), first=at)
+            for at, x in enumerate(WILD, start=1)
+        ),
+    ],
+    "frames in a circle": moving(
+        frames=[[f"f{at}", f"f{(at + 1) % 200}", [0, 0, 1], [0, 0, 0, 1]] for at in range(200)]
+        + [["base_link", "f1", [0, 0, 0], [0, 0, 0, 1]]]
+    ),
+    "a scan of wild ranges": [
+        tree(),
+        message(
+            "static",
+            data={"laser": {"frame": "l", "angle_min": 1e9, "angle_increment": 1e9, "range_max": -1e9}},
+        ),
+        piece(
+            stream(
+                "moving", data={"scan": {"ranges": floats(math.nan, math.inf, -math.inf, 3e38, -3e38) * 99}}
+            )
+        ),
+    ],
+    "wild poses": moving(
+        poses=[
+            {"name": kind, "kind": kind, "rows": floats(math.nan, math.inf, 3e38, 1, 1, math.inf, 1, 1, 1)}
+            for kind in ("path", "cloud", "goal", "estimate", "odometry")
+        ]
+    ),
+    "strange names": moving(
+        arrows=[
+            {"name": name, "start": [0, 0, 0], "end": [1, 1, 1]}
+            for name in (
+                "",
+                "/",
+                "../..",
+                "a/b",
+                "\0",
+                "😀",
+                "n" * 99_999,
+                " ",
+                "[",
+                '"',
+                "\x1b[2J",
+                "\u202e",
+            )
+        ],
+        notes={"| \n": "<script>\x1b[2J" * 100},
+    ),
+    "a grid of negative size": moving(grids=[grid(size=[-2, -2])]),
+    "a grid of 2^62 cells": moving(grids=[grid(size=[1 << 31, 1 << 31])]),
+    "a grid of no size": moving(grids=[grid(size=[0, 0])]),
+    "a hundred grids that unpack to gigabytes": moving(
+        grids=[
+            grid(name=str(at), size=[5_000, 5_000], cells=zlib.compress(b"\0" * 25_000_000, 9))
+            for at in (1, 2)
+        ]
+        * 50
+    ),
+    "grids with a wild resolution": moving(
+        grids=[grid(name=str(at), resolution=x) for at, x in enumerate((0, -1, 1e9))]
+    ),
+    "a grid with too many cells": moving(grids=[grid(cells=zlib.compress(b"\0" * 30_000_000))]),
+    "cells that are not compressed": moving(grids=[grid(cells=b"no")]),
+    "a picture of negative size": moving(pictures=[picture(size=[-9, -9]), picture(name="d", format="rgb8")]),
+    "a picture of 2^62 pixels": moving(pictures=[picture(size=[HUGE - 1, HUGE - 1])]),
+    "wild detections": moving(
+        detections=[{"picture": "c", "name": "x" * 9_999, "box": [1e9, -1e9, -1e9, 1e9]}]
+    ),
+    "wild boxes": moving(
+        boxes=[{"name": "b", "position": [1e9] * 3, "size": [-1e9] * 3, "quaternion": [0, 0, 0, 0]}],
+    ),
+    "colours out of range": moving(
+        arrows=[{"name": "a", "start": [0, 0, 0], "end": [1, 1, 1], "color": [300, -1, HUGE - 1, 0]}]
+    ),
+    "part colours out of range": static(parts=[box(color=[256, 0, 0, 0])]),
+    "wild parts": static(
+        parts=[
+            box(size=[-1e9, 0, 1e9]),
+            box(position=[1e9, -1e9, 1e9], quaternion=[1e9, 1e9, 1e9, 1e9]),
+            {"kind": "sphere", "position": [0, 0, 0], "radius": -1e9},
+            {
+                "kind": "cylinder",
+                "position": [0, 0, 0],
+                "radius": 0,
+                "length": -1e9,
+                "quaternion": [0, 0, 0, 0],
+            },
+        ]
+    ),
+    "parts that are not numbers": static(parts=[box(size=[math.nan] * 3)]),
+    "huge areas": static(
+        areas=[{"name": "a", "corners": [-1e9, -1e9, 1e9, 1e9]}, {"name": "b", "corners": [9, 9, 0, 0]}]
+    ),
+    "a camera without focal length": static(
+        cameras=[{"name": "c", "frame": "f", "size": [HUGE - 1, -1], "focal": [0, 0], "center": [1e9, 1e9]}]
+    ),
+    "a footprint of 1e308": static(footprint_radius=1e308),
+    "places and a frame without names": static(frame="", places=[{"name": "", "position": [0, 0, 0]}]),
+}
+"""Messages of the scene channel: the reply to the request for the tree, and the stream."""
+
+
+FRIENDLY: dict[str, bytes | None] = {
+    "T": XML,
+    "S": groot2.encode_statuses([(1, 1), (2, 0), (3, 0)]),
+    "B": msgpack.packb({"Main": {"x": 1}}),
+    "D": b"[]",
+    "t": b"",
+    "I": None,
+    "A": None,
+    "R": None,
+    "U": None,
+}
+"""The bodies of a friendly robot's replies, except for the start of a recording."""
+
+
+class Robot(threading.Thread):
+    """A robot with Groot 2's protocol, and with the scene channel if it has *messages* for it.
+
+    Args:
+        replies: Bodies that differ from those of a friendly robot.
+        messages: Encoded messages of the scene channel, after the tree's. They are sent again and again.
+        notices: Frames that are published on the port of notifications, without end.
+    """
+
+    def __init__(
+        self, replies: Replies, messages: Sequence[bytes] = (), notices: Sequence[bytes] = ()
+    ) -> None:
+        super().__init__()
+        self._attacks = dict(replies)
+        self.replies = {**FRIENDLY, "r": str(time.time_ns() // 1000).encode(), **replies}
+        self.messages, self.notices = messages, notices
+        self.asked: list[str] = []
+        self.sent = 0
+        self.stopped = threading.Event()
+        self._context = zmq.Context()
+        kinds = (zmq.REP, zmq.PUB, zmq.XPUB)
+        while True:
+            sockets = [self._context.socket(kind) for kind in kinds]
+            port = sockets[0].bind_to_random_port("tcp://127.0.0.1")
+            try:
+                for offset in (1, 2):
+                    sockets[offset].bind(f"tcp://127.0.0.1:{port + offset}")
+                break
+            except zmq.ZMQError:  # the port is in use
+                for socket in sockets:
+                    socket.close(linger=0)
+        self._requests, self._notices, self._scene = sockets
+        self.address = f"127.0.0.1:{port}"
+
+    def run(self) -> None:
+        scene = 0.0
+        while not self.stopped.is_set():
+            if self._requests.poll(5):
+                frames = self._requests.recv_multipart()
+                header = RequestHeader.decode(frames[0])
+                self.asked.append(chr(header.kind))
+                self._requests.send_multipart(
+                    groot2.encode_reply(header, TREE_ID, self.replies[chr(header.kind)])
+                )
+            if self.notices:
+                for _ in range(50):
+                    self._notices.send_multipart(self.notices)
+            while self._scene.poll(0):
+                frame = self._scene.recv()
+                if self.messages and frame.startswith(b"\x01again/tree/"):
+                    self._scene.send_multipart([frame[1:], self.messages[0]])
+            if time.monotonic() - scene > 0.05:
+                scene = time.monotonic()
+                self.sent += 1
+                for message in self.messages[1:]:
+                    self._scene.send_multipart([wire.STREAM, message])
+        self._context.destroy(linger=0)
+
+    @property
+    def has_attacked(self) -> bool:
+        """Whether the robot has sent each of its hostile replies and messages."""
+        return all(letter in self.asked for letter in self._attacks) and (not self.messages or self.sent > 2)
+
+    def close(self) -> None:
+        self.stopped.set()
+        self.join()
+
+
+class Outcome:
+    """What a feed, a log writer and a view made of a hostile robot's messages within some time."""
+
+    def __init__(self, name: str, robot: Robot, folder: Path, draws: bool) -> None:
+        self.name = name
+        self.robot = robot
+        self.lines: list[str] = []
+        self.events: list[Event] = []
+        self.error = ""
+        self.slowest = 0.0
+        self.feed = Feed(robot.address)
+        self.log = LogWriter([folder / f"{id(self)}.btlog", folder / f"{id(self)}.db3"])
+        self.views = [RobotView(RecordingSinks(save=folder / f"{id(self)}.rrd"))] if draws else []
+
+    def step(self) -> None:
+        began = time.monotonic()
+        self._guarded(self._step)
+        self.slowest = max(self.slowest, time.monotonic() - began)
+
+    def _step(self) -> None:
+        for event in self.feed.poll(0.0):
+            self.events.append(event)
+            self.lines += [line for line in [notice(event)] if line]
+            self.log.show(event)
+            for view in self.views:
+                view.show(event)
+        self.log.flush()
+        for view in self.views:
+            view.flush()
+
+    def _guarded(self, action: Callable[[], None]) -> None:
+        try:
+            if not self.error:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("error")
+                    action()
+        except Exception:
+            self.error = traceback.format_exc()
+
+    def close(self) -> None:
+        for action in (self.log.close, *(view.close for view in self.views), self.feed.close):
+            self._guarded(action)
+        self.robot.close()
+
+    @property
+    def has_tree(self) -> bool:
+        return any(isinstance(event, TreeSeen) for event in self.events)
+
+
+def watched(robots: Mapping[str, Robot], folder: Path) -> dict[str, Outcome]:
+    """Watch all robots at once: the duration of the tests does not depend on the number of attacks."""
+    outcomes = [
+        Outcome(name, robot, folder, draws=bool(robot.messages) or robot.replies["B"] != FRIENDLY["B"])
+        for name, robot in robots.items()
+    ]
+    for outcome in outcomes:
+        outcome.robot.start()
+    deadline = time.monotonic() + 40
+    end = deadline
+    while time.monotonic() < min(end, deadline):
+        for outcome in outcomes:
+            outcome.step()
+        time.sleep(0.01)
+        if end == deadline and all(outcome.robot.has_attacked for outcome in outcomes):
+            end = time.monotonic() + 1
+    for outcome in outcomes:
+        outcome.close()
+    return {outcome.name: outcome for outcome in outcomes}
+
+
+@pytest.fixture(scope="module")
+def replied(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Outcome]:
+    """The outcome of each of REPLIES."""
+    robots = {name: Robot(replies) for name, replies in REPLIES.items()}
+    return watched(robots, tmp_path_factory.mktemp("replies"))
+
+
+@pytest.mark.parametrize("attack", REPLIES)
+def test_a_hostile_reply_is_reported_and_does_not_stop_the_client(replied, attack):
+    outcome = replied[attack]
+    assert not outcome.error, outcome.error
+    assert outcome.slowest < 20
+    assert sum(map(len, outcome.lines)) < 20_000
+    assert outcome.has_tree or any("expected" in line or "rejected" in line for line in outcome.lines)
+    assert outcome.has_tree == (not {"T", "S"} & REPLIES[attack].keys() or not REPLIES[attack].get("S", b"-"))
+
+
+@pytest.fixture(scope="module")
+def streamed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Outcome]:
+    """The outcome of each of SCENES."""
+    robots = {name: Robot({}, messages) for name, messages in SCENES.items()}
+    return watched(robots, tmp_path_factory.mktemp("scenes"))
+
+
+@pytest.mark.parametrize("attack", SCENES)
+def test_a_hostile_message_is_reported_and_does_not_stop_the_client(streamed, attack):
+    outcome = streamed[attack]
+    assert not outcome.error, outcome.error
+    assert outcome.slowest < 20
+    assert outcome.has_tree or any("expected" in line or "update btcore" in line for line in outcome.lines)
+    assert sum(map(len, outcome.lines)) < 20_000
+
+
+# --- commands
+
+
+def run(command: Any, *arguments: object) -> str:
+    """Run *command* in this process, and return its output. Check that there is no traceback."""
+    result = CliRunner().invoke(command, [str(one) for one in arguments])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    assert result.exit_code in (0, 1)
+    assert len(result.output) < 20_000
+    return str(result.output)
+
+
+@pytest.fixture
+def attacker() -> Iterator[Callable[..., Robot]]:
+    """Return a function that starts a hostile robot."""
+    started: list[Robot] = []
+
+    def start(replies: Replies, notices: Sequence[bytes] = ()) -> Robot:
+        started.append(Robot(replies, notices=notices))
+        started[-1].start()
+        return started[-1]
+
+    yield start
+    for robot in started:
+        robot.close()
+
+
+def test_record_ends_at_its_time_limit_with_a_message(attacker, tmp_path: Path):
+    robot = attacker(REPLIES["a tree nested 100,000 deep"])
+    output = run(record, robot.address, "-o", tmp_path / "x.btlog", "--duration", 1)
+    assert "record: expected" in output
+    assert output.endswith(f"Error: no tree was seen at {robot.address}, so nothing is recorded\n")
+
+
+def test_monitor_ends_at_its_time_limit_with_a_message(attacker, tmp_path: Path):
+    robot = attacker(REPLIES["a blackboard nested 100,000 deep"])
+    output = run(monitor, robot.address, "--no-view", "--save", tmp_path / "x.rrd", "--duration", 2.5)
+    assert "monitor: blackboard missing: Main isn't shown" in output
+    assert "expected MessagePack" in output
+
+
+@pytest.mark.parametrize(
+    ("attack", "arguments", "said"),
+    [
+        ("hooks nested 100,000 deep", ["list"], "sent an invalid reply: [json.exception.parse_error.101]"),
+        ("hooks that are not JSON", ["clear"], "sent an invalid reply: [json.exception.parse_error.101]"),
+        ("hooks with wild numbers", ["list"], "injects after node 1000000"),
+        ("an unknown status", ["step", "1", "--within", "0.5"], "no tick began within 0.5 s"),
+        ("an entity bomb", ["list"], "sent an invalid reply: the full tree declares a document type"),
+        ("a tree nested 100,000 deep", ["break", "x"], "sent an invalid reply: expected"),
+    ],
+)
+def test_hook_reports_hostile_replies(attacker, attack, arguments, said):
+    robot = attacker(REPLIES[attack])
+    assert said in run(hook, robot.address, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("notices", "arguments", "said"),
+    [
+        ([b"x" * 100], ["step", "1"], "no tick began within 0.5 s"),
+        (encode_breakpoint_reached(2, 1), ["step", "1"], "no tick began within 0.5 s"),
+        (encode_breakpoint_reached(2, 1), ["inject", "second", "FAILURE"], "not ticked within 0.5 s"),
+        ([b"\0" * 1_000_000], ["inject", "second", "FAILURE"], "not ticked within 0.5 s"),
+    ],
+)
+def test_hook_ends_at_its_time_limit_though_notifications_never_end(attacker, notices, arguments, said):
+    robot = attacker({}, notices)
+    assert said in run(hook, robot.address, *arguments, "--within", "0.5")
