@@ -57,6 +57,7 @@ REPORT_EVERY: Final = 5.0
 """Shortest time (s, wall clock) between two reports of invalid messages."""
 
 _STEP: Final = 0.2
+_PAUSE_AFTER_ERROR: Final = 0.5
 _DETAIL_AT_MOST: Final = 500
 _LOOK_EVERY: Final = 0.05
 
@@ -250,10 +251,11 @@ class Feed(Closeable):
                 self._link(events, "lost", str(detected))
             return
         except (NoReplyError, ProtocolError) as error:
-            self._sampled.forget()
+            is_invalid = isinstance(error, ProtocolError)
+            self._sampled.forget(_PAUSE_AFTER_ERROR if is_invalid else 0.0)
             self._answered_at = 0.0
             # A robot that has not answered yet may be starting.
-            if self._state == "connected" or isinstance(error, ProtocolError):
+            if self._state == "connected" or is_invalid:
                 self._link(events, "lost", str(error))
             return
         if self._sampled.following:

@@ -68,7 +68,7 @@ _SLOWER_AFTER: Final = 5.0
 """Seconds without a big batch after which requests become less frequent. Ticks may be seconds apart."""
 _SHORTEST_INTERVAL: Final = 0.002
 _PAUSE: Final = 0.1
-"""Seconds without a request after an error, or after the tree was replaced."""
+"""Seconds without a request after the tree was replaced."""
 _UNSURE_BY: Final = 1_000_000_000
 """Maximum error (ns) of the estimate of the robot's clock, in addition to the duration of a request."""
 
@@ -117,11 +117,15 @@ class Groot2Feed:
         self._last_size = 0
         self._next_status = 0.0
 
-    def forget(self) -> None:
-        """Forget the tree and request it again. The recording of an unchanged tree continues."""
+    def forget(self, pause: float = _PAUSE) -> None:
+        """Forget the tree and request it again. The recording of an unchanged tree continues.
+
+        Args:
+            pause: Seconds until the next request.
+        """
         # The robot may have sent transitions, and has removed them then.
         self._reply_lost |= self._pending is Request.GET_TRANSITIONS
-        self._paused_until = time.monotonic() + _PAUSE
+        self._paused_until = time.monotonic() + pause
         self.tree = None
         self._records = None
         self._observed = None
