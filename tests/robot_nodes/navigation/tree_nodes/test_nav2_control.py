@@ -160,6 +160,12 @@ def test_round_robin_fails_when_all_have_failed(bench, plan):
     assert bench.journal.take() == ["a:start", "b:start"]
 
 
+def test_round_robin_forgets_earlier_failures_after_a_success(bench, plan):
+    tree = bench.tree(robin(plan("a", "F"), plan("b", "S|F"), plan("c", "F")))
+    assert bench.letters(tree, 2) == "SF"
+    assert bench.journal.take() == ["a:start", "b:start", "c:start", "a:start", "b:start"]
+
+
 def test_round_robin_without_wrapping_fails_after_its_last_child(bench, plan):
     tree = bench.tree(robin(plan("a", "S"), plan("b", "S"), wrap=False))
     assert bench.letters(tree, 3) == "SFS"
