@@ -37,6 +37,7 @@ NEEDS = {
     "monitor_your_robot": ("zmq", "msgpack", "rerun"),
     "recording": ("zmq", "msgpack", "rerun"),
     "protocols": ("zmq", "msgpack"),
+    "security": ("zmq", "msgpack"),
     "your-robot": ("numpy", "cv2", "scipy", "yaml", "zmq", "msgpack"),
     "mapping": BOOK_NEEDS,
     "navigation": BOOK_NEEDS,
