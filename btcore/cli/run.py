@@ -103,8 +103,8 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
 @click.option(
     "--tick-limit",
     type=FiniteRange(0, min_open=True),
-    metavar="SECONDS",
-    help="Raise an error if a tick repeats nodes without a pause for longer than SECONDS of real time.",
+    metavar="S",
+    help="Raise an error if a tick repeats nodes without a pause for more than S seconds of real time.",
 )
 @click.option(
     "--seed",

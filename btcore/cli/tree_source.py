@@ -35,7 +35,7 @@ tree_option = click.option(
 confined_option = click.option(
     "--confined",
     is_flag=True,
-    help="Reject includes of files outside of the folder of the tree's file, for trees from strangers.",
+    help="Reject included files outside of the folder of the tree's file; for trees from strangers.",
 )
 
 

@@ -11,7 +11,7 @@ from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
 
-_SIGNAL_MASK: Final = 127
+_SIGNAL_MASK: Final = 127  # signals are handled every 128 repetitions
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -98,7 +98,7 @@ class TreeContext:
         """Return the time (ns) of the next tick: the due time of *schedule* or the first deadline before it.
 
         Without a period, a clock that advances only by waiting would stand still, so that no deadline would
-        ever pass. If the time is still that of the previous tick, the next tick is at the first deadline.
+        ever pass. If no time has passed since the previous tick, the next tick is at the first deadline.
         """
         clock = self.clock
         now = clock.now()
@@ -116,9 +116,9 @@ class TreeContext:
         self._take()
 
     def limit_tick(self, seconds: float) -> None:
-        """Let the tick that begins now end *seconds* (s, real time even with another clock) later.
+        """Limit the tick that begins now to *seconds* of real time, whatever clock the tree has.
 
-        Only nodes that repeat others check the limit, by :meth:`must_end_tick`.
+        Only nodes that repeat other nodes check the limit, by :meth:`must_end_tick`.
         """
         self._tick_end = time.monotonic_ns() + round(seconds * NS_PER_S)
         self.has_timed_out = False

@@ -70,9 +70,9 @@ class TreeNode:
     this, if only as (), before a tree with it can be saved.
     """
     never_pauses: ClassVar[bool] = False
-    """Whether a tick does nothing but tick the children, and, while a child is RUNNING, only this child.
+    """Whether a tick only ticks children and, while a child is RUNNING, only this child.
 
-    If such a node is RUNNING, a child is RUNNING, or the node has requested the next tick at once.
+    When such a node is RUNNING, a child is RUNNING or the node has requested the next tick at once.
     """
     skips_alone: ClassVar[bool] = True
     """Whether a tick may return SKIPPED although no child was skipped."""

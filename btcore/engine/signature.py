@@ -221,7 +221,7 @@ def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> lis
 
 
 def _redeclared(provided: Port, port: Port) -> Port:
-    """Return *port*, an annotation for a port in provided_ports(), with what an annotation cannot declare."""
+    """Return *port*, the annotation of a port in provided_ports(), with the properties of *provided*."""
     port.description = port.description or provided.description
     port.role = provided.role
     port.optional = provided.optional

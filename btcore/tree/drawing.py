@@ -140,11 +140,12 @@ def to_text(lines: Iterable[Iterable[Fragment]], styled: bool = False) -> str:
         styled: Whether to write the styles as escape sequences of terminals.
     """
     return "\n".join(
-        "".join(_escaped(text, style) if styled and style else text for text, style in line) for line in lines
+        "".join(_with_style(text, style) if styled and style else text for text, style in line)
+        for line in lines
     )
 
 
-def _escaped(text: str, style: str) -> str:
+def _with_style(text: str, style: str) -> str:
     numbers = ";".join(_ANSI[word] for word in style.split())
     return f"\x1b[{numbers}m{text}\x1b[0m" if numbers else text
 

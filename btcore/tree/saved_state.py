@@ -32,10 +32,10 @@ class SavedState(NamedTuple):
     """The state of a tree, as returned by :func:`save_state`.
 
     *nodes* holds the path and the ID of each node. *statuses* holds the status of each node, and its status
-    before the last reset. *values* holds the state fields of each node, then the
-    value of each entry, in a single list, so that a shared object is copied once. *boards* holds a dictionary
-    for each blackboard scope, from keys to indices in *entries*. *deadlines* holds the time (ns) for which a
-    node requested a tick, by UID.
+    before the last reset. *values* holds the state fields of each node, then the value of each entry, in a
+    single list, so that a shared object is copied once. *boards* holds a dictionary for each blackboard
+    scope, from keys to indices in *entries*. *deadlines* holds the time (ns) for which a node requested a
+    tick, by UID.
     """
 
     nodes: list[tuple[str, str]]
@@ -61,8 +61,8 @@ def save_state(tree: Tree) -> SavedState:
     """Return a copy of the state of *tree*, which must not be in a tick.
 
     Raises:
-        NodeError: A RUNNING node has state that cannot be saved, such as a coroutine. Or a node has
-            attributes, but its class does not declare its state.
+        NodeError: A RUNNING node has state that cannot be saved, such as a coroutine, or a node has
+            attributes although its class does not declare `state_fields`.
         TypeError: A value cannot be copied.
     """
     values: list[object] = []

@@ -16,7 +16,7 @@ from zmq.utils import z85
 
 from btcore_monitor.errors import MonitorError
 
-_PUBLIC_KEY: Final = re.compile(r"[0-9A-Fa-f]{64}")
+_KEY: Final = re.compile(r"[0-9A-Fa-f]{64}")
 _SECRET_WORD: Final = "secret"
 _FILE_AT_MOST: Final = 1 << 20
 
@@ -140,16 +140,16 @@ def _read_secret_key(path: Path) -> bytes:
     _check_curve()
     for line in _read_lines(path, secret=True):
         word, _, key = line.partition(" ")
-        if word == _SECRET_WORD and _PUBLIC_KEY.fullmatch(key.strip()):
+        if word == _SECRET_WORD and _KEY.fullmatch(key.strip()):
             return bytes.fromhex(key)
-        if _PUBLIC_KEY.match(line):
+        if _KEY.match(line):
             raise KeyFileError(f"{path} has a public key, not a secret key: use the file without .pub")
         break
     raise KeyFileError(f"{path} has no secret key: btcore keys FILE creates one")
 
 
 def _read_public_keys(place: str | os.PathLike[str]) -> list[bytes]:
-    if isinstance(place, str) and _PUBLIC_KEY.fullmatch(place):
+    if isinstance(place, str) and _KEY.fullmatch(place):
         return [bytes.fromhex(place)]
     path = Path(place)
     if not os.path.lexists(path):
@@ -159,7 +159,7 @@ def _read_public_keys(place: str | os.PathLike[str]) -> list[bytes]:
         key, _, _ = line.partition(" ")
         if key == _SECRET_WORD:
             raise KeyFileError(f"{path} has a secret key, not a public key: use {public_file(path)}")
-        if not _PUBLIC_KEY.fullmatch(key):
+        if not _KEY.fullmatch(key):
             raise KeyFileError(f"{path}: key {number} is not a public key, which has 64 hexadecimal digits")
         keys.append(bytes.fromhex(key))
     if not keys:

@@ -49,8 +49,9 @@ class MonitorExtension(RunExtension):
         click.Option(
             ["--port"],
             type=click.IntRange(0, 65533),
-            help=f"The first port; 0 takes free ones.  [default: {DEFAULT_PORT}, for Groot 1 {PUBLISH_PORT}; "
-            f"Groot 1 beside Groot 2 is {_GROOT1_OFFSET} further; a free one for --monitor and --save alone]",
+            help=f"The first port; 0 chooses free ports.  [default: {DEFAULT_PORT}, for Groot 1 "
+            f"{PUBLISH_PORT}; Groot 1 beside Groot 2 is {_GROOT1_OFFSET} further; a free port for --monitor "
+            "and --save alone]",
         ),
         click.Option(
             ["--allow-control"],
@@ -77,7 +78,7 @@ class MonitorExtension(RunExtension):
             type=click.IntRange(0, 65533),
             metavar="PORT",
             help="With --key-file: the first of further ports where clients without keys, such as Groot, can "
-            "watch but not control; 0 takes free ones.",
+            "watch but not control; 0 chooses free ports.",
         ),
         click.Option(
             ["--insecure"],
@@ -102,7 +103,7 @@ class MonitorExtension(RunExtension):
         click.Option(
             ["--verbose"],
             is_flag=True,
-            help="Print the log of the viewer (rerun), and connections.",
+            help="Print the log of the viewer (rerun), and when the viewer and the recording connect.",
         ),
         *create_options(),
     )

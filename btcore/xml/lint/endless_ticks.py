@@ -63,6 +63,7 @@ class EndlessTickCheck:
             return
         label, repeated = node_label(node), node_label(child)
         ends = self._results.results_of(child).results - {cls.repeat_on}
+        # A loop that checks a condition may be endless by design: its actions may change what is checked.
         is_while_loop = FAILURE in ends or not _SKIPPING.isdisjoint(child.scripts)
         if is_while_loop and self._has_action(child):
             return

@@ -243,7 +243,7 @@ class _Parser:
             after_name = match.end()
 
     def _refuse_tag(self, at: int, error_at: int) -> NoReturn:
-        """Raise the error for the tag at *at*, of which *error_at* cannot be read."""
+        """Raise the error for the tag at *at*, which cannot be read from *error_at* on."""
         text = self._text
         opening = OPEN_TAG.match(text, at)
         if START_TAG.match(text, at) is None and opening is not None:
@@ -288,7 +288,7 @@ class _Parser:
         return decode(attribute[group])
 
     def _check_characters(self, start: int, end: int) -> None:
-        """Warn about references to control characters; raise for those to no character at all."""
+        """Warn about references to control characters; raise for invalid code points."""
         for reference in _NUMBER.finditer(self._text, start, end):
             code = int(reference[1], 16) if reference[1] else int(reference[2])
             if code == 0 or 0xD800 <= code <= 0xDFFF:

@@ -51,7 +51,7 @@ _CHECK_VIEWER_EVERY: Final = 2.0
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @duration_option
-@click.option("--quiet", is_flag=True, help="Print only problems, and no changes of the connection.")
+@click.option("--quiet", is_flag=True, help="Print problems only, not changes of the connection.")
 def monitor(
     addresses: tuple[str, ...],
     viewer: ViewerOptions,
@@ -73,8 +73,8 @@ def monitor(
 
     \b
     Exit codes:
-      0  a tree was seen, or nothing was to be written
-      1  no tree was seen, so --save wrote nothing
+      0  the monitor ended normally
+      1  --save wrote nothing, because no tree was seen
       2  an error
       4  the recording is incomplete, for example because the disk is full
     """

@@ -95,7 +95,7 @@ class Publisher(Closeable):
         try:
             self._gateway = Gateway()
         except OSError as error:
-            raise ServeError(f"no folder for the monitor's sockets can be made: {error}") from None
+            raise ServeError(f"cannot create a folder for the monitor's sockets: {error}") from None
         try:
             if keys is not None:
                 self._authenticator = Authenticator(self._context, keys)

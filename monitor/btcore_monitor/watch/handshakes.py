@@ -76,7 +76,7 @@ class Handshakes:
         if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
             self._closed = 0
         elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH and self._keys is not None:
-            return f"the robot does not know this key; its public key for --allow-key is {self._keys.public}"
+            return f"the robot does not know this key; the public key for --allow-key is {self._keys.public}"
         else:
             # If one side uses keys and the other does not, or if the client has the key of another robot, the
             # robot closes the connection without a reason. So does a tunnel to a robot that is not running.

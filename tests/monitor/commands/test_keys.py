@@ -74,7 +74,7 @@ def test_an_unknown_key_ends_the_command_with_an_error(folder, endless, no_threa
         }[command]
         done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 2
-    assert "refused the connection: the robot does not know this key; its public key for" in done.stderr
+    assert "refused the connection: the robot does not know this key; the public key for" in done.stderr
     assert "Traceback" not in done.stderr
 
 
