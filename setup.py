@@ -39,6 +39,8 @@ COLD_FILES = {
     "btcore/errors.py",
     "btcore/escaping.py",
     "btcore/flatbuffer.py",
+    "btcore/input_files.py",
+    "btcore/json_text.py",
     "btcore/names.py",
     "btcore/program_runner.py",
     "btcore/run_extension.py",

@@ -1,6 +1,7 @@
 """``btcore nodes``: list the available nodes as a table, as JSON, or as a TreeNodesModel for Groot."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 import click
@@ -29,15 +30,23 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 @click.command(short_help="List the available nodes and their ports.")
 @click.argument("ids", nargs=-1, metavar="[ID]…", shell_complete=complete_node_id)
 @node_libraries.plugin_option
+@node_libraries.model_option
 @format_option("The XML format whose nodes are listed.", default="4")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
-def nodes(ids: Sequence[str], plugins: Sequence[str], format: int, as_xml: bool, as_json: bool) -> None:
-    """List the nodes that trees can use: built-in, installed, and loaded by --plugin.
+def nodes(
+    ids: Sequence[str],
+    plugins: Sequence[str],
+    models: Sequence[Path],
+    format: int,
+    as_xml: bool,
+    as_json: bool,
+) -> None:
+    """List the nodes that trees can use: built-in, installed, and loaded by --plugin or --model.
 
     With IDs, list only these nodes.
     """
-    palette = node_libraries.load_libraries(plugins).nodes.manifests_of(format)
+    palette = node_libraries.load_libraries(plugins, models).nodes.manifests_of(format)
     if unknown := [node_id for node_id in ids if node_id not in palette]:
         nearest = nearest_name(unknown[0], palette)
         hint = f"Did you mean '{nearest}'?" if nearest else "Without an ID, all nodes are listed."
@@ -103,5 +112,6 @@ def _as_data(manifest: Manifest) -> dict[str, object]:
             for port in manifest.ports.values()
         },
         "description": manifest.description,
+        "metadata": manifest.metadata,
         "distribution": manifest.distribution,
     }

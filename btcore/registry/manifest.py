@@ -1,6 +1,7 @@
 """The manifest of a registered node: its class or function, its ports, and how to create a node."""
 
 import inspect
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeGuard
@@ -39,6 +40,8 @@ class Manifest:
         parameters: The parameters of the function or of ``__init__``.
         distribution: The package that registered the node.
         function: The function that the nodes call; None for a node class.
+        metadata: Texts by name for other tools, such as an editor. They are written to the TreeNodesModel.
+            A class declares them with a static method ``metadata()``, as in C++.
     """
 
     is_overridable = False
@@ -59,6 +62,7 @@ class Manifest:
         self.parameters = list(parameters)
         self.distribution = distribution
         self.function = function
+        self.metadata = _class_metadata(cls)
         self._has_init = bool(self.parameters) or _has_own_init(cls)
         self._adopts = issubclass(cls, (ControlNode, DecoratorNode))
         self._prepares = cls.prepare is not TreeNode.prepare
@@ -325,6 +329,23 @@ def create_manifest(
     ports = [parameter.port for parameter in parameters if parameter.port is not None]
     check_ports(ID, ports, format)
     return Manifest(ID, leaf_class(thing), ports, parameters, distribution, thing)
+
+
+def _class_metadata(cls: type) -> dict[str, str]:
+    """Return the result of the static method or class method ``metadata``; {} if the class has none.
+
+    Raises:
+        RegistrationError: A name in the result cannot be the name of an XML attribute.
+    """
+    # Any other attribute of this name, such as a method or a port, has another meaning.
+    if not isinstance(inspect.getattr_static(cls, "metadata", None), (staticmethod, classmethod)):
+        return {}
+    metadata: dict[str, str] = {str(name): str(text) for name, text in cls.metadata().items()}  # type: ignore[attr-defined]
+    for name in metadata:
+        if re.fullmatch(r"[^\W\d][\w.:-]*", name) is None:
+            message = f"invalid name {name!r} in the metadata of {cls.__qualname__}"
+            raise RegistrationError(f"{message}: use letters, digits, '_', '-' and '.'")
+    return metadata
 
 
 def _initialiser(cls: type) -> Callable[..., None]:

@@ -22,6 +22,7 @@ from btcore.values.types import (
     INT16,
     INT64,
     NODE_STATUS,
+    NODE_TYPE,
     PORT_DIRECTION,
     STRING,
     UINT,
@@ -49,9 +50,9 @@ from btcore.values.types import (
 
 __all__ = [
     "ANY", "ANY_VALUE", "BOOL", "DOUBLE", "FLOAT", "INT", "INT8", "INT16", "INT64", "NODE_STATUS",
-    "PORT_DIRECTION", "STRING", "UINT", "UINT8", "UINT16", "UINT64", "VECTOR_BOOL", "VECTOR_DOUBLE",
-    "VECTOR_INT", "VECTOR_STRING", "EnumType", "Float32", "Int64", "IntegerType", "PortDirection",
-    "RealType", "TypeRegistry", "UInt32", "UInt64", "UserType", "ValueType", "VectorType", "as_bool",
-    "as_double", "as_int", "number_of", "number_text", "parse_constant", "real_text", "to_builtin_number",
-    "to_text", "type_of",
+    "NODE_TYPE", "PORT_DIRECTION", "STRING", "UINT", "UINT8", "UINT16", "UINT64", "VECTOR_BOOL",
+    "VECTOR_DOUBLE", "VECTOR_INT", "VECTOR_STRING", "EnumType", "Float32", "Int64", "IntegerType",
+    "PortDirection", "RealType", "TypeRegistry", "UInt32", "UInt64", "UserType", "ValueType", "VectorType",
+    "as_bool", "as_double", "as_int", "number_of", "number_text", "parse_constant", "real_text",
+    "to_builtin_number", "to_text", "type_of",
 ]  # fmt: skip

@@ -14,7 +14,7 @@ from numbers import Integral, Real
 from typing import Annotated, Any, Final, Union, get_args, get_origin
 
 from btcore.errors import BlackboardError, ConversionError, RegistrationError
-from btcore.status import Status
+from btcore.status import NodeType, Status
 from btcore.values.numbers import MAX_UINT64, MIN_INT64, whole_float, whole_int
 from btcore.values.types import (
     ANY,
@@ -25,6 +25,7 @@ from btcore.values.types import (
     INT,
     INT64,
     NODE_STATUS,
+    NODE_TYPE,
     PORT_DIRECTION,
     STRING,
     UINT,
@@ -56,6 +57,7 @@ _OF_CLASS: Final[dict[object, ValueType]] = {
     str: STRING,
     Status: NODE_STATUS,
     PortDirection: PORT_DIRECTION,
+    NodeType: NODE_TYPE,
     object: ANY,
     Any: ANY,
 }

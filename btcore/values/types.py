@@ -14,7 +14,7 @@ from typing import Any, Final
 from mypy_extensions import mypyc_attr
 
 from btcore.errors import ConversionError, RegistrationError
-from btcore.status import Status
+from btcore.status import NodeType, Status
 from btcore.suggestions import join_names
 from btcore.values.numbers import (
     MAX_INT64,
@@ -442,6 +442,7 @@ class PortDirection(IntEnum):
 
 
 _DIRECTION_NAMES: Final = ("Input", "Output", "InOut")
+_NODE_TYPE_NAMES: Final = ("Undefined", "Action", "Condition", "Control", "Decorator", "SubTree")
 
 
 class ConvertibleType(ValueType):
@@ -579,6 +580,23 @@ class DirectionType(EnumType):
         return _DIRECTION_NAMES[int(self.cast(value).value)]
 
 
+class NodeTypeType(EnumType):
+    """The type of a node; its text is ``Action``, ``SubTree`` etc. Other text is read as UNDEFINED."""
+
+    def from_text(self, text: str, format: int = 4) -> Enum:
+        """Return the node type with the name *text*. Format 3 also reads ``SubTreePlus``."""
+        if format == 3 and text == "SubTreePlus":
+            return NodeType.SUBTREE
+        for member, name in zip(NodeType, _NODE_TYPE_NAMES, strict=True):
+            if text == name:
+                return member
+        return NodeType.UNDEFINED
+
+    def to_text(self, value: object) -> str:
+        """Return ``Action``, ``SubTree`` etc."""
+        return _NODE_TYPE_NAMES[int(self.cast(value).value)]
+
+
 class UserType(ConvertibleType):
     """The type of a user's class. A dataclass without converters has the text form ``json:{…}``."""
 
@@ -648,6 +666,7 @@ FLOAT: Final = RealType("float", True)
 DOUBLE: Final = RealType("double", False)
 NODE_STATUS: Final = StatusType(Status, "BT::NodeStatus")
 PORT_DIRECTION: Final = DirectionType(PortDirection, "BT::PortDirection")
+NODE_TYPE: Final = NodeTypeType(NodeType, "BT::NodeType")
 VECTOR_INT: Final = VectorType(INT)
 VECTOR_DOUBLE: Final = VectorType(DOUBLE)
 VECTOR_BOOL: Final = VectorType(BOOL)
@@ -655,5 +674,5 @@ VECTOR_STRING: Final = VectorType(STRING)
 
 BUILTIN_TYPES: Final[tuple[ValueType, ...]] = (
     ANY, ANY_VALUE, STRING, BOOL, INT, INT8, INT16, INT64, UINT, UINT8, UINT16, UINT64, FLOAT, DOUBLE,
-    NODE_STATUS, PORT_DIRECTION, VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING,
+    NODE_STATUS, NODE_TYPE, PORT_DIRECTION, VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING,
 )  # fmt: skip

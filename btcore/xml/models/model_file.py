@@ -6,7 +6,7 @@ planned results.
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -136,12 +136,21 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
         described = next(model.iterchildren("description"), None)
         about = " ".join(document.text_in(described).split()) if described is not None else ""
         try:
-            _add(nodes, str(id), EXPLICIT_TAGS[str(model.tag)], ports, about, document)
+            _add(nodes, str(id), EXPLICIT_TAGS[str(model.tag)], ports, about, document, _metadata(model))
             added.append(str(id))
         except RegistrationError as error:
             diagnostics.add(document.diagnostic(INVALID_NAME, str(error), model, "ID"))
     diagnostics.raise_errors()
     return added
+
+
+def _metadata(model: Element) -> dict[str, str]:
+    """Return the metadata of a model: ``<MetadataFields><Metadata name="text"/></MetadataFields>``."""
+    metadata: dict[str, str] = {}
+    for fields in model.iterchildren("MetadataFields"):
+        for field in fields.iterchildren("Metadata"):
+            metadata |= field.attributes
+    return metadata
 
 
 def _port(nodes: Registry, document: Document, element: Element) -> Port:
@@ -168,13 +177,19 @@ def _type(nodes: Registry, name: str) -> ValueType:
 
 
 def _add(
-    nodes: Registry, id: str, kind: NodeType, ports: list[Port], description: str, document: Document
+    nodes: Registry,
+    id: str,
+    kind: NodeType,
+    ports: list[Port],
+    description: str,
+    document: Document,
+    metadata: Mapping[str, str] | None = None,
 ) -> None:
     """Register a stand-in. Ports whose name is not valid in format 4 exist in format 3 only."""
     origin = Path(document.file).stem.replace(".", "_") if document.file else "model"
     allowed = [port for port in ports if not port_name_error(port.name) or port_name_error(port.name, 3)]
     if len(allowed) == len(ports):
-        nodes.add(make_stub_class(id, kind, ports, description, origin), ID=id)
+        nodes.add(make_stub_class(id, kind, ports, description, origin, metadata), ID=id)
     else:
-        nodes.add(make_stub_class(id, kind, ports, description, origin), ID=id, format=3)
-        nodes.add(make_stub_class(id, kind, allowed, description, origin), ID=id, format=4)
+        nodes.add(make_stub_class(id, kind, ports, description, origin, metadata), ID=id, format=3)
+        nodes.add(make_stub_class(id, kind, allowed, description, origin, metadata), ID=id, format=4)

@@ -111,7 +111,12 @@ def is_stub(cls: type[TreeNode]) -> bool:
 
 
 def make_stub_class(
-    id: str, kind: NodeType, ports: Sequence[Port], description: str, origin: str
+    id: str,
+    kind: NodeType,
+    ports: Sequence[Port],
+    description: str,
+    origin: str,
+    metadata: Mapping[str, str] | None = None,
 ) -> type[TreeNode]:
     """Return a new stand-in class.
 
@@ -121,13 +126,15 @@ def make_stub_class(
         ports: The ports of the node.
         description: The docstring of the class, or "".
         origin: The module name of the class, which names the source of the model.
+        metadata: The metadata of the node; None for no metadata.
     """
-    listed = list(ports)
+    listed, fields = list(ports), dict(metadata or {})
     return type(
         id,
         (_OF_TYPE[kind],),
         {
             "provided_ports": staticmethod(lambda: listed),
+            "metadata": staticmethod(lambda: fields),
             "__doc__": description or f"A stand-in: the code of <{id}> is elsewhere.",
             "__module__": origin,
         },

@@ -121,7 +121,9 @@ def _model(manifest: Manifest, format: int) -> list[str]:
     tag = TAG_OF[manifest.type]
     start = f"        <{tag} ID={quoted(manifest.id)}"
     ports: list[Port] = list(manifest.ports.values())
-    if not ports:
+    # Format 3 has no metadata.
+    metadata = manifest.metadata if format == 4 else {}
+    if not ports and not metadata:
         return [start + "/>"]
     if format == 3:
         order = list(Direction)
@@ -137,4 +139,7 @@ def _model(manifest: Manifest, format: int) -> list[str]:
         else:
             text += "/>"
         lines.append(text)
+    if metadata:
+        fields = [f"                <Metadata {name}={quoted(text)}/>" for name, text in metadata.items()]
+        lines += ["            <MetadataFields>", *fields, "            </MetadataFields>"]
     return [*lines, f"        </{tag}>"]

@@ -55,3 +55,16 @@ def test_json_describes_a_port(cli: Cli) -> None:
     assert delay["type"] == "DECORATOR"
     assert delay["ports"]["delay_msec"]["direction"] == "input"
     assert delay["ports"]["delay_msec"]["type"] == "unsigned int"
+
+
+def test_nodes_of_a_model_are_exported_with_their_metadata(cli: Cli, tmp_path: Path) -> None:
+    fields = "<MetadataFields><Metadata author='Ada'/></MetadataFields>"
+    model = tmp_path / "palette.xml"
+    model.write_text(f"<root><TreeNodesModel><Action ID='Move'>{fields}</Action></TreeNodesModel></root>")
+    text = cli("nodes", "--model", model, "--xml", "Move").stdout
+    assert '<Metadata author="Ada"/>' in text
+    model.write_text(text)
+    assert cli("nodes", "--model", model, "--xml", "Move").stdout == text
+    assert json.loads(cli("nodes", "--model", model, "--json", "Move").stdout)["Move"]["metadata"] == {
+        "author": "Ada"
+    }

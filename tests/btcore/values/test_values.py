@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import pytest
 
 from btcore.errors import BlackboardError, ConversionError, RegistrationError
-from btcore.status import Status
+from btcore.status import NodeType, Status
 from btcore.values import (
     ANY,
     ANY_VALUE,
@@ -19,6 +19,7 @@ from btcore.values import (
     INT8,
     INT64,
     NODE_STATUS,
+    NODE_TYPE,
     PORT_DIRECTION,
     STRING,
     UINT,
@@ -131,6 +132,15 @@ class TestTextToValue:
     )
     def test_json_array_of_a_wrong_type_is_refused(self, kind, text):
         conversion_error(kind, text)
+
+    def test_a_node_type_is_read_and_written_as_in_the_xml(self):
+        names = {"Action": NodeType.ACTION, "SubTree": NodeType.SUBTREE, "Undefined": NodeType.UNDEFINED}
+        for name, node_type in names.items():
+            assert NODE_TYPE.from_text(name) is node_type
+            assert to_text(node_type) == name
+        assert NODE_TYPE.from_text("ACTION") is NodeType.UNDEFINED
+        assert NODE_TYPE.from_text("SubTreePlus") is NodeType.UNDEFINED
+        assert NODE_TYPE.from_text("SubTreePlus", 3) is NodeType.SUBTREE
 
     def test_a_direction_is_capitalised_or_in_upper_case(self):
         assert PORT_DIRECTION.from_text("InOut") is PortDirection.INOUT

@@ -6,6 +6,7 @@ import pytest
 
 import btcore
 from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
+from btcore.errors import RegistrationError
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.models.stand_ins import StubPlans
@@ -204,3 +205,86 @@ def test_missing_file_of_a_project_is_reported_with_its_position(project: Path) 
     (project.parent / "trees" / "open.xml").unlink()
     with pytest.raises(TreeError, match=r"robot\.btproj:4:\d+: E007 the included file"):
         add_models(Registry.standard(), project)
+
+
+# --- metadata
+
+METADATA = """<root BTCPP_format="4">
+    <TreeNodesModel>
+        <Action ID="Move">
+            <input_port name="goal" type="std::string"/>
+            <MetadataFields>
+                <Metadata author="Ada &amp; Bo"/>
+                <Metadata max-speed="2"/>
+            </MetadataFields>
+        </Action>
+        <Condition ID="Near">
+            <MetadataFields>
+                <Metadata icon="eye"/>
+            </MetadataFields>
+        </Condition>
+    </TreeNodesModel>
+</root>
+"""
+
+
+def test_metadata_of_a_model_is_kept_and_exported(tmp_path: Path) -> None:
+    (tmp_path / "palette.xml").write_text(METADATA)
+    nodes = Registry()
+    add_models(nodes, tmp_path / "palette.xml")
+    assert nodes.manifests["Move"].metadata == {"author": "Ada & Bo", "max-speed": "2"}
+    assert write_models(nodes.manifests.values()) == METADATA
+    assert "Metadata" not in write_models(nodes.manifests_of(3).values(), 3)
+
+
+class Drive(btcore.SyncAction):
+    """Drives."""
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        return {"author": "Ada"}
+
+    def tick(self) -> bool:
+        return True
+
+
+class Inspect(btcore.SyncAction):
+    """Has another attribute with the name."""
+
+    metadata: btcore.In[str] = "text"
+
+    def tick(self) -> bool:
+        return True
+
+
+class Annotate(btcore.SyncAction):
+    """Has a method with the name."""
+
+    def metadata(self) -> str:
+        return "text"
+
+    def tick(self) -> bool:
+        return True
+
+
+def test_class_declares_its_metadata_and_a_program_adds_some() -> None:
+    nodes = Registry()
+    nodes.add(Drive, Inspect, Annotate)
+    nodes.manifests["Drive"].metadata["icon"] = "wheel"
+    nodes.manifests["Inspect"].metadata["icon"] = "eye"
+    metadata = {ID: manifest.metadata for ID, manifest in nodes.copy().manifests.items()}
+    assert metadata == {
+        "Annotate": {},
+        "Drive": {"author": "Ada", "icon": "wheel"},
+        "Inspect": {"icon": "eye"},
+    }
+
+
+def test_metadata_that_is_no_name_in_xml_is_refused() -> None:
+    class Lift(Drive):
+        @staticmethod
+        def metadata() -> dict[str, str]:
+            return {"max speed": "2"}
+
+    with pytest.raises(RegistrationError, match=r"invalid name 'max speed' in the metadata of .*Lift"):
+        Registry().add(Lift)
