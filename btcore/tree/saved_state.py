@@ -138,7 +138,7 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
 def _check_declaration(node: TreeNode) -> None:
     """Raise NodeError if *node* has attributes of a user's class, but no such class declares its state."""
     kinds = [cls for cls in type(node).__mro__ if issubclass(cls, TreeNode)]
-    engine = [cls for cls in kinds if cls.__module__.startswith("btcore.")]
+    engine = [cls for cls in kinds if vars(cls)["__module__"].startswith("btcore.")]
     if len(engine) == len(kinds) or any("state_fields" in vars(cls) for cls in kinds if cls not in engine):
         return
     known = {name for cls in engine for name in get_annotations(cls)}
