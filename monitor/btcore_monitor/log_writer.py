@@ -29,7 +29,6 @@ from btcore_monitor.wire.fulltree import write_fulltree
 LOGS: Final = (BTLOG, *SQLITE)
 """The extensions of files that a log writer can write."""
 
-
 _LATEST: Final = (1 << 48) - 1
 """The largest time in a log, in µs since its start."""
 

@@ -174,7 +174,7 @@ def wait_for_stop(duration: float | None = None) -> None:
 
 def abandon(error: RecordingError) -> NoReturn:
     """Print *error*, and end the process with the exit code 4, without closing the recording."""
-    click.echo(f"error: {error}", err=True)
+    print_line(f"error: {error}", err=True)
     sys.stdout.flush()
     os._exit(INCOMPLETE_OUTPUT)
 

@@ -133,7 +133,8 @@ def check_remappings(
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
-        hint = _unused_key_hint(key, used, call.written) if reporter.diagnostics.affords_hint(used) else ""
+        has_time = reporter.diagnostics.has_time_for_hint(used)
+        hint = _unused_key_hint(key, used, call.written) if has_time else ""
         reporter.warn(USELESS_REMAPPING, message, document, node, key, hint, part="name")
 
 

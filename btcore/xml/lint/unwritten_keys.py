@@ -24,8 +24,8 @@ class WrittenKeys:
         self._written: dict[Blackboard, dict[str, None]] = {}
 
     def guess(self, key: str, names: Collection[str]) -> str | None:
-        """Return the name in *names* that is most similar to *key*, or None if none is or time is up."""
-        return nearest_name(key, names) if self._diagnostics.affords_hint(names) else None
+        """Return the name in *names* that is most similar to *key*, or None; also if time is up."""
+        return nearest_name(key, names) if self._diagnostics.has_time_for_hint(names) else None
 
     def written_in(self, board: Blackboard) -> Collection[str]:
         """Return the keys of *board* that are written."""

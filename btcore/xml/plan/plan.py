@@ -272,8 +272,8 @@ class TreePlanner:
                 kept[key] = text
             else:
                 message = f"<{plan.id}> has no port '{key}'"
-                affords_hint = self._diagnostics.affords_hint(manifest.ports)
-                hint = port_hint(manifest, key) if affords_hint else ""
+                has_time = self._diagnostics.has_time_for_hint(manifest.ports)
+                hint = port_hint(manifest, key) if has_time else ""
                 self._error(UNKNOWN_PORT, message, plan.element, key, hint, name=True)
         if scripts:
             plan.scripts = {
@@ -345,7 +345,7 @@ class TreePlanner:
             return True
         if element.get("ID") is not None and self.definitions.complete:
             known = self.definitions.by_id
-            hint = tree_hint(id, known) if self._diagnostics.affords_hint(known) else ""
+            hint = tree_hint(id, known) if self._diagnostics.has_time_for_hint(known) else ""
             self._error(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 

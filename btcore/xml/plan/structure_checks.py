@@ -172,7 +172,7 @@ class StructureChecker:
 
     def _unknown(self, node: str) -> str:
         """Return a hint for the unknown *node*."""
-        if not self._diagnostics.affords_hint(self._palette.names):
+        if not self._diagnostics.has_time_for_hint(self._palette.names):
             return ""
         if self._declared is None:
             self._declared = {

@@ -9,7 +9,6 @@ from btcore.errors import Diagnostic, PortError, TreeError, UnknownNodeError, Xm
 MAX_COMPARISONS: Final = 50_000
 """Maximum number of comparisons of misspelt names with known names; each takes about 30 µs."""
 
-
 MAX_ERRORS: Final = 100_000
 """The number of errors after which errors that follow from the same declarations are not collected."""
 
@@ -34,7 +33,7 @@ class DiagnosticCollector:
         """Whether there are so many errors that loops over declarations of the document should end."""
         return len(self.errors) > MAX_ERRORS
 
-    def affords_hint(self, names: Sized) -> bool:
+    def has_time_for_hint(self, names: Sized) -> bool:
         """Return whether there is time to search *names* for a similar name, which a hint suggests.
 
         After MAX_COMPARISONS comparisons the result is False: of thousands of mistakes, only the first get

@@ -14,7 +14,6 @@ from btcore.xml.read.element import Element
 PackageResolver = Callable[[str], "str | Path | None"]
 """A function that returns the share directory of the ROS package with a given name, or None."""
 
-
 MAX_INCLUDED_FILES: Final = 1_000
 """Maximum number of files that a document includes, directly or indirectly."""
 MAX_INCLUDE_DEPTH: Final = 100

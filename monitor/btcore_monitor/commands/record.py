@@ -95,7 +95,7 @@ def record(
     except RecordingError as error:
         abandon(error)
     except WRITE_ERRORS as error:
-        click.echo(f"error: the recording ends here, because writing failed: {error}", err=True)
+        print_line(f"error: the recording ends here, because writing failed: {error}", err=True)
         click.get_current_context().exit(INCOMPLETE_OUTPUT)
     if not files.written:
         raise click.ClickException(f"no tree was seen at {address}, so nothing is recorded")

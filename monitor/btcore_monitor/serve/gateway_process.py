@@ -306,10 +306,10 @@ class Connection:
         if not self.closed:
             self.closed = True
             self.port.connections -= 1
-            for one in (self.client, self.server):
-                if one is not None:
-                    self._gateway.watch(one, 0, self)
-                    one.close()
+            for end in (self.client, self.server):
+                if end is not None:
+                    self._gateway.watch(end, 0, self)
+                    end.close()
 
     def _receive_from_client(self) -> None:
         if self._unchecked or self._to_client or self._to_server:
@@ -456,7 +456,7 @@ class Gateway:
             self._connections.discard(connection)
 
     def _sweep(self, now: float) -> None:
-        for connection in [one for one in self._connections if one.is_overdue(now)]:
+        for connection in {each for each in self._connections if each.is_overdue(now)}:
             connection.close()
             self._connections.discard(connection)
 
@@ -465,7 +465,7 @@ class Gateway:
         self._selector.unregister(self._control)
         for port in self._ports:
             self._listen(port, False)
-        for connection in [one for one in self._connections if one.server is None]:
+        for connection in {each for each in self._connections if each.server is None}:
             connection.close()
             self._connections.discard(connection)
         deadline = time.monotonic() + FLUSHING
