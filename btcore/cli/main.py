@@ -17,6 +17,7 @@ import click
 from btcore import __version__, builds
 from btcore.cli import entry_points
 from btcore.cli.exit_codes import ExitCode
+from btcore.cli.terminal_encoding import make_encodable
 
 COMMAND_GROUP = "btcore.commands"
 OWN_COMMANDS = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff", "bench")
@@ -83,7 +84,7 @@ class CommandLine(click.Group):
         """Run the command in *args*. In standalone mode exit with the command's `ExitCode`."""
         if not standalone_mode:
             return super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
-        _make_encodable()
+        make_encodable()
         try:
             code = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
             sys.stdout.flush()
@@ -92,15 +93,6 @@ class CommandLine(click.Group):
         except KeyboardInterrupt:
             _exit_after_interrupt()
         sys.exit(code if isinstance(code, int) else ExitCode.SUCCESS)
-
-
-def _make_encodable() -> None:
-    # Most terminals have UTF-8; then importing rich is not necessary here.
-    encodings = {getattr(stream, "encoding", None) or "utf-8" for stream in (sys.stdout, sys.stderr)}
-    if any(not encoding.lower().startswith("utf") for encoding in encodings):
-        from btcore.cli import terminal
-
-        terminal.make_encodable()
 
 
 def _exit_after_interrupt() -> NoReturn:
