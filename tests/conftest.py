@@ -1,8 +1,57 @@
-"""Fixtures for the tests of several packages: the tree of the BehaviorTree.CPP recordings."""
+"""The time limit of all tests, and fixtures for the tests of several packages."""
 
-from collections.abc import Callable
+import os
+import signal
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from types import FrameType
 
 import pytest
+
+TIME_LIMIT = float(os.environ.get("BTCORE_TEST_TIME_LIMIT", "300"))
+"""The time limit (s) of each test, and of its fixtures before and after it."""
+REPEAT_EVERY = 10.0  # s; the test may have caught the exception
+
+
+@contextmanager
+def limit_time() -> Iterator[None]:
+    """Let the test fail after the time limit. Its fixtures then end the processes that it started.
+
+    The time limit of pytest itself (faulthandler_timeout) ends the worker instead. Then these processes go
+    on, and pytest-xdist waits until the last copy of the worker has ended.
+    """
+    if not hasattr(signal, "SIGALRM"):
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        pytest.fail(f"the test has exceeded the time limit of {TIME_LIMIT:g} s")
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, TIME_LIMIT, REPEAT_EVERY)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup() -> Generator[None, object, object]:
+    with limit_time():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Generator[None, object, object]:
+    with limit_time():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown() -> Generator[None, object, object]:
+    with limit_time():
+        return (yield)
 
 
 @pytest.fixture

@@ -11,6 +11,8 @@ from btcore.status import IDLE, RUNNING, SKIPPED, Status
 from btcore.testing.harness import Harness
 from btcore.testing.trace import Trace, TraceStep, format_trace, format_tree
 
+__tracebackhide__ = True  # pytest shows the test instead of the functions of this module
+
 
 def assert_ran(trace: Trace | Harness, *nodes: str) -> None:
     """Assert that each of *nodes* ran: at least one of its ticks was not SKIPPED.
@@ -162,6 +164,5 @@ def _list(items: Sequence[str | Status]) -> str:
 
 
 def _fail(trace: Trace, message: str, step: TraceStep | None = None) -> NoReturn:
-    __tracebackhide__ = True  # pytest shows the test instead of this function
     events = format_trace(trace) if step is None else f"{step}\n{format_tree(trace.tree, step)}"
     raise AssertionError(f"{message}\n{events}")

@@ -1,7 +1,8 @@
 """A pytest plugin with fixtures for tests of trees; the report of a failed test shows the trees' last steps.
 
-pytest loads the plugin automatically if btcore is installed. The plugin does not import hypothesis: the
-strategies themselves make hypothesis print the tree of a failing example.
+pytest loads the plugin automatically if btcore is installed. All names begin with ``btcore_``, because the
+tests of other projects have fixtures such as ``clock`` and ``trace`` of their own. The plugin does not import
+hypothesis: the strategies themselves make hypothesis print the tree of a failing example.
 """
 
 from collections.abc import Callable, Generator
@@ -20,29 +21,31 @@ _TRACES = pytest.StashKey[list[Trace]]()
 
 
 @pytest.fixture
-def registry() -> Registry:
+def btcore_registry() -> Registry:
     """Return a new ``Registry.standard()``, to which the test adds its nodes."""
     return Registry.standard()
 
 
 @pytest.fixture
-def clock() -> SimClock:
+def btcore_clock() -> SimClock:
     """Return a simulated clock that starts at 0."""
     return SimClock()
 
 
 @pytest.fixture
-def trace(request: pytest.FixtureRequest) -> Callable[[Tree], Trace]:
+def btcore_trace(request: pytest.FixtureRequest) -> Callable[[Tree], Trace]:
     """Return a function that records the events of a tree; the report of a failed test shows them."""
     return lambda tree: _add_to_report(request, Trace(tree))
 
 
 @pytest.fixture
-def harness(request: pytest.FixtureRequest, registry: Registry, clock: SimClock) -> Callable[..., Harness]:
-    """Return a function ``harness(source, **options)`` that creates a Harness.
+def btcore_harness(
+    request: pytest.FixtureRequest, btcore_registry: Registry, btcore_clock: SimClock
+) -> Callable[..., Harness]:
+    """Return a function ``btcore_harness(source, **options)`` that creates a Harness.
 
     *source* is a text that begins with ``<`` (XML), the path of a file, or a Tree. A text or a file is loaded
-    with the fixtures ``registry`` and ``clock``, and with *options*, the keyword arguments of
+    with the fixtures ``btcore_registry`` and ``btcore_clock``, and with *options*, the keyword arguments of
     ``btcore.load``. The report of a failed test shows the last steps.
     """
 
@@ -50,7 +53,7 @@ def harness(request: pytest.FixtureRequest, registry: Registry, clock: SimClock)
         if isinstance(source, Tree):
             harness = Harness(source)
         else:
-            options = {"nodes": registry, "clock": clock, **options}
+            options = {"nodes": btcore_registry, "clock": btcore_clock, **options}
             text = isinstance(source, str) and source.lstrip().startswith("<")
             harness = Harness.loads(str(source), **options) if text else Harness.load(source, **options)
         _add_to_report(request, harness.trace)

@@ -138,6 +138,7 @@ class Trace(Observer):
         Raises:
             BtcoreError: There is no such node, or there are several.
         """
+        __tracebackhide__ = True  # pytest shows the test instead of this method
         return self._paths[self.tree.node(node).uid]
 
     def results(self, node: str) -> list[Status]:

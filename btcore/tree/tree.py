@@ -437,7 +437,12 @@ class Tree:
             raise BtcoreError(
                 f"'{path}' is the name of {len(named)} nodes: {', '.join(node.path for node in named)}"
             )
-        guess = nearest_name(path, [*keys, *(node.name for node in self.nodes)])
+        # The name of a subtree instance in a path ends in a number that is easily forgotten: Dock::7/undock.
+        _, slash, name = path.rpartition("/")
+        same_name = [key for key, node in keys.items() if slash and node.name == name]
+        guess = nearest_name(path, same_name or [*keys, *(node.name for node in self.nodes)])
+        if guess is None and same_name:
+            guess = same_name[0]
         hint = f"; did you mean '{guess}'?" if guess else ""
         raise BtcoreError(f"the tree has no node '{path}'{hint}")
 

@@ -7,6 +7,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
+
 import btcore
 
 HOME = Path(btcore.__file__).parent.parent
@@ -55,25 +57,25 @@ def test_fixtures_build_trees_on_a_simulated_clock(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
-def test_the_harness_takes_text_files_and_trees(registry, clock, harness, tmp_path):
-    registry.add(drive)
-    made = harness(XML)
+def test_the_harness_takes_text_files_and_trees(btcore_registry, btcore_clock, btcore_harness, tmp_path):
+    btcore_registry.add(drive)
+    made = btcore_harness(XML)
     assert made.run() is Status.SUCCESS
-    assert made.tree.clock is clock and clock.now() == 100_000_000
+    assert made.tree.clock is btcore_clock and btcore_clock.now() == 100_000_000
     file = tmp_path / "tree.xml"
     file.write_text(XML)
-    assert harness(file).run() is Status.SUCCESS
-    assert harness(made.tree).tree is made.tree
+    assert btcore_harness(file).run() is Status.SUCCESS
+    assert btcore_harness(made.tree).tree is made.tree
 
-def test_each_test_has_a_registry_and_a_clock_of_its_own(registry, clock):
-    assert "Drive" not in registry
-    assert clock.now() == 0
+def test_each_test_has_a_registry_and_a_clock_of_its_own(btcore_registry, btcore_clock):
+    assert "Drive" not in btcore_registry
+    assert btcore_clock.now() == 0
 
-def test_a_trace_follows_any_tree(registry, clock, trace):
+def test_a_trace_follows_any_tree(btcore_registry, btcore_clock, btcore_trace):
     import btcore
-    registry.add(drive)
-    tree = btcore.loads(XML, nodes=registry, clock=clock)
-    followed = trace(tree)
+    btcore_registry.add(drive)
+    tree = btcore.loads(XML, nodes=btcore_registry, clock=btcore_clock)
+    followed = btcore_trace(tree)
     tree.tick_once()
     assert followed.results("out") == [Status.SUCCESS]
 """,
@@ -86,9 +88,9 @@ def test_failing_test_shows_the_trace_of_its_trees(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
-def test_it_fails(registry, harness):
-    registry.add(drive)
-    harness(XML).tick()
+def test_it_fails(btcore_registry, btcore_harness):
+    btcore_registry.add(drive)
+    btcore_harness(XML).tick()
     assert False, "on purpose"
 """,
     )
@@ -98,13 +100,32 @@ def test_it_fails(registry, harness):
     assert "└── ◷ rest  Sleep  ▶ RUNNING  returned RUNNING" in section
 
 
+@pytest.mark.parametrize("node", ["rest", "nowhere"])
+def test_failed_assertion_shows_the_test_and_no_code_of_btcore(tmp_path: Path, node: str) -> None:
+    done = run(
+        tmp_path,
+        f"""
+def test_it_fails(btcore_registry, btcore_harness):
+    from btcore.testing import assert_never_ran
+    btcore_registry.add(drive)
+    made = btcore_harness(XML)
+    made.tick()
+    assert_never_ran(made, "{node}")
+""",
+    )
+    assert done.returncode == 1
+    assert f'>       assert_never_ran(made, "{node}")' in done.stdout
+    assert "assertions.py" not in done.stdout
+    assert "trace.py" not in done.stdout
+
+
 def test_a_passing_test_shows_nothing(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
-def test_it_passes(registry, harness):
-    registry.add(drive)
-    harness(XML).tick()
+def test_it_passes(btcore_registry, btcore_harness):
+    btcore_registry.add(drive)
+    btcore_harness(XML).tick()
 """,
     )
     assert "tree 'Main'" not in done.stdout
@@ -137,9 +158,9 @@ def test_plugin_works_without_hypothesis(tmp_path: Path) -> None:
         """
 import pytest
 
-def test_the_harness_works(registry, harness):
-    registry.add(drive)
-    assert harness(XML).run() is Status.SUCCESS
+def test_the_harness_works(btcore_registry, btcore_harness):
+    btcore_registry.add(drive)
+    assert btcore_harness(XML).run() is Status.SUCCESS
 
 def test_a_strategy_says_what_it_needs():
     with pytest.raises(ImportError, match="trees requires hypothesis: pip install hypothesis"):
@@ -163,11 +184,11 @@ def test_user_fixture_overrides_the_plugin_fixture_of_the_same_name(tmp_path: Pa
 import pytest
 
 @pytest.fixture
-def clock():
+def btcore_clock():
     return "mine"
 
-def test_it(clock):
-    assert clock == "mine"
+def test_it(btcore_clock):
+    assert btcore_clock == "mine"
 """,
     )
     assert done.returncode == 0, done.stdout
@@ -176,4 +197,4 @@ def test_it(clock):
 def test_pytest_finds_the_plugin_by_its_entry_point() -> None:
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))
     (module,) = project["project"]["entry-points"]["pytest11"].values()
-    assert hasattr(importlib.import_module(module), "harness")
+    assert hasattr(importlib.import_module(module), "btcore_harness")

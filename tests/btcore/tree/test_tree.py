@@ -430,6 +430,16 @@ def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: Grow) -> None:
     assert tree.node("Sequence::1") is tree.root
 
 
+@pytest.mark.parametrize("path", ["Deep/wave", "Main/Deep/wave", "Deep::9/wave", "elsewhere/wave"])
+def test_path_without_the_number_of_its_subtree_gets_the_full_path_as_a_suggestion(
+    make_tree: Grow, path: str
+) -> None:
+    deep = '<BehaviorTree ID="Deep"><Sequence><AlwaysSuccess name="wave"/></Sequence></BehaviorTree>'
+    tree = make_tree('<Sequence><Inverter><SubTree ID="Deep"/></Inverter></Sequence>', others=deep)
+    with pytest.raises(BtcoreError, match="did you mean 'Deep::3/wave'"):
+        tree.node(path)
+
+
 def test_unknown_path_raises_an_error_with_a_suggestion(make_tree: Grow) -> None:
     tree = make_tree('<Sequence><AlwaysSuccess name="wave"/></Sequence>')
     with pytest.raises(BtcoreError, match=r"the tree has no node 'wawe'; did you mean 'wave'\?"):
