@@ -1,0 +1,188 @@
+"""Feeds of robots whose captured messages are damaged: errors are reported, and the feed recovers."""
+
+import random
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+
+from btcore_monitor.events import Event, StatusChanged, TreeSeen
+from btcore_monitor.log_writer import LogWriter
+from btcore_monitor.watch import groot1_feed
+from btcore_monitor.watch.address import Address, parse_address
+from btcore_monitor.watch.groot1_feed import Groot1Feed
+from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.watch.groot2_feed import Groot2Feed
+from btcore_monitor.watch.request_client import NoReplyError
+from btcore_monitor.wire.errors import ProtocolError
+
+CAPTURES = Path(__file__).parents[1] / "captures"
+REPLIES = {
+    "T": ["fulltree"],
+    "S": ["status_before_first_tick", "status_after_tick1", "status_after_completion"],
+    "B": ["blackboard", "blackboard_after", "blackboard_before_first_tick"],
+    "D": ["hooks_dump_one", "hooks_dump_empty"],
+    "r": ["toggle_recording_start"],
+    "t": ["get_transitions"],
+}
+CASES = 400
+
+
+def damaged(data: bytes, chance: random.Random) -> bytes:
+    """Return *data* with a few bytes changed, inserted, removed or repeated."""
+    changed = bytearray(data)
+    for _ in range(chance.choice((1, 1, 3, 12))):
+        at = chance.randrange(len(changed) + 1)
+        kind = chance.randrange(5)
+        if kind == 0 and at < len(changed):
+            changed[at] ^= 1 << chance.randrange(8)
+        elif kind == 1 and at < len(changed):
+            changed[at] = chance.choice((0, 127, 128, 255))
+        elif kind == 2:
+            changed[at:at] = chance.randbytes(chance.randrange(9))
+        elif kind == 3:
+            del changed[at : at + chance.randrange(40)]
+        else:
+            changed[at:at] = changed[: chance.randrange(64)]
+    return bytes(changed)
+
+
+class Robot:
+    """Replies to each request with the frames that *answer* returns, from a thread of its own."""
+
+    def __init__(self, answer: Callable[[list[bytes]], list[bytes]]) -> None:
+        self._answer = answer
+        self._stopped = threading.Event()
+        self.context: zmq.Context = zmq.Context()
+        self._socket = self.context.socket(zmq.REP)
+        self.port = self._socket.bind_to_random_port("tcp://127.0.0.1")
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    @property
+    def address(self) -> Address:
+        return parse_address(f"127.0.0.1:{self.port}")
+
+    def _run(self) -> None:
+        while not self._stopped.is_set():
+            if self._socket.poll(20):
+                self._socket.send_multipart(self._answer(self._socket.recv_multipart()))
+        self._socket.close(linger=0)
+
+    def close(self) -> None:
+        self._stopped.set()
+        self._thread.join()
+        self.context.destroy(linger=0)
+
+
+@pytest.fixture
+def robot() -> Iterator[Callable[..., Robot]]:
+    started: list[Robot] = []
+
+    def start(answer: Callable[[list[bytes]], list[bytes]]) -> Robot:
+        started.append(Robot(answer))
+        return started[-1]
+
+    yield start
+    for one in started:
+        one.close()
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[LogWriter]:
+    writer = LogWriter([tmp_path / "x.btlog", tmp_path / "x.db3"])
+    yield writer
+    writer.close()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.6])
+def test_a_feed_of_damaged_groot_2_replies_recovers(robot, capture, log, until, share):
+    chance = random.Random(20)
+    answers = 0
+    tree_ids = [bytes(16), bytes(range(16))]
+
+    def answer(request: list[bytes]) -> list[bytes]:
+        nonlocal answers
+        answers += 1
+        kind, unique_id = struct.unpack("<xBI", request[0])
+        frames = capture(f"{chance.choice(REPLIES[chr(kind)])}.rep")
+        # Sometimes the robot restarts.
+        frames[0] = struct.pack("<BBI", 2, kind, unique_id) + tree_ids[answers // 100 % 2]
+        if answers < CASES and chance.random() < share:
+            at = chance.choice((0, 1, 1, 1, 1, 1, 1, 1, 1, 1))
+            frames[at] = damaged(frames[at], chance)
+        return frames
+
+    reported: list[str] = []
+    seen: list[Event] = []
+    with Groot2Client(robot(answer).address) as client:
+        feed = Groot2Feed(client, blackboard_rate=100)
+
+        def step() -> bool:
+            feed._next_status = feed._paused_until = 0.0
+            if client.busy:
+                client.wait(0.1)
+            try:
+                events = feed.step()
+            except (NoReplyError, ProtocolError) as error:
+                feed.forget(0.0)
+                reported.append(str(error))
+                return False
+            for event in events:
+                log.show(event)
+            if answers > CASES:
+                seen.extend(events)
+            return answers > CASES and any(isinstance(event, TreeSeen) for event in seen) and feed.following
+
+        until(step, "the tree after the last damaged reply")
+    assert len(reported) > CASES * share / 20
+    assert all(len(line) < 1_000 for line in reported)
+
+
+def test_a_feed_of_damaged_groot_1_messages_recovers(robot, log, until, monkeypatch):
+    monkeypatch.setattr(groot1_feed, "_ASK_AGAIN_AFTER", 0.0)
+    monkeypatch.setattr(groot1_feed, "FIRST_UPDATE", 0.0)
+    chance = random.Random(10)
+    tree = (CAPTURES / "v3_behaviortree.flatbuffer.bin").read_bytes()
+    updates = [(CAPTURES / f"v3_pub_{number}.bin").read_bytes() for number in (1, 2, 3)]
+    sent = 0
+    share = 0.5
+
+    def answer(request: list[bytes]) -> list[bytes]:
+        return [damaged(tree, chance) if chance.random() < share else tree]
+
+    requests = robot(answer)
+    publisher = requests.context.socket(zmq.PUB)
+    port = publisher.bind_to_random_port("tcp://127.0.0.1")
+    feed = Groot1Feed(parse_address(f"127.0.0.1:{requests.port}/{port}"))
+    reported: list[str] = []
+    seen: list[Event] = []
+
+    def step() -> bool:
+        nonlocal sent, share
+        sent += 1
+        if sent > CASES:
+            share = 0.0
+        update = chance.choice(updates)
+        publisher.send(damaged(update, chance) if chance.random() < share else update)
+        try:
+            events = feed.step()
+        except (NoReplyError, ProtocolError) as error:
+            reported.append(str(error))
+            return False
+        for event in events:
+            log.show(event)
+        if not share:
+            seen.extend(events)
+        return any(isinstance(event, StatusChanged) for event in seen)
+
+    try:
+        until(step, "transitions after the last damaged message")
+    finally:
+        feed.close()
+        publisher.close(linger=0)
+    assert len(reported) > CASES / 20
+    assert all(len(line) < 1_000 for line in reported)
