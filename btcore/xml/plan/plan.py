@@ -371,7 +371,7 @@ class TreePlanner:
                 if port in given:
                     continue
                 if default is None or default == "":
-                    if self._diagnostics.is_full:
+                    if self._diagnostics.is_full(MISSING_SUBTREE_PORT):
                         break
                     message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree}' requires"
                     hint = f'write {port}="…", or declare a default in <TreeNodesModel>'

@@ -1,16 +1,18 @@
 """Collect the diagnostics of a document, so that all errors are reported at once."""
 
+from collections import Counter
 from collections.abc import Sized
 from typing import Final
 
-from btcore.diagnostic_codes import UNKNOWN_NODE
+from btcore.diagnostic_codes import UNKNOWN_NODE, DiagnosticCode
 from btcore.errors import Diagnostic, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 
 MAX_COMPARISONS: Final = 50_000
 """Maximum number of comparisons of misspelt names with known names; each takes about 30 µs."""
 
-MAX_ERRORS: Final = 100_000
-"""The number of errors after which errors that follow from the same declarations are not collected."""
+
+MAX_PER_CODE: Final = 50_000
+"""Maximum number of diagnostics that are collected with the same code."""
 
 
 class DiagnosticCollector:
@@ -20,18 +22,19 @@ class DiagnosticCollector:
         self.errors: list[Diagnostic] = []
         self.warnings: list[Diagnostic] = []
         self._added: set[Diagnostic] = set()
+        self._counts: Counter[str] = Counter()
         self._comparisons = MAX_COMPARISONS
 
     def add(self, diagnostic: Diagnostic) -> None:
-        """Add *diagnostic*, unless an equal diagnostic was added before."""
-        if diagnostic not in self._added:
+        """Add *diagnostic*, unless an equal diagnostic, or MAX_PER_CODE with its code, were added before."""
+        if not self.is_full(diagnostic.code) and diagnostic not in self._added:
+            self._counts[diagnostic.code] += 1
             self._added.add(diagnostic)
             (self.errors if diagnostic.is_error else self.warnings).append(diagnostic)
 
-    @property
-    def is_full(self) -> bool:
-        """Whether there are so many errors that loops over declarations of the document should end."""
-        return len(self.errors) > MAX_ERRORS
+    def is_full(self, code: DiagnosticCode) -> bool:
+        """Return whether no further diagnostics with *code* are collected."""
+        return self._counts[code] >= MAX_PER_CODE
 
     def has_time_for_hint(self, names: Sized) -> bool:
         """Return whether there is time to search *names* for a similar name, which a hint suggests.

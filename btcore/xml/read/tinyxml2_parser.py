@@ -25,6 +25,9 @@ _BARE: Final = re.compile(rf"<|(?!{REFERENCE})&")
 _BARE_AMPERSAND: Final = re.compile(rf"(?!{REFERENCE})&")
 _DECLARED: Final = re.compile(rf"xmlns:({_NAME}){_SPACE}=")
 
+MAX_FINDINGS: Final = 50_000
+"""Maximum number of warnings about one document."""
+
 
 class Finding(NamedTuple):
     """A *message* about *width* characters at *offset* of a text, with a code and a hint."""
@@ -96,8 +99,11 @@ class _Parser:
         return self._root, self._warnings
 
     def _warn(self, offset: int, width: int, message: str, hint: str) -> None:
-        hint = f"other XML tools reject it; {hint}"
-        self._warnings.append(Finding(offset, width, LENIENT_XML, message, hint))
+        self._add(Finding(offset, width, LENIENT_XML, message, f"other XML tools reject it; {hint}"))
+
+    def _add(self, finding: Finding) -> None:
+        if len(self._warnings) < MAX_FINDINGS:
+            self._warnings.append(finding)
 
     def _read_markup(self, at: int) -> int | None:
         """Read the markup at *at*, and return the offset of its end; None if the rest is ignored."""
@@ -283,7 +289,7 @@ class _Parser:
             message = f"unescaped '{bare[0]}' in an attribute value is read as text"
             written = f"{text[attribute.start() : start]}{escaped}{text[end]}"
             hint = f"other XML tools reject it; write {written}"
-            self._warnings.append(Finding(bare.start(), 1, BARE_MARKUP, message, hint))
+            self._add(Finding(bare.start(), 1, BARE_MARKUP, message, hint))
         self._check_characters(start, end)
         return decode(attribute[group])
 

@@ -13,6 +13,7 @@ from btcore.xml.read.document import parse_text
 
 LIMIT_S = 20.0  # of processor time; the tests need 0.5 s, and with checks in quadratic time 100 s and more
 TREE = '<BehaviorTree ID="T#"><SubTree ID="X#"/></BehaviorTree>'
+CALL = '<SubTree ID="A"/>'
 ATTRIBUTE = 'a#="1"'
 A = '<BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree>'
 
@@ -126,3 +127,16 @@ def test_ports_of_a_subtree_model_are_limited() -> None:
     )
     assert "the model of 'A' has more than 1,000 ports" in [item.message for item in found]
     assert len(found) < 1_100
+
+
+def test_warnings_about_characters_are_limited() -> None:
+    text = document(f"<!--{chr(1) * 100_000}--><AlwaysSuccess/>")
+    assert len(parse_text(text).warnings) == 50_000
+
+
+def test_a_short_document_cannot_cause_millions_of_errors() -> None:
+    ports = numbered('<input_port name="p#"/>', 900)
+    models = f'<TreeNodesModel><SubTree ID="A">{ports}</SubTree></TreeNodesModel>'
+    text = document(f"<Sequence>{CALL * 100}</Sequence>", A + models)
+    found = validate_document(parse_text(text), nodes=Registry.standard())
+    assert sum(item.code == "E204" for item in found) == 50_000
