@@ -141,4 +141,4 @@ class Gateway:
 
 def _run_and_close(ports: list[gateway_process.Port], control: socket.socket) -> None:
     with control:
-        gateway_process.Gateway(ports, control.fileno()).run()
+        gateway_process.Forwarder(ports, control.fileno()).run()

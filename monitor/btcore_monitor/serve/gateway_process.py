@@ -258,12 +258,12 @@ class Port:
 class Connection:
     """A client's connection, and the connection to the publisher's socket (*server*) behind it."""
 
-    def __init__(self, gateway: "Gateway", port: Port, client: socket.socket, now: float) -> None:
+    def __init__(self, forwarder: "Forwarder", port: Port, client: socket.socket, now: float) -> None:
         self.port = port
         self.client = client
         self.server: socket.socket | None = None
         self.closed = False
-        self._gateway = gateway
+        self._forwarder = forwarder
         self._stream = ClientStream(port.takes_topics, port.size)
         self._unchecked = b""  # bytes of the client
         self._to_server = b""
@@ -308,7 +308,7 @@ class Connection:
             self.port.connections -= 1
             for end in (self.client, self.server):
                 if end is not None:
-                    self._gateway.watch(end, 0, self)
+                    self._forwarder.watch(end, 0, self)
                     end.close()
 
     def _receive_from_client(self) -> None:
@@ -366,21 +366,21 @@ class Connection:
         events = selectors.EVENT_WRITE if self._to_client else 0
         if not waits and not self._server_ended:
             events |= selectors.EVENT_READ
-        self._gateway.watch(self.client, events, self)
+        self._forwarder.watch(self.client, events, self)
         if self.server is not None:
             events = selectors.EVENT_WRITE if self._to_server else 0
             if not self._to_client and not self._server_ended:
                 events |= selectors.EVENT_READ
-            self._gateway.watch(self.server, events, self)
+            self._forwarder.watch(self.server, events, self)
 
 
-class Gateway:
+class Forwarder:
     """Forwards bytes between clients and the publisher's sockets until *control* has data or ends.
 
     Args:
         ports: The ports to serve.
         control: A file descriptor.
-        parent: The ID of the parent process, whose end also ends the gateway (0: that has no effect).
+        parent: The ID of the parent process, whose end also ends `run` (0: no effect).
     """
 
     def __init__(self, ports: list[Port], control: int, parent: int = 0) -> None:
@@ -524,7 +524,7 @@ def _main(arguments: str) -> None:
         os.nice(_PRIORITY)
     described = json.loads(arguments)
     ports = [Port(socket.socket(fileno=fd), *rest) for fd, *rest in described]
-    Gateway(ports, sys.stdin.fileno(), os.getppid()).run()
+    Forwarder(ports, sys.stdin.fileno(), os.getppid()).run()
     # The robot's process does the same, unless it was killed. The import is slow, so it is here.
     from pathlib import Path
 

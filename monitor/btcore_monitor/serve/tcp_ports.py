@@ -135,7 +135,7 @@ def _interface_address(host: str) -> str:
     with contextlib.suppress(OSError):
         socket.inet_pton(socket.AF_INET, host)
         return host
-    # libzmq knows the names of interfaces.
+    # libzmq resolves the names of interfaces.
     with zmq.Context() as context, context.socket(zmq.PAIR) as probe:
         try:
             probe.bind(f"tcp://{host}:*")
