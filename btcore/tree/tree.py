@@ -264,7 +264,7 @@ class Tree:
         node = self._repeating_node()
         cause = NodeError(
             f"the tick was stopped after {self.tick_limit:g} s (tick limit): the node repeats without a "
-            "pause; add an asynchronous node to what it repeats, such as a <Delay>"
+            "pause; add a pause, such as a <Delay>, or limit the number of repetitions"
         )
         error = node.execution_error(cause, "ticking")
         parents = {child.uid: parent for parent in self.nodes for child in parent.children}

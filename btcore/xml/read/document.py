@@ -211,7 +211,7 @@ def parse_file(path: str | os.PathLike[str], *, confined: bool = False, included
         raise XmlSyntaxError([_unreadable(Path(path), error)]) from None
     if included and _ROOT_TAG.search(data) is None:
         # Messages quote the text. A file that a stranger includes may contain anything, such as passwords.
-        raise XmlSyntaxError([Diagnostic(UNREADABLE_FILE, "is not an XML document of trees", name)])
+        raise XmlSyntaxError([Diagnostic(UNREADABLE_FILE, "not an XML document of trees", name)])
     document = parse_bytes(data, name)
     if confined:
         document.confine()

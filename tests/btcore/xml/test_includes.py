@@ -99,7 +99,7 @@ def test_an_include_that_is_no_tree_is_reported_without_its_content(tmp_path: Pa
         load(main)
     (fault,) = caught.value.diagnostics
     assert (fault.code, fault.file) == ("E007", str(main))
-    assert fault.message == f"the included file '{tmp_path}/passwd': is not an XML document of trees"
+    assert fault.message == f"the included file '{tmp_path}/passwd': not an XML document of trees"
     assert "secret" not in str(caught.value)
 
 
