@@ -1,10 +1,13 @@
 """The time limit of all tests, and fixtures for the tests of several packages."""
 
+import importlib.util
 import os
 import signal
+import sys
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
-from types import FrameType
+from pathlib import Path
+from types import FrameType, ModuleType
 
 import pytest
 
@@ -79,3 +82,20 @@ def recorded_tree() -> Callable[[str], str]:
         """
 
     return write
+
+
+@pytest.fixture(scope="session")
+def acceptance_script() -> Callable[[str], ModuleType]:
+    """Return a function that imports a script of tests/acceptance, for a short run of what it measures."""
+
+    def load(name: str) -> ModuleType:
+        path = Path(__file__).parent / "acceptance" / f"{name}.py"
+        spec = importlib.util.spec_from_file_location(f"acceptance_{name}", path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module
+        spec.loader.exec_module(module)
+        return module
+
+    return load

@@ -1,23 +1,14 @@
 """A sample of the fuzzing that `make accept` runs at length: every input gives a result or a clean error."""
 
-import importlib.util
-import sys
-from pathlib import Path
+from collections.abc import Callable
 from types import ModuleType
 
 import pytest
 
 
 @pytest.fixture(scope="module")
-def fuzz() -> ModuleType:
-    path = Path(__file__).parents[1] / "acceptance" / "fuzz.py"
-    spec = importlib.util.spec_from_file_location("acceptance_fuzz", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+def fuzz(acceptance_script: Callable[[str], ModuleType]) -> ModuleType:
+    return acceptance_script("fuzz")
 
 
 @pytest.mark.parametrize(("kind", "count"), [("trees", 600), ("scripts", 1000), ("ports", 1000)])

@@ -1,24 +1,15 @@
 """Attacks on a publisher's ports, side by side with a robot that is not attacked."""
 
-import importlib.util
-import sys
-from pathlib import Path
+from collections.abc import Callable
 from types import ModuleType
 
 import pytest
 
 
 @pytest.fixture(scope="module")
-def attacks() -> ModuleType:
+def attacks(acceptance_script: Callable[[str], ModuleType]) -> ModuleType:
     """The acceptance script, which measures more attacks for longer."""
-    path = Path(__file__).parents[2] / "acceptance" / "attacks.py"
-    spec = importlib.util.spec_from_file_location("acceptance_attacks", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return acceptance_script("attacks")
 
 
 def test_tree_memory_and_a_second_client_do_not_notice_endless_topics_and_unfinished_requests(attacks):
