@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 INCOMPLETE_OUTPUT: Final = 4
 """The exit code, as of ``btcore run``, if a recording is incomplete."""
 
+END_WITHIN: Final = 30.0
+"""Seconds after a time limit within which a command completes its data; after that its process ends."""
+
 duration_option = click.option(
     "--duration", type=click.FloatRange(min=0), metavar="SECONDS", help="Stop after this time."
 )
@@ -170,6 +173,28 @@ def wait_for_stop(duration: float | None = None) -> None:
     stop = threading.Event()
     with stop_on_signals(stop):
         stop.wait(duration)
+
+
+@contextlib.contextmanager
+def time_limit(duration: float | None) -> Iterator[None]:
+    """End the process if the ``with`` block lasts much longer than *duration* s.
+
+    The block itself should end in time. But drawing the tree of a hostile robot may take minutes.
+    """
+    if duration is None:
+        yield
+        return
+    error = RecordingError(
+        f"the time limit of {duration:g} s is over, and the recording could not be completed within another "
+        f"{END_WITHIN:g} s: the tree may be too big to be drawn"
+    )
+    watchdog = threading.Timer(duration + END_WITHIN, abandon, [error])
+    watchdog.daemon = True
+    watchdog.start()
+    try:
+        yield
+    finally:
+        watchdog.cancel()
 
 
 def abandon(error: RecordingError) -> NoReturn:

@@ -22,6 +22,7 @@ from btcore_monitor.viewer_setup import (
     robot_key_option,
     robot_options,
     stop_on_signals,
+    time_limit,
     viewer_options,
     wait_for_stop,
 )
@@ -104,7 +105,8 @@ def monitor(
                 )
                 for robot, key in zip(robots, keys, strict=True)
             ]
-            files = _watch(feeds, sinks, display, until_end, duration, quiet)
+            with time_limit(duration):
+                files = _watch(feeds, sinks, display, until_end, duration, quiet)
             viewer.take_screenshot(files)
             if files:
                 return

@@ -25,6 +25,7 @@ from btcore_monitor.viewer_setup import (
     robot_key_option,
     robot_options,
     stop_on_signals,
+    time_limit,
 )
 
 if TYPE_CHECKING:
@@ -84,7 +85,10 @@ def record(
     _check(outputs, (*LOGS, _RERUN))
     [keys] = client_keys(key_file, robot_keys)
     try:
-        with Feed(address, blackboard_rate=blackboard_rate, record=not no_record, keys=keys) as feed:
+        with (
+            time_limit(duration),
+            Feed(address, blackboard_rate=blackboard_rate, record=not no_record, keys=keys) as feed,
+        ):
             files = _Files(outputs, display)
             try:
                 _follow(feed, files, duration, until_end)

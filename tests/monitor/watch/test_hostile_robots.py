@@ -3,7 +3,10 @@
 import functools
 import json
 import math
+import os
 import struct
+import subprocess
+import sys
 import threading
 import time
 import traceback
@@ -34,6 +37,7 @@ pytest.importorskip("rerun")
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
 
+ROOT = Path(__file__).parents[3]
 TREE_ID = bytes(range(16))
 XML = (
     b'<root BTCPP_format="4"><BehaviorTree ID="Main" _fullpath=""><Sequence name="all" _uid="1">'
@@ -610,3 +614,23 @@ def test_hook_reports_hostile_replies(attacker, attack, arguments, said):
 def test_hook_ends_at_its_time_limit_though_notifications_never_end(attacker, notices, arguments, said):
     robot = attacker({}, notices)
     assert said in run(hook, robot.address, *arguments, "--within", "0.5")
+
+
+def test_a_time_limit_ends_a_command_that_draws_a_huge_tree(attacker, tmp_path: Path):
+    nodes = "".join(f'<A name="node {uid}" _uid="{uid}"/>' for uid in range(2, 60_000))
+    robot = attacker({"T": tree_of(f'<Sequence _uid="1">{nodes}</Sequence>')})
+    program = (
+        "from btcore_monitor import viewer_setup; viewer_setup.END_WITHIN = 0.1\n"
+        "from btcore_monitor.commands.record import record; record()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, robot.address, "-o", "x.rrd", "--duration", "4"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "monitor")])},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 4
+    assert "error: the time limit of 4 s is over, and the recording could not be completed" in done.stderr
+    assert "Traceback" not in done.stderr
