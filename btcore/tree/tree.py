@@ -116,12 +116,9 @@ class Tree:
             NodeExecutionError: A node raised, or the tick exceeded :attr:`tick_limit`. The tree has been
                 halted.
         """
-        limit = self.tick_limit
-        if limit is not None:
-            self.context.limit_tick(limit)
+        if self.tick_limit is not None:
+            return self._tick_within(self.tick_limit, once=True)
         status = self._tick_root()
-        if limit is not None and self.context.has_timed_out:
-            self._raise_timeout()
         self.status = status
         return status
 
@@ -133,17 +130,11 @@ class Tree:
             NodeExecutionError: A node raised, or the tick exceeded :attr:`tick_limit`. The tree has been
                 halted.
         """
-        context = self.context
-        limit = self.tick_limit
-        if limit is not None:
-            context.limit_tick(limit)
+        if self.tick_limit is not None:
+            return self._tick_within(self.tick_limit, once=False)
         status = self._tick_root()
-        while status is RUNNING and context.take_wake_up():
-            if context.must_end_tick():
-                break
+        while status is RUNNING and self.context.take_wake_up() and not self.context.is_interrupted:
             status = self._tick_root()
-        if limit is not None and context.has_timed_out:
-            self._raise_timeout()
         self.status = status
         return status
 
@@ -223,6 +214,18 @@ class Tree:
             wait.close()
             if self._hooks is not None:
                 self._hooks.close_tick_thread()
+
+    def _tick_within(self, limit: float, once: bool) -> Status:
+        """Tick as the methods above, which do not look at the time if there is no limit."""
+        context = self.context
+        context.limit_tick(limit)
+        status = self._tick_root()
+        while not once and status is RUNNING and context.take_wake_up() and not context.must_end_tick():
+            status = self._tick_root()
+        if context.has_timed_out:
+            self._raise_timeout()
+        self.status = status
+        return status
 
     def _tick_root(self) -> Status:
         if self._in_tick:
