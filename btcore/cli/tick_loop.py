@@ -176,7 +176,7 @@ class TickLoop:
             raise KeyboardInterrupt
         self._stop = True
         self.signal = number
-        self.tree.context.is_interrupted = True
+        self.tree.context.interrupt()
         # In threads, since the handler may have interrupted code that holds the locks that these calls need.
         # The lambda matters: the access to `hooks` takes a lock, too.
         threading.Thread(target=lambda: self.tree.hooks.ignore_breakpoints(), daemon=True).start()

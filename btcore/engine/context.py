@@ -3,15 +3,12 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import Final
 
 from mypy_extensions import mypyc_attr
 
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
-
-_SIGNAL_MASK: Final = 127  # signals are handled every 128 repetitions
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -32,7 +29,8 @@ class TreeContext:
         on_wake: Called by each wake-up, on any thread; set by an event loop that runs the tree.
         lock: Held while the instrumentation of a node changes, which any thread may do.
         woken_by: The last node that requested another tick at once.
-        is_interrupted: Whether ticks that repeat nodes end as soon as possible; any thread may set it.
+        is_interrupted: Whether ticks that repeat nodes end as soon as possible.
+        watches_ticks: Whether nodes that repeat others call :meth:`must_end_tick` after each repetition.
         has_timed_out: Whether the limit of :meth:`limit_tick` ended the tick.
     """
 
@@ -46,9 +44,9 @@ class TreeContext:
         self.on_wake: Callable[[], object] | None = None
         self.woken_by: NodeConfig | None = None
         self.is_interrupted = False
+        self.watches_ticks = False
         self.has_timed_out = False
         self._tick_end = 0  # ns of real time, 0 = no limit
-        self._repetitions = 0
 
     @property
     def in_event_loop(self) -> bool:
@@ -122,11 +120,22 @@ class TreeContext:
         """
         self._tick_end = time.monotonic_ns() + round(seconds * NS_PER_S)
         self.has_timed_out = False
+        self.watches_ticks = True
+
+    def lift_limit(self) -> None:
+        """End the effect of :meth:`limit_tick`."""
+        self._tick_end = 0
+        self.watches_ticks = self.is_interrupted
 
     def extend_tick(self, nanoseconds: int) -> None:
         """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
         if self._tick_end:
             self._tick_end += nanoseconds
+
+    def interrupt(self) -> None:
+        """Let ticks that repeat nodes end as soon as possible. Thread-safe."""
+        self.is_interrupted = True
+        self.watches_ticks = True
 
     def must_end_tick(self) -> bool:
         """Return whether the tick must end now. Nodes call it between two repetitions within one tick."""
@@ -135,11 +144,9 @@ class TreeContext:
         if self._tick_end and time.monotonic_ns() >= self._tick_end:
             self.has_timed_out = True
             return True
-        self._repetitions += 1
-        if not self._repetitions & _SIGNAL_MASK:
-            # Python handles signals (Ctrl-C) only in interpreted functions, such as this method of Event. A
-            # tick of compiled nodes might call none.
-            self.wake.is_set()
+        # Python handles signals (Ctrl-C) only in interpreted functions, such as this method of Event. A tick
+        # of compiled nodes might call none.
+        self.wake.is_set()
         return self.is_interrupted
 
     def _take(self) -> bool:

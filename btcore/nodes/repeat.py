@@ -71,7 +71,14 @@ class RepeatedNode(DecoratorNode):
                 if (
                     was_idle
                     and (self._count < limit or limit == -1)
-                    and (self.yields or self._context.must_end_tick())
+                    # Without a tick limit, the call only handles signals, which may wait some repetitions.
+                    and (
+                        self.yields
+                        or (
+                            (self._context.watches_ticks or not self._count & 15)
+                            and self._context.must_end_tick()
+                        )
+                    )
                 ):
                     self.wake_up()
                     return RUNNING

@@ -219,9 +219,12 @@ class Tree:
         """Tick as the methods above, which do not look at the time if there is no limit."""
         context = self.context
         context.limit_tick(limit)
-        status = self._tick_root()
-        while not once and status is RUNNING and context.take_wake_up() and not context.must_end_tick():
+        try:
             status = self._tick_root()
+            while not once and status is RUNNING and context.take_wake_up() and not context.must_end_tick():
+                status = self._tick_root()
+        finally:
+            context.lift_limit()
         if context.has_timed_out:
             self._raise_timeout()
         self.status = status

@@ -100,11 +100,23 @@ def test_time_at_a_breakpoint_does_not_count_for_the_tick_limit() -> None:
 @pytest.mark.parametrize("format", [3, 4])
 def test_interruption_ends_an_endless_tick_between_two_nodes(format: int) -> None:
     tree = limited(ENDLESS["nested"], format, limit=None)
-    timer = threading.Timer(LIMIT, setattr, (tree.context, "is_interrupted", True))
+    timer = threading.Timer(LIMIT, tree.context.interrupt)
     timer.start()
     assert tree.tick_once() is Status.RUNNING
     assert tree.node("loop").status is Status.RUNNING
     tree.halt()
+
+
+def test_tick_limit_can_be_lifted_after_an_error() -> None:
+    tree = limited('<Repeat name="loop" num_cycles="200000000"><AlwaysSuccess/></Repeat>', 3)
+    with pytest.raises(NodeExecutionError, match="tick limit"):
+        tree.tick_once()
+    tree.tick_limit = None
+    timer = threading.Timer(4 * LIMIT, tree.context.interrupt)
+    timer.start()
+    began = time.monotonic()
+    assert tree.tick_once() is Status.RUNNING
+    assert time.monotonic() - began > LIMIT
 
 
 @pytest.mark.parametrize("limit", [0, -1.0, math.inf, math.nan])
