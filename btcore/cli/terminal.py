@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Iterable
 from itertools import accumulate
+from typing import Final
 
 import click
 from rich import box
@@ -197,10 +198,24 @@ def print_btcore_error(error: BtcoreError) -> None:
     print_notes(getattr(error, "__notes__", ()))
 
 
+_CLICK_STARTS: Final = (
+    "Argument ",
+    "Could not ",
+    "Got unexpected ",
+    "Invalid value",
+    "Missing ",
+    "No such ",
+    "Option ",
+)
+"""How click's own messages begin. All other messages begin as they should, for example with a node's name."""
+
+
 def print_click_error(exception: click.ClickException) -> None:
     """Print an error of the command line on stderr, with a reference to the command's help."""
     message = exception.format_message()
-    print_error(message[:1].lower() + message[1:])
+    if message.startswith(_CLICK_STARTS):
+        message = message[:1].lower() + message[1:]
+    print_error(message)
     context = getattr(exception, "ctx", None)
     if isinstance(exception, click.UsageError) and context is not None:
         stderr_console().print(f"       Try '{context.command_path} --help' for help.", style="dim")

@@ -32,6 +32,7 @@ class TreeContext:
         is_interrupted: Whether ticks that repeat nodes end as soon as possible.
         watches_ticks: Whether nodes that repeat others call :meth:`must_end_tick` after each repetition.
         has_timed_out: Whether the limit of :meth:`limit_tick` ended the tick.
+        stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -46,6 +47,7 @@ class TreeContext:
         self.is_interrupted = False
         self.watches_ticks = False
         self.has_timed_out = False
+        self.stopped_ns = 0
         self._tick_end = 0  # ns of real time, 0 = no limit
 
     @property
@@ -129,6 +131,7 @@ class TreeContext:
 
     def extend_tick(self, nanoseconds: int) -> None:
         """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
+        self.stopped_ns += nanoseconds
         if self._tick_end:
             self._tick_end += nanoseconds
 

@@ -110,7 +110,7 @@ class Observer:
         Args:
             tick: The number of the tick, from 1.
             stamp: The time (ns) of the tree's clock at the end of the tick.
-            duration_ns: The real time (ns) that the tick took.
+            duration_ns: The real time (ns) that the tick took, without the time at breakpoints.
             status: The result of the root.
         """
 

@@ -247,11 +247,13 @@ class Tree:
                     reset_status(root)
             else:
                 observers.begin(self.ticks)
+                context = self.context
+                context.stopped_ns = 0
                 start = time.perf_counter_ns()
                 status = execute_tick(root)
                 if status is SUCCESS or status is FAILURE:
                     reset_status(root)
-                observers.notify_tick(time.perf_counter_ns() - start, status)
+                observers.notify_tick(time.perf_counter_ns() - start - context.stopped_ns, status)
         except NodeExecutionError as error:
             self._halt_after(error)
             raise

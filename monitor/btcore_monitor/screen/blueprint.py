@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from btcore_monitor.screen import camera_view, panels, scene
+from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
 from btcore_monitor.screen.scene import Eye
@@ -27,7 +28,12 @@ _LEFT: Final = 0.53
 _TREE_OF_WIDE: Final = 0.58
 _PAST: Final = 24.0
 _AHEAD: Final = 1.5
-"""Time (s) that lanes and curves show before and after the time cursor."""
+"""Time (s) that lanes and curves show before and after the time cursor of a long run."""
+LIVE: Final = 25_000_000_000
+"""Time (ns) from the beginning of a run that lanes and curves show while the run is shorter."""
+WHOLE_AT_MOST: Final = 60_000_000_000
+"""Longest run (ns) that lanes and curves show as a whole."""
+_LEAST: Final = 2_000_000_000
 _TRAIL_SECONDS: Final = 120.0
 _COLOURS: Final = " · green: its goal · orange: trail · pink: where it may be · cyan: laser"
 _SPEED: Final = "Speed: orange m/s · cyan rad/s"
@@ -44,17 +50,19 @@ class Pane:
 
     If there is a 3D scene to show, *eye* is its point of view. *costed* is True if the robot sends the
     duration of its ticks. The log shows lines of *level* and above. In a window with several robots, *place*
-    is the entity above all entities of this robot.
+    is the entity above all entities of this robot. *span* is the time (ns) from the beginning to the known
+    or expected end of the run.
     """
 
     palette: Palette
     name: str
-    trees: Sequence[TreeView]
+    trees: Sequence[TreeView | FoldedTreeView]
     lanes: Lanes
     eye: Eye | None = None
     costed: bool = True
     level: str = panels.LEVELS[0]
     place: str = ""
+    span: tuple[int, int] = (0, 0)
 
     def at(self, entity: str) -> str:
         """Return the path of *entity* in the recording."""
@@ -172,25 +180,35 @@ def trees(pane: Pane) -> rrb.View | rrb.Container:
     return views[0] if len(views) == 1 else rrb.Tabs(*views)
 
 
-def _axis() -> rrb.TimeAxis:
-    window = rr.TimeRange(
-        start=rr.TimeRangeBoundary.cursor_relative(seconds=-_PAST),
-        end=rr.TimeRangeBoundary.cursor_relative(seconds=_AHEAD),
-    )
+def _axis(pane: Pane) -> rrb.TimeAxis:
+    """Return the time axis of lanes and curves.
+
+    It shows the whole run until the run is too long, and then the time around the cursor.
+    """
+    begin, end = pane.span
+    boundary = rr.TimeRangeBoundary
+    if end - begin > WHOLE_AT_MOST:
+        window = rr.TimeRange(
+            start=boundary.cursor_relative(seconds=-_PAST), end=boundary.cursor_relative(seconds=_AHEAD)
+        )
+    else:
+        window = rr.TimeRange(
+            start=boundary.absolute(nanos=begin), end=boundary.absolute(nanos=max(end, begin + _LEAST))
+        )
     return rrb.TimeAxis(view_range=window)
 
 
 def lanes(pane: Pane) -> rrb.View:
     """Return the view of the lanes."""
     contents = [f"+ /{pane.at(lane)}" for lane in pane.lanes.entities]
-    return rrb.StateTimelineView(origin="/", contents=contents, name=pane.lanes.title, time_view=_axis())
+    return rrb.StateTimelineView(origin="/", contents=contents, name=pane.lanes.title, time_view=_axis(pane))
 
 
 def _curve(pane: Pane, name: str, origin: str, legend: bool = False) -> rrb.View:
     return rrb.TimeSeriesView(
         origin=pane.at(origin),
         name=name,
-        axis_x=_axis(),
+        axis_x=_axis(pane),
         plot_legend=rrb.PlotLegend(corner="LeftTop", visible=legend),
         background=rrb.archetypes.PlotBackground(color=pane.palette.background, show_grid=True),
     )

@@ -79,11 +79,13 @@ class TransitionLog:
         self._names = {node.uid: f"{elide(node.name, width):{width}}" for node in tree.nodes}
         self._width = width
         self._palette = palette
+        # With several robots, the first column shows the time of the day.
+        self._shows_time = bool(rows.place)
         self._lines: Series[tuple[str, str, int]] = rows.series(LOG, _lines)
         self._numbers: Series[StatusChanged] = rows.series(f"{LOG}/numbers", _numbers)
 
     def change(self, event: StatusChanged) -> None:
-        """Log a transition as a line ``time  #number  name  PREVIOUS → STATUS``, and as numbers."""
+        """Log a transition as a line ``#number  name  PREVIOUS → STATUS``, and as numbers."""
         line = (
             f"#{event.number:<6d} {self._names.get(event.uid, '?' * self._width)} "
             f"{STATUS_NAMES[event.previous]:>7} → {STATUS_NAMES[event.status]}"
@@ -128,7 +130,8 @@ class TransitionLog:
         self._add(t, wall, line, "WARN", self._palette.ink[RUNNING])
 
     def _add(self, t: int, wall: int, line: str, level: str, colour: int) -> None:
-        self._lines.add(t, wall, (f"{t / 1e9:9.2f}s {line}", level, int(colour)))
+        time = f"{t / 1e9:9.2f}s " if self._shows_time else ""
+        self._lines.add(t, wall, (f"{time}{line}", level, int(colour)))
 
 
 def _lines(values: list[tuple[str, str, int]]) -> Iterable[Any]:

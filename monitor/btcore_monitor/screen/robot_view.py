@@ -22,7 +22,8 @@ from btcore_monitor.events import (
     TransitionsLost,
     TreeSeen,
 )
-from btcore_monitor.screen.blueprint import Pane, tree_room
+from btcore_monitor.screen.blueprint import LIVE, WHOLE_AT_MOST, Pane, tree_room
+from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.panels import (
@@ -39,9 +40,10 @@ from btcore_monitor.screen.scene import SceneView
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT, Palette
 from btcore_monitor.screen.tick_states import TickStates
-from btcore_monitor.screen.tree import BIG, TreeView, fold_subtrees, matching
+from btcore_monitor.screen.tree import BIG, TreeView, matching
 from btcore_monitor.screen.viewer_windows import ROOM, RobotWindow, SingleRobotWindow
 
+_ENDLESS: Final = 1 << 62
 SEND_EVERY: Final = 0.2
 """Wall time (s) between two transmissions of buffered rows while events arrive."""
 
@@ -168,9 +170,9 @@ class _Shown:
         self.lanes = Lanes(self.rows, tree, palette, found)
         room = ROOM if self.place else tree_room(len(self.lanes.entities), scene)
         self.tree = TreeView(self.rows, tree, palette, room, found)
-        self.trees = [self.tree]
-        if len(tree.nodes) > BIG and any(node.kind == "subtree" for node in tree.nodes):
-            self.trees.insert(0, TreeView(self.rows, fold_subtrees(tree), palette, room, found, whole=tree))
+        self.trees: list[TreeView | FoldedTreeView] = [self.tree]
+        if len(tree.nodes) > BIG:
+            self.trees.insert(0, FoldedTreeView(self.rows, tree, palette, room, found))
         self.log = TransitionLog(self.rows, tree, palette)
         self.blackboard = BlackboardTable(self.rows)
         self.cost = TickCost(self.rows, palette)
@@ -178,6 +180,9 @@ class _Shown:
         self.statistics = StatisticsTable(self.rows, tree)
         self.scene = SceneView(self.rows, palette)
         self._t, self._wall = event.t, event.wall
+        self._ticked_at = event.t - 1
+        self._begin = event.wall if self.place else event.t
+        self._end = self._begin + LIVE
         self._show_source(event.source, event.t, event.wall)
         for pattern, uids in matches.items():
             if not uids:
@@ -245,6 +250,9 @@ class _Shown:
 
     def close(self) -> None:
         self._show_remaining()
+        if self._now - self._begin <= WHOLE_AT_MOST:
+            self._end = self._now
+            self._show_blueprint()
         self.statistics.show(self._t, self._wall)
         self.rows.send()
         self.window.end(self.recording)
@@ -252,8 +260,15 @@ class _Shown:
     def _show_remaining(self) -> None:
         """Show the changes after the last tick, for example of a tree that was halted."""
         if self.states.is_open:
+            # A halt at the time of the last tick must not hide the states of that tick.
+            self._t = self.states.t = max(self._t, self._ticked_at + 1)
             self._end_tick(self._t, self._wall)
             self.now.moment(self.states)
+
+    @property
+    def _now(self) -> int:
+        """The time (ns) of the last event on the window's timeline."""
+        return self._wall if self.place else self._t
 
     def _end_tick(self, t: int, wall: int) -> None:
         changed = self.states.close(t, wall)
@@ -269,6 +284,10 @@ class _Shown:
 
     def _at(self, t: int, wall: int) -> None:
         self._t, self._wall = t, wall
+        if self._now > self._end:
+            # The axes follow the cursor from now on.
+            self._end = _ENDLESS
+            self._show_blueprint()
 
     def _changed(self, event: StatusChanged) -> None:
         # First, because the states of the previous tick must not contain this event.
@@ -282,6 +301,7 @@ class _Shown:
 
     def _ticked(self, event: Ticked) -> None:
         self._at(event.t, event.wall)
+        self._ticked_at = event.t
         self._end_tick(event.t, event.wall)
         self.cost.tick(event)
         self.now.tick(event, self.states)
@@ -335,5 +355,6 @@ class _Shown:
             costed="ticks" not in self.source.unavailable,
             level=self.level,
             place=self.place,
+            span=(self._begin, self._end),
         )
         self.window.show(self.recording, pane)

@@ -21,8 +21,9 @@ Value = TypeVar("Value")
 Encode = Callable[[list[Value]], Iterable[Any]]
 
 _NAME_ROOM: Final = 100
-TREE_TIME = "t"
-WALL_TIME = "wall"
+# The width of the log's first column, which shows the time, is that of the timeline's name.
+TREE_TIME: Final = "time of the tree"
+WALL_TIME: Final = "time of the day"
 
 
 class Series(Generic[Value]):
@@ -70,6 +71,7 @@ class RowBuffer:
 
     def __init__(self, recording: rr.RecordingStream, place: str = "") -> None:
         self.recording = recording
+        self.place = place
         self._below = f"{place}/" if place else ""
         self._series: list[Series[Any]] = []
 

@@ -27,7 +27,8 @@ Strip = NDArray[np.float32]
 class SubtreeDrawing:
     """The drawing of a subtree's nodes *at* (indices in the tree) below *entity*.
 
-    *pills* and *edges* are the line strips of all nodes of the tree.
+    *pills* and *edges* are the line strips of all nodes of the tree. *pills_entity* is the entity of the
+    pills (default: below *entity*).
     """
 
     def __init__(
@@ -38,15 +39,17 @@ class SubtreeDrawing:
         at: Indices,
         pills: Sequence[Strip],
         edges: Sequence[Strip],
+        pills_entity: str | None = None,
     ) -> None:
         self.entity = entity
+        self.pills_entity = pills_entity or f"{entity}/pills"
         self.at = at
         self._palette = palette
         self._strips = [pills[index] for index in at]
         self._edges = [edges[index] for index in at]
         self._joined = np.array([len(edge) > 0 for edge in self._edges], dtype=bool)
         self._rows = rows
-        self._pills: Series[Any] = rows.series(f"{entity}/pills", strip_colours)
+        self._pills: Series[Any] = rows.series(self.pills_entity, strip_colours)
         self._rims: Series[Any] = rows.series(f"{entity}/rims", strip_colours)
         self._path: Series[Any] = rows.series(f"{entity}/path", strips)
         self._rings: Series[Any] = rows.series(f"{entity}/raised", strips)
@@ -100,7 +103,7 @@ class SubtreeDrawing:
         self.look("raised", 3.6, colors=[palette.raised], radii=[half + RING])
         self.lines("rims", self._strips, 4.0, radii=[half])
         self._rows.log(
-            f"{self.entity}/pills",
+            self.pills_entity,
             rr.LineStrips2D(
                 self._strips,
                 radii=[half - RIM],

@@ -29,7 +29,7 @@ class TickStates:
 
     *shown* has each node's stored status, or ``RESET_OFFSET + result`` if the node ended and was reset within
     the tick. *results* has each node's last result (0 for none). *t* and *wall* (ns) are the times of the
-    last change.
+    last change, and *began* those of the first statuses.
     """
 
     def __init__(self, tree: ObservedTree) -> None:
@@ -38,6 +38,7 @@ class TickStates:
         self.results: States = np.zeros(len(tree.nodes), dtype=np.uint8)
         self.t = 0
         self.wall = 0
+        self.began = (0, 0)
         self._before = self.shown.copy()
         self._ended: dict[int, int] = {}
         self._touched: set[int] = set()
@@ -54,6 +55,8 @@ class TickStates:
             statuses: The nodes' statuses by uid.
         """
         self.t, self.wall = t, wall
+        if self.began == (0, 0):
+            self.began = t, wall
         for uid, status in statuses.items():
             at = self.index.get(uid)
             if at is not None:

@@ -1,8 +1,6 @@
 """The drawing of a tree. Pills, badges and edges are drawn once; afterwards only their colours change."""
 
-from collections import deque
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Final
 
@@ -18,6 +16,7 @@ from btcore_monitor.screen.legend import HEIGHT as LEGEND_HEIGHT
 from btcore_monitor.screen.legend import legend
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.subtree_drawing import (
+    BRANCHES_AT_MOST,
     PARTS,
     Strip,
     SubtreeDrawing,
@@ -30,9 +29,9 @@ from btcore_monitor.screen.tick_states import TickStates
 
 ORIGIN: Final = "tree"
 FOLDED: Final = "folded"
+LINES: Final = "lines"
+PILLS: Final = "pills"
 LEGEND: Final = "legend"
-FOLDED_AT_MOST: Final = 90
-"""Greatest number of nodes of a folded tree; more nodes would not be readable in a window."""
 BIG: Final = 200
 """Number of nodes above which a tree also has a folded drawing."""
 _LEGIBLE: Final = 0.62
@@ -57,6 +56,9 @@ class TreeView:
         room: Width and height of the view (pixels).
         found: The uids of the nodes to highlight.
         whole: The complete tree, if *tree* is folded.
+        number: The number of the drawing of a folded tree.
+        raised: Whether a node was IDLE after it raised, by the uid of each node with a ring. Drawings of the
+            same tree share it.
     """
 
     def __init__(
@@ -67,12 +69,15 @@ class TreeView:
         room: tuple[float, float],
         found: Collection[int] = (),
         whole: ObservedTree | None = None,
+        number: int = 0,
+        raised: dict[int, bool] | None = None,
     ) -> None:
         self.tree = tree
         self.palette = palette
-        self.origin = ORIGIN if whole is None else FOLDED
+        self.room = room
+        self._is_folded = whole is not None
+        self.origin = f"{FOLDED}/{LINES}/{number}" if self._is_folded else ORIGIN
         whole = whole or tree
-        self._room = room
         self.captions, self.layout = _arrange_readable(tree, whole, room)
         self._rows = rows
         index = {node.uid: at for at, node in enumerate(whole.nodes)}
@@ -80,12 +85,12 @@ class TreeView:
         self._at = {node.uid: at for at, node in enumerate(tree.nodes)}
         self._whole = whole
         self._found = {at for uid in found if (at := self._nearest(uid)) is not None}
-        self._raised: dict[int, bool] = {}
-        """Whether the node was IDLE after it raised, by the index of each node with a ring."""
+        self._raised: dict[int, bool] = {} if raised is None else raised
         self._inner = np.array([bool(node.children) for node in tree.nodes])
         self._pills = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
         edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
         self._entities, inside = node_entities(tree, self.origin)
+        branches = split_by_subtree(tree, most=1 if self._is_folded else BRANCHES_AT_MOST)
         self.subtrees = [
             SubtreeDrawing(
                 rows,
@@ -94,8 +99,9 @@ class TreeView:
                 np.array(at, dtype=np.intp),
                 self._pills,
                 edges,
+                f"{FOLDED}/{PILLS}/{number}" if self._is_folded else None,
             )
-            for path, at in split_by_subtree(tree).items()
+            for path, at in branches.items()
         ]
         self._frames: dict[int, list[Stroke]] = {}
         for at, *corners in self.layout.frames:
@@ -110,8 +116,8 @@ class TreeView:
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return x0, y0, x1, y1 of the visible area: the tree, and the legend at the lower left."""
-        (width, height), (across, down) = self.layout.size, self._room
-        pixel = _pixel(self.layout, self._room)
+        (width, height), (across, down) = self.layout.size, self.room
+        pixel = _pixel(self.layout, self.room)
         left, top = (width - across * pixel) / 2, (height - (down - LEGEND_HEIGHT) * pixel) / 2
         return left, top, left + across * pixel, top + down * pixel
 
@@ -124,13 +130,14 @@ class TreeView:
         rims = np.where(shown == IDLE, palette.rest[states.results[self._index]], palette.rim[shown])
         for subtree in self.subtrees:
             subtree.colour(t, wall, pills, rims, running)
-        rings = len(self._raised)
-        self._raised = {
-            at: was_idle or shown[at] == IDLE
-            for at, was_idle in self._raised.items()
-            if not was_idle or shown[at] == IDLE
-        }
-        if len(self._raised) != rings:
+        rings = dict(self._raised)
+        self._raised.clear()
+        for uid, was_idle in rings.items():
+            at = self._nearest(uid)
+            is_idle = at is None or bool(shown[at] == IDLE)
+            if not was_idle or is_idle:
+                self._raised[uid] = was_idle or is_idle
+        if self._raised or rings:
             self._ring(t, wall)
 
     def raised(self, uid: int, t: int, wall: int) -> None:
@@ -143,14 +150,13 @@ class TreeView:
             t: Tree time (ns).
             wall: Wall time (ns).
         """
-        at = self._nearest(uid)
-        if at is not None:
-            self._raised[at] = False
-            self._ring(t, wall)
+        self._raised[uid] = False
+        self._ring(t, wall)
 
     def _ring(self, t: int, wall: int) -> None:
+        rings = {at for uid in self._raised if (at := self._nearest(uid)) is not None}
         for subtree in self.subtrees:
-            subtree.ring(t, wall, self._raised)
+            subtree.ring(t, wall, rings)
 
     def _nearest(self, uid: int) -> int | None:
         """Return the index of the node *uid* of the complete tree, or of its nearest drawn ancestor."""
@@ -167,7 +173,7 @@ class TreeView:
             "ID": [node.id for node in tree.nodes],
             "ports": [ports(node) for node in tree.nodes],
         }
-        stroke = min(half / 2, _PATH_SEEN * _pixel(self.layout, self._room))
+        stroke = min(half / 2, _PATH_SEEN * _pixel(self.layout, self.room))
         # Drawing orders, from the lowest to the highest: legend and frames 1, edges 2, running path 3, halos
         # 3.4, rings 3.6, selected nodes 3.8, rims 4, pills 5, badges 6, text and symbols 7.
         for subtree in self.subtrees:
@@ -182,10 +188,10 @@ class TreeView:
             subtree.lines("badges", badges, 6.0, colors=[palette.badge], radii=[style.BADGE_RADIUS])
             strokes, colours, radii = self._strokes(subtree.at.tolist())
             subtree.lines("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
-        x0, _, _, y1 = self.bounds()
-        line = legend(palette, x0, y1, _pixel(self.layout, self._room), bool(self._found))
-        self._rows.log(f"{self.origin}/{LEGEND}", line, static=True)
-        if self.origin == ORIGIN:
+        if not self._is_folded:
+            x0, _, _, y1 = self.bounds()
+            line = legend(palette, x0, y1, _pixel(self.layout, self.room), bool(self._found))
+            self._rows.log(f"{self.origin}/{LEGEND}", line, static=True)
             self._name_nodes()
 
     def _name_nodes(self) -> None:
@@ -226,37 +232,6 @@ class TreeView:
             radii += [style.BADGE_STROKE] * len(sign) + [style.TEXT_STROKE] * len(name)
             radii += [style.NOTE_STROKE] * len(note)
         return [np.array(stroke, dtype=np.float32) for stroke in strokes], colours, radii
-
-
-def fold_subtrees(tree: ObservedTree, most: int = FOLDED_AT_MOST) -> ObservedTree:
-    """Return *tree* with subtrees folded into their SubTree nodes.
-
-    Args:
-        tree: The tree.
-        most: The greatest number of nodes in the result. Outer subtrees are unfolded first.
-    """
-    content: dict[str, list[ObservedNode]] = {}
-    for node in tree.nodes:
-        content.setdefault(node.subtree, []).append(node)
-    root = tree.root.subtree
-    unfolded, count = {root}, len(content[root])
-    waiting = deque(content[root])
-    while waiting:
-        node = waiting.popleft()
-        inside = tree.by_uid[node.children[0]].subtree if node.kind == "subtree" and node.children else None
-        if inside is None or inside in unfolded:
-            continue
-        if count + len(content[inside]) <= most:
-            unfolded.add(inside)
-            count += len(content[inside])
-            waiting.extend(content[inside])
-    kept = {node.uid for node in tree.nodes if node.subtree in unfolded}
-    nodes = [
-        replace(node, children=tuple(child for child in node.children if child in kept))
-        for node in tree.nodes
-        if node.uid in kept
-    ]
-    return ObservedTree(tree.tree_id, tree.name, tuple(nodes), tree.subtrees)
 
 
 def arrange(tree: ObservedTree, written: Mapping[int, Caption], room: tuple[float, float]) -> Layout:

@@ -6,8 +6,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import Result
+
+from btcore.cli import terminal
 
 Cli = Callable[..., Result]
 TreeFile = Callable[..., Path]
@@ -257,3 +260,17 @@ def test_command_of_a_missing_extra_is_explained() -> None:
 )
 def test_invalid_number_is_refused(cli: Cli, tree_file: TreeFile, option: str, value: str) -> None:
     assert_refused(cli("run", tree_file("<AlwaysSuccess/>"), option, value), f"'{option}'")
+
+
+@pytest.mark.parametrize(
+    ("message", "printed"),
+    [
+        ("Drive: the node has no port 'gaol'", "error: Drive: the node has no port 'gaol'"),
+        ("No such option '--tree'.", "error: no such option '--tree'."),
+    ],
+)
+def test_an_error_that_begins_with_a_name_keeps_its_first_letter(
+    message: str, printed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    terminal.print_click_error(click.ClickException(message))
+    assert capsys.readouterr().err.strip() == printed

@@ -264,6 +264,27 @@ def test_user_callbacks_are_called_before_and_after_a_tick(bench: Bench) -> None
     assert len(asked) == 2
 
 
+def test_the_duration_of_a_tick_does_not_count_the_time_at_a_breakpoint(
+    bench: Bench, ticking: type[Ticking]
+) -> None:
+    durations: list[int] = []
+
+    class Durations(Observer):
+        def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
+            durations.append(duration_ns)
+
+    bench.tree.subscribe(Durations())
+    uid = bench.uid("second")
+    bench.tree.hooks.insert(Hook(uid))
+    began = time.perf_counter_ns()
+    run = ticking(bench.tree)
+    wait_until_true(run.stands)
+    time.sleep(0.3)
+    assert bench.tree.hooks.unlock(uid)
+    run.end()
+    assert 0 < durations[0] < time.perf_counter_ns() - began - 250_000_000
+
+
 def test_a_breakpoint_stops_the_tick_until_it_is_unlocked(bench: Bench, ticking: type[Ticking]) -> None:
     fired: list[int] = []
     bench.tree.hooks.subscribe(lambda hook: fired.append(hook.uid))

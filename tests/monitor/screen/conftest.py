@@ -24,6 +24,7 @@ from btcore_monitor.events import (
     TreeSeen,
 )
 from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
 from btcore_monitor.screen.screenshot import screenshot
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.viewer_process import ScreenError
@@ -148,9 +149,13 @@ class Recording:
         for chunk in RrdReader(path).stream():
             batch = chunk.to_record_batch()
             names = batch.schema.names
-            times = batch.column("t").cast("int64").to_pylist() if "t" in names else [None] * len(batch)
+            times = (
+                batch.column(TREE_TIME).cast("int64").to_pylist()
+                if TREE_TIME in names
+                else [None] * len(batch)
+            )
             for name in names:
-                if name not in ("rerun.controls.RowId", "t", "wall"):
+                if name not in ("rerun.controls.RowId", TREE_TIME, WALL_TIME):
                     values = batch.column(name).to_pylist()
                     self.rows[str(chunk.entity_path), name] += zip(times, values, strict=True)
         for rows in self.rows.values():
@@ -239,3 +244,26 @@ def vulkan(tmp_path_factory: pytest.TempPathFactory) -> None:
 def _one_node() -> TreeSeen:
     tree = ObservedTree("c" * 32, "One", (ObservedNode(1, "One", "One", "action", "One"),))
     return TreeSeen(tree, 0, 0, {1: IDLE})
+
+
+def _blueprints(path: Path) -> list[dict[str, list[Any]]]:
+    reader = RrdReader(path)
+    sent = []
+    for store in reader.blueprints():
+        found: dict[str, list[Any]] = defaultdict(list)
+        logged = 0
+        for chunk in reader.stream(store=store):
+            batch = chunk.to_record_batch()
+            if "log_time" in batch.schema.names:
+                logged = max(logged, *batch.column("log_time").cast("int64").to_pylist())
+            for name in batch.schema.names:
+                if ":" in name:
+                    found[name] += [row for row in batch.column(name).to_pylist() if row]
+        sent.append((logged, found))
+    return [found for _, found in sorted(sent, key=lambda each: each[0])]
+
+
+@pytest.fixture
+def blueprints():
+    """``blueprints(path)``: component → its values, of each blueprint in the order of sending."""
+    return _blueprints

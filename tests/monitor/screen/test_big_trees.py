@@ -1,9 +1,12 @@
 """Trees too big for a window: folded subtrees, lanes of running leaves, and search by name."""
 
-from btcore_monitor.events import ExceptionRaised, StatusChanged, TreeSeen
+from dataclasses import replace
+
+from btcore_monitor.events import ExceptionRaised, ObservedNode, ObservedTree, StatusChanged, TreeSeen
+from btcore_monitor.screen.folding import FOLDED_AT_MOST, fold
 from btcore_monitor.screen.style import GROOT
 from btcore_monitor.screen.subtree_drawing import node_entities, split_by_subtree
-from btcore_monitor.screen.tree import FOLDED_AT_MOST, fold_subtrees, matching
+from btcore_monitor.screen.tree import matching
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 SECOND = 10**9
@@ -34,6 +37,22 @@ def colours(recording, tree, origin, t):
     return found
 
 
+def folded(recording, t):
+    """Return the number of the folded drawing in the view at *t*, and its colours by the nodes' names."""
+    inside = [
+        entity
+        for entity, component in recording.rows
+        if entity.startswith("/folded/pills/")
+        and component == "Transform3D:translation"
+        and recording.at(entity, component, t)[0][0] > -10_000
+    ]
+    (entity,) = inside
+    names = recording.of(entity, "LineStrips2D:labels")[0][1]
+    return int(entity.rsplit("/", 1)[1]), dict(
+        zip(names, recording.at(entity, "LineStrips2D:colors", t), strict=True)
+    )
+
+
 def drawn(recording, origin, part, component, t):
     """Return the values that the entities of *part* in all subtrees have at *t*."""
     entities = {entity for entity, _ in recording.rows if entity.startswith(f"/{origin}/")}
@@ -43,7 +62,7 @@ def drawn(recording, origin, part, component, t):
 
 def test_folding_keeps_the_main_tree_and_no_more_nodes_than_are_readable(big_tree):
     tree = big_tree(400)
-    small = fold_subtrees(tree)
+    small = fold(tree)
     assert len(small.nodes) <= FOLDED_AT_MOST
     kept = {node.uid for node in small.nodes}
     assert {node.uid for node in tree.nodes if node.subtree == ""} <= kept
@@ -54,26 +73,66 @@ def test_folding_keeps_the_main_tree_and_no_more_nodes_than_are_readable(big_tre
 
 def test_a_main_tree_of_too_many_nodes_is_not_cut(big_tree):
     tree = big_tree(1500)
-    small = fold_subtrees(tree)
+    small = fold(tree)
     assert {node.subtree for node in small.nodes} == {""}
     assert len(small.nodes) == len([node for node in tree.nodes if node.subtree == ""])
 
 
-def test_a_big_tree_is_drawn_folded_and_unfolded_with_its_running_nodes(big_tree, tmp_path, recorded):
+def test_running_nodes_are_unfolded_with_their_siblings_and_the_others_as_long_as_there_is_room(big_tree):
     tree = big_tree(400)
-    small = fold_subtrees(tree)
-    task = next(node for node in small.nodes if node.kind == "subtree" and not node.children)
-    steps = tree.by_uid[tree.by_uid[task.uid].children[0]]
-    path = [tree.root.uid, task.uid, steps.uid, steps.children[0]]
-    recording = recorded(
-        tree_events(tree, *((1 + at / 10, uid, RUNNING) for at, uid in enumerate(path))), tmp_path / "run.rrd"
-    )
-    painted = colours(recording, small, "folded", 2 * SECOND)
-    assert len(painted) == len(small.nodes)
-    assert painted[task.uid] == GROOT.fill[RUNNING]
-    assert len(drawn(recording, "folded", "path", "LineStrips2D:strips", 2 * SECOND)) == 1
+    last = tree.nodes[-1]
+    steps = tree.by_uid[last.parent]
+    small = fold(tree, {last.uid, *(node.uid for node in tree.ancestors(last.uid))})
+    kept = {node.uid for node in small.nodes}
+    assert len(small.nodes) <= FOLDED_AT_MOST
+    assert {last.uid, steps.uid, *steps.children} <= kept
+    assert {node.uid for node in tree.nodes if node.subtree == ""} <= kept
+
+
+def test_a_big_tree_without_subtrees_is_folded_except_for_its_running_part():
+    rows, columns = 20, 15
+    control = [ObservedNode(2 + at, f"C{at}", "Sequence", "control", f"C{at}", 1) for at in range(rows)]
+    nodes = [ObservedNode(1, "Root", "Fallback", "control", "Root", 0, tuple(node.uid for node in control))]
+    for at, node in enumerate(control):
+        first = 2 + rows + at * columns
+        nodes.append(replace(node, children=tuple(range(first, first + columns))))
+        nodes += [
+            ObservedNode(uid, f"L{uid}", "L", "action", f"L{uid}", node.uid) for uid in nodes[-1].children
+        ]
+    tree = ObservedTree("f" * 32, "Flat", tuple(nodes), {"": "Flat"})
+    running = nodes[-1].uid
+    small = fold(tree, {1, control[-1].uid, running})
+    assert len(small.nodes) <= FOLDED_AT_MOST
+    assert {running, *(node.uid for node in control)} <= {node.uid for node in small.nodes}
+
+
+def test_a_big_tree_unfolds_what_runs_and_returns_to_an_earlier_drawing(big_tree, tmp_path, recorded):
+    tree = big_tree(400)
+    small = fold(tree)
+    hidden = [tree.by_uid[node.uid] for node in small.nodes if node.kind == "subtree" and not node.children]
+    leaves = [tree.by_uid[tree.by_uid[task.children[0]].children[0]] for task in (hidden[0], hidden[-1])]
+    paths = [[*(node.uid for node in tree.ancestors(leaf.uid)), leaf.uid] for leaf in leaves]
+    steps = [
+        (second + at / 100, uid, status)
+        for second, path, status in (
+            (1, 0, RUNNING),
+            (2, 0, IDLE),
+            (3, 1, RUNNING),
+            (4, 1, IDLE),
+            (5, 0, RUNNING),
+        )
+        for at, uid in enumerate(paths[path])
+    ]
+    recording = recorded(tree_events(tree, *steps), tmp_path / "run.rrd")
+    begin, first, second, again = (folded(recording, round(t * SECOND)) for t in (0.5, 1.5, 3.5, 5.5))
+    assert set(begin[1]) == {node.name for node in small.nodes}
+    assert first[1][leaves[0].name] == GROOT.fill[RUNNING]
+    assert second[1][leaves[1].name] == GROOT.fill[RUNNING]
+    assert begin[0] != first[0] != second[0]
+    assert again[0] == first[0]
+    assert again[1][leaves[0].name] == GROOT.fill[RUNNING]
     assert len(colours(recording, tree, "tree", 2 * SECOND)) == 400
-    assert len(drawn(recording, "tree", "path", "LineStrips2D:strips", 2 * SECOND)) == 3
+    assert len(drawn(recording, "tree", "path", "LineStrips2D:strips", round(1.5 * SECOND))) == 3
 
 
 def test_a_tree_that_fits_is_drawn_once(run, tmp_path, recorded):
@@ -159,11 +218,11 @@ def test_the_last_exception_stays_in_the_running_panel(run, tmp_path, recorded):
 
 def test_an_exception_inside_a_folded_subtree_marks_the_subtree(big_tree, tmp_path, recorded):
     tree = big_tree(400)
-    small = fold_subtrees(tree)
+    small = fold(tree)
     leaf = tree.nodes[-1]
     assert leaf.uid not in {node.uid for node in small.nodes}
     events = [TreeSeen(tree, 0, 0, {}), ExceptionRaised(SECOND, SECOND, leaf.path, "no laser")]
     recording = recorded(events, tmp_path / "run.rrd")
-    place = recording.of("/folded/rims", "LineStrips2D:strips")[0][1][-1]  # the last of the main tree
+    place = recording.of("/folded/lines/0/rims", "LineStrips2D:strips")[0][1][-1]  # the last of the main tree
     assert small.nodes[-1].subtree == ""
-    assert recording.at("/folded/raised", "LineStrips2D:strips", SECOND) == [place]
+    assert recording.at("/folded/lines/0/raised", "LineStrips2D:strips", SECOND) == [place]

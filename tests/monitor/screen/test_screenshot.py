@@ -21,6 +21,7 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.row_buffer import TREE_TIME
 from btcore_monitor.screen.screenshot import screenshot
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT, PILL_HEIGHT
@@ -150,7 +151,7 @@ def test_every_letter_that_is_not_replaced_can_be_drawn(vulkan, tmp_path):
     letters = "".join(chr(code) for code in range(32, 0x3000) if legible(chr(code)) == chr(code))
     recording = rr.RecordingStream("letters")
     recording.set_sinks(rr.FileSink(tmp_path / "letters.rrd"))
-    recording.set_time("t", duration=1.0)
+    recording.set_time(TREE_TIME, duration=1.0)
     recording.log("text", rr.TextDocument(letters))
     recording.log("log", rr.TextLog(letters))
     views = rrb.TextDocumentView(origin="text"), rrb.TextLogView(origin="log", format_options=MONOSPACE)
@@ -162,7 +163,7 @@ def test_every_letter_that_is_not_replaced_can_be_drawn(vulkan, tmp_path):
 def test_a_viewer_that_dies_is_an_error_with_its_reason(vulkan, tmp_path):
     recording = rr.RecordingStream("emoji")
     recording.set_sinks(rr.FileSink(tmp_path / "emoji.rrd"))
-    recording.set_time("t", duration=1.0)
+    recording.set_time(TREE_TIME, duration=1.0)
     recording.log("text", rr.TextDocument("🔋"))
     recording.send_blueprint(rrb.Blueprint(rrb.TextDocumentView(origin="text"), auto_views=False))
     recording.disconnect()

@@ -2,31 +2,13 @@
 
 from pathlib import Path
 
-from rerun.chunk import RrdReader
-
 from btcore_monitor.events import ObservedNode, ObservedTree, StatusChanged, TreeSeen
 from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.row_buffer import WALL_TIME
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.viewer_windows import SharedWindow
 
 SECOND = 10**9
-
-
-def blueprint(path: Path) -> dict[str, list]:
-    """Component → its values in the blueprint that was sent last."""
-    reader = RrdReader(path)
-    sent = []
-    for store in reader.blueprints():
-        found: dict[str, list] = {}
-        logged = 0
-        for chunk in reader.stream(store=store):
-            batch = chunk.to_record_batch()
-            if "log_time" in batch.schema.names:
-                logged = max(logged, *batch.column("log_time").cast("int64").to_pylist())
-            for name in (one for one in batch.schema.names if "Blueprint:" in one):
-                found.setdefault(name, []).extend(one for one in batch.column(name).to_pylist() if one)
-        sent.append((logged, found))
-    return max(sent, key=lambda one: one[0])[1]
 
 
 def shown(path: Path, *runs: tuple[str, list]) -> SharedWindow:
@@ -81,11 +63,11 @@ def test_frames_with_the_same_name_stay_separate(run, read, tmp_path):
     assert {name.split("/")[0] for name in named} == {"a", "b"}
 
 
-def test_the_window_has_an_overview_a_tab_for_each_robot_and_the_wall_time(run, tmp_path):
+def test_the_window_has_an_overview_a_tab_for_each_robot_and_the_wall_time(blueprints, run, tmp_path):
     path = tmp_path / "two.rrd"
     shown(path, ("arm", run(3, scene=False)), ("base", run(3, scene=False, tree_id="b" * 32)))
-    window = blueprint(path)
-    assert window["TimePanelBlueprint:timeline"] == [["wall"]]
+    window = blueprints(path)[-1]
+    assert window["TimePanelBlueprint:timeline"] == [[WALL_TIME]]
     tabs = {name for (name,) in window["ContainerBlueprint:display_name"]}
     assert tabs == {"All robots", "arm · BumpGo", "base · BumpGo"}
     origins = [origin for (origin,) in window["ViewBlueprint:space_origin"]]
@@ -94,7 +76,7 @@ def test_the_window_has_an_overview_a_tab_for_each_robot_and_the_wall_time(run, 
     assert {origin.split("/")[0] for origin in origins} <= {"arm", "base", ""}
 
 
-def test_a_restarted_robot_gets_new_entities_and_a_tab_for_its_earlier_tree(read, tmp_path):
+def test_a_restarted_robot_gets_new_entities_and_a_tab_for_its_earlier_tree(blueprints, read, tmp_path):
     path = tmp_path / "two.rrd"
     before = [seen("a", "Old", 0, SECOND), StatusChanged(1, SECOND, 2 * SECOND, 1, 2, 0, 1)]
     after = [seen("c", "New", 0, 3 * SECOND), StatusChanged(1, SECOND, 4 * SECOND, 1, 2, 0, 2)]
@@ -103,7 +85,7 @@ def test_a_restarted_robot_gets_new_entities_and_a_tab_for_its_earlier_tree(read
     for place, line in (("arm", "IDLE → RUNNING"), ("arm_2", "IDLE → SUCCESS")):
         (text,) = [values[0] for _, values in rows.of(f"/{place}/log", "TextLog:text")]
         assert text.endswith(line)
-    tabs = {name for (name,) in blueprint(path)["ContainerBlueprint:display_name"]}
+    tabs = {name for (name,) in blueprints(path)[-1]["ContainerBlueprint:display_name"]}
     assert tabs == {"All robots", "arm · New", "base · Base", "arm · Old, earlier"}
 
 

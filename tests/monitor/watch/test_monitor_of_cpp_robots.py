@@ -21,6 +21,7 @@ from btcore_monitor.events import (
     TreeSeen,
 )
 from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.row_buffer import TREE_TIME
 from btcore_monitor.screen.sinks import RecordingSinks
 
 ROOT = Path(__file__).parents[3]
@@ -48,7 +49,9 @@ def documents(path: Path, entity: str) -> list[str]:
             batch = chunk.to_record_batch()
             names = [name for name in batch.schema.names if name.endswith(":text")]
             times = (
-                batch.column("t").cast("int64").to_pylist() if "t" in batch.schema.names else [0] * len(batch)
+                batch.column(TREE_TIME).cast("int64").to_pylist()
+                if TREE_TIME in batch.schema.names
+                else [0] * len(batch)
             )
             rows += [(t, text[0]) for t, text in zip(times, batch.column(names[0]).to_pylist(), strict=True)]
     return [text for _, text in sorted(rows, key=lambda row: row[0])]

@@ -1,0 +1,194 @@
+"""The folded drawing of a big tree, in which the part that runs is always unfolded.
+
+Each set of visible nodes has its own drawing, which is drawn once. Over time, only the active drawing is
+moved into the view. A movement takes some bytes of the recording, a drawing many kilobytes.
+"""
+
+from collections import deque
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from btcore_monitor.events import RUNNING, ObservedNode, ObservedTree
+from btcore_monitor.screen import style
+from btcore_monitor.screen.legend import legend
+from btcore_monitor.screen.row_buffer import RowBuffer, Series
+from btcore_monitor.screen.tick_states import TickStates
+from btcore_monitor.screen.tree import FOLDED, LEGEND, LINES, PILLS, TreeView
+
+FOLDED_AT_MOST: Final = 90
+"""Greatest number of nodes of a folded tree; more nodes would not be readable in a window."""
+DRAWINGS_AT_MOST: Final = 32
+"""Greatest number of drawings of a tree. Later, the drawing is used that shows most of what runs."""
+_OUTSIDE: Final = -1e5
+"""Coordinate of the drawings that are not active, outside of the view."""
+
+
+def fold(tree: ObservedTree, running: Collection[int] = (), most: int = FOLDED_AT_MOST) -> ObservedTree:
+    """Return *tree* without the nodes that are folded into their parents.
+
+    The children of running nodes are always in the result, and without running nodes the whole main tree.
+    Then subtrees are unfolded as long as there is room: first the subtrees that run, and the outer before the
+    inner subtrees.
+
+    Args:
+        tree: The tree.
+        running: The uids of the running nodes.
+        most: The greatest number of nodes in the result.
+    """
+    visible = {tree.root.uid}
+    for node in tree.nodes:
+        if node.uid in visible and node.uid in running:
+            visible.update(node.children)
+    for entry, content in _subtrees(tree, running):
+        added = [uid for uid in content if uid not in visible]
+        is_main = entry is None
+        if (is_main and not running) or (
+            (entry is None or entry in visible) and len(visible) + len(added) <= most
+        ):
+            visible.update(added)
+    _unfold_controls(tree, visible, most)
+    nodes = [
+        replace(node, children=tuple(child for child in node.children if child in visible))
+        for node in tree.nodes
+        if node.uid in visible
+    ]
+    return ObservedTree(tree.tree_id, tree.name, tuple(nodes), tree.subtrees)
+
+
+def _subtrees(tree: ObservedTree, running: Collection[int]) -> Iterable[tuple[int | None, list[int]]]:
+    """Return each subtree as its SubTree node (None: main tree) and its content, in order of priority."""
+    content: dict[str, list[ObservedNode]] = {}
+    for node in tree.nodes:
+        content.setdefault(node.subtree, []).append(node)
+    found: list[tuple[int | None, list[int]]] = []
+    waiting: deque[tuple[int | None, str]] = deque([(None, tree.root.subtree)])
+    while waiting:
+        entry, subtree = waiting.popleft()
+        nodes = content.pop(subtree, [])
+        found.append((entry, [node.uid for node in nodes]))
+        for node in nodes:
+            if node.kind == "subtree" and node.children:
+                waiting.append((node.uid, tree.by_uid[node.children[0]].subtree))
+    return sorted(found, key=lambda each: each[0] is not None and each[0] not in running)
+
+
+def _unfold_controls(tree: ObservedTree, visible: set[int], most: int) -> None:
+    """Add children of *visible* nodes inside subtrees that are too big to be unfolded, outer nodes first."""
+    waiting = deque([tree.root])
+    while waiting:
+        node = waiting.popleft()
+        hidden = [child for child in node.children if child not in visible]
+        if hidden and (node.kind == "subtree" or len(visible) + len(hidden) > most):
+            continue
+        visible.update(hidden)
+        waiting.extend(tree.by_uid[child] for child in node.children)
+
+
+class FoldedTreeView:
+    """The drawing of a folded tree with the statuses of its nodes.
+
+    It has the same methods as a :class:`~btcore_monitor.screen.tree.TreeView`, whose parameters it has, too.
+    """
+
+    origin = FOLDED
+    drawn_only = (f"{FOLDED}/{LINES}", f"{FOLDED}/{LEGEND}")
+    """The entities that, with all entities below, do not react to the mouse."""
+
+    def __init__(
+        self,
+        rows: RowBuffer,
+        tree: ObservedTree,
+        palette: style.Palette,
+        room: tuple[float, float],
+        found: Collection[int] = (),
+    ) -> None:
+        self.whole = tree
+        self._rows = rows
+        self._palette = palette
+        self._room = room
+        self._found = found
+        self._raised: dict[int, bool] = {}
+        self._drawings: dict[frozenset[int], _Drawing] = {}
+        self._active: _Drawing | None = None
+        self._uids = np.array([node.uid for node in tree.nodes])
+
+    @property
+    def tree(self) -> ObservedTree:
+        """The visible part of the tree."""
+        return self._active.view.tree if self._active is not None else fold(self.whole)
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Return x0, y0, x1, y1 of the visible area; its unit is a pixel."""
+        return 0.0, 0.0, *self._room
+
+    def draw(self) -> None:
+        """Draw the parts that never change."""
+        line = legend(self._palette, 0.0, self._room[1], 1.0, bool(self._found))
+        self._rows.log(f"{FOLDED}/{LEGEND}", line, static=True)
+
+    def colour(self, states: TickStates) -> None:
+        """Show *states*, and unfold the nodes that run."""
+        running = states.shown == RUNNING
+        active = self._active
+        if active is None or (running & ~active.visible).any():
+            chosen = self._drawing(running, states)
+            if chosen is not active:
+                if active is not None:
+                    active.move(states.t, states.wall, is_active=False)
+                chosen.move(states.t, states.wall, is_active=True)
+                self._active = active = chosen
+        active.view.colour(states)
+
+    def raised(self, uid: int, t: int, wall: int) -> None:
+        """Draw a ring around a node that raised an exception; see TreeView.raised."""
+        if self._active is not None:
+            self._active.view.raised(uid, t, wall)
+
+    def _drawing(self, running: NDArray[np.bool_], states: TickStates) -> "_Drawing":
+        """Return the drawing that shows the *running* nodes, which may be a new one."""
+        tree = fold(self.whole, set(self._uids[running].tolist()))
+        key = frozenset(node.uid for node in tree.nodes)
+        known = self._drawings.get(key)
+        if known is not None:
+            return known
+        if len(self._drawings) >= DRAWINGS_AT_MOST:
+            return max(self._drawings.values(), key=lambda each: int((running & each.visible).sum()))
+        number = len(self._drawings)
+        view = TreeView(
+            self._rows, tree, self._palette, self._room, self._found, self.whole, number, self._raised
+        )
+        view.draw()
+        drawing = _Drawing(self._rows, view, np.isin(self._uids, list(key)), number)
+        # It is outside of the view from the beginning on, until it is active.
+        drawing.move(states.began[0], states.began[1], is_active=False)
+        self._drawings[key] = drawing
+        return drawing
+
+
+class _Drawing:
+    """The drawing *view* of the nodes that are *visible*; it is in the window while it is active."""
+
+    def __init__(self, rows: RowBuffer, view: TreeView, visible: NDArray[np.bool_], number: int) -> None:
+        self.view = view
+        self.visible = visible
+        left, top, right, _ = view.bounds()
+        self._scale = view.room[0] / (right - left)
+        self._place = (-left * self._scale, -top * self._scale, 0.0)
+        self._series: list[Series[Any]] = [
+            rows.series(f"{FOLDED}/{layer}/{number}", _transforms) for layer in (LINES, PILLS)
+        ]
+
+    def move(self, t: int, wall: int, is_active: bool) -> None:
+        place = self._place if is_active else (_OUTSIDE, _OUTSIDE, 0.0)
+        for series in self._series:
+            series.add(t, wall, (place, self._scale))
+
+
+def _transforms(values: list[tuple[tuple[float, float, float], float]]) -> Iterable[Any]:
+    places, scales = zip(*values, strict=True)
+    return rr.Transform3D.columns(translation=list(places), scale=[[scale] * 3 for scale in scales])
