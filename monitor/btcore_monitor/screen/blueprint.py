@@ -1,6 +1,6 @@
 """The arrangement of the views in the viewer's window (rerun calls this a blueprint)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-from btcore_monitor.screen import camera_view, panels, scene
+from btcore_monitor.screen import blackboard_table, camera_view, panels, scene
 from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
@@ -51,7 +51,8 @@ class Pane:
     If there is a 3D scene to show, *eye* is its point of view. *costed* is True if the robot sends the
     duration of its ticks. The log shows lines of *level* and above. In a window with several robots, *place*
     is the entity above all entities of this robot. *span* is the time (ns) from the beginning to the known
-    or expected end of the run.
+    or expected end of the run. *filled* are the entities of panels that have data to show; panels without
+    data give their place to others.
     """
 
     palette: Palette
@@ -63,6 +64,7 @@ class Pane:
     level: str = panels.LEVELS[0]
     place: str = ""
     span: tuple[int, int] = (0, 0)
+    filled: Collection[str] = ()
 
     def at(self, entity: str) -> str:
         """Return the path of *entity* in the recording."""
@@ -123,41 +125,49 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
     """
     counts = rrb.TextDocumentView(origin=pane.at(panels.STATISTICS), name="Statistics")
     lane_view = rrb.Tabs(lanes(pane), counts)
-    ticks = [_curve(pane, "Tick duration [ms]", "tick", legend=True), _curve(pane, "Tick rate [Hz]", "rate")]
-    if not pane.costed:
-        ticks = [rrb.TextDocumentView(origin=pane.at(panels.UNSENT), name="Tick duration and rate")]
+    ticks: list[rrb.View] = []
+    if pane.costed:
+        ticks = [
+            _curve(pane, "Tick duration [ms]", "tick", legend=True),
+            _curve(pane, "Tick rate [Hz]", "rate"),
+        ]
     below = lanes_share(len(pane.lanes.entities))
+    texts = rrb.Horizontal(_words(pane), log(pane), column_shares=[0.42, 0.58])
     if pane.eye is not None:
-        shares = [0.5, 0.5]
-        curves: list[rrb.View | rrb.Container] = [_curve(pane, _SPEED, scene.SPEED), rrb.Tabs(*ticks)]
+        curves: list[tuple[rrb.View | rrb.Container, float]] = []
         if pane.eye.battery:
-            curves.insert(0, _curve(pane, "Battery [%]", scene.BATTERY))
-            shares = [0.29, 0.38, 0.33]
+            curves.append((_curve(pane, "Battery [%]", scene.BATTERY), 0.29))
+        if scene.SPEED in pane.filled:
+            curves.append((_curve(pane, _SPEED, scene.SPEED), 0.38))
+        if ticks:
+            curves.append((rrb.Tabs(*ticks), 0.33))
+        rows = [(_scene(pane, pane.eye), 0.46), (texts, 0.36)]
+        if curves:
+            rows.append((_shared(rrb.Horizontal, curves), 0.18))
         return rrb.Horizontal(
             rrb.Vertical(trees(pane), lane_view, row_shares=[1.0 - below, below]),
-            rrb.Vertical(
-                _scene(pane, pane.eye),
-                rrb.Horizontal(_words(pane), log(pane), column_shares=[0.42, 0.58]),
-                rrb.Horizontal(*curves, column_shares=shares),
-                row_shares=[0.46, 0.36, 0.18],
-            ),
+            _shared(rrb.Vertical, rows),
             column_shares=[_LEFT, 1.0 - _LEFT],
             name=name,
         )
+    rows = [(texts, 0.62), *([(rrb.Horizontal(*ticks), 0.38)] if ticks else [])]
     return rrb.Vertical(
         trees(pane),
-        rrb.Horizontal(
-            lane_view,
-            rrb.Vertical(
-                rrb.Horizontal(_words(pane), log(pane), column_shares=[0.36, 0.64]),
-                rrb.Horizontal(*ticks),
-                row_shares=[0.62, 0.38] if pane.costed else [0.86, 0.14],
-            ),
-            column_shares=[0.5, 0.5],
-        ),
+        rrb.Horizontal(lane_view, _shared(rrb.Vertical, rows), column_shares=[0.5, 0.5]),
         row_shares=[_TREE_OF_WIDE, 1.0 - _TREE_OF_WIDE],
         name=name,
     )
+
+
+def _shared(
+    kind: type[rrb.Horizontal | rrb.Vertical], parts: Sequence[tuple[rrb.View | rrb.Container, float]]
+) -> rrb.Container:
+    """Return a container of *parts*, each with its share of the room."""
+    shares = [share for _, share in parts]
+    contents = [part for part, _ in parts]
+    if kind is rrb.Horizontal:
+        return rrb.Horizontal(*contents, column_shares=shares)
+    return rrb.Vertical(*contents, row_shares=shares)
 
 
 def trees(pane: Pane) -> rrb.View | rrb.Container:
@@ -219,14 +229,18 @@ def running(pane: Pane) -> rrb.View:
     return rrb.TextDocumentView(origin=pane.at(panels.NOW), name="Now")
 
 
-def _words(pane: Pane) -> rrb.Container:
-    board: rrb.View | rrb.Container = rrb.TextDocumentView(
-        origin=pane.at(panels.BLACKBOARD), name="Blackboard"
-    )
+def _words(pane: Pane) -> rrb.View | rrb.Container:
+    tabs: list[rrb.View] = []
+    if blackboard_table.BLACKBOARD in pane.filled:
+        tabs.append(rrb.TextDocumentView(origin=pane.at(blackboard_table.BLACKBOARD), name="Blackboard"))
+        tabs.append(_log_view(pane, blackboard_table.HISTORY, "History"))
     if pane.eye is not None and pane.eye.navigates:
-        colours = rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours")
-        board = rrb.Tabs(board, colours)
-    return rrb.Vertical(running(pane), board, row_shares=[0.54, 0.46])
+        tabs.append(rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours"))
+    if not tabs:
+        return running(pane)
+    return rrb.Vertical(
+        running(pane), tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs), row_shares=[0.46, 0.54]
+    )
 
 
 def log(pane: Pane) -> rrb.View:
@@ -234,6 +248,10 @@ def log(pane: Pane) -> rrb.View:
     rows = None
     if pane.level != panels.LEVELS[0]:
         rows = rrb.TextLogRows(filter_by_log_level=panels.LEVELS[panels.LEVELS.index(pane.level) :])
+    return _log_view(pane, panels.LOG, "Transitions", rows)
+
+
+def _log_view(pane: Pane, entity: str, name: str, rows: rrb.TextLogRows | None = None) -> rrb.View:
     columns: Sequence[TextLogColumn] = [
         TextLogColumn("Body", visible=True),
         TextLogColumn("EntityPath", visible=False),
@@ -242,9 +260,9 @@ def log(pane: Pane) -> rrb.View:
     # The viewer draws the time cursor into the list only if a column shows the cursor's timeline.
     times = [TimelineColumn(time, visible=time == pane.timeline) for time in (TREE_TIME, WALL_TIME)]
     return rrb.TextLogView(
-        origin=pane.at(panels.LOG),
-        contents=f"/{pane.at(panels.LOG)}",
-        name="Transitions",
+        origin=pane.at(entity),
+        contents=f"/{pane.at(entity)}",
+        name=name,
         rows=rows,
         columns=rrb.TextLogColumns(timeline_columns=times, text_log_columns=columns),
         format_options=rrb.TextLogFormat(monospace_body=True),

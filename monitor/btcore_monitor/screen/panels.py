@@ -1,9 +1,8 @@
-"""The panels beside the tree: log of transitions, state, blackboard, statistics, tick duration and rate."""
+"""The panels beside the tree: log of transitions, state, statistics, tick duration and rate."""
 
 import re
 from collections import deque
 from collections.abc import Iterable, Mapping
-from itertools import islice
 from statistics import median
 from typing import Any, Final
 
@@ -38,13 +37,10 @@ from btcore_scene import MovingScene
 
 LOG: Final = "log"
 NOW: Final = "now"
-BLACKBOARD: Final = "blackboard"
 STATISTICS: Final = "statistics"
 TICK_MS: Final = "tick/duration"
 BUDGET_MS: Final = "tick/budget"
 RATE: Final = "rate/ticks"
-UNSENT: Final = "tick/unsent"
-"""Entity of the text that replaces the tick duration if the robot does not send it."""
 
 LEVELS: Final = ("TRACE", "DEBUG", "INFO", "WARN", "ERROR")
 """Levels of the log's lines, from the most to the least detailed, with rerun's names."""
@@ -58,8 +54,6 @@ _LEVEL_OF_STATUS: Final[Mapping[int, str]] = {
 """Level of a transition, by its new status. Missing data has the level WARN, an exception of a node ERROR."""
 
 _NAME_WIDTH: Final = 24
-_VALUE_ROOM: Final = 60
-_ENTRIES_AT_MOST: Final = 500
 _NAMES_AT_MOST: Final = 4
 _CELL: Final = 28
 """Characters that always fit into a cell of a table; the viewer does not wrap cells."""
@@ -81,7 +75,7 @@ class TransitionLog:
         self._palette = palette
         # With several robots, the first column shows the time of the day.
         self._shows_time = bool(rows.place)
-        self._lines: Series[tuple[str, str, int]] = rows.series(LOG, _lines)
+        self._lines: Series[tuple[str, str, int]] = rows.series(LOG, log_lines)
         self._numbers: Series[StatusChanged] = rows.series(f"{LOG}/numbers", _numbers)
 
     def change(self, event: StatusChanged) -> None:
@@ -134,7 +128,8 @@ class TransitionLog:
         self._lines.add(t, wall, (f"{time}{line}", level, int(colour)))
 
 
-def _lines(values: list[tuple[str, str, int]]) -> Iterable[Any]:
+def log_lines(values: list[tuple[str, str, int]]) -> Iterable[Any]:
+    """Return columns with a line of a log in each row, from its text, its level and its colour."""
     text, level, colour = zip(*values, strict=True)
     return rr.TextLog.columns(text=text, level=level, color=np.array(colour, dtype=np.uint32))
 
@@ -229,70 +224,6 @@ class NowPanel:
         indices = np.flatnonzero(chosen & self._leaf).tolist()
         text = ", ".join(f"**{escape_markdown(self._names[index])}**" for index in indices[:_NAMES_AT_MOST])
         return text if len(indices) <= _NAMES_AT_MOST else f"{text} and {len(indices) - _NAMES_AT_MOST} more"
-
-
-class BlackboardTable:
-    """The blackboards as a table, with entries in bold that changed since the last update.
-
-    *note* is a text above the table, for data that the robot does not send.
-    """
-
-    def __init__(self, rows: RowBuffer, note: str = "") -> None:
-        self._series: Series[str] = rows.series(BLACKBOARD, markdown_columns)
-        self.note = note
-        self._last: Mapping[str, Mapping[str, Any]] = {}
-        self._shown = ""
-
-    def blank(self, t: int, wall: int) -> None:
-        """Show only the note, if no blackboard has been shown yet."""
-        if not self._shown:
-            self._series.add(t, wall, f"*{escape_markdown(self.note)}*")
-
-    def show(self, t: int, wall: int, boards: Mapping[str, Mapping[str, Any]]) -> None:
-        """Show the table of *boards*, unless it is unchanged."""
-        document = markdown(boards, self._last)
-        if self.note:
-            document = f"*{escape_markdown(self.note)}*\n\n{document}"
-        self._last = boards
-        if document != self._shown:
-            self._shown = document
-            self._series.add(t, wall, document)
-
-
-def markdown(boards: Mapping[str, Mapping[str, Any]], before: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return *boards* as a markdown table; entries that differ from *before* are bold."""
-    lines: list[str] = []
-    for path, board in boards.items():
-        if not board:
-            continue
-        lines += ["", f"| **{escape_markdown(path)}** | |" if path else "| key | value |", "|:--|:--|"]
-        known = before.get(path, {})
-        for key, value in islice(board.items(), _ENTRIES_AT_MOST):
-            # Nothing is bold in the first table, in which all entries would be new.
-            is_new = key not in known or known[key] != value
-            bold = "**" if is_new and before else ""
-            text = "–" if value is None else f"`{escape_markdown(_short(value))}`"
-            lines.append(f"| {bold}{escape_markdown(_short(key))}{bold} | {text} |")
-        if len(board) > _ENTRIES_AT_MOST:
-            lines.append(f"| and {len(board) - _ENTRIES_AT_MOST} more entries | |")
-    return "\n".join(lines[1:]) if lines else "*no entries*"
-
-
-def _short(value: Any) -> str:
-    # As in scripts, not True and False as in Python.
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        # The class of an object is in `__type` (msgpack_values.py).
-        entries = islice(value.items(), _VALUE_ROOM)
-        parts = (f"{key}={_short(part)}" for key, part in entries if key != "__type")
-        text = f"{value.get('__type', '')}({', '.join(parts)})"
-    elif isinstance(value, list | tuple):
-        parts = (_short(part) for part in value[:_VALUE_ROOM])
-        text = f"[{', '.join(parts)}]"
-    else:
-        text = f"{value:.4g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= _VALUE_ROOM else text[: _VALUE_ROOM - 1] + "…"
 
 
 class StatisticsTable:

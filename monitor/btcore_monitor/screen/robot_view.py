@@ -5,8 +5,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-import rerun as rr
-
 from btcore_monitor.events import (
     BlackboardSeen,
     ConnectionChanged,
@@ -22,21 +20,20 @@ from btcore_monitor.events import (
     TransitionsLost,
     TreeSeen,
 )
+from btcore_monitor.screen.blackboard_table import BLACKBOARD, BlackboardTable
 from btcore_monitor.screen.blueprint import LIVE, WHOLE_AT_MOST, Pane, tree_room
 from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.panels import (
     LEVELS,
-    UNSENT,
-    BlackboardTable,
     NowPanel,
     StatisticsTable,
     TickCost,
     TransitionLog,
 )
 from btcore_monitor.screen.row_buffer import RowBuffer
-from btcore_monitor.screen.scene import SceneView
+from btcore_monitor.screen.scene import SPEED, SceneView
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT, Palette
 from btcore_monitor.screen.tick_states import TickStates
@@ -106,7 +103,7 @@ class RobotView:
         self._draw()
         if self._shown is not None:
             self._shown.settle()
-            self._shown.rows.send()
+            self._shown.send()
 
     def close(self) -> None:
         """Send the buffered rows and finish the recording."""
@@ -174,7 +171,7 @@ class _Shown:
         if len(tree.nodes) > BIG:
             self.trees.insert(0, FoldedTreeView(self.rows, tree, palette, room, found))
         self.log = TransitionLog(self.rows, tree, palette)
-        self.blackboard = BlackboardTable(self.rows)
+        self.blackboard = BlackboardTable(self.rows, tree, palette)
         self.cost = TickCost(self.rows, palette)
         self.now = NowPanel(self.rows, tree)
         self.statistics = StatisticsTable(self.rows, tree)
@@ -187,13 +184,14 @@ class _Shown:
         for pattern, uids in matches.items():
             if not uids:
                 self.log.not_found(pattern, event.t, event.wall)
+        self._is_rearranged = True
+        self._shown_filled = self._filled()
         self._show_blueprint()
         for view in self.trees:
             view.draw()
         self.lanes.draw()
         self.cost.draw()
         self._restart(event)
-        self.rows.send()
         self._handlers: dict[type, Callable[..., None]] = {
             StatusChanged: self._changed,
             Ticked: self._ticked,
@@ -220,6 +218,7 @@ class _Shown:
         self._show_source(event.source, event.t, event.wall)
         self.states.start(event.t, event.wall, event.statuses)
         self._colour()
+        self.blackboard.run(self.states)
         self.lanes.show(self.states, range(len(self.states.shown)))
         self.statistics.start(event.t, event.wall, event.statuses)
         if "ticks" in self.source.unavailable:
@@ -239,14 +238,18 @@ class _Shown:
         self.blackboard.note = source.unavailable.get("blackboard", "")
         if self.blackboard.note:
             self.blackboard.blank(t, wall)
-        if "ticks" in source.unavailable:
-            note = rr.TextDocument(f"*{source.unavailable['ticks']}*", media_type="text/markdown")
-            self.rows.log(UNSENT, note, static=True)
 
     def settle(self) -> None:
         """Show the last changes of a robot that does not report the end of a tick."""
         if "ticks" in self.source.unavailable and self.states.is_open:
             self._end_tick(self._t, self._wall)
+
+    def send(self) -> None:
+        """Send the buffered rows, and the arrangement of the views if it has changed."""
+        if self._is_rearranged:
+            self._is_rearranged = False
+            self.window.show(self.recording, self._pane())
+        self.rows.send()
 
     def close(self) -> None:
         self._show_remaining()
@@ -254,7 +257,7 @@ class _Shown:
             self._end = self._now
             self._show_blueprint()
         self.statistics.show(self._t, self._wall)
-        self.rows.send()
+        self.send()
         self.window.end(self.recording)
 
     def _show_remaining(self) -> None:
@@ -274,6 +277,7 @@ class _Shown:
         changed = self.states.close(t, wall)
         if changed:
             self._colour()
+            self.blackboard.run(self.states)
             self.lanes.show(self.states, changed)
             if "ticks" in self.source.unavailable:
                 self.now.moment(self.states)
@@ -310,6 +314,7 @@ class _Shown:
     def _boards(self, event: BlackboardSeen) -> None:
         self._at(event.t, event.wall)
         self.blackboard.show(event.t, event.wall, event.boards)
+        self._show_filled_views()
 
     def _static(self, event: SceneStatic) -> None:
         if self.scene.static(self._t, self._wall, event.data):
@@ -322,6 +327,7 @@ class _Shown:
         self.now.moving(event.data)
         if self.scene.pictured != pictured:
             self._show_blueprint()
+        self._show_filled_views()
 
     def _raised(self, event: ExceptionRaised) -> None:
         self._at(event.t, event.wall)
@@ -345,8 +351,27 @@ class _Shown:
         if event.state == "ended":
             self._show_remaining()
 
+    def _filled(self) -> frozenset[str]:
+        """Return the entities of the panels that have data to show."""
+        has = {
+            BLACKBOARD: self.blackboard.has_entries or bool(self.blackboard.note),
+            SPEED: self.scene.has_speed,
+        }
+        return frozenset(entity for entity, is_filled in has.items() if is_filled)
+
+    def _show_filled_views(self) -> None:
+        """Give a panel its place in the window when its first data arrive."""
+        filled = self._filled()
+        if filled != self._shown_filled:
+            self._shown_filled = filled
+            self._show_blueprint()
+
     def _show_blueprint(self) -> None:
-        pane = Pane(
+        # Sent with the next rows: when a run begins, several panels get their first data at once.
+        self._is_rearranged = True
+
+    def _pane(self) -> Pane:
+        return Pane(
             self._palette,
             self.name,
             self.trees,
@@ -356,5 +381,5 @@ class _Shown:
             level=self.level,
             place=self.place,
             span=(self._begin, self._end),
+            filled=self._filled(),
         )
-        self.window.show(self.recording, pane)

@@ -86,6 +86,8 @@ class SceneView:
         self._static = StaticScene()
         self.present = False
         """Whether there is a scene to show."""
+        self.has_speed = False
+        """Whether the robot has sent its speed."""
         self._frames: dict[str, Series[Pose]] = {}
         self._poses: dict[str, Pose] = {}
         self._points: Series[Any] = rows.series(POINTS, _positions)
@@ -182,6 +184,7 @@ class SceneView:
                 self._scan_stamp = stamp
                 self._show_scan(t, wall, np.frombuffer(data.scan.ranges, dtype="<f4"))
         if data.velocity is not None:
+            self.has_speed = True
             self._v.add(t, wall, float(data.velocity[0]))
             self._w.add(t, wall, float(data.velocity[1]))
         if data.battery is not None:

@@ -3,8 +3,10 @@
 import pytest
 
 from btcore_monitor.events import ConnectionChanged, StatusChanged
+from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIME
 from btcore_monitor.screen.screenshot import last_tick
+from btcore_monitor.screen.sinks import RecordingSinks
 
 IDLE, RUNNING = range(2)
 SECOND = 10**9
@@ -17,10 +19,15 @@ def axes(blueprint):
 
 
 @pytest.mark.parametrize("ticks", [70, 400, 900])
-def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(
-    ticks, run, recorded, blueprints, tmp_path
-):
-    recorded(run(ticks), tmp_path / "run.rrd")
+def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(ticks, run, blueprints, tmp_path):
+    screen = RobotView(RecordingSinks(save=tmp_path / "run.rrd"))
+    events = run(ticks)
+    for event in events[:20]:
+        screen.show(event)
+    screen.flush()
+    for event in events[20:]:
+        screen.show(event)
+    screen.close()
     sent = [axes(blueprint) for blueprint in blueprints(tmp_path / "run.rrd")]
     assert sent[0] == {(0, 25 * SECOND)}
     if ticks <= 600:

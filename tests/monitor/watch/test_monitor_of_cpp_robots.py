@@ -72,7 +72,6 @@ def shown(events, path: Path) -> Path:
 
 def test_each_panel_shows_which_data_is_not_sent(seen, tmp_path):
     path = shown([seen, BlackboardSeen(MS, MS, {"": {"x": 1}})], tmp_path / "x.rrd")
-    assert documents(path, "/tick/unsent") == ["*not sent*"]
     assert documents(path, "/blackboard")[0] == "*polled*"
     assert documents(path, "/blackboard")[1].startswith("*polled*\n\n| key | value |")
     lines = documents(path, "/log")
@@ -83,7 +82,6 @@ def test_each_panel_shows_which_data_is_not_sent(seen, tmp_path):
 def test_panels_of_a_robot_that_sends_all_data_have_no_such_notes(seen, tmp_path):
     told = TreeSeen(TREE, 0, 0, {1: IDLE, 2: IDLE})
     path = shown([told, Ticked(1, MS, MS, 1, RUNNING)], tmp_path / "x.rrd")
-    assert documents(path, "/tick/unsent") == []
     assert "| by |" not in documents(path, "/now")[0]
 
 

@@ -1,0 +1,160 @@
+"""The panels of the blackboards: a table of their present values, and a history of their changes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
+from typing import Any, Final
+
+import numpy as np
+
+from btcore_monitor.events import RUNNING, ObservedTree
+from btcore_monitor.screen.panels import LEVELS, escape_markdown, log_lines, markdown_columns
+from btcore_monitor.screen.row_buffer import RowBuffer, Series
+from btcore_monitor.screen.style import Palette
+from btcore_monitor.screen.tick_states import TickStates
+
+BLACKBOARD: Final = "blackboard"
+HISTORY: Final = "blackboard_history"
+
+_VALUE_ROOM: Final = 60
+_ENTRIES_AT_MOST: Final = 500
+_IDLE_AT_MOST: Final = 40
+"""Greatest number of entries of subtrees that do not run."""
+_LINES_AT_MOST: Final = 40
+"""Greatest number of lines that an update adds to the history."""
+
+Boards = Mapping[str, Mapping[str, Any]]
+
+
+class BlackboardTable:
+    """The blackboards as a table: first those of running subtrees, from the innermost to the main tree.
+
+    Each entry has the time of its last change, and the entries that changed last are bold. *note* is a text
+    above the table, for data that the robot does not send.
+    """
+
+    def __init__(self, rows: RowBuffer, tree: ObservedTree, palette: Palette, note: str = "") -> None:
+        self._series: Series[str] = rows.series(BLACKBOARD, markdown_columns)
+        self._history: Series[tuple[str, str, int]] = rows.series(HISTORY, log_lines)
+        self._colour = int(palette.text)
+        self.note = note
+        self.has_entries = False
+        """Whether a blackboard with entries has been shown."""
+        entries = [
+            (at, tree.by_uid[node.children[0]].subtree)
+            for at, node in enumerate(tree.nodes)
+            if node.kind == "subtree" and node.children
+        ]
+        self._entries = np.array([at for at, _ in entries], dtype=np.intp)
+        self._paths = [path for _, path in entries]
+        self._main = tree.root.subtree
+        self._running: Sequence[str] = (self._main,)
+        self._boards: Boards | None = None
+        self._changed: dict[tuple[str, str], int] = {}
+        self._last: set[tuple[str, str]] = set()
+        self._shown = ""
+
+    def blank(self, t: int, wall: int) -> None:
+        """Show only the note, if no blackboard has been shown yet."""
+        if not self._shown:
+            self._series.add(t, wall, f"*{escape_markdown(self.note)}*")
+
+    def show(self, t: int, wall: int, boards: Boards) -> None:
+        """Show *boards*, and add their changes to the history."""
+        before, self._boards = self._boards, boards
+        self.has_entries = self.has_entries or any(boards.values())
+        if before is not None:
+            changes = list(_changes(before, boards))
+            if changes:
+                self._last = {(path, key) for path, key, *_ in changes}
+                self._changed |= dict.fromkeys(self._last, t)
+            lines = [_change(*change) for change in changes[:_LINES_AT_MOST]]
+            if len(changes) > _LINES_AT_MOST:
+                lines.append(f"… and {len(changes) - _LINES_AT_MOST} more")
+            for line in lines:
+                self._history.add(t, wall, (line, LEVELS[2], self._colour))
+        self._update(t, wall)
+
+    def run(self, states: TickStates) -> None:
+        """Show the blackboards of the subtrees that run first."""
+        active = np.flatnonzero(states.shown[self._entries] == RUNNING).tolist()
+        # Inner subtrees follow outer subtrees in the tree.
+        running = [*(self._paths[at] for at in reversed(active)), self._main]
+        if running != self._running:
+            self._running = running
+            self._update(states.t, states.wall)
+
+    def _update(self, t: int, wall: int) -> None:
+        if self._boards is None:
+            return
+        document = self._markdown(self._boards)
+        if self.note:
+            document = f"*{escape_markdown(self.note)}*\n\n{document}"
+        if document != self._shown:
+            self._shown = document
+            self._series.add(t, wall, document)
+
+    def _markdown(self, boards: Boards) -> str:
+        lines: list[str] = []
+        for path in self._running:
+            lines += self._table(path, boards.get(path, {}))
+        idle = [path for path, board in boards.items() if board and path not in self._running]
+        count = 0
+        for at, path in enumerate(idle):
+            count += len(boards[path])
+            if count > _IDLE_AT_MOST:
+                lines += ["", f"*and {len(idle) - at} blackboards of subtrees that do not run*"]
+                break
+            lines += self._table(path, boards[path])
+        return "\n".join(lines[1:]) if lines else "*no entries*"
+
+    def _table(self, path: str, board: Mapping[str, Any]) -> Iterator[str]:
+        if not board:
+            return
+        yield ""
+        yield f"| **{escape_markdown(path)}** | | |" if path else "| key | value | changed |"
+        yield "|:--|:--|--:|"
+        for key, value in islice(board.items(), _ENTRIES_AT_MOST):
+            changed = self._changed.get((path, key))
+            bold = "**" if (path, key) in self._last else ""
+            text = "–" if value is None else f"`{escape_markdown(short(value))}`"
+            time = "" if changed is None else f"{bold}{changed / 1e9:.1f} s{bold}"
+            yield f"| {bold}{escape_markdown(short(key))}{bold} | {text} | {time} |"
+        if len(board) > _ENTRIES_AT_MOST:
+            yield f"| and {len(board) - _ENTRIES_AT_MOST} more entries | | |"
+
+
+def _changes(before: Boards, boards: Boards) -> Iterator[tuple[str, str, Any, Any]]:
+    """Yield the path, the key, the old and the new value of each changed entry."""
+    for path, board in boards.items():
+        known = before.get(path, {})
+        for key, value in board.items():
+            old = known.get(key)
+            if key not in known or old != value:
+                yield path, key, old, value
+
+
+def _change(path: str, key: str, old: Any, new: Any) -> str:
+    name = f"{path}: {short(key)}" if path else short(key)
+    return f"{name}: {_text(old)} → {_text(new)}"
+
+
+def _text(value: Any) -> str:
+    return "–" if value is None else short(value).replace("\n", " ")
+
+
+def short(value: Any) -> str:
+    """Return *value* as a short text, as scripts write values."""
+    # As in scripts, not True and False as in Python.
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        # The class of an object is in `__type` (msgpack_values.py).
+        entries = islice(value.items(), _VALUE_ROOM)
+        parts = (f"{key}={short(part)}" for key, part in entries if key != "__type")
+        text = f"{value.get('__type', '')}({', '.join(parts)})"
+    elif isinstance(value, list | tuple):
+        parts = (short(part) for part in value[:_VALUE_ROOM])
+        text = f"[{', '.join(parts)}]"
+    else:
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= _VALUE_ROOM else text[: _VALUE_ROOM - 1] + "…"
