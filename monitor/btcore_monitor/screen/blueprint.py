@@ -150,10 +150,10 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
             column_shares=[_LEFT, 1.0 - _LEFT],
             name=name,
         )
-    rows = [(texts, 0.62), *([(rrb.Horizontal(*ticks), 0.38)] if ticks else [])]
+    rows = [(texts, 0.68), *([(rrb.Horizontal(*ticks), 0.32)] if ticks else [])]
     return rrb.Vertical(
         trees(pane),
-        rrb.Horizontal(lane_view, _shared(rrb.Vertical, rows), column_shares=[0.5, 0.5]),
+        rrb.Horizontal(lane_view, _shared(rrb.Vertical, rows), column_shares=[0.44, 0.56]),
         row_shares=[_TREE_OF_WIDE, 1.0 - _TREE_OF_WIDE],
         name=name,
     )

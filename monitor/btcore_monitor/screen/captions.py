@@ -3,7 +3,6 @@
 The text is the node's name, and a smaller line that distinguishes nodes with the same name.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -57,13 +56,39 @@ def ports(node: ObservedNode) -> str:
 
 
 def distinct_names(nodes: Sequence[ObservedNode]) -> list[str]:
-    """Return the names of *nodes*; nodes with the same name also get their ports' values, if short."""
-    count = Counter(node.name for node in nodes)
-    names = []
+    """Return a different name for each of *nodes*, in their order.
+
+    Nodes with the same name also get the values of their ports, if these are short and different. Otherwise
+    they get the innermost names of their subtrees, and as a last resort their uids.
+    """
+    same: dict[str, list[ObservedNode]] = {}
     for node in nodes:
-        values = " ".join(node.ports.values()) if count[node.name] > 1 else ""
-        names.append(f"{node.name} {values}" if values and len(values) <= VALUES_AT_MOST else node.name)
-    return names
+        same.setdefault(node.name, []).append(node)
+    names = {uid: name for group in same.values() for uid, name in _distinct(group).items()}
+    return [names[node.uid] for node in nodes]
+
+
+def _distinct(group: Sequence[ObservedNode]) -> Mapping[int, str]:
+    """Return a different name for each uid of *group*, whose nodes have the same name."""
+    if len(group) == 1:
+        return {group[0].uid: group[0].name}
+    values = {node.uid: " ".join(node.ports.values()) for node in group}
+    named = {
+        uid: f"{group[0].name} {text}".rstrip() if len(text) <= VALUES_AT_MOST else group[0].name
+        for uid, text in values.items()
+    }
+    if len(set(named.values())) == len(group):
+        return named
+    subtrees = {node.uid: node.subtree.split("/") for node in group}
+    for count in range(1, max(map(len, subtrees.values())) + 1):
+        places = {uid: "/".join(parts[-count:]) for uid, parts in subtrees.items()}
+        if len(set(places.values())) == len(group):
+            return {node.uid: _placed(node.name, places[node.uid]) for node in group}
+    return {node.uid: f"{_placed(node.name, subtrees[node.uid][-1])} #{node.uid}" for node in group}
+
+
+def _placed(name: str, place: str) -> str:
+    return f"{name} · {place}" if place else name
 
 
 def _note(node: ObservedNode, whole: ObservedTree) -> str:

@@ -62,7 +62,7 @@ class Lanes:
             index[node.uid]: rows.series(entity, _states)
             for node, entity in zip(nodes, self.entities[len(over) :], strict=True)
         }
-        self._names = [node.name for node in tree.nodes]
+        self._names = distinct_names(tree.nodes)
         self._depths = [[index[node.uid] for node in level] for level in depths.values()]
         self._leaf = np.array([not node.children for node in tree.nodes])
         self._slots: list[int | None] = [None] * (len(slots) if over else 0)

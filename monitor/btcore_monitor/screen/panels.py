@@ -53,7 +53,7 @@ _LEVEL_OF_STATUS: Final[Mapping[int, str]] = {
 }
 """Level of a transition, by its new status. Missing data has the level WARN, an exception of a node ERROR."""
 
-_NAME_WIDTH: Final = 24
+_NAME_WIDTH: Final = 28
 _NAMES_AT_MOST: Final = 4
 _CELL: Final = 28
 """Characters that always fit into a cell of a table; the viewer does not wrap cells."""
@@ -69,8 +69,11 @@ class TransitionLog:
     """The log of transitions, exceptions, gaps and connection changes."""
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree, palette: Palette) -> None:
-        width = min(_NAME_WIDTH, max(len(node.name) for node in tree.nodes))
-        self._names = {node.uid: f"{elide(node.name, width):{width}}" for node in tree.nodes}
+        names = distinct_names(tree.nodes)
+        width = min(_NAME_WIDTH, max(map(len, names)))
+        self._names = {
+            node.uid: f"{elide(name, width):{width}}" for node, name in zip(tree.nodes, names, strict=True)
+        }
         self._width = width
         self._palette = palette
         # With several robots, the first column shows the time of the day.

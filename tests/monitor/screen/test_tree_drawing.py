@@ -169,6 +169,18 @@ def test_lanes_of_nodes_with_the_same_name_differ_by_their_ports():
     assert distinct_names(drives) == ["Move {home}", "Move {shop}", "Move", "Turn"]
 
 
+def test_nodes_of_one_name_are_told_apart_by_their_subtrees_or_their_uids():
+    places = ("Zone A/Order 1/Drive", "Zone A/Order 2/Drive", "Zone B/Order 2/Drive")
+    nodes = [
+        ObservedNode(uid, "Go", "Go", "action", f"{place}/Go", 1, (), {"t": "7"}, place)
+        for uid, place in enumerate(places, start=2)
+    ]
+    assert distinct_names(nodes[:2]) == ["Go · Order 1/Drive", "Go · Order 2/Drive"]
+    assert distinct_names(nodes)[2] == "Go · Zone B/Order 2/Drive"
+    twins = [ObservedNode(uid, "Sequence", "Sequence", "control", f"Sequence{uid}") for uid in (3, 4)]
+    assert distinct_names(twins) == ["Sequence #3", "Sequence #4"]
+
+
 @pytest.mark.parametrize(
     ("message", "said"),
     [

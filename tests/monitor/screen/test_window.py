@@ -1,8 +1,17 @@
 """The views of the window: their time, and the moment of a picture."""
 
+from dataclasses import replace
+
 import pytest
 
-from btcore_monitor.events import ConnectionChanged, StatusChanged
+from btcore_monitor.events import (
+    BlackboardSeen,
+    ConnectionChanged,
+    SceneMoving,
+    StatusChanged,
+    Ticked,
+    TreeSeen,
+)
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIME
 from btcore_monitor.screen.screenshot import last_tick
@@ -53,3 +62,52 @@ def test_the_column_of_the_time_is_wide_enough_and_lines_do_not_repeat_the_time(
     recording = recorded(run(5), tmp_path / "run.rrd")
     assert len(TREE_TIME) > len("+99m 59.99s")
     assert recording.of("/log", "TextLog:text")[0][1] == ["#1      bumpgo        IDLE → RUNNING"]
+
+
+def test_the_blackboards_of_running_subtrees_are_first_with_their_changes(big_tree, recorded, tmp_path):
+    tree = big_tree(60)
+    tasks = [node for node in tree.nodes if node.kind == "subtree"]
+    paths = [tree.by_uid[task.children[0]].subtree for task in tasks]
+    boards = {"": {"day": 1}, **{path: {"step": 1} for path in paths}}
+    later = {**boards, paths[3]: {"step": 2}}
+    changes = [
+        (1, tree.root.uid, IDLE, RUNNING),
+        (1, tasks[3].uid, IDLE, RUNNING),
+        (3, tasks[3].uid, RUNNING, IDLE),
+        (3, tasks[1].uid, IDLE, RUNNING),
+    ]
+    events = [TreeSeen(tree, 0, 0, {}), BlackboardSeen(SECOND // 2, 0, boards)]
+    for number, (second, *change) in enumerate(changes):
+        events.append(StatusChanged(number, second * SECOND, 0, second, *change))
+        if number == 1:
+            events.append(Ticked(1, SECOND, 0, 1, RUNNING))
+            events.append(BlackboardSeen(2 * SECOND, 0, later))
+    events.append(Ticked(3, 3 * SECOND, 0, 1, RUNNING))
+    recording = recorded(events, tmp_path / "run.rrd")
+
+    def table(second):
+        return recording.at("/blackboard", "TextDocument:text", second * SECOND)[0]
+
+    assert table(1).startswith(f"| **{paths[3]}** |")
+    assert "| **step** | `2` | **2.0 s** |" in table(2)
+    assert table(3).startswith(f"| **{paths[1]}** |")
+    assert recording.of("/blackboard_history", "TextLog:text") == [(2 * SECOND, [f"{paths[3]}: step: 1 → 2"])]
+
+
+def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tmp_path):
+    def views(name, events):
+        recorded(events, tmp_path / name)
+        return {name for (name,) in blueprints(tmp_path / name)[-1]["ViewBlueprint:display_name"]}
+
+    everything = run(40)
+    bare = [event for event in everything if not isinstance(event, BlackboardSeen)]
+    still = [
+        SceneMoving(event.t, event.wall, replace(event.data, velocity=None))
+        if isinstance(event, SceneMoving)
+        else event
+        for event in bare
+    ]
+    speed = "Speed: orange m/s · cyan rad/s"
+    assert {"Blackboard", "History", speed} <= views("all.rrd", everything)
+    assert views("bare.rrd", bare) == views("all.rrd", everything) - {"Blackboard", "History"}
+    assert views("still.rrd", still) == views("bare.rrd", bare) - {speed}
