@@ -132,7 +132,9 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
             _curve(pane, "Tick rate [Hz]", "rate"),
         ]
     below = lanes_share(len(pane.lanes.entities))
-    texts = rrb.Horizontal(_words(pane), log(pane), column_shares=[0.42, 0.58])
+    words = _words(pane)
+    narrow = 0.42 if isinstance(words, rrb.Container) else 0.32
+    texts = rrb.Horizontal(words, log(pane), column_shares=[narrow, 1.0 - narrow])
     if pane.eye is not None:
         curves: list[tuple[rrb.View | rrb.Container, float]] = []
         if pane.eye.battery:
