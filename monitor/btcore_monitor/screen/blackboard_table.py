@@ -19,6 +19,8 @@ _VALUE_ROOM: Final = 60
 _ENTRIES_AT_MOST: Final = 500
 _IDLE_AT_MOST: Final = 40
 """Greatest number of entries of subtrees that do not run."""
+_TIMES_AT_MOST: Final = 10_000
+"""Greatest number of entries whose last change is known, of a robot that adds entries without end."""
 _LINES_AT_MOST: Final = 40
 """Greatest number of lines that an update adds to the history."""
 
@@ -67,6 +69,8 @@ class BlackboardTable:
             if changes:
                 self._last = {(path, key) for path, key, *_ in changes}
                 self._changed |= dict.fromkeys(self._last, t)
+                if len(self._changed) > _TIMES_AT_MOST:
+                    self._changed = dict.fromkeys(self._last, t)
             lines = [_change(*change) for change in changes[:_LINES_AT_MOST]]
             if len(changes) > _LINES_AT_MOST:
                 lines.append(f"… and {len(changes) - _LINES_AT_MOST} more")
