@@ -208,8 +208,8 @@ def abandon(error: RecordingError) -> NoReturn:
 class ViewerOptions:
     """The destinations of a view, as chosen by the options of :func:`viewer_options`.
 
-    *at* is the tree time (s) of the screenshot (None: the end), and *size* is the screenshot's width and
-    height in pixels. *verbose* is true if rerun prints its log lines.
+    *at* is the displayed time (s) of the screenshot (None: the last tick), and *size* is its width
+    and height in pixels. *verbose* is true if rerun prints its log lines.
     """
 
     save: Path | None
@@ -326,14 +326,14 @@ def _options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
             "--screenshot",
             type=file,
             metavar="FILE.png",
-            help="Picture of the monitor at the end; needs no display.",
+            help="Picture of the monitor at the last tick; needs no display.",
         ),
         click.option(
             "--at",
             type=float,
             metavar="SECONDS",
-            help="Tree time of the screenshot; of several robots, time since the first was seen.  "
-            "[default: the end]",
+            help="Time of the screenshot, as the viewer shows it: since the first data of the robot, or of "
+            "the first of several robots.  [default: the last tick]",
         ),
         click.option(
             "--size",

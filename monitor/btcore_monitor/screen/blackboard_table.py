@@ -35,6 +35,7 @@ class BlackboardTable:
     """
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree, palette: Palette, note: str = "") -> None:
+        self._rows = rows
         self._series: Series[str] = rows.series(BLACKBOARD, markdown_columns)
         self._history: Series[tuple[str, str, int]] = rows.series(HISTORY, log_lines)
         self._colour = int(palette.text)
@@ -121,7 +122,7 @@ class BlackboardTable:
             changed = self._changed.get((path, key))
             bold = "**" if (path, key) in self._last else ""
             text = "–" if value is None else f"`{escape_markdown(short(value))}`"
-            time = "" if changed is None else f"{bold}{changed / 1e9:.1f} s{bold}"
+            time = "" if changed is None else f"{bold}{self._rows.seconds(changed):.1f} s{bold}"
             yield f"| {bold}{escape_markdown(short(key))}{bold} | {text} | {time} |"
         if len(board) > _ENTRIES_AT_MOST:
             yield f"| and {len(board) - _ENTRIES_AT_MOST} more entries | | |"

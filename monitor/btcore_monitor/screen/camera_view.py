@@ -69,6 +69,7 @@ class _Age:
     """The fading of a camera's *picture* when no new picture follows."""
 
     def __init__(self, rows: RowBuffer, picture: Picture) -> None:
+        self._rows = rows
         name, drawn = entity_part(picture.name), rr.EncodedImage if picture.format == "jpeg" else rr.Image
         self._middle = picture.size[0] / 2, picture.size[1] / 2
         self._opacity: Series[float] = rows.series(
@@ -91,7 +92,7 @@ class _Age:
         if not self._faint and t - self._seen > _OLD:
             self._faint = True
             self._opacity.add(t, wall, _FAINT)
-            self._captions.add(t, wall, f"as of {self._seen / 1e9:.1f} s")
+            self._captions.add(t, wall, f"as of {self._rows.seconds(self._seen):.1f} s")
 
     def _labels(self, values: list[str]) -> Iterable[Any]:
         captions = [text for text in values if text]

@@ -75,6 +75,7 @@ class TransitionLog:
             node.uid: f"{elide(name, width):{width}}" for node, name in zip(tree.nodes, names, strict=True)
         }
         self._width = width
+        self._rows = rows
         self._palette = palette
         # With several robots, the first column shows the time of the day.
         self._shows_time = bool(rows.place)
@@ -106,7 +107,7 @@ class TransitionLog:
 
     def incomplete(self, event: DataMissed) -> None:
         """Log missing data of unknown amount."""
-        since = f"since {event.since / 1e9:.2f}s " if event.since < event.t else ""
+        since = f"since {self._rows.seconds(event.since):.2f}s " if event.since < event.t else ""
         self._warn(event.t, event.wall, f"{event.topic} {since}incomplete: {event.reason}")
 
     def hooks(self, event: HooksFound) -> None:
@@ -127,7 +128,7 @@ class TransitionLog:
         self._add(t, wall, line, "WARN", self._palette.ink[RUNNING])
 
     def _add(self, t: int, wall: int, line: str, level: str, colour: int) -> None:
-        time = f"{t / 1e9:9.2f}s " if self._shows_time else ""
+        time = f"{self._rows.seconds(t):9.2f}s " if self._shows_time else ""
         self._lines.add(t, wall, (f"{time}{line}", level, int(colour)))
 
 
@@ -149,6 +150,7 @@ class NowPanel:
     """A short table: running leaves, failed leaves, the robot's notes, its collisions, and the tick."""
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
+        self._rows = rows
         self._series: Series[str] = rows.series(NOW, markdown_columns)
         self._leaf = np.array([not node.children for node in tree.nodes])
         leaves = [node for node in tree.nodes if not node.children]
@@ -173,7 +175,7 @@ class NowPanel:
         The panel is updated immediately, because a tick that raises may be the last tick.
         """
         path, message = escape_markdown(event.path), escape_markdown(brief(event.message))
-        self._raised = f"**{path}** raised at {event.t / 1e9:.2f} s: {message}"
+        self._raised = f"**{path}** raised at {self._rows.seconds(event.t):.2f} s: {message}"
         self._show(event.t, event.wall, states, self._root)
 
     def missing(self, event: TransitionsLost | DataMissed) -> None:

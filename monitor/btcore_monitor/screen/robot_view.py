@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from btcore_monitor.events import (
+    SCENE_CHANNEL,
     BlackboardSeen,
     ConnectionChanged,
     DataMissed,
@@ -157,7 +158,9 @@ class _Shown:
         self.source = DataSource("")
         self.window = window
         self.recording, self.place, self.file = window.begin(tree.name)
-        self.rows = RowBuffer(self.recording, self.place)
+        # Other sources count the time from their beginning already.
+        origin = event.t if event.source == SCENE_CHANNEL else 0
+        self.rows = RowBuffer(self.recording, self.place, origin)
         self.level = level
         self._palette = palette
         self.states = TickStates(tree)
@@ -178,7 +181,7 @@ class _Shown:
         self.scene = SceneView(self.rows, palette)
         self._t, self._wall = event.t, event.wall
         self._ticked_at = event.t - 1
-        self._begin = event.wall if self.place else event.t
+        self._begin = self._now
         self._end = self._begin + LIVE
         self._show_source(event.source, event.t, event.wall)
         for pattern, uids in matches.items():
@@ -271,7 +274,7 @@ class _Shown:
     @property
     def _now(self) -> int:
         """The time (ns) of the last event on the window's timeline."""
-        return self._wall if self.place else self._t
+        return self._wall if self.place else self._t - self.rows.origin
 
     def _end_tick(self, t: int, wall: int) -> None:
         changed = self.states.close(t, wall)

@@ -27,10 +27,14 @@ WALL_TIME: Final = "time of the day"
 
 
 class Series(Generic[Value]):
-    """The unsent rows of an *entity*. *encode* converts the values of the rows to rerun's columns."""
+    """The unsent rows of an *entity*. *encode* converts the values of the rows to rerun's columns.
 
-    def __init__(self, entity: str, encode: Encode[Value]) -> None:
+    Displayed times count from *origin* (ns of the tree's clock).
+    """
+
+    def __init__(self, entity: str, encode: Encode[Value], origin: int = 0) -> None:
         self.entity = entity
+        self._origin = origin
         self._encode = encode
         self._t: list[int] = []
         self._wall: list[int] = []
@@ -52,8 +56,9 @@ class Series(Generic[Value]):
         """Send the rows, and clear the buffer."""
         if not self._values:
             return
+        since = np.array(self._t, dtype=np.int64) - self._origin
         times = [
-            rr.TimeColumn(TREE_TIME, duration=np.array(self._t, dtype="timedelta64[ns]")),
+            rr.TimeColumn(TREE_TIME, duration=since.astype("timedelta64[ns]")),
             rr.TimeColumn(WALL_TIME, timestamp=np.array(self._wall, dtype="datetime64[ns]")),
         ]
         values, self._values = self._values, []
@@ -66,20 +71,26 @@ class RowBuffer:
     """All series of a robot's tree in *recording*.
 
     If several robots share a recording, *place* is the entity above all entities of this robot, and the
-    prefix of its frames' names.
+    prefix of its frames' names. Displayed times count from *origin* (ns of the tree's clock), since a robot's
+    clock may have any beginning.
     """
 
-    def __init__(self, recording: rr.RecordingStream, place: str = "") -> None:
+    def __init__(self, recording: rr.RecordingStream, place: str = "", origin: int = 0) -> None:
         self.recording = recording
+        self.origin = origin
         self.place = place
         self._below = f"{place}/" if place else ""
         self._series: list[Series[Any]] = []
 
     def series(self, entity: str, encode: Encode[Value]) -> Series[Value]:
         """Return a new series for *entity*, whose values *encode* converts to columns."""
-        series = Series(self._below + entity, encode)
+        series = Series(self._below + entity, encode, self.origin)
         self._series.append(series)
         return series
+
+    def seconds(self, t: int) -> float:
+        """Return the displayed time (s) of tree time *t* (ns)."""
+        return (t - self.origin) / 1e9
 
     def log(self, entity: str, *components: Any, static: bool) -> None:
         """Log data without buffering.

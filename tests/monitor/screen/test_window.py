@@ -7,6 +7,7 @@ import pytest
 from btcore_monitor.events import (
     BlackboardSeen,
     ConnectionChanged,
+    ExceptionRaised,
     SceneMoving,
     StatusChanged,
     Ticked,
@@ -111,3 +112,14 @@ def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tm
     assert {"Blackboard", "History", speed} <= views("all.rrd", everything)
     assert views("bare.rrd", bare) == views("all.rrd", everything) - {"Blackboard", "History"}
     assert views("still.rrd", still) == views("bare.rrd", bare) - {speed}
+
+
+def test_times_count_from_the_first_data_of_a_robot_whose_clock_began_earlier(run, recorded, tmp_path):
+    later = 16_862 * SECOND
+    events = [replace(event, t=event.t + later) if hasattr(event, "t") else event for event in run(70)]
+    events.insert(-1, ExceptionRaised(later + 7 * SECOND + SECOND // 2, 0, "Forward", "no laser"))
+    recording = recorded(events, tmp_path / "run.rrd")
+    assert recording.of("/log", "TextLog:text")[0][0] == SECOND // 10
+    said = [values[0] for _, values in recording.of("/now", "TextDocument:text")]
+    assert any(text.startswith("**Forward** raised at 7.50 s") for text in said)
+    assert "| **bumps** | `1` | **6.0 s** |" in recording.of("/blackboard", "TextDocument:text")[-1][1][0]
