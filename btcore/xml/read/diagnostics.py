@@ -10,7 +10,6 @@ from btcore.errors import Diagnostic, PortError, TreeError, UnknownNodeError, Xm
 MAX_COMPARISONS: Final = 50_000
 """Maximum number of comparisons of misspelt names with known names; each takes about 30 µs."""
 
-
 MAX_PER_CODE: Final = 50_000
 """Maximum number of diagnostics that are collected with the same code."""
 
