@@ -216,7 +216,12 @@ class Tree:
                 self._hooks.close_tick_thread()
 
     def _tick_within(self, limit: float, once: bool) -> Status:
-        """Tick as the methods above, which do not look at the time if there is no limit."""
+        """Tick the root for at most *limit* s of real time.
+
+        Args:
+            limit: The tick limit (s).
+            once: Whether to tick the root only once, also if a node requests another tick at once.
+        """
         context = self.context
         context.limit_tick(limit)
         try:

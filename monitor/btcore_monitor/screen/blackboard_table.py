@@ -28,7 +28,7 @@ Boards = Mapping[str, Mapping[str, Any]]
 
 
 class BlackboardTable:
-    """The blackboards as a table: first those of running subtrees, from the innermost to the main tree.
+    """The blackboards as a table: first the running subtrees, from the innermost to the main tree.
 
     Each entry has the time of its last change, and the entries that changed last are bold. *note* is a text
     above the table, for data that the robot does not send.

@@ -92,7 +92,7 @@ def _unfold_controls(tree: ObservedTree, visible: set[int], most: int) -> None:
 class FoldedTreeView:
     """The drawing of a folded tree with the statuses of its nodes.
 
-    It has the same methods as a :class:`~btcore_monitor.screen.tree.TreeView`, whose parameters it has, too.
+    The methods and the parameters are the same as in :class:`~btcore_monitor.screen.tree.TreeView`.
     """
 
     origin = FOLDED

@@ -21,7 +21,7 @@ Value = TypeVar("Value")
 Encode = Callable[[list[Value]], Iterable[Any]]
 
 _NAME_ROOM: Final = 100
-# The width of the log's first column, which shows the time, is that of the timeline's name.
+# The log's first column, which shows the time, is as wide as the name of the timeline.
 TREE_TIME: Final = "time of the tree"
 WALL_TIME: Final = "time of the day"
 

@@ -29,7 +29,7 @@ class TickStates:
 
     *shown* has each node's stored status, or ``RESET_OFFSET + result`` if the node ended and was reset within
     the tick. *results* has each node's last result (0 for none). *t* and *wall* (ns) are the times of the
-    last change, and *began* those of the first statuses.
+    last change, and *began* the times of the first statuses.
     """
 
     def __init__(self, tree: ObservedTree) -> None:
