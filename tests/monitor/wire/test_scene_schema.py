@@ -94,6 +94,11 @@ def test_a_scene_is_unchanged_after_decoding_and_its_cells_are_compressed():
     assert len(sent["cells"]) < 50
 
 
+def test_a_grid_of_a_single_cell_is_unchanged_after_decoding():
+    message = moving(grids=(replace(COSTS, size=(1, 1), cells=b"7"),))
+    assert decode(encode(message)) == message
+
+
 def test_a_scene_is_encoded_as_a_plain_map_without_unset_fields():
     data = msgpack.unpackb(encode(StaticMessage(ID, replace(STATIC, grids=()))))["data"]
     assert data == {

@@ -16,7 +16,7 @@ from btcore_robot.navigation.costmap import (
     GlobalCostmap,
     LocalCostmap,
 )
-from btcore_robot.navigation.costmap_layers import InflationLayer
+from btcore_robot.navigation.costmap_layers import InflationLayer, ObstacleLayer
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserScan, Pose2D
 
@@ -379,3 +379,10 @@ def test_costs_of_many_points_are_looked_up_and_lethal_outside_the_grid():
     assert costmap.costs_at(points).tolist() == [[0, 3], [11, LETHAL], [LETHAL, LETHAL]]
     assert [costmap.cost(*point) for point in points.reshape(-1, 2)] == [0, 3, 11, LETHAL, LETHAL, LETHAL]
     assert costs.tolist() == np.arange(12).reshape(3, 4).tolist()
+
+
+def test_the_disc_under_the_robot_has_all_cells_up_to_its_radius():
+    layer = ObstacleLayer((9, 9), 1.0, UNKNOWN)
+    layer.free_disc(Pose2D(4.5, 4.5, 0.0), 2.0, (0.0, 0.0))
+    rows, columns = np.indices((9, 9))
+    assert np.array_equal(layer.values == FREE, (rows - 4) ** 2 + (columns - 4) ** 2 <= 4)

@@ -244,6 +244,7 @@ def test_without_an_initial_pose_the_whole_free_space_is_searched():
     walk = Walk(replace(AT_START, set_initial_pose=False))
     assert walk.localiser.searching
     assert not walk.localiser.confident
+    assert walk.localiser.covariance.tolist() == np.zeros((3, 3)).tolist()
     spread = walk.localiser.particles
     rows, columns = FLAT.indices(spread[:, :2]).T
     assert FLAT.free[rows, columns].all()

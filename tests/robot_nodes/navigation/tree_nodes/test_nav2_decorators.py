@@ -77,6 +77,15 @@ def test_distance_controller_ticks_its_child_after_each_distance(bench, plan):
     assert bench.letters(tree, 1) == "R"
 
 
+def test_distance_controller_ticks_its_child_after_1_m_by_default(bench, plan):
+    tree = bench.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
+    assert bench.letters(tree, 1) == "S"
+    bench.move(0.9)
+    assert bench.letters(tree, 1) == "R"
+    bench.move(1.1)
+    assert bench.letters(tree, 1) == "S"
+
+
 def test_distance_controller_ticks_a_running_child_in_every_tick(bench, plan):
     tree = bench.tree(f"<DistanceController>{plan('a', 'RRS')}</DistanceController>")
     assert bench.letters(tree, 4) == "RRSR"
