@@ -17,7 +17,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,6 +25,7 @@ ROOT = Path(__file__).parents[2]
 PERIOD = 0.02  # s, of the tree
 GROWTH = 50.0  # MB, permitted
 LIMIT = 200  # MB that the robot's process may allocate in addition; then allocations fail
+PICTURE = 200_000  # bytes of a camera's picture; the robot has 30 pictures a second
 LATENESS = 5.0  # ms, permitted in addition to 1.5 times the lateness of the robot that is not attacked
 LOST = 0.01  # of the ticks, permitted in addition to the lost ticks of the robot that is not attacked
 GREETING = b"\xff" + b"\0" * 8 + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + b"\0" * 32
@@ -35,59 +36,73 @@ TREE = """
 </Sequence></KeepRunningUntilFailure></BehaviorTree></root>
 """.format('<Fallback><AlwaysFailure/><Script code="n := 1"/></Fallback>' * 50)
 
-Send = Callable[[bytes], None]
-
 
 # --- attacks: each sends to one connection until it is disconnected
 
 
-def big_topics(send: Send) -> None:
+def big_topics(to: socket.socket) -> None:
     """Subscribe to topics of 1 MB."""
     for number in range(1_000_000):
-        send(long_frame(0, b"\1" + b"%d" % number + bytes(1 << 20)))
+        to.sendall(long_frame(0, b"\1" + b"%d" % number + bytes(1 << 20)))
 
 
-def many_topics(send: Send) -> None:
+def many_topics(to: socket.socket) -> None:
     """Subscribe to any number of short topics."""
     for number in range(0, 1_000_000_000, 500):
         topics = (b"\1%0150d" % one for one in range(number, number + 500))
-        send(b"".join(b"\0" + bytes([len(topic)]) + topic for topic in topics))
+        to.sendall(b"".join(b"\0" + bytes([len(topic)]) + topic for topic in topics))
 
 
-def many_topics_by_command(send: Send) -> None:
+def many_topics_by_command(to: socket.socket) -> None:
     """Subscribe to any number of short topics by the command of ZMTP 3.1."""
     for number in range(0, 1_000_000_000, 500):
         topics = (b"\x09SUBSCRIBE%0150d" % one for one in range(number, number + 500))
-        send(b"".join(b"\4" + bytes([len(topic)]) + topic for topic in topics))
+        to.sendall(b"".join(b"\4" + bytes([len(topic)]) + topic for topic in topics))
 
 
-def unfinished(send: Send) -> None:
+def unfinished(to: socket.socket) -> None:
     """Send empty frames of a message that never ends."""
     while True:
-        send(b"\1\0" * 32_768)
+        to.sendall(b"\1\0" * 32_768)
 
 
-def huge_frames(send: Send) -> None:
+def huge_frames(to: socket.socket) -> None:
     """Send frames of 900 kB of a message that never ends."""
     while True:
-        send(long_frame(1, bytes(900_000)))
+        to.sendall(long_frame(1, bytes(900_000)))
 
 
-def unread_replies(send: Send) -> None:
+def unread_replies(to: socket.socket) -> None:
     """Send requests and subscriptions that are requests, and never read the replies."""
     for number in range(1_000_000_000):
         topic = b"again/tree/%d" % number
         size = bytes([1 + len(topic)])
-        send(b"\0" + size + b"\1" + topic + b"\0" + size + b"\0" + topic)
+        to.sendall(b"\0" + size + b"\1" + topic + b"\0" + size + b"\0" + topic)
 
 
-def unread_trees(send: Send) -> None:
+def unread_trees(to: socket.socket) -> None:
     """Send requests for the tree, and never read the replies."""
     while True:
-        send(b"\1\0\0\x06\x02T1234" * 100)
+        to.sendall(b"\1\0\0\x06\x02T1234" * 100)
 
 
-def no_handshake(send: Send) -> None:
+def slow_reading(to: socket.socket) -> None:
+    """Subscribe to everything, and read the pictures at 10 kB/s."""
+    to.sendall(subscription(b""))
+    while to.recv(1_000):
+        time.sleep(0.1)
+
+
+def old_pieces(to: socket.socket) -> None:
+    """Request all past messages again and again, and read the replies at 10 kB/s."""
+    for number in range(1_000_000_000):
+        to.sendall(b"".join(subscription(b"again/%d/%d" % (first, number)) for first in range(1, 31)))
+        if not to.recv(1_000):
+            break
+        time.sleep(0.1)
+
+
+def no_handshake(to: socket.socket) -> None:
     """Connect and disconnect."""
 
 
@@ -99,8 +114,15 @@ ATTACKS = (
     huge_frames,
     unread_replies,
     unread_trees,
+    slow_reading,
+    old_pieces,
     no_handshake,
 )
+
+
+def subscription(topic: bytes) -> bytes:
+    """Return the frame of a subscription."""
+    return b"\0" + bytes([1 + len(topic)]) + b"\1" + topic
 
 
 def long_frame(flags: int, body: bytes) -> bytes:
@@ -123,7 +145,7 @@ def attack_for_ever(name: str, port: int, kind: str) -> None:
                         break
                     received += len(data)
                 connection.sendall(READY + kind.encode())
-            attack(connection.sendall)
+            attack(connection)
 
 
 # --- robots and their other clients
@@ -143,6 +165,17 @@ def run_robot(seconds: float) -> None:
     """
     import btcore
     from btcore_monitor.serve import serve
+    from btcore_scene import MovingScene, Picture, StaticScene
+
+    class Camera:
+        """A camera with pictures of PICTURE bytes."""
+
+        def scene_static(self) -> StaticScene:
+            return StaticScene()
+
+        def scene_moving(self) -> MovingScene:
+            picture = Picture(name="camera", size=(640, 480), format="jpeg", data=bytes(PICTURE))
+            return MovingScene(pictures=[picture])
 
     class Changes(btcore.Observer):
         """The *count* of transitions."""
@@ -154,7 +187,7 @@ def run_robot(seconds: float) -> None:
 
     tree, changes = btcore.loads(TREE), Changes()
     tree.subscribe(changes)
-    with serve(tree, groot2=0, groot1=0, allow_control=True) as publisher:
+    with serve(tree, groot2=0, groot1=0, allow_control=True, resources=[Camera()]) as publisher:
         first, updates = publisher.port, publisher.groot1
         assert updates is not None
         print(json.dumps([first, first + 1, first + 2, updates, updates + 1]), flush=True)
@@ -313,11 +346,12 @@ def violations(name: str, pairs: Sequence[tuple[Outcome, Outcome]]) -> Iterator[
     late_alone = statistics.median(alone.late for _, alone in pairs)
     lost, lost_alone = sum(one.lost_ticks for one in attacked), sum(alone.lost_ticks for _, alone in pairs)
     growth = max(one.growth for one in attacked)
+    growth_alone = max(alone.growth for _, alone in pairs)
     missing = sum(one.transitions - one.received for one in attacked)
     unanswered = sum(one.unanswered + one.disconnected for one in attacked)
     print(
-        f"{name:24}{growth:8.1f} MB {lost:6} {lost_alone:6} {late:9.2f} ms {late_alone:6.2f} ms "
-        f"{missing:8} {unanswered:8}",
+        f"{name:24}{growth:8.1f} MB {growth_alone:6.1f} MB {lost:6} {lost_alone:6} "
+        f"{late:9.2f} ms {late_alone:6.2f} ms {missing:8} {unanswered:8}",
         flush=True,
     )
     planned = sum(one.ticks + one.lost_ticks for one in attacked)
@@ -351,7 +385,7 @@ def main() -> int:
         name, port, kind = options.attack
         attack_for_ever(name, int(port), kind)
     print(
-        f"{'attack':24}{'growth':>11} {'lost ticks':>13} {'late (95 %)':>22} {'missing':>8} {'no reply':>8}"
+        f"{'attack':24}{'growth':>21} {'lost ticks':>13} {'late (95 %)':>22} {'missing':>8} {'no reply':>8}"
     )
     found: list[str] = []
     for name in options.attacks or [one.__name__ for one in ATTACKS]:

@@ -18,6 +18,7 @@ import selectors
 import socket
 import sys
 import time
+from collections import deque
 
 CONNECTIONS = 32
 """Maximum connections per port. Further clients wait until a connection ends."""
@@ -48,6 +49,17 @@ wait, so the replies to a client that does not read can't fill the memory. A req
 FRAMES_AHEAD_WITHOUT_REPLY = 2 * TOPICS
 """The same, where subscriptions get no reply."""
 
+HELD_AT_MOST = 40 << 20
+"""Maximum bytes that wait in this process for slow clients, in all. If there are more, the client with the
+most waiting bytes is disconnected. A message of the scene channel has at most 32 MB."""
+
+PIECES_AT_ONCE = 4
+"""Maximum requests of the scene channel at a port that wait for a reply, at most 1 per connection: a topic of
+few bytes requests a reply of 1 MB or more. Further requests wait."""
+
+PIECE_TIMEOUT = 1.0
+"""Seconds after which a request of the scene channel no longer counts: not every request has a reply."""
+
 PATIENCE = 10.0
 """Seconds after which a client that does not read, or that waits for no reply, is disconnected."""
 
@@ -66,6 +78,7 @@ _PRIORITY = 5  # "nice" steps below the robot's process
 _MORE, _LONG, _COMMAND = 1, 2, 4  # bits of a frame's first byte
 _SIGNATURE_SIZE, _GREETING_SIZE_2, _GREETING_SIZE_3 = 10, 12, 64
 _WITHOUT_ENCRYPTION = b"NULL".ljust(20, b"\0")
+_REQUEST = b"again/"  # topics of the scene channel that request a reply, see wire/scene_channel.py
 _SUBSCRIBE, _CANCEL = b"SUBSCRIBE", b"CANCEL"
 _COMMANDS = (b"READY", b"ERROR", b"PING", b"PONG")
 
@@ -87,6 +100,8 @@ class ClientStream:
         self.frames = 0
         """The number of complete frames so far."""
         self.topics: set[bytes] = set()
+        self.request = b""
+        """The topic at the end of the bytes that were checked last, if it requests a reply."""
         self._takes_topics = takes_topics
         self._size = size
         self._head = bytearray()  # the greeting, then the beginning of each frame
@@ -101,13 +116,17 @@ class ClientStream:
         self._message_frames = self._message_size = 0
 
     def check(self, data: bytes, frames: int) -> int:
-        """Check *data* up to the end of the *frames*-th frame. Return the number of checked bytes.
+        """Check *data* up to the end of the *frames*-th frame, or of a topic that requests a reply.
+
+        Returns:
+            The number of checked bytes.
 
         Raises:
             ConnectionAbortedError: The bytes must not be forwarded.
         """
         at, end, last = 0, len(data), self.frames + frames
-        while at < end and self.frames < last:
+        self.request = b""
+        while at < end and self.frames < last and not self.request:
             if self._left:
                 step = min(self._left, end - at)
                 if self._body is not None:
@@ -209,6 +228,8 @@ class ClientStream:
         self.topics.add(topic)
         if len(topic) > TOPIC_SIZE or len(self.topics) > TOPICS:
             raise ConnectionAbortedError("too many subscriptions")
+        if topic.startswith(_REQUEST):
+            self.request = topic
 
 
 class Port:
@@ -226,6 +247,10 @@ class Port:
         self.bytes_ahead = max(size, 2 * TOPICS * TOPIC_SIZE) + _READ
         self.connections = 0
         self.listens = False
+        self.requesting: dict[Connection, float] = {}
+        """Connections that wait for a reply to a request of the scene channel, and since when."""
+        self.waiting: deque[Connection] = deque()
+        """Connections with a further request."""
         self._permits = float(CONNECTIONS)
         self._permits_at = time.monotonic()
 
@@ -267,8 +292,13 @@ class Connection:
         self._stream = ClientStream(port.takes_topics, port.size)
         self._unchecked = b""  # bytes of the client
         self._to_server = b""
-        self._to_client = b""
+        self._to_client: deque[bytes] = deque()
+        self.held = 0
+        """The number of bytes that wait for the client."""
         self._frames_ahead, self._bytes_ahead = port.frames_ahead, port.bytes_ahead
+        self._in_queue = False  # whether `_to_server` ends with a request that waits
+        self._request = b""  # the topic of the request until the reply begins
+        self._received = b""  # the last bytes before the reply begins
         self._server_ended = False
         self._waits_since: float | None = None
         self._opened = now
@@ -290,7 +320,7 @@ class Connection:
         except OSError:
             self.close()
             return
-        if self._server_ended and not self._to_client:
+        if self._server_ended and not self.held:
             self.close()
             return
         self._watch(now)
@@ -306,13 +336,15 @@ class Connection:
         if not self.closed:
             self.closed = True
             self.port.connections -= 1
+            self.port.requesting.pop(self, None)
+            self._forwarder.held -= self.held
             for end in (self.client, self.server):
                 if end is not None:
                     self._forwarder.watch(end, 0, self)
                     end.close()
 
     def _receive_from_client(self) -> None:
-        if self._unchecked or self._to_client or self._to_server:
+        if self._unchecked or self.held or self._to_server:
             return
         data = _received(self.client)
         if data == b"":
@@ -321,8 +353,8 @@ class Connection:
 
     def _forward(self) -> None:
         """Check bytes of the client and send them to the server, as far as the client may be ahead."""
-        while self._unchecked and not self._to_server and not self._to_client:
-            if self._frames_ahead <= 0 or self._bytes_ahead <= 0:
+        while self._unchecked and not self._to_server and not self.held:
+            if self._frames_ahead <= 0 or self._bytes_ahead <= 0 or self in self.port.requesting:
                 return
             frames = self._stream.frames
             checked = self._stream.check(self._unchecked[: self._bytes_ahead], self._frames_ahead)
@@ -331,45 +363,88 @@ class Connection:
             if self.server is None and self._stream.is_zmtp:
                 self.server = _connected(self.port.path)
             self._to_server, self._unchecked = self._unchecked[:checked], self._unchecked[checked:]
+            if self._stream.request:
+                self._request, self._received = self._stream.request, b""
+                self._in_queue = True
+                self.port.waiting.append(self)
             self._send_to_server()
 
+    def send_request(self, now: float) -> None:
+        """Send the request that waited for the requests of other connections."""
+        self._in_queue = False
+        self.port.requesting[self] = now
+        self.serve(self.client, 0, now)
+
+    def end_request(self, now: float) -> None:
+        """Permit the client's next request, although there was no reply."""
+        del self.port.requesting[self]
+        self._waits_since = None
+        self.serve(self.client, 0, now)
+
+    def _find_reply(self, data: bytes) -> None:
+        # The reply begins with the topic. When less is received than there is room for, no more bytes wait.
+        if self._request:
+            self._received = self._received[-TOPIC_SIZE:] + data
+            if self._request not in self._received:
+                return
+            self._request = self._received = b""
+        if len(data) < _READ:
+            del self.port.requesting[self]
+
     def _send_to_server(self) -> None:
-        if self.server is not None and self._to_server:
+        if self.server is not None and self._to_server and not self._in_queue:
             self._to_server = self._to_server[_sent(self.server, self._to_server) :]
 
     def _receive_from_server(self) -> None:
-        if self.server is None or self._to_client:
+        if self.server is None:
             return
         data = _received(self.server)
         if data == b"":
             self._server_ended = True
             self._unchecked = self._to_server = b""
         elif data:
-            self._to_client = data
+            # The bytes of a slow client wait here, because they would wait in the robot's process otherwise.
+            if self._to_client and len(self._to_client[-1]) < _READ:
+                self._to_client[-1] += data
+            else:
+                self._to_client.append(data)
+            self._hold(len(data))
             # A reply, or at least news: the client may send again.
             self._frames_ahead = self.port.frames_ahead
             self._bytes_ahead = self.port.bytes_ahead
+            if self in self.port.requesting:
+                self._find_reply(data)
             self._send_to_client()
 
     def _send_to_client(self) -> None:
-        if self._to_client:
-            self._to_client = self._to_client[_sent(self.client, self._to_client) :]
-            if not self._to_client:
+        while self._to_client:
+            data = self._to_client[0]
+            sent = _sent(self.client, data)
+            if sent:
+                self._hold(-sent)
                 self._waits_since = None
+            if sent < len(data):
+                self._to_client[0] = data[sent:]
+                return
+            self._to_client.popleft()
+
+    def _hold(self, size: int) -> None:
+        self.held += size
+        self._forwarder.held += size
 
     def _watch(self, now: float) -> None:
-        waits = bool(self._to_client or self._to_server or self._unchecked)
+        waits = bool(self.held or self._to_server or self._unchecked)
         if not waits:
             self._waits_since = None
         elif self._waits_since is None:
             self._waits_since = now
-        events = selectors.EVENT_WRITE if self._to_client else 0
+        events = selectors.EVENT_WRITE if self.held else 0
         if not waits and not self._server_ended:
             events |= selectors.EVENT_READ
         self._forwarder.watch(self.client, events, self)
         if self.server is not None:
-            events = selectors.EVENT_WRITE if self._to_server else 0
-            if not self._to_client and not self._server_ended:
+            events = selectors.EVENT_WRITE if self._to_server and not self._in_queue else 0
+            if not self._server_ended:
                 events |= selectors.EVENT_READ
             self._forwarder.watch(self.server, events, self)
 
@@ -384,6 +459,8 @@ class Forwarder:
     """
 
     def __init__(self, ports: list[Port], control: int, parent: int = 0) -> None:
+        self.held = 0
+        """The number of bytes that wait for the clients of all connections."""
         self._ports = ports
         self._control = control
         self._connections: set[Connection] = set()
@@ -413,6 +490,8 @@ class Forwarder:
                     self._accept(key.data, now)
                 elif not key.data.closed:
                     self._serve(key.data, key.fileobj, events, now)
+            for port in self._ports:
+                self._send_requests(port, now)
             # A fork of the robot's process may hold the control connection open.
             if self._parent and os.getppid() != self._parent:
                 self._finish()
@@ -452,11 +531,25 @@ class Forwarder:
     def _serve(self, connection: Connection, ready: object, events: int, now: float) -> None:
         assert isinstance(ready, socket.socket)
         connection.serve(ready, events, now)
+        if self.held > HELD_AT_MOST:
+            most = max(self._connections, key=lambda each: each.held)
+            most.close()
+            self._connections.discard(most)
         if connection.closed:
             self._connections.discard(connection)
 
+    def _send_requests(self, port: Port, now: float) -> None:
+        while port.waiting and len(port.requesting) < PIECES_AT_ONCE:
+            connection = port.waiting.popleft()
+            if not connection.closed:
+                connection.send_request(now)
+
     def _sweep(self, now: float) -> None:
-        for connection in {each for each in self._connections if each.is_overdue(now)}:
+        for port in self._ports:
+            for connection, since in list(port.requesting.items()):
+                if now - since > PIECE_TIMEOUT:
+                    connection.end_request(now)
+        for connection in {each for each in self._connections if each.closed or each.is_overdue(now)}:
             connection.close()
             self._connections.discard(connection)
 

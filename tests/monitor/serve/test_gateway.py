@@ -186,6 +186,92 @@ def test_requests_and_subscriptions_of_the_maximum_size_are_forwarded(endless, n
         assert receive(topics, 4) == b"\1\6\x02N"
 
 
+@pytest.fixture
+def stream():
+    """``stream(**options)``: a robot's XPUB socket, and the port of the gateway in front of it."""
+    with contextlib.ExitStack() as stack:
+
+        def made(**options: int) -> tuple[zmq.Socket[bytes], int]:
+            robot = stack.enter_context(stack.enter_context(zmq.Context()).socket(zmq.XPUB))
+            for name, value in options.items():
+                setattr(robot, name, value)
+            robot.linger = 0
+            robot.maxmsgsize = 1024
+            robot.rcvtimeo = robot.sndtimeo = 20_000
+            listener = socket.create_server(("127.0.0.1", 0))
+            port = listener.getsockname()[1]
+            between = Gateway()
+            between.add(listener, robot)
+            between.start()
+            stack.callback(between.close)
+            return robot, port
+
+        yield made
+
+
+@contextlib.contextmanager
+def subscriber(port: int, *topics: bytes):
+    """A connection with ZMTP 3.0 that has subscribed to *topics*."""
+    with socket.create_connection(("127.0.0.1", port), timeout=20) as client:
+        client.sendall(V30)
+        receive(client, 64 + 28)  # with READY of an XPUB socket
+        client.sendall(b"".join(frame(b"\1" + topic) for topic in topics))
+        yield client
+
+
+def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream):
+    # The robot's socket holds 2 messages per client at most, and then it waits.
+    robot, port = stream(sndhwm=2, xpub_nodrop=1)
+    picture = frame(bytes(1 << 20))
+    with subscriber(port, b"") as slow:
+        assert robot.recv() == b"\1"
+        for _ in range(20):
+            robot.send(picture[9:])
+        # The client has lost nothing, although it has not read for some time.
+        for _ in range(20):
+            assert receive(slow, len(picture)) == picture
+        with subscriber(port, b"\0") as other:
+            assert robot.recv() == b"\1\0"
+            for _ in range(gateway_process.HELD_AT_MOST // len(picture) + 20):
+                robot.send(picture[9:])
+                # The client reads slowly.
+                with contextlib.suppress(ConnectionError):
+                    slow.recv(100)
+                assert receive(other, len(picture)) == picture
+            assert robot.recv() == b"\0"  # the slow client is disconnected
+
+
+@pytest.mark.usefixtures("in_a_thread")
+def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(stream, monkeypatch):
+    monkeypatch.setattr(gateway_process, "PATIENCE", 60.0)
+    monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT", 60.0)
+    robot, port = stream()
+    with contextlib.ExitStack() as clients:
+        names = [b"%d" % number for number in range(gateway_process.PIECES_AT_ONCE)]
+        for name in names:
+            clients.enter_context(subscriber(port, b"again/1/" + name, b"again/2/" + name))
+            assert robot.recv() == b"\1again/1/" + name
+        fifth = clients.enter_context(subscriber(port, b"again/1/fifth"))
+        with subscriber(port, b"other"):
+            assert robot.recv() == b"\1other"
+        assert robot.recv() == b"\0other"
+        robot.send_multipart([b"again/1/0", bytes(1 << 20)])
+        assert robot.recv() == b"\1again/1/fifth"
+        robot.send_multipart([b"again/1/fifth", b"piece"])
+        assert robot.recv() == b"\1again/2/0"
+        receive(fifth, 2 + 13 + 2 + 5)
+
+
+@pytest.mark.usefixtures("in_a_thread")
+def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(stream, monkeypatch):
+    monkeypatch.setattr(gateway_process, "PATIENCE", 60.0)
+    monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT", 0.0)
+    monkeypatch.setattr(gateway_process, "_SWEEP", 0.05)
+    robot, port = stream()
+    with subscriber(port, b"again/invalid", b"again/1/token", b"stream"):
+        assert [robot.recv() for _ in range(3)] == [b"\1again/invalid", b"\1again/1/token", b"\1stream"]
+
+
 def test_encrypted_clients_are_forwarded_and_limited():
     server_key, server_secret = zmq.curve_keypair()
     key, secret = zmq.curve_keypair()
