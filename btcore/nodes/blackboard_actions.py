@@ -95,9 +95,11 @@ class SetBlackboard(SyncAction):
             # An entry without a type remains so: BehaviorTree.CPP accepts a number later, too.
             if entry.declared.strong:
                 value = entry.declared.from_text(value, self.config.format)
-            entry.put(value, board.now())
-        else:
-            board.set(key, value)
+            if not entry.declared.strong or board.local_entries().get(key) is entry:
+                entry.put(value, board.now())
+                return
+        # In an outer scope BehaviorTree.CPP may write another entry than it reads: "@m", not the root's "m".
+        board.set(key, value)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -301,7 +301,7 @@ def test_a_failing_block_is_reported_with_its_line_in_the_page(tmp_path: Path) -
 
 
 def test_tests_in_a_page_are_run_with_the_fixtures_of_btcore(tmp_path: Path) -> None:
-    page = "```python\ndef test_it(clock):\n    assert clock.now() == {}\n```\n"
+    page = "```python\ndef test_it(btcore_clock):\n    assert btcore_clock.now() == {}\n```\n"
     assert "1 passed" in run(page.format(0), "good", tmp_path).stdout
     shutil.rmtree(tmp_path / "empty")
     assert "1 failed" in run(page.format(1), "bad", tmp_path).stdout

@@ -19,6 +19,7 @@ def test_ctrl_c_while_a_module_is_imported_prints_no_traceback(module: str) -> N
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        pipesize=4096,  # so that the process cannot be far ahead of the line that is read
         # These tests may run under nohup, and a child process inherits ignored signals.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:

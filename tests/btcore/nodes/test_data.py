@@ -65,6 +65,15 @@ def test_text_is_converted_to_the_type_of_the_entry(make_tree: Grow) -> None:
     assert tree.blackboard["x"] == 42
 
 
+def test_remapping_to_a_key_of_the_root_scope_reads_one_entry_and_writes_another(make_tree: Grow) -> None:
+    inner = '<BehaviorTree ID="Sub"><SetBlackboard value="42" output_key="x"/></BehaviorTree>'
+    tree = make_tree('<SubTree ID="Sub" x="{@y}"/>', others=inner)
+    tree.blackboard["y"] = 7
+    tree.tick_once()
+    entries = {key: entry.value for key, entry in tree.blackboard.local_entries().items()}
+    assert entries == {"y": 7, "@y": 42}
+
+
 def test_text_that_does_not_convert_raises(make_tree: Grow) -> None:
     tree = make_tree('<SetBlackboard value="many" output_key="x"/>')
     tree.blackboard["x"] = 7

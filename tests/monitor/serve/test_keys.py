@@ -56,7 +56,7 @@ def wrong_keys(folder, kind: str) -> ClientKeys | None:
 
 REFUSALS = {
     "none": "refused the connection: the robot requires keys: use --key-file and --robot-key",
-    "unknown": "refused the connection: the robot does not know this key; the public key for --allow-key is [0-9a-f]{64}$",
+    "unknown": "the robot does not know this key; the public key for --allow-key is [0-9a-f]{64}$",
     "another robot's": "refused the connection: --robot-key is not the public key of this robot",
 }
 
