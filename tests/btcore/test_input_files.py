@@ -16,7 +16,6 @@ from btcore.registry.registry import Registry
 from btcore.testing.substitution_rules import load_substitution_rules
 from btcore.xml.models.model_file import add_models
 from btcore.xml.read.document import parse_file
-from btcore_robot.navigation.occupancy_map import MapError, load_map
 
 IRREGULAR = {
     "pipe": "it is a named pipe, not a regular file",
@@ -31,7 +30,6 @@ READERS: dict[Callable[[Path], object], type[Exception]] = {
     read_btlog: LogError,
     read_fbl: LogError,
     read_sqlite: LogError,
-    load_map: MapError,
 }
 
 
@@ -66,16 +64,6 @@ def test_readers_refuse_files_above_the_limit(
     monkeypatch.setenv("BTCORE_MAX_FILE_SIZE", "2kB")
     with pytest.raises(error, match="it is larger than 2 kB; to read it, use 'btcore --max-file-size"):
         read(path)
-
-
-def test_image_of_a_map_is_checked_like_the_map(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "map.pgm")
-    (tmp_path / "map.yaml").write_text(
-        "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
-    )
-    with pytest.raises(MapError, match="cannot be read: it is a named pipe"):
-        load_map(tmp_path / "map.yaml")
 
 
 def test_file_of_exactly_the_limit_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

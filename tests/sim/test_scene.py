@@ -205,6 +205,13 @@ def test_a_list_is_not_a_world(tmp_path: Path):
         load_scene(str(path))
 
 
+def test_a_deeply_nested_file_is_refused(tmp_path: Path):
+    path = tmp_path / "mine.json"
+    path.write_text("[" * 100_000 + "]" * 100_000)
+    with pytest.raises(SimError, match="nested more than 100 levels deep"):
+        load_scene(str(path))
+
+
 def test_a_missing_file_raises():
     with pytest.raises(SimError, match=r"nowhere/mine\.json: no such file"):
         load_scene("nowhere/mine.json")

@@ -265,3 +265,29 @@ def test_a_map_that_cannot_be_written_raises(tmp_path):
 def test_a_map_without_a_positive_resolution_is_refused(resolution):
     with pytest.raises(MapError, match="the side of a cell must be greater than 0 m"):
         OccupancyMap(ROOM, resolution, (0.0, 0.0))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs named pipes")
+def test_a_map_or_an_image_that_is_a_named_pipe_is_refused_without_waiting(tmp_path):
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(MapError, match="it is a named pipe, not a regular file"):
+        load_map(tmp_path / "pipe.yaml")
+    path = written(tmp_path, GOOD, np.zeros((2, 2), dtype=np.uint8))
+    image = next(tmp_path.glob("*.pgm"))
+    image.unlink()
+    os.mkfifo(image)
+    with pytest.raises(MapError, match="cannot be read: it is a named pipe"):
+        load_map(path)
+
+
+def test_a_map_file_above_the_limit_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("BTCORE_MAX_FILE_SIZE", "2kB")
+    (tmp_path / "map.yaml").write_bytes(b" " * 2_001)
+    with pytest.raises(MapError, match="it is larger than 2 kB"):
+        load_map(tmp_path / "map.yaml")
+
+
+def test_a_deeply_nested_map_file_is_refused(tmp_path):
+    (tmp_path / "map.yaml").write_text("[" * 100_000 + "]" * 100_000)
+    with pytest.raises(MapError, match="not valid YAML: nested too deeply"):
+        load_map(tmp_path / "map.yaml")
