@@ -9,7 +9,6 @@ the unanswered requests and lost transitions of another client. It exits with 1 
 import argparse
 import contextlib
 import json
-import os
 import resource
 import socket
 import statistics
@@ -21,7 +20,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from checkout import environment
+
 PERIOD = 0.02  # s, of the tree
 GROWTH = 50.0  # MB, permitted
 LIMIT = 200  # MB that the robot's process may allocate in addition; then allocations fail
@@ -237,12 +237,11 @@ class Robot:
     """A robot in a process of its own, and a client that watches it and requests its status."""
 
     def __init__(self, seconds: float) -> None:
-        path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         self._process = subprocess.Popen(
             [sys.executable, __file__, "--robot", str(seconds)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": path},
+            env=environment(),
             text=True,
         )
         self.outcome = Outcome()

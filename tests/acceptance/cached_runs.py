@@ -5,7 +5,6 @@ sources invalidates the results.
 """
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -16,7 +15,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[2]
+from checkout import ROOT, environment
+
 RESULTS = ROOT / ".accept"
 
 Result = dict[str, Any]
@@ -51,11 +51,9 @@ def run(case: Case, seed: int) -> Result:
     """Run *case* with *seed* by the command line, in a separate process."""
     command = [sys.executable, "-m", "btcore", "run", *case.arguments]
     command += ["--fast", "--json", "--seed", str(seed)]
-    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     # Several runs share the cores already: more threads in a run would only wait for each other.
-    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    environment = {**os.environ, "PYTHONPATH": path, **threads}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    single_threaded = environment(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=single_threaded)
     if done.returncode != 0:
         return {"seed": seed, "error": f"exit code {done.returncode}: {done.stderr.strip()[-500:]}"}
     return {"seed": seed, **json.loads(done.stdout.splitlines()[-1])}

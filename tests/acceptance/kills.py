@@ -27,7 +27,9 @@ from tempfile import TemporaryDirectory
 from typing import IO
 
 import psutil
-from recording import ROOT, logged, recorded
+from checkout import environment
+from recording import logged, recorded
+from sweep import workers
 
 from btcore.errors import BtcoreError
 from btcore.logs import read_btlog
@@ -52,10 +54,8 @@ Trial = Callable[[Path, random.Random], str]
 
 def start(folder: Path, *arguments: str, output: IO[bytes] | int = DEVNULL) -> "Popen[bytes]":
     """Start ``btcore`` with *arguments* in *folder*."""
-    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-m", "btcore", *arguments]
-    environment = {**os.environ, "PYTHONPATH": path}
-    return Popen(command, cwd=folder, stdout=output, stderr=DEVNULL, env=environment)
+    return Popen(command, cwd=folder, stdout=output, stderr=DEVNULL, env=environment())
 
 
 def kill(*processes: "psutil.Process | Popen[bytes]") -> None:
@@ -72,13 +72,6 @@ def wait_until(holds: Callable[[], object], process: "Popen[bytes]") -> None:
         if time.monotonic() > end:
             raise TimeoutError(f"nothing happened in {PATIENCE:g} s")
         time.sleep(0.01)
-
-
-def workers(process: "Popen[bytes]") -> list[psutil.Process]:
-    """Return the worker processes of the sweep *process*."""
-    children = psutil.Process(process.pid).children(recursive=True)
-    # The children include the process that tracks shared memory, which is not a worker.
-    return [child for child in children if "spawn_main" in str(child.cmdline())]
 
 
 def recording_trial(*, run: bool, recorder: bool) -> Trial:

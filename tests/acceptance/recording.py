@@ -5,18 +5,17 @@ compares the two transition by transition, and exits with 1 on any difference.
 """
 
 import argparse
-import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from checkout import environment
 from rerun.chunk import RrdReader
 
 from btcore.logs import read_btlog
 
-ROOT = Path(__file__).parents[2]
 COLUMNS = ("number", "uid", "previous", "status")
 Change = tuple[int, ...]
 
@@ -53,12 +52,11 @@ def main() -> int:
         recording, log = Path(folder) / "patrol.rrd", Path(folder) / "patrol.btlog"
         command = [sys.executable, "-m", "btcore", "run", "patrolling", "--world", "house", "--fast"]
         command += ["--seed", str(options.seed), "--duration", str(options.duration)]
-        path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         subprocess.run(
             [*command, "--save", str(recording), "--log", str(log)],
             check=True,
             stdout=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": path},
+            env=environment(),
         )
         by_wire, by_log = recorded(recording), logged(log)
     differences = sum(one != other for one, other in zip(by_wire, by_log, strict=False))

@@ -19,8 +19,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import psutil
+from checkout import environment
 
-ROOT = Path(__file__).parents[2]
 DURATION = 20
 LEAST_SHARE = 0.85
 JUDGED_FROM = 500
@@ -43,12 +43,9 @@ def sweep(seeds: str, folder: Path, jobs: int, *, kill: bool) -> Swept:
     """Sweep over *seeds*; with *kill* a worker is killed when a third is done."""
     command = [sys.executable, "-m", "btcore", "sweep", "bumpgo", "--seeds", seeds]
     command += ["--duration", str(DURATION), "--workers", str(jobs), "--output", str(folder), "--json"]
-    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     system = psutil.cpu_times()
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    with subprocess.Popen(
-        command, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.PIPE, text=True
-    ) as process:
+    with subprocess.Popen(command, env=environment(), stdout=subprocess.PIPE, text=True) as process:
         if kill:
             kill_a_worker(process, folder, int(seeds) // 3)
         out, _ = process.communicate()
@@ -66,13 +63,14 @@ def kill_a_worker(process: "subprocess.Popen[str]", folder: Path, when: int) -> 
         if process.poll() is not None:
             return
         time.sleep(0.2)
+    os.kill(workers(process)[-1].pid, signal.SIGKILL)
+
+
+def workers(process: "subprocess.Popen[Any]") -> list[psutil.Process]:
+    """Return the worker processes of the sweep *process*."""
+    children = psutil.Process(process.pid).children(recursive=True)
     # The children include the process that tracks shared memory, which is not a worker.
-    workers = [
-        one
-        for one in psutil.Process(process.pid).children(recursive=True)
-        if "spawn_main" in str(one.cmdline())
-    ]
-    os.kill(workers[-1].pid, signal.SIGKILL)
+    return [child for child in children if "spawn_main" in str(child.cmdline())]
 
 
 def main() -> int:
