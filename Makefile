@@ -29,12 +29,13 @@ RECORDED ?= 600
 ATTACKS ?= --pairs 3 --seconds 10
 KILLS ?= 100
 
-.PHONY: help setup demo test lint lint-and-pure pure compiled vulkan accept bench clean
+.PHONY: help setup demo test lint lint-and-pure pure compiled vulkan accept docs bench clean
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
 	@echo 'make test    style, types, and every test on both builds of the engine'
 	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
+	@echo 'make docs    the documentation site, in out/docs/site'
 	@echo 'make lint    style and types only'
 	@echo 'make bench   the benchmarks on both builds, in ratios beside their targets'
 	@echo 'make clean   everything that the other targets made'
@@ -62,6 +63,10 @@ setup: .venv/ready
 
 .venv-compiled/bench: .venv-compiled/ready
 	@.venv-compiled/bin/python $(PIP) install "$$(echo dist/btcore-*.whl)[bench]"
+	@touch $@
+
+.venv/docs: .venv/ready
+	@.venv/bin/python $(PIP) install --editable '.[docs]'
 	@touch $@
 
 # Software Vulkan draws the monitor's pictures where there is no graphics card.
@@ -122,6 +127,9 @@ accept: .venv/ready
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
+
+docs: .venv/docs
+	@.venv/bin/python docs/site/build.py
 
 bench: .venv/ready .venv-compiled/bench
 	@mkdir -p out

@@ -1,6 +1,7 @@
 """The table of diagnostic codes, with the severity, the summary and the documentation of each code.
 
-docs/errors.md and docs/converting.md describe the codes; a test compares both pages with this table.
+docs/reference/errors.md and docs/guides/converting.md describe the codes; a test compares both pages with
+this table.
 """
 
 import re
@@ -33,9 +34,9 @@ class DiagnosticCode(str):
     def documentation(self) -> str:
         """The page of docs/ that describes the code; for errors and warnings with the heading's anchor."""
         if self.startswith("C"):
-            return "converting.md"
+            return "guides/converting.md"
         heading = f"{self} · {self.summary}".lower()
-        return "errors.md#" + re.sub(r"[^\w -]", "", heading).replace(" ", "-")
+        return "reference/errors.md#" + re.sub(r"[^\w -]", "", heading).replace(" ", "-")
 
 
 # The document itself

@@ -17,7 +17,7 @@ def test_readme_program_prints_the_output_in_its_last_comment() -> None:
 
 def test_every_file_linked_in_the_readme_exists() -> None:
     links = re.findall(r"\]\(([^):]+)\)", README)
-    assert "docs/monitor.png" in links
+    assert "docs/images/monitor.png" in links
     assert [link for link in links if not (Path(__file__).parent.parent / link).exists()] == []
 
 

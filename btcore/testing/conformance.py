@@ -2,7 +2,7 @@
 
 A case contains a tree, a script or a text to convert, and the result that BehaviorTree.CPP returned. The
 program prints ``N passed, M failed`` and the first differences, and exits with 1 if there is a difference.
-Differences that docs/differences.md describes are counted separately, and are no failures.
+Differences that docs/reference/differences.md describes are counted separately, and are no failures.
 """
 
 import gzip
@@ -210,7 +210,7 @@ def compare_tree_case(case: dict[str, Any], nodes: Registry) -> str | None:
 
 
 def documented_difference(case: dict[str, Any], nodes: Registry) -> str | None:
-    """Return the rule of docs/differences.md that explains why *case* differs, or None.
+    """Return the rule of docs/reference/differences.md that explains why *case* differs, or None.
 
     Args:
         case: A case for which :func:`compare_case` has returned a difference.

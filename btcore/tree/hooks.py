@@ -1,8 +1,8 @@
 """Breakpoints and fault injection: at most one hook before and one after the tick of each node.
 
 Hooks have the same effects as the hooks that clients of BehaviorTree.CPP's ``Groot2Publisher`` insert
-(src/loggers/groot2_publisher.cpp, docs/protocols.md). An injected status replaces the tick or its result and
-has no other effect: a node that was RUNNING is not halted.
+(src/loggers/groot2_publisher.cpp, docs/reference/protocols.md). An injected status replaces the tick or its
+result and has no other effect: a node that was RUNNING is not halted.
 """
 
 import threading

@@ -1,4 +1,4 @@
-"""docs/conformance.md lists the nodes without recorded cases, and the number of cases in each file."""
+"""docs/reference/conformance.md lists the nodes without recorded cases, and the cases in each file."""
 
 import gzip
 import json
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "conformance.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs/reference/conformance.md").read_text(encoding="utf-8")
 DATA = sorted((ROOT / "tests" / "conformance" / "data").glob("*.jsonl.gz"))
 MUTATED = {"v3_mutated", "v4_mutated"}
 

@@ -15,7 +15,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 OWN_TESTS = sorted((ROOT / "tests" / "docs").glob("*.py"))
 LISTED = set(re.findall(r"`(btcore[\w.]*)`", "".join(
     line.split("|")[1]
-    for line in (ROOT / "docs" / "public_api.md").read_text(encoding="utf-8").splitlines()
+    for line in (ROOT / "docs/reference/public_api.md").read_text(encoding="utf-8").splitlines()
     if line.startswith("| `")
 )))  # fmt: skip
 WHOLE = {

@@ -13,7 +13,7 @@ from tests.docs.test_docs import program
 
 py_trees = pytest.importorskip("py_trees")
 
-PAGE = Path(__file__).parents[2] / "docs" / "from_py_trees.md"
+PAGE = Path(__file__).parents[2] / "docs/guides/from_py_trees.md"
 S, F, R = py_trees.common.Status.SUCCESS, py_trees.common.Status.FAILURE, py_trees.common.Status.RUNNING
 
 

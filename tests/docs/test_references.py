@@ -51,7 +51,8 @@ def test_missing_references_are_found() -> None:
     # The name is assembled at run time, because the test above reads this file, too.
     absent = "absent" + ".md"
     text = (
-        f"See docs/errors.md, errors.md#e101, *.md and docs/*.md.\nSee `docs/{absent}`, [a page]({absent}).\n"
+        "See docs/guides/async.md, guides/async.md#halt, *.md and docs/*.md.\n"
+        f"See `docs/{absent}`, [a page]({absent}).\n"
     )
     assert missing_references(text, ROOT / "btcore") == [f"2: docs/{absent}", f"2: {absent}"]
     assert missing_references(f"https://example.org/{absent}\n", ROOT) == []

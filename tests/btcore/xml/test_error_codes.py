@@ -1,4 +1,4 @@
-"""docs/errors.md describes every code of the table, and every example produces its code."""
+"""docs/reference/errors.md describes every code of the table, and every example produces its code."""
 
 import ast
 import pickle
@@ -14,7 +14,7 @@ from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_text
 
 ROOT = Path(__file__).parents[3]
-PAGE = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs/reference/errors.md").read_text(encoding="utf-8")
 CODE = re.compile(r"[EWC][0-9]{3}")
 HEADINGS = re.findall(r"^### ([EW][0-9]{3}) · ", PAGE, re.MULTILINE)
 PARAGRAPHS = dict(
@@ -35,7 +35,7 @@ def test_a_code_links_to_its_heading() -> None:
     headings = re.findall(r"^#+ (.+)$", PAGE, re.MULTILINE)
     anchors = {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
     links = [code.documentation.split("#") for code in ALL_CODES if not code.startswith("C")]
-    assert {page for page, _ in links} == {"errors.md"}
+    assert {page for page, _ in links} == {"reference/errors.md"}
     assert {anchor for _, anchor in links} < anchors
 
 

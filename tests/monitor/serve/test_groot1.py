@@ -83,7 +83,7 @@ def tree_in(data: bytes) -> dict[str, Any]:
 
 @dataclass
 class Message:
-    """A frame of the publish socket, as docs/protocols.md describes it."""
+    """A frame of the publish socket, as docs/reference/protocols.md describes it."""
 
     statuses: list[tuple[int, int]]
     changes: list[tuple[int, int, int, int, int]]

@@ -1,0 +1,75 @@
+"""Build the documentation site: `make docs` runs this script.
+
+The pages of docs/ are copied to out/docs/pages, the reference pages are generated beside them, and Zensical
+builds the site in out/docs/site. Any problem that Zensical reports, such as a missing page or anchor, fails
+the build.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+from api_pages import write_api_pages
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+OUT = ROOT / "out" / "docs"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+FENCE = re.compile(r"^( *(?:`{3,}|~{3,}) *)(\w+) +(.*)$", re.MULTILINE)
+FILE_NAME = re.compile(r"[\w.]+\.\w+")
+LINK = re.compile(r"(?<=\]\()(?![a-z]+:)([^)#\s]+)")
+
+
+def copy_pages(pages: Path) -> None:
+    """Copy the pages and pictures of docs/ and the changelog to the folder *pages*."""
+    shutil.rmtree(pages, ignore_errors=True)
+    shutil.copytree(DOCS, pages, ignore=shutil.ignore_patterns("*.py", "__pycache__", "zensical.toml"))
+    (pages / "site" / "navigation.md").rename(pages / "navigation.md")
+    for page in pages.rglob("*.md"):
+        if page.parent != pages or page.name != "navigation.md":
+            original = DOCS / page.relative_to(pages)
+            page.write_text(for_site(original), encoding="utf-8")
+    (pages / "CHANGELOG.md").write_text(for_site(ROOT / "CHANGELOG.md"), encoding="utf-8")
+
+
+def for_site(page: Path) -> str:
+    """Return the text of *page* as Zensical expects it: its links, and the words after its fences."""
+    return FENCE.sub(with_title, with_site_links(page))
+
+
+def with_title(fence: re.Match[str]) -> str:
+    """Return the first line of a fenced block, with a file name as title, and without notes for the tests."""
+    title = f' title="{fence[3]}"' if FILE_NAME.fullmatch(fence[3]) else ""
+    return f"{fence[1]}{fence[2]}{title}"
+
+
+def with_site_links(page: Path) -> str:
+    """Return the text of *page*, with links to files outside docs/ replaced by links to the repository."""
+
+    def replaced(link: re.Match[str]) -> str:
+        target = (page.parent / link[1]).resolve()
+        if target == ROOT / "CHANGELOG.md":
+            return os.path.relpath(DOCS / "CHANGELOG.md", page.parent)
+        if target.is_relative_to(DOCS):
+            return os.path.relpath(target, DOCS if page.parent == ROOT else page.parent)
+        return f"{PROJECT['urls']['Repository']}/blob/main/{target.relative_to(ROOT).as_posix()}"
+
+    return LINK.sub(replaced, page.read_text(encoding="utf-8"))
+
+
+def main() -> int:
+    """Build the site, and return Zensical's exit code."""
+    copy_pages(OUT / "pages")
+    write_api_pages(OUT / "pages" / "reference" / "api")
+    config = (DOCS / "site" / "zensical.toml").read_text(encoding="utf-8")
+    (OUT / "zensical.toml").write_text(config, encoding="utf-8")
+    zensical = Path(sys.executable).with_name("zensical")
+    return subprocess.run([zensical, "build", "--strict"], cwd=OUT, check=False).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())
