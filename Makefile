@@ -65,10 +65,6 @@ setup: .venv/ready
 	@.venv-compiled/bin/python $(PIP) install "$$(echo dist/btcore-*.whl)[bench]"
 	@touch $@
 
-.venv/docs: .venv/ready
-	@.venv/bin/python $(PIP) install --editable '.[docs]'
-	@touch $@
-
 # Software Vulkan draws the monitor's pictures where there is no graphics card.
 vulkan:
 	@if ls /usr/share/vulkan/icd.d/*.json >/dev/null 2>&1; then :; \
@@ -128,7 +124,7 @@ accept: .venv/ready
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 
-docs: .venv/docs
+docs: .venv/ready
 	@.venv/bin/python docs/site/build.py
 
 bench: .venv/ready .venv-compiled/bench

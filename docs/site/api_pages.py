@@ -93,7 +93,7 @@ def write_api_pages(folder: Path) -> None:
             for part in parts:
                 add(part, 0)
     (folder / "index.md").write_text("\n".join([*index, ""]), encoding="utf-8")
-    (folder / "navigation.md").write_text("\n".join([*navigation, ""]), encoding="utf-8")
+    (folder / "navigation").write_text("\n".join([*navigation, ""]), encoding="utf-8")
 
 
 def submodules(package: griffe.Module) -> list[str]:

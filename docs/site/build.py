@@ -5,6 +5,7 @@ builds the site in out/docs/site. Any problem that Zensical reports, such as a m
 the build.
 """
 
+import json
 import os
 import re
 import shutil
@@ -14,6 +15,7 @@ import tomllib
 from pathlib import Path
 
 from api_pages import write_api_pages
+from links import link_problems
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -28,11 +30,9 @@ def copy_pages(pages: Path) -> None:
     """Copy the pages and pictures of docs/ and the changelog to the folder *pages*."""
     shutil.rmtree(pages, ignore_errors=True)
     shutil.copytree(DOCS, pages, ignore=shutil.ignore_patterns("*.py", "__pycache__", "zensical.toml"))
-    (pages / "site" / "navigation.md").rename(pages / "navigation.md")
+    (pages / "site" / "navigation.md").rename(pages / "navigation")
     for page in pages.rglob("*.md"):
-        if page.parent != pages or page.name != "navigation.md":
-            original = DOCS / page.relative_to(pages)
-            page.write_text(for_site(original), encoding="utf-8")
+        page.write_text(for_site(DOCS / page.relative_to(pages)), encoding="utf-8")
     (pages / "CHANGELOG.md").write_text(for_site(ROOT / "CHANGELOG.md"), encoding="utf-8")
 
 
@@ -61,14 +61,41 @@ def with_site_links(page: Path) -> str:
     return LINK.sub(replaced, page.read_text(encoding="utf-8"))
 
 
+def make_self_contained(site: Path) -> None:
+    """Let search work in pages that are opened as files, without a script of another host.
+
+    Browsers do not start a worker from a file. A worker can start from a text, though.
+    """
+    (worker,) = site.glob("assets/javascripts/workers/search.*.js")
+    script = site / "assets/javascripts/search_worker.js"
+    script.write_text(
+        'if (location.protocol === "file:") {\n'
+        f"  const text = {json.dumps(worker.read_text(encoding='utf-8'))};\n"
+        '  const source = URL.createObjectURL(new Blob([text], { type: "text/javascript" }));\n'
+        "  window.Worker = class extends Worker { constructor() { super(source); } };\n"
+        "}\n",
+        encoding="utf-8",
+    )
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        address = os.path.relpath(script, page.parent)
+        page.write_text(text.replace("https://unpkg.com/iframe-worker/shim", address), encoding="utf-8")
+
+
 def main() -> int:
-    """Build the site, and return Zensical's exit code."""
+    """Build and check the site. Return the exit code: 0 if there is no problem."""
     copy_pages(OUT / "pages")
     write_api_pages(OUT / "pages" / "reference" / "api")
     config = (DOCS / "site" / "zensical.toml").read_text(encoding="utf-8")
     (OUT / "zensical.toml").write_text(config, encoding="utf-8")
     zensical = Path(sys.executable).with_name("zensical")
-    return subprocess.run([zensical, "build", "--strict"], cwd=OUT, check=False).returncode
+    built = subprocess.run([zensical, "build", "--strict"], cwd=OUT, check=False)
+    if built.returncode != 0:
+        return built.returncode
+    make_self_contained(OUT / "site")
+    problems = link_problems(OUT / "site")
+    print("\n".join(problems), file=sys.stderr, end="\n" * bool(problems))
+    return min(len(problems), 1)
 
 
 if __name__ == "__main__":
