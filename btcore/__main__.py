@@ -1,4 +1,4 @@
-"""The command ``btcore``, and ``python -m btcore``.
+"""The command `btcore`, and `python -m btcore`.
 
 Importing the command line takes some tenths of a second. In this time Ctrl-C ends the process at once: an
 import that is interrupted by an exception would print a traceback.

@@ -2,7 +2,7 @@
 
 Python prefers a compiled file to the source beside it. This module makes Python ignore the compiled files
 in three cases: in a checkout, whose source may be newer than the compiled files; in an install in which a
-compiled file is missing, which would crash; and if ``BTCORE_PURE=1`` is set, so that a debugger can step
+compiled file is missing, which would crash; and if `BTCORE_PURE=1` is set, so that a debugger can step
 through the engine.
 """
 
@@ -22,7 +22,7 @@ HERE = Path(__file__).parent
 
 
 class SourceOnly:
-    """A finder for ``sys.meta_path`` that finds only the source files of btcore, not the compiled files.
+    """A finder for `sys.meta_path` that finds only the source files of btcore, not the compiled files.
 
     *reason* is the cause, for messages.
     """
@@ -37,8 +37,8 @@ class SourceOnly:
         """Return the spec of the source file of a module below btcore.
 
         Args:
-            fullname: The full name of the module, for example ``btcore.engine.node``.
-            path: The ``__path__`` of the module's parent package: the folders to search; None for a top-level
+            fullname: The full name of the module, for example `btcore.engine.node`.
+            path: The `__path__` of the module's parent package: the folders to search; None for a top-level
                 module.
             target: Ignored; part of the interface of finders.
 
@@ -63,7 +63,7 @@ class SourceOnly:
 
 
 def select_build() -> None:
-    """Install :class:`SourceOnly` as the first finder, unless the compiled build can run."""
+    """Install `SourceOnly` as the first finder, unless the compiled build can run."""
     reason = why_pure()
     if reason and _source_only() is None:
         sys.meta_path.insert(0, SourceOnly(reason))
@@ -101,13 +101,13 @@ def _load_library(file: Path) -> None:
 
 
 def compiled_modules() -> list[str]:
-    """Return the names of the modules compiled into :data:`LIBRARY`. Raise ImportError if it is missing."""
+    """Return the names of the modules compiled into `LIBRARY`. Raise ImportError if it is missing."""
     marks = [name for name in dir(import_module(LIBRARY)) if name.startswith("init_")]
     return [mark.removeprefix("init_").replace("___", ".") for mark in marks]
 
 
 def active_build() -> str:
-    """Return ``"compiled"`` or ``"pure"``, by the file from which btcore.status was imported."""
+    """Return `"compiled"` or `"pure"`, by the file from which btcore.status was imported."""
     from btcore import status
 
     source = status.__file__ or ""

@@ -15,13 +15,13 @@ def folder() -> Path:
 
 
 def names() -> list[str]:
-    """Return the names of the bundled trees: ``bumpgo``, ``navigation/patrol`` …"""
+    """Return the names of the bundled trees: `bumpgo`, `navigation/patrol` …"""
     here = folder()
     return sorted(path.relative_to(here).with_suffix("").as_posix() for path in here.rglob("*.xml"))
 
 
 def find(name: str) -> Path:
-    """Return the file for *name*, which is the path of a file or one of :func:`names`.
+    """Return the file for *name*, which is the path of a file or one of `names`.
 
     Raises:
         FileNotFoundError: There is no such file or tree; the message suggests the nearest name.

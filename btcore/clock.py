@@ -1,6 +1,6 @@
 """Clocks: the time in integer nanoseconds, and a way to wait.
 
-A tree gets its clock as an argument. :class:`SystemClock` is real time. :class:`SimClock` does not sleep: a
+A tree gets its clock as an argument. `SystemClock` is real time. `SimClock` does not sleep: a
 wait advances its time at once, so that a test of simulated minutes takes milliseconds. A simulated world has
 its own clock: waiting on that clock advances the physics simulation.
 """
@@ -64,7 +64,7 @@ class SystemClock:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SimClock:
-    """Simulated time, which advances only by waiting and by :meth:`advance`. *start* is in ns."""
+    """Simulated time, which advances only by waiting and by `advance`. *start* is in ns."""
 
     def __init__(self, start: int = 0) -> None:
         self._now = start

@@ -38,7 +38,7 @@ class Diagnostic(NamedTuple):
 
     @property
     def where(self) -> str:
-        """``file:line:column``, without the unknown parts."""
+        """`file:line:column`, without the unknown parts."""
         parts = [self.file or "<text>"]
         if self.line:
             parts.append(str(self.line))
@@ -142,14 +142,14 @@ MOST_SHOWN: Final = 9
 
 
 class NodeExecutionError(BtcoreError):
-    """A node raised while it was ticked or halted; ``__cause__`` is the original exception.
+    """A node raised while it was ticked or halted; `__cause__` is the original exception.
 
     Attributes:
         path: The full path of the node.
         node_id: The registration ID of the node.
         cause: The original exception.
         doing: "ticking" or "being halted".
-        where: ``file:line`` of the node in the XML; "" = unknown.
+        where: `file:line` of the node in the XML; "" = unknown.
         backtrace: The paths of the nodes from the root to the node that raised.
         later_errors: The errors of other nodes, raised while the tree was halted afterwards.
     """

@@ -17,7 +17,7 @@ _EXCEPT_C0: Final = re.compile(f"[{_LATER}]")
 
 
 def escape_controls(text: str, one_line: bool = False) -> str:
-    r"""Return *text* with each control character replaced by its escape sequence in Python, such as ``\x1b``.
+    r"""Return *text* with each control character replaced by its escape sequence in Python, such as `\x1b`.
 
     Args:
         text: The text.

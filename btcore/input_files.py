@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 SIZE_VARIABLE: Final = "BTCORE_MAX_FILE_SIZE"
-"""The environment variable with the maximum size of a file, such as ``1GB``."""
+"""The environment variable with the maximum size of a file, such as `1GB`."""
 DEFAULT_MAX_SIZE: Final = "256MB"
 
 _UNITS: Final = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9}
@@ -30,7 +30,7 @@ def read_file(path: str | os.PathLike[str], count: int | None = None) -> bytes:
         count: Return only the first *count* bytes; default the whole file.
 
     Raises:
-        OSError: The file is missing, not a regular file, too large or unreadable. :func:`read_error` returns
+        OSError: The file is missing, not a regular file, too large or unreadable. `read_error` returns
             the reason.
         ValueError: The environment variable BTCORE_MAX_FILE_SIZE is not a size.
     """
@@ -55,7 +55,7 @@ def read_stream(stream: BinaryIO, name: str) -> bytes:
         name: The name of the stream in error messages.
 
     Raises:
-        OSError: The content is too large or unreadable. :func:`read_error` returns the reason.
+        OSError: The content is too large or unreadable. `read_error` returns the reason.
         ValueError: The environment variable BTCORE_MAX_FILE_SIZE is not a size.
     """
     limit = max_size()
@@ -98,7 +98,7 @@ def read_error(error: OSError) -> str:
 
 
 def parse_size(text: str) -> int:
-    """Return the number of bytes for a text such as ``500000``, ``200MB`` or ``1.5 GB``.
+    """Return the number of bytes for a text such as `500000`, `200MB` or `1.5 GB`.
 
     Raises:
         ValueError: The text is not a size.

@@ -23,8 +23,8 @@ def load_json(
 
     Args:
         text: The JSON.
-        parse_constant: Converts ``NaN``, ``Infinity`` and ``-Infinity``; default :class:`float`.
-        parse_float: Converts reals; default :class:`float`.
+        parse_constant: Converts `NaN`, `Infinity` and `-Infinity`; default `float`.
+        parse_float: Converts reals; default `float`.
 
     Raises:
         json.JSONDecodeError: The text is not JSON, or is nested too deeply. It is a ValueError.

@@ -9,7 +9,7 @@ def write_file(path: str | os.PathLike[str], data: bytes) -> None:
     """Write *data* to a file; an existing file is replaced, and keeps its permissions.
 
     Args:
-        path: The file. A symbolic link is followed. A device such as ``/dev/stdout`` is written directly.
+        path: The file. A symbolic link is followed. A device such as `/dev/stdout` is written directly.
         data: The new content.
 
     Raises:

@@ -1,9 +1,9 @@
 """Run a program without a behavior tree of its own, such as teleoperation, for other packages.
 
-A command of class :class:`RunCommand` has the options of all extensions. :func:`require_resources` returns
-the resources that the extensions provide, such as a robot. :func:`run_program` advances the time of the
+A command of class `RunCommand` has the options of all extensions. `require_resources` returns
+the resources that the extensions provide, such as a robot. `run_program` advances the time of the
 robot's world until the program ends. Meanwhile it ticks a tree of a single leaf that stays RUNNING, so that
-the viewer and the recorder work as in ``btcore run``.
+the viewer and the recorder work as in `btcore run`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -98,7 +98,7 @@ def run_program(
     Args:
         name: The ID, in CamelCase, that viewers show for the program.
         gathered: The result of `require_resources`.
-        settings: The options of the command, including ``duration`` (s, or None) and ``fast``.
+        settings: The options of the command, including `duration` (s, or None) and `fast`.
         end: Called once at the end, while the world still exists.
         clock: The clock of a program without a world; by default the clock of the resources.
         shown: Further objects that viewers draw.

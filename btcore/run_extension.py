@@ -1,13 +1,13 @@
-"""The protocol of an extension of ``btcore run``, by which another package provides resources for leaves.
+"""The protocol of an extension of `btcore run`, by which another package provides resources for leaves.
 
-A package offers its extension under the entry point group ``btcore.resources``::
+A package offers its extension under the entry point group `btcore.resources`:
 
     [project.entry-points."btcore.resources"]
     rover = "rover_driver.run_extension:RoverExtension"
 
-The entry point names a class. ``btcore run``, ``btcore sweep`` and the commands that run a program in a
+The entry point names a class. `btcore run`, `btcore sweep` and the commands that run a program in a
 robot's world (`btcore.program_runner`) create one object of it for each run, without arguments, and check
-it against :class:`RunExtension` before they use it.
+it against `RunExtension` before they use it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -30,7 +30,7 @@ class OutputError(BtcoreError):
 
 
 class RunExtension(Protocol):
-    """An extension of ``btcore run``: its options, the resources that it provides, and its part in a run.
+    """An extension of `btcore run`: its options, the resources that it provides, and its part in a run.
 
     The hooks of a run are called in the order in which they are listed here. *settings* are the options of
     the command by their click names, including those of all extensions. A hook may raise `click.UsageError`
@@ -43,15 +43,15 @@ class RunExtension(Protocol):
     """
 
     options: Sequence["click.Option"] = ()
-    """The command-line options that the extension adds to ``btcore run``."""
+    """The command-line options that the extension adds to `btcore run`."""
 
     single_run_options: Collection[str] = ()
-    """Click names of the *options* that simultaneous runs cannot share: ``btcore sweep`` rejects them."""
+    """Click names of the *options* that simultaneous runs cannot share: `btcore sweep` rejects them."""
 
     used_by: str | None = None
     """The leaves without which *options* have no effect, as a noun phrase: "leaf that needs a robot".
 
-    ``btcore run`` prints a warning if the options are given for a tree without such leaves. None means that
+    `btcore run` prints a warning if the options are given for a tree without such leaves. None means that
     the options always have an effect.
     """
 
@@ -75,7 +75,7 @@ class RunExtension(Protocol):
         """Return resources for leaves; () if *wanted* has no type of this extension.
 
         Called once, before the tree is created: the place to check options. The first resource of all
-        extensions that has an attribute ``clock`` other than None determines the clock of the tree.
+        extensions that has an attribute `clock` other than None determines the clock of the tree.
 
         Args:
             settings: The options of the command.
@@ -106,7 +106,7 @@ class RunExtension(Protocol):
         return nullcontext()
 
     def replace_tree(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
-        """Continue with *tree*, which was created from a saved file (``--watch``).
+        """Continue with *tree*, which was created from a saved file (`--watch`).
 
         Called between two ticks, after the previous tree was halted.
 
@@ -122,7 +122,7 @@ class RunExtension(Protocol):
         return
 
     def report(self) -> Mapping[str, object]:
-        """Return the results for the summary and for ``--json``, by heading; {} if there are none.
+        """Return the results for the summary and for `--json`, by heading; {} if there are none.
 
         Called once, after the context of `attach` was exited. The values must be JSON data; dictionaries
         under the same heading are merged.

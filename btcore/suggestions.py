@@ -22,13 +22,13 @@ def nearest_name(word: str, names: Iterable[str]) -> str | None:
 
 
 def did_you_mean(word: str, names: Iterable[str]) -> str:
-    """Return the end of an error message, ``; did you mean 'name'?``, or "" if no name is near *word*."""
+    """Return the end of an error message, `; did you mean 'name'?`, or "" if no name is near *word*."""
     nearest = nearest_name(word, names)
     return "" if nearest is None else f"; did you mean '{nearest}'?"
 
 
 def join_names(names: Iterable[str], conjunction: str = "and", most: int = 8) -> str:
-    """Return an enumeration of *names*, such as ``a, b and c``.
+    """Return an enumeration of *names*, such as `a, b and c`.
 
     Args:
         names: The names.

@@ -1,13 +1,15 @@
-"""A tree that is ticked for many agents at once, with numpy arrays (``pip install btcore[batch]``).
+"""A tree that is ticked for many agents at once, with numpy arrays (`pip install btcore[batch]`).
 
-from btcore import batch
-from btcore.batch import BatchTree, Floats, Mask
+Leaves are functions of arrays:
 
-@batch.condition
-def battery_ok(level: In[Floats], minimum: In[Floats] = 0.2) -> Bools: ...
+    from btcore import batch
+    from btcore.batch import BatchTree, Floats, Mask
 
-swarm = BatchTree.load("forage.xml", agents=10_000, leaves=[battery_ok, …])
-statuses = swarm.tick()
+    @batch.condition
+    def battery_ok(level: In[Floats], minimum: In[Floats] = 0.2) -> Bools: ...
+
+    swarm = BatchTree.load("forage.xml", agents=10_000, leaves=[battery_ok, …])
+    statuses = swarm.tick()
 """
 
 try:

@@ -1,6 +1,6 @@
 """Sets of agents, and the counters and timers that store a number per agent.
 
-A set of agents is a Python integer whose bit *i* stands for agent *i*. ``&``, ``|`` and ``^`` on integers of
+A set of agents is a Python integer whose bit *i* stands for agent *i*. `&`, `|` and `^` on integers of
 a thousand bits take some 30 ns, a tenth of the time of numpy's boolean arrays, and integers are immutable.
 Control nodes use only sets. Leaves and scripts use masks.
 """
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from btcore.clock import NS_PER_MS
 from btcore.errors import BtcoreError
 
-# The batch engine removes a set b from a set a with ``a ^ (a & b)``. ``a & ~b`` creates a negative integer,
-# which ``&`` converts to two's complement: it takes twice the time for 1,000 agents, 5 times for 100,000.
+# The batch engine removes a set b from a set a with `a ^ (a & b)`. `a & ~b` creates a negative integer,
+# which `&` converts to two's complement: it takes twice the time for 1,000 agents, 5 times for 100,000.
 
 Mask: TypeAlias = NDArray[np.bool_]
 """An array of shape (agents,) that is True for the selected agents."""
@@ -148,7 +148,7 @@ class UnaryCounters:
     """A counter for each agent, from 0 to a small *maximum*.
 
     Level *k* is the set of the agents whose count is greater than *k*. So a comparison is a look-up, without
-    the computation that :class:`Counters` needs.
+    the computation that `Counters` needs.
     """
 
     def __init__(self, maximum: int) -> None:

@@ -13,9 +13,9 @@ from btcore.errors import BlackboardError, BtcoreError, ConversionError
 class BatchBlackboard:
     """The entries of one scope (a subtree's blackboard); an entry is an array with the values of all agents.
 
-    ``board["battery"]`` returns the stored array, not a copy, so that modifying the array modifies the entry.
+    `board["battery"]` returns the stored array, not a copy, so that modifying the array modifies the entry.
     Its shape is (agents,), and its dtype float64, int64, bool, or object for texts and other values. An array
-    of shape (agents, …), with several numbers for each agent, is float64. ``board["battery"] = …`` accepts
+    of shape (agents, …), with several numbers for each agent, is float64. `board["battery"] = …` accepts
     an array of any of these kinds, or a single value for all agents.
     """
 

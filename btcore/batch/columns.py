@@ -110,7 +110,7 @@ class Column:
     """The values of one blackboard entry for all agents.
 
     Leaves may keep the arrays that they have read, and these must not change. So the first write after a read
-    replaces the array by a copy. But if user code has got the array from :meth:`shared_array` (*is_shared*),
+    replaces the array by a copy. But if user code has got the array from `shared_array` (*is_shared*),
     the array is never replaced for this reason, and leaves get copies instead.
 
     Attributes:
@@ -266,12 +266,12 @@ class ColumnTable:
     """The columns of a batch, by scope and key.
 
     The plan is the ordinary tree from which the batch is compiled. The scopes are copies of the plan's
-    blackboards, without values. So remapping, ``@`` and autoremap work as for a single agent. Each entry of a
+    blackboards, without values. So remapping, `@` and autoremap work as for a single agent. Each entry of a
     scope has one column, which starts with the plan's value for all agents.
 
     Attributes:
-        scopes: The scopes, by the ``id()`` of the plan's blackboards.
-        version: The number of entries that were created since the creation of the batch. A :class:`Slot`
+        scopes: The scopes, by the `id()` of the plan's blackboards.
+        version: The number of entries that were created since the creation of the batch. A `Slot`
             caches its column until the version changes.
     """
 
@@ -321,8 +321,8 @@ class ColumnTable:
     def column_for_write(self, board: Blackboard, key: str) -> tuple[Column, bool]:
         """Return the column to which *key* is written, and whether it belongs to the scope *board* itself.
 
-        An ``@`` in the key to which *key* is remapped is a part of that key, as in ``Blackboard.set`` and
-        unlike in :meth:`column`.
+        An `@` in the key to which *key* is remapped is a part of that key, as in `Blackboard.set` and
+        unlike in `column`.
 
         Raises:
             BlackboardError: The key cannot be created.
@@ -372,7 +372,7 @@ class Slot:
         return self._column
 
     def column_for_write(self) -> tuple[Column, bool]:
-        """Call :meth:`ColumnTable.column_for_write`, cached."""
+        """Call `ColumnTable.column_for_write`, cached."""
         if self._for_write is None or self._version_for_write != self.columns.version:
             self._for_write = self.columns.column_for_write(self.board, self.key)
             self._version_for_write = self.columns.version

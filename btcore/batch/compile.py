@@ -36,7 +36,7 @@ class BatchCompiler:
         leaves: The declarations of the leaves, by registration ID.
 
     Attributes:
-        nodes: All nodes, in pre-order after :meth:`compile`.
+        nodes: All nodes, in pre-order after `compile`.
     """
 
     def __init__(self, context: BatchContext, leaves: Mapping[str, LeafDeclaration]) -> None:

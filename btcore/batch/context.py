@@ -12,7 +12,7 @@ from btcore.errors import NodeExecutionError
 
 
 class NodeLike(Protocol):
-    """The interface of ``BatchNode``, for modules that cannot import node.py because it imports them."""
+    """The interface of `BatchNode`, for modules that cannot import node.py because it imports them."""
 
     path: str
     id: str
@@ -48,7 +48,7 @@ class BatchContext:
         self.timers: list[Timer] = []
 
     def add_timer(self) -> Timer:
-        """Return a new timer whose wake-ups are included in :meth:`take_wake_ups`."""
+        """Return a new timer whose wake-ups are included in `take_wake_ups`."""
         timer = Timer(self.agent_sets)
         self.timers.append(timer)
         return timer

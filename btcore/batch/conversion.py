@@ -1,4 +1,4 @@
-"""Conversion of values between leaves, user code and columns: the rules of :class:`ValueType` on arrays.
+"""Conversion of values between leaves, user code and columns: the rules of `ValueType` on arrays.
 
 Values for which arrays are not exact enough are converted agent by agent, by the ordinary engine's code.
 """
@@ -46,7 +46,7 @@ def array_of(value: Any) -> Values:
 
 
 def normalise_values(value: Any, agent_sets: AgentSets) -> BatchValue:
-    """Return *value*, from a leaf or from user code, as a :class:`BatchValue` of the fitting form.
+    """Return *value*, from a leaf or from user code, as a `BatchValue` of the fitting form.
 
     Args:
         value: An array with a value for each agent, or a single value for all agents.
@@ -86,7 +86,7 @@ def normalise_values(value: Any, agent_sets: AgentSets) -> BatchValue:
 def cast(
     value: BatchValue, kind: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
 ) -> tuple[Any, int]:
-    """Convert the values of *agents* to the type *kind*, as ``ValueType.cast`` does.
+    """Convert the values of *agents* to the type *kind*, as `ValueType.cast` does.
 
     *fail* is called for the agents whose value cannot be converted.
 
@@ -146,7 +146,7 @@ def read_column(column: Column, kind: ValueType, agents: int, fail: FailureCallb
 
 
 def store(slot: Slot, agents: int, value: BatchValue, fail: FailureCallback, infer: bool = True) -> None:
-    """Write values as ``Blackboard.set`` does: the first values determine the type of an untyped entry.
+    """Write values as `Blackboard.set` does: the first values determine the type of an untyped entry.
 
     Args:
         slot: The key, in the scope of the node that writes.

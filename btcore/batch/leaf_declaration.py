@@ -1,7 +1,7 @@
 """The leaves of a batch as their authors write them: a function or a class for all agents at once.
 
 Ports are declared as in the ordinary engine, but with array types. A column is an array with a value for each
-agent, shape (agents,). A parameter ``In[Floats]`` gets a column of doubles; a parameter ``Put[Floats]`` gets
+agent, shape (agents,). A parameter `In[Floats]` gets a column of doubles; a parameter `Put[Floats]` gets
 a function that writes a column of doubles.
 """
 
@@ -39,7 +39,7 @@ Texts: TypeAlias = NDArray[np.object_]
 Rows: TypeAlias = Annotated[NDArray[np.float64], ANY]
 """A column with a row of numbers for each agent, of shape (agents, …)."""
 Statuses: TypeAlias = NDArray[np.uint8]
-"""A column of statuses, as the integer values of :class:`Status`."""
+"""A column of statuses, as the integer values of `Status`."""
 
 _OF_DTYPE: Final[dict[object, ValueType]] = {
     np.float64: DOUBLE,
@@ -82,7 +82,7 @@ class LeafDeclaration:
         id: The registration ID.
         base_class: The base class of the ordinary leaf that represents it in the plan, the ordinary tree.
         ports: The ports.
-        parameters: The parameters of the function, or of the class's ``__init__``.
+        parameters: The parameters of the function, or of the class's `__init__`.
         implementation: The function, or the class, of which each node gets an instance.
     """
 
@@ -106,7 +106,7 @@ class LeafDeclaration:
 
     @property
     def origin(self) -> str:
-        """``module.name`` of the function or class."""
+        """`module.name` of the function or class."""
         return f"{self.implementation.__module__}.{self.implementation.__qualname__}"
 
 
@@ -115,7 +115,7 @@ class StatefulAction:
 
     Ports are annotated attributes: reading a port returns the column; assigning a port writes the values of
     the agents for which the method was called. Each method gets the mask of these agents, and is not called
-    if there are none. The parameters of ``__init__`` are resources, found by type.
+    if there are none. The parameters of `__init__` are resources, found by type.
     """
 
     _port: Callable[[str], Any]
@@ -130,7 +130,7 @@ class StatefulAction:
         """Start the action for the agents of *mask*, for which it is IDLE.
 
         Returns:
-            The result of each agent, in one of the forms that :func:`action` lists. RUNNING is allowed.
+            The result of each agent, in one of the forms that `action` lists. RUNNING is allowed.
         """
         raise NotImplementedError(f"{type(self).__qualname__} has no on_start()")
 
@@ -138,7 +138,7 @@ class StatefulAction:
         """Continue the action for the agents of *mask*, for which it is RUNNING.
 
         Returns:
-            The result of each agent, in one of the forms that :func:`action` lists. RUNNING is allowed.
+            The result of each agent, in one of the forms that `action` lists. RUNNING is allowed.
         """
         raise NotImplementedError(f"{type(self).__qualname__} has no on_running()")
 
@@ -172,7 +172,7 @@ def condition(*, ID: str | None = None) -> Callable[[F], F]: ...
 def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
     """Declare a function as a condition for all agents at once.
 
-    Its parameters and its result have the same forms as for :func:`action`.
+    Its parameters and its result have the same forms as for `action`.
 
     Args:
         function: The function.

@@ -197,7 +197,7 @@ class StatefulNode(LeafNode):
         self.instance.__init__(**{parameter.name: self.resource(parameter) for parameter in leaf.parameters})
 
     def tick(self, agents: int) -> Results:
-        """Call ``on_start`` or ``on_running``; agents that have completed keep their result until a reset."""
+        """Call `on_start` or `on_running`; agents that have completed keep their result until a reset."""
         # on_start() changes self.running, so the sets are computed before it is called.
         going, stored = self.running & agents, self.not_idle(agents)
         results: Results = (self.success & agents, self.failure & agents, 0, 0)
@@ -219,7 +219,7 @@ class StatefulNode(LeafNode):
         return self.results(returned, agents)
 
     def halt(self, agents: int) -> None:
-        """Call ``on_halted`` for the agents for which the node is RUNNING, and store IDLE."""
+        """Call `on_halted` for the agents for which the node is RUNNING, and store IDLE."""
         running = self.running & agents
         if running:
             for port in self._ports:

@@ -1,7 +1,7 @@
 """The base classes of all nodes of a batch: ticking, halting and stored statuses.
 
-A parameter *agents* is a set of agents (see :mod:`btcore.batch.agent_sets`), and so are stored statuses. For
-each agent, the order within a tick is the same as in :mod:`btcore.engine.node`. The order among agents does
+A parameter *agents* is a set of agents (see `btcore.batch.agent_sets`), and so are stored statuses. For
+each agent, the order within a tick is the same as in `btcore.engine.node`. The order among agents does
 not matter, because agents share no state.
 """
 
@@ -77,7 +77,7 @@ class BatchNode:
 
     @property
     def status(self) -> NDArray[np.uint8]:
-        """The stored status of each agent, as the integer value of its :class:`Status`, shape (agents,)."""
+        """The stored status of each agent, as the integer value of its `Status`, shape (agents,)."""
         return status_array(self.context, self.success, self.failure, self.running, 0)
 
     def __repr__(self) -> str:
@@ -157,7 +157,7 @@ class BatchNode:
         self.reset(agents)
 
     def halt_node(self, agents: int) -> None:
-        """Halt the node for *agents*, and run ``_onHalted``. Called by the parent."""
+        """Halt the node for *agents*, and run `_onHalted`. Called by the parent."""
         self.halt(agents)
         if self.conditions is not None:
             self.conditions.run_on_halted(agents)
@@ -208,7 +208,7 @@ def status_array(
 
 
 class BatchConditions:
-    """The compiled pre- and post-conditions of one node, in the order of :mod:`btcore.engine.conditions`."""
+    """The compiled pre- and post-conditions of one node, in the order of `btcore.engine.conditions`."""
 
     def __init__(self, node: BatchNode) -> None:
         programs = {key: BatchProgram(text, node) for key, text in node.config.scripts.items()}
@@ -260,7 +260,7 @@ class BatchConditions:
         return success, failure, skipped, remaining | idle
 
     def run_postconditions(self, node: BatchNode, success: int, failure: int) -> None:
-        """Run ``_onSuccess``, ``_onFailure`` and ``_post`` for the agents with these results."""
+        """Run `_onSuccess`, `_onFailure` and `_post` for the agents with these results."""
         if success and self.on_success is not None:
             self.on_success.run(success)
         if failure and self.on_failure is not None:
@@ -271,6 +271,6 @@ class BatchConditions:
                 self.post.run(completed)
 
     def run_on_halted(self, agents: int) -> None:
-        """Run ``_onHalted`` for *agents*, if the node has this script."""
+        """Run `_onHalted` for *agents*, if the node has this script."""
         if self.on_halted is not None:
             self.on_halted.run(agents, "being halted")

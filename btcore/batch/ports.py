@@ -21,8 +21,8 @@ class BatchInput:
         port: The declaration of the port; None for the declaration of the ordinary node.
 
     Attributes:
-        literal: The value for all agents, if :attr:`is_literal`.
-        agents: The agents whose values :meth:`current` returns.
+        literal: The value for all agents, if `is_literal`.
+        agents: The agents whose values `current` returns.
     """
 
     def __init__(self, node: BatchNode, name: str, port: Port | None = None) -> None:
@@ -83,7 +83,7 @@ class BatchInput:
     def read(self, agents: int) -> Values:
         """Return the values of *agents*, which all have a value, in a read-only array of shape (agents,).
 
-        For agents whose value cannot be converted, an error is recorded. Use ``drop_failed`` afterwards.
+        For agents whose value cannot be converted, an error is recorded. Use `drop_failed` afterwards.
         """
         if self.slot is None:
             if self._constant is None:
@@ -112,7 +112,7 @@ class BatchInput:
         self._report(agents, ConversionError(message))
 
     def groups_or(self, agents: int, default: Any) -> list[tuple[Any, int]]:
-        """Call :meth:`groups`, but use *default* for agents without a value instead of an error."""
+        """Call `groups`, but use *default* for agents without a value instead of an error."""
         if self.is_literal:
             return [(self.literal, agents)]
         self._is_quiet, self._without_value = True, 0

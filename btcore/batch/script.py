@@ -1,8 +1,8 @@
-"""Scripts of a batch: the parsed scripts of :mod:`btcore.script`, evaluated on columns.
+"""Scripts of a batch: the parsed scripts of `btcore.script`, evaluated on columns.
 
-There is a class for each class of :mod:`btcore.script.expressions`. For numbers, a set of agents records
+There is a class for each class of `btcore.script.expressions`. For numbers, a set of agents records
 whose value is an integer: arithmetic returns reals; literals, copies and entries may be integers. The
-difference matters for ``&&``, for conditions and for new entries. Expressions with texts and other
+difference matters for `&&`, for conditions and for new entries. Expressions with texts and other
 objects, which arrays cannot compute, are evaluated agent by agent, by the ordinary engine's operators.
 """
 
@@ -40,7 +40,7 @@ _ARITHMETIC: Final[dict[int, Any]] = {
     OPERATORS["/"]: np.divide,
 }
 _COMPOUND: Final[dict[str, Any]] = {"+=": np.add, "-=": np.subtract, "*=": np.multiply, "/=": np.divide}
-# ``a < b`` is evaluated as ``not a >= b``, as in BehaviorTree.CPP, so that comparisons with NaN are true.
+# `a < b` is evaluated as `not a >= b`, as in BehaviorTree.CPP, so that comparisons with NaN are true.
 _NEGATED_COMPARISONS: Final[dict[str, Any]] = {
     "<": np.greater_equal,
     ">": np.less_equal,
@@ -77,7 +77,7 @@ class ScriptRun:
         values: tuple[BatchValue, ...],
         script_error: Callable[[str], BtcoreError],
     ) -> tuple[Values, int]:
-        """Call ``function(value, …)`` for each of *agents*.
+        """Call `function(value, …)` for each of *agents*.
 
         Args:
             agents: The agents.
@@ -129,7 +129,7 @@ class Scope(NamedTuple):
 
 
 def column_value(column: Column, agents: int, copies: bool) -> BatchValue:
-    """Return the value of *column* for *agents*; *copies* as in :class:`Scope`."""
+    """Return the value of *column* for *agents*; *copies* as in `Scope`."""
     if not agents:
         return NO_VALUE
     # Agents without a value get None, which most operators reject with an error for these agents only.
@@ -198,7 +198,7 @@ class BatchName(BatchExpression):
 
 
 class BatchUnaryOperation(BatchExpression):
-    """``-``, ``~`` or ``!``, or several of them, before a value."""
+    """`-`, `~` or `!`, or several of them, before a value."""
 
     def __init__(self, operation: UnaryOperation, scope: Scope) -> None:
         self.operation = operation
@@ -237,7 +237,7 @@ class BatchChain(BatchExpression):
 
 
 class BatchBinaryOperations(BatchChain):
-    """A value, and operators with their operands: ``a + b .. c``."""
+    """A value, and operators with their operands: `a + b .. c`."""
 
     def __init__(self, chain: OperatorChain, scope: Scope) -> None:
         super().__init__(chain, scope)
@@ -289,7 +289,7 @@ class BatchBinaryOperations(BatchChain):
 
 
 class BatchComparison(BatchChain):
-    """``a < b <= c``: true if each pair of neighbours is. After a false pair, the rest is not evaluated."""
+    """`a < b <= c`: true if each pair of neighbours is. After a false pair, the rest is not evaluated."""
 
     def __init__(self, comparison: Comparison, scope: Scope) -> None:
         super().__init__(comparison, scope)
@@ -347,7 +347,7 @@ class BatchComparison(BatchChain):
 
 
 class BatchConditional(BatchExpression):
-    """``condition ? a : b``; each branch is evaluated only for the agents that choose it."""
+    """`condition ? a : b`; each branch is evaluated only for the agents that choose it."""
 
     def __init__(self, conditional: ConditionalExpression, scope: Scope) -> None:
         self.conditional = conditional
@@ -394,7 +394,7 @@ def _is_chosen(value: object) -> bool:
 
 
 class BatchAssignment(BatchExpression):
-    """``name := value``, and ``= += -= *= /=``, which need an entry that exists.
+    """`name := value`, and `= += -= *= /=`, which need an entry that exists.
 
     As in an ordinary script, an entry that holds an integer accepts only integers.
     """
@@ -433,7 +433,7 @@ class BatchAssignment(BatchExpression):
         return column_value(column, run.drop_failed(agents), self.copies)
 
     def _column(self, slot: Slot, target: Name, run: ScriptRun, agents: int) -> Column | None:
-        """Return the column of the entry; ``:=`` creates the entry for agents without it."""
+        """Return the column of the entry; `:=` creates the entry for agents without it."""
         column = slot.column
         missing = agents if column is None else agents ^ (agents & column.exists)
         if not missing:

@@ -55,7 +55,7 @@ class BatchTree:
     Args:
         plan: The ordinary tree from which the batch is made. It is not modified.
         agents: The number of agents.
-        leaves: Functions (``@batch.action``, ``@batch.condition``) and classes (``batch.StatefulAction``)
+        leaves: Functions (`@batch.action`, `@batch.condition`) and classes (`batch.StatefulAction`)
             that work on numpy arrays.
         resources: The objects that leaves can get by type.
         clock: The clock; by default the plan's clock.
@@ -118,7 +118,7 @@ class BatchTree:
             leaves: The leaves of the batch that the tree can use.
             nodes: The registry, for your own types and enums. A leaf in *leaves* replaces an ordinary leaf.
             resources: The objects that leaves can get by type.
-            tree: The ID of the tree; by default the main tree, as in :func:`btcore.load`.
+            tree: The ID of the tree; by default the main tree, as in `btcore.load`.
             blackboard: The first values of the main tree's entries: arrays of shape (agents,) or (agents, …),
                 or single values for all agents.
             clock: The clock; by default the system's clock.
@@ -151,12 +151,12 @@ class BatchTree:
         Args:
             text: The XML. Paths of includes are relative to the working directory.
             agents: The number of agents.
-            leaves: As in :meth:`load`, like all following arguments.
-            nodes: As in :meth:`load`.
-            resources: As in :meth:`load`.
-            tree: As in :meth:`load`.
-            blackboard: As in :meth:`load`.
-            clock: As in :meth:`load`.
+            leaves: As in `load`, like all following arguments.
+            nodes: As in `load`.
+            resources: As in `load`.
+            tree: As in `load`.
+            blackboard: As in `load`.
+            clock: As in `load`.
 
         Raises:
             TreeError: The document has errors, or the batch engine cannot run a node. It contains all errors.
@@ -182,7 +182,7 @@ class BatchTree:
             mask: The agents to tick, an array of shape (agents,); None = all agents.
 
         Returns:
-            The status of each agent, as the integer value of its :class:`Status`; 0 (IDLE) for agents that
+            The status of each agent, as the integer value of its `Status`; 0 (IDLE) for agents that
             were not ticked.
 
         Raises:
@@ -192,10 +192,10 @@ class BatchTree:
         return self._tick(self.agent_sets.from_user_mask(mask))
 
     def tick_once(self, mask: Mask | None = None) -> Statuses:
-        """Call :meth:`tick`, then tick RUNNING agents again while a wake-up is pending for them.
+        """Call `tick`, then tick RUNNING agents again while a wake-up is pending for them.
 
         Nodes such as AsyncSequence and Delay request wake-ups. The parameter, the result and the errors are
-        those of :meth:`tick`.
+        those of `tick`.
         """
         agents = self.agent_sets.from_user_mask(mask)
         statuses = self._tick(agents)

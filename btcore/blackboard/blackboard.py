@@ -1,8 +1,8 @@
 """The blackboard: typed entries in scopes, which may have a parent.
 
 Every subtree has its own scope. A key is looked up in the scope itself, then in the parent if the key is
-remapped or the scope has automatic remapping, and so on up to the root. ``@key`` is looked up in the root
-scope. A key that begins with ``_`` is not remapped automatically (BehaviorTree.CPP, src/blackboard.cpp).
+remapped or the scope has automatic remapping, and so on up to the root. `@key` is looked up in the root
+scope. A key that begins with `_` is not remapped automatically (BehaviorTree.CPP, src/blackboard.cpp).
 """
 
 import reprlib
@@ -81,7 +81,7 @@ class Blackboard:
     Looking up a key follows the remappings of the scope. The length and the iteration cover the written
     entries of the scope itself, in the order of their creation.
 
-    The first write, ``blackboard["key"] = value``, determines the type of the entry. Later writes of another
+    The first write, `blackboard["key"] = value`, determines the type of the entry. Later writes of another
     type raise BlackboardError, except numbers that fit exactly and texts that convert. An entry that is first
     written with a text stays untyped, because the text may stand for a value of any type.
 
@@ -225,12 +225,12 @@ class Blackboard:
     def get(self, key: str, kind: object = None, default: object = _NOT_GIVEN) -> object:
         """Return the value of an entry: as in a dict, or as a value of a type.
 
-        ``get("speed")`` and ``get("speed", 0.5)`` return None or the default if the entry is missing or was
-        never written. ``get("speed", float)`` raises then, ``get("speed", float, 0.5)`` does not.
+        `get("speed")` and `get("speed", 0.5)` return None or the default if the entry is missing or was
+        never written. `get("speed", float)` raises then, `get("speed", float, 0.5)` does not.
 
         Args:
             key: The key.
-            kind: The class of the result, or a type such as ``list[float]``. The value is converted as by an
+            kind: The class of the result, or a type such as `list[float]`. The value is converted as by an
                 input port of the type. Any other second argument is the default.
             default: The result for an entry that is missing or was never written.
 
@@ -272,7 +272,7 @@ class Blackboard:
         raise TypeError("a blackboard cannot be copied or pickled; clone_into() copies its entries")
 
     def visible_keys(self) -> list[str]:
-        """Return all keys without ``@`` for which :meth:`find` returns an entry, sorted."""
+        """Return all keys without `@` for which `find` returns an entry, sorted."""
         keys = set(self._entries)
         if self.parent is not None:
             seen = self.parent.visible_keys()
@@ -312,7 +312,7 @@ class Blackboard:
         return sum([entry.value is not None for entry in self._entries.values()])
 
     def __bool__(self) -> bool:
-        # Also without entries, so that ``blackboard or Blackboard()`` keeps a shared blackboard.
+        # Also without entries, so that `blackboard or Blackboard()` keeps a shared blackboard.
         return True
 
     def keys(self) -> KeysView[str]:
@@ -364,7 +364,7 @@ class Blackboard:
     def _route(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
         """Return the entry at the end of the remappings of *key*; create it if it does not exist.
 
-        Unlike in :meth:`find`, an ``@`` in a remapped key is a part of the key.
+        Unlike in `find`, an `@` in a remapped key is a part of the key.
         """
         board = self
         while True:

@@ -8,7 +8,7 @@ from btcore.values import ANY, ValueType, to_builtin_number, type_of
 class LegacyBlackboard(Blackboard):
     """A scope of a tree of format 3.
 
-    The differences from :class:`Blackboard`: ``@`` and ``_`` have no meaning at the start of a key. An entry
+    The differences from `Blackboard`: `@` and `_` have no meaning at the start of a key. An entry
     that is created through remappings is stored in every scope that the remappings pass. An untyped entry
     never becomes typed. A typed entry accepts only values of exactly its type; if a port declared the type,
     it also accepts texts, which are converted, unless the entry existed before the port.

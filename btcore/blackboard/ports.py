@@ -1,8 +1,8 @@
 """Ports: their declarations, and their bindings to literals and blackboard entries.
 
-A :class:`Port` is the declaration. A :class:`Binding` is the result of parsing the text of a port. An
-:class:`Input` is the binding of an input port to a literal or a blackboard; nodes of one scope with the same
-text share it. An :class:`Output` is the binding of an output port of one node. All are created when the tree
+A `Port` is the declaration. A `Binding` is the result of parsing the text of a port. An
+`Input` is the binding of an input port to a literal or a blackboard; nodes of one scope with the same
+text share it. An `Output` is the binding of an output port of one node. All are created when the tree
 is loaded, so that a tick only reads and writes values.
 """
 
@@ -107,10 +107,10 @@ class Port:
 
 
 def braced_key(text: str, format: int = 4) -> str | None:
-    """Return the key between the braces of ``{key}``, or None for any other text.
+    """Return the key between the braces of `{key}`, or None for any other text.
 
-    Spaces around the braces are ignored, spaces inside belong to the key. In format 3 ``${key}`` has the same
-    meaning as ``{key}``, and spaces around the braces make the text a literal. ``=`` has no special meaning,
+    Spaces around the braces are ignored, spaces inside belong to the key. In format 3 `${key}` has the same
+    meaning as `{key}`, and spaces around the braces make the text a literal. `=` has no special meaning,
     as in the nodes of BehaviorTree.CPP that read the text of a port themselves, instead of its value.
 
     Args:
@@ -131,7 +131,7 @@ def braced_key(text: str, format: int = 4) -> str | None:
 def remapped_key(text: str, name: str, format: int = 4) -> str | None:
     """Return the blackboard key to which the text of a port points, or None for a literal.
 
-    This is the key in braces. ``=`` and, except in format 3, ``{=}`` point to the key with the name of the
+    This is the key in braces. `=` and, except in format 3, `{=}` point to the key with the name of the
     port.
 
     Args:
@@ -299,5 +299,5 @@ class Output:
         self.blackboard.set(key, value, None if kind.strong else kind)
 
     def __call__(self, value: object) -> None:
-        """Call :meth:`write`: a function leaf gets the port as a callable."""
+        """Call `write`: a function leaf gets the port as a callable."""
         self.write(value)

@@ -1,4 +1,4 @@
-"""``btcore bench``: run the project's benchmarks and compare their ratios with the targets.
+"""`btcore bench`: run the project's benchmarks and compare their ratios with the targets.
 
 Each benchmark is a file that runs in a separate process: a missing library affects only the benchmarks that
 use it, and no benchmark warms up the caches of another benchmark.
@@ -28,7 +28,7 @@ _MISSING: Final = re.compile(r"^ModuleNotFoundError: No module named '([^']+)'",
 _PLOT: Final = Path("measure") / "plot.py"  # runs in a separate process too, because it needs matplotlib
 
 BenchmarkData = Mapping[str, Any]
-"""The results of a benchmark, as written by its option ``--json``."""
+"""The results of a benchmark, as written by its option `--json`."""
 
 
 class BenchmarkError(Exception):

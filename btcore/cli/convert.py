@@ -1,4 +1,4 @@
-"""``btcore convert``: convert a tree from XML format 3 to format 4."""
+"""`btcore convert`: convert a tree from XML format 3 to format 4."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``btcore diff``: find the first difference between two logged runs."""
+"""`btcore diff`: find the first difference between two logged runs."""
 
 from collections.abc import Sequence
 

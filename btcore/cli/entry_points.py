@@ -1,6 +1,6 @@
 """Loading the entry points by which packages extend the command line.
 
-The group ``btcore.commands`` holds click commands, ``btcore.resources`` holds extensions of ``btcore run``.
+The group `btcore.commands` holds click commands, `btcore.resources` holds extensions of `btcore run`.
 An entry point that cannot be loaded, because an extra is not installed or broken, does not raise: it is
 returned together with the error, so that the rest of the command line works without it.
 """
@@ -56,7 +56,7 @@ def load(group: str, name: str | None = None) -> tuple[list[Loaded], list[Unavai
     """Load the entry points of a group, sorted by name.
 
     Args:
-        group: The group, such as ``btcore.commands``.
+        group: The group, such as `btcore.commands`.
         name: Load only the entry points with this name; None loads all.
 
     Returns:

@@ -118,7 +118,7 @@ def gather_resources(
 
     Args:
         extensions: The extensions of the run.
-        settings: The values of the options of ``btcore run``, by name.
+        settings: The values of the options of `btcore run`, by name.
         wanted: The types that the leaves of the tree declare as resources.
 
     Raises:

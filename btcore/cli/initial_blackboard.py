@@ -1,4 +1,4 @@
-"""``btcore run --set``: blackboard entries that are written before the first tick."""
+"""`btcore run --set`: blackboard entries that are written before the first tick."""
 
 from collections.abc import Iterable, Mapping
 
@@ -18,7 +18,7 @@ def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
     """Return the keys and the texts of their values.
 
     Args:
-        texts: Assignments in the form KEY=VALUE or ``{KEY}=VALUE``.
+        texts: Assignments in the form KEY=VALUE or `{KEY}=VALUE`.
 
     Raises:
         click.UsageError: A text is not an assignment, or a key is assigned twice.

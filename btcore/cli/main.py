@@ -1,4 +1,4 @@
-"""The ``btcore`` command: a click group whose commands are imported when they are used.
+"""The `btcore` command: a click group whose commands are imported when they are used.
 
 Each command of btcore is a file in this folder. Other packages add commands by entry points.
 """

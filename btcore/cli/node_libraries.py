@@ -1,4 +1,4 @@
-"""The nodes of a command: built-in, installed, loaded by ``--plugin``, and declared by ``--model``."""
+"""The nodes of a command: built-in, installed, loaded by `--plugin`, and declared by `--model`."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -66,7 +66,7 @@ class NodeLibraries:
     def nodes_for(self, document: Document) -> Registry:
         """Return the nodes for the trees of *document*.
 
-        With models they include the nodes that explicit tags, such as ``<Action ID="Move"/>``, declare in the
+        With models they include the nodes that explicit tags, such as `<Action ID="Move"/>`, declare in the
         document and in the documents that it includes. Without models unknown nodes remain errors.
         """
         if not self.has_models:

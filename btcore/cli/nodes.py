@@ -1,4 +1,4 @@
-"""``btcore nodes``: list the available nodes as a table, as JSON, or as a TreeNodesModel for Groot."""
+"""`btcore nodes`: list the available nodes as a table, as JSON, or as a TreeNodesModel for Groot."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The output of ``btcore run`` on stderr during the run: a live status line, and log messages above it."""
+"""The output of `btcore run` on stderr during the run: a live status line, and log messages above it."""
 
 import logging
 import time

@@ -1,4 +1,4 @@
-"""``btcore run``: run a tree, with the resources that extensions from other packages provide."""
+"""`btcore run`: run a tree, with the resources that extensions from other packages provide."""
 
 import math
 import random
@@ -48,7 +48,7 @@ class RunCommand(click.Command):
     """A command that also has the options of all extensions of `btcore run`."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Return the command's options, those of the extensions, and ``--help``."""
+        """Return the command's options, those of the extensions, and `--help`."""
         own = super().get_params(ctx)  # the last is --help
         extensions = load_extensions(ctx).extensions
         added = [option for extension in extensions for option in extension.options]
@@ -165,7 +165,7 @@ def create_session(
     """Return a run, before its first tick.
 
     Args:
-        ctx: The context of ``btcore run``.
+        ctx: The context of `btcore run`.
         settings: The options of the command.
         joining: Extensions besides those of the installed packages; they are attached last.
         installed: The installed nodes, for a process that loads them once for many runs. They are copied,
@@ -213,7 +213,7 @@ def read_tree_source(
     """Read and check the document of a run's tree, before extensions create resources such as a simulator.
 
     Args:
-        settings: The options of ``btcore run``.
+        settings: The options of `btcore run`.
         installed: The installed nodes, or None to load them.
 
     Returns:
@@ -262,7 +262,7 @@ def clock_of(resources: Sequence[object], fast: bool) -> Clock:
     """Return the clock for a run: the first clock among *resources*, or a new clock.
 
     Args:
-        resources: The resources of the run. A simulated world has an attribute ``clock``.
+        resources: The resources of the run. A simulated world has an attribute `clock`.
         fast: Whether a new clock is simulated instead of real.
     """
     for resource in resources:

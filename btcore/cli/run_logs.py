@@ -1,4 +1,4 @@
-"""``btcore run --log``: the logs of a run; each reloaded tree is logged to new files."""
+"""`btcore run --log`: the logs of a run; each reloaded tree is logged to new files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,7 +34,7 @@ class Logs:
     """The logs of a run.
 
     Args:
-        names: The file names that ``--log`` gives.
+        names: The file names that `--log` gives.
 
     Attributes:
         are_incomplete: Whether writing failed, so that a log ends early or is missing.
@@ -56,7 +56,7 @@ class Logs:
             self._open.append(open_log(tree, name))
 
     def open_next(self, tree: Tree) -> None:
-        """Close the logs, and log *tree* to files with the next number in their names: ``run.2.btlog``.
+        """Close the logs, and log *tree* to files with the next number in their names: `run.2.btlog`.
 
         A file that cannot be written is skipped with a warning, so that the run continues.
         """

@@ -1,4 +1,4 @@
-"""The report of a run at its end: the summary on stderr, and the object of ``--json``."""
+"""The report of a run at its end: the summary on stderr, and the object of `--json`."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -95,7 +95,7 @@ class RunReport:
         return Text.assemble(result, "  ", (self.name, "bold"), "  ", took)
 
     def results(self, tree: Tree) -> dict[str, dict[str, object]]:
-        """Return the tick counts of each node by full path; equal paths are distinguished by ``#<uid>``."""
+        """Return the tick counts of each node by full path; equal paths are distinguished by `#<uid>`."""
         return {
             key: {"id": node.id, **{name: getattr(tally, name) for name in _COUNTS}}
             for key, node in tree.nodes_by_path().items()
@@ -103,7 +103,7 @@ class RunReport:
         }
 
     def report(self, tree: Tree, figures: Mapping[str, object]) -> dict[str, object]:
-        """Return the object of ``--json``.
+        """Return the object of `--json`.
 
         Args:
             tree: The last tree of the run.

@@ -23,15 +23,15 @@ from btcore.xml.plan.document_checks import DocumentAnalysis
 
 
 class RunSession:
-    """The run of a tree and, with ``--watch``, of the trees that replace it.
+    """The run of a tree and, with `--watch`, of the trees that replace it.
 
     Args:
         tree: The first tree.
         source: The file of the tree, from which the tree is reloaded.
-        settings: The options of ``btcore run``.
+        settings: The options of `btcore run`.
         extensions: The extensions in the order in which they are attached.
         resources: The resources of the leaves.
-        saves: Detects that the tree's file was saved; None without ``--watch``.
+        saves: Detects that the tree's file was saved; None without `--watch`.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""``btcore schema``: print an XML schema (XSD) of the available nodes, for editors."""
+"""`btcore schema`: print an XML schema (XSD) of the available nodes, for editors."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``btcore show``: draw a tree in the terminal or as SVG, or list its data flow."""
+"""`btcore show`: draw a tree in the terminal or as SVG, or list its data flow."""
 
 from collections.abc import Sequence
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""``btcore stats``: print statistics of each node in a log."""
+"""`btcore stats`: print statistics of each node in a log."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Final

@@ -1,4 +1,4 @@
-"""``btcore run --plan``: the results of leaves that have no code because they come from ``--model``."""
+"""`btcore run --plan`: the results of leaves that have no code because they come from `--model`."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ def check(plans: Mapping[str, str], examined: DocumentAnalysis) -> None:
         examined: The analysis of the tree's document.
 
     Raises:
-        click.UsageError: There is no such leaf, or the plan of a condition contains ``|``.
+        click.UsageError: There is no such leaf, or the plan of a condition contains `|`.
     """
     kinds = _leaves(examined) if plans else {}
     for name, letters in plans.items():

@@ -1,4 +1,4 @@
-"""``btcore run --substitute``: replace nodes by BehaviorTree.CPP's substitution rules."""
+"""`btcore run --substitute`: replace nodes by BehaviorTree.CPP's substitution rules."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -43,7 +43,7 @@ def format_option(
     help: str = "The XML format. By default the file's BTCPP_format attribute; 3 without the attribute.",
     default: str | None = None,
 ) -> Callable[[_Command], _Command]:
-    """Return a decorator that adds the option ``--format``, whose value is None, 3 or 4."""
+    """Return a decorator that adds the option `--format`, whose value is None, 3 or 4."""
     return click.option(
         "--format",
         type=click.Choice(["3", "4"]),
@@ -55,7 +55,7 @@ def format_option(
 
 
 def find_source(name: str) -> Path:
-    """Return the file for *name* as `find_tree` does, or `STDIN` for ``-``.
+    """Return the file for *name* as `find_tree` does, or `STDIN` for `-`.
 
     Raises:
         click.UsageError: There is no such file or tree; the message suggests the nearest name.

@@ -1,4 +1,4 @@
-"""``btcore validate``: report all errors and warnings in tree files."""
+"""`btcore validate`: report all errors and warnings in tree files."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Pre- and post-condition scripts of a node: ``_skipIf``, ``_while``, ``_onSuccess`` and the others.
+"""Pre- and post-condition scripts of a node: `_skipIf`, `_while`, `_onSuccess` and the others.
 
 The scripts run on the blackboard of the node's scope. For a SubTree node, this is the scope of
 the outer tree.
@@ -29,7 +29,7 @@ class ConditionScripts:
     def check_preconditions(self, status: Status) -> Status:
         """Check the pre-conditions of a node before a tick.
 
-        ``_failureIf``, ``_successIf`` and ``_skipIf`` are evaluated before a node starts. ``_while`` is also
+        `_failureIf`, `_successIf` and `_skipIf` are evaluated before a node starts. `_while` is also
         evaluated while the node is RUNNING; if it is false then, the caller must halt the node.
 
         Args:
@@ -53,7 +53,7 @@ class ConditionScripts:
         return IDLE
 
     def run_postconditions(self, status: Status) -> None:
-        """Run ``_onSuccess`` or ``_onFailure``, depending on the result *status*, and then ``_post``."""
+        """Run `_onSuccess` or `_onFailure`, depending on the result *status*, and then `_post`."""
         if status is SUCCESS:
             if self.on_success is not None:
                 self.on_success.run(self.blackboard)
@@ -63,6 +63,6 @@ class ConditionScripts:
             self.post.run(self.blackboard)
 
     def run_on_halted(self) -> None:
-        """Run ``_onHalted``."""
+        """Run `_onHalted`."""
         if self.on_halted is not None:
             self.on_halted.run(self.blackboard)

@@ -15,7 +15,7 @@ from btcore.engine.observers import Observers
 class TreeState:
     """The base class of objects that the leaves of one tree share.
 
-    A leaf whose function or ``__init__`` has a parameter of a subclass gets the instance that belongs to the
+    A leaf whose function or `__init__` has a parameter of a subclass gets the instance that belongs to the
     tree. The instance is created, without arguments, for the first such leaf of the tree.
     """
 
@@ -30,8 +30,8 @@ class TreeContext:
         lock: Held while the instrumentation of a node changes, which any thread may do.
         woken_by: The last node that requested another tick at once.
         is_interrupted: Whether ticks that repeat nodes end as soon as possible.
-        watches_ticks: Whether nodes that repeat others call :meth:`must_end_tick` after each repetition.
-        has_timed_out: Whether the limit of :meth:`limit_tick` ended the tick.
+        watches_ticks: Whether nodes that repeat others call `must_end_tick` after each repetition.
+        has_timed_out: Whether the limit of `limit_tick` ended the tick.
         stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
     """
 
@@ -118,14 +118,14 @@ class TreeContext:
     def limit_tick(self, seconds: float) -> None:
         """Limit the tick that begins now to *seconds* of real time, whatever clock the tree has.
 
-        Only nodes that repeat other nodes check the limit, by :meth:`must_end_tick`.
+        Only nodes that repeat other nodes check the limit, by `must_end_tick`.
         """
         self._tick_end = time.monotonic_ns() + round(seconds * NS_PER_S)
         self.has_timed_out = False
         self.watches_ticks = True
 
     def lift_limit(self) -> None:
-        """End the effect of :meth:`limit_tick`."""
+        """End the effect of `limit_tick`."""
         self._tick_end = 0
         self.watches_ticks = self.is_interrupted
 

@@ -83,7 +83,7 @@ def results_of_any(cls: type[TreeNode], children: list[PossibleResults]) -> Poss
 class ControlNode(TreeNode):
     """A node with children that decides which of them are ticked, and when.
 
-    Subclasses implement :meth:`tick` and, to forget their state when halted, override :meth:`halt`.
+    Subclasses implement `tick` and, to forget their state when halted, override `halt`.
     """
 
     node_type: ClassVar[NodeType] = NodeType.CONTROL
@@ -253,7 +253,7 @@ class DecoratorNode(TreeNode):
         reset_status(child)
 
     def reset_child(self) -> None:
-        """Call :meth:`halt_child`: BehaviorTree.CPP has both names."""
+        """Call `halt_child`: BehaviorTree.CPP has both names."""
         self.halt_child()
 
     def halt(self) -> None:

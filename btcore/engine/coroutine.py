@@ -1,6 +1,6 @@
-"""Leaves written as a generator or as ``async def``: resumed once per tick, cancelled on halt.
+"""Leaves written as a generator or as `async def`: resumed once per tick, cancelled on halt.
 
-:func:`running` and :func:`sleep` need no event loop. Under ``await tree.run()`` a leaf may also await
+`running` and `sleep` need no event loop. Under `await tree.run()` a leaf may also await
 asyncio's functions: it is RUNNING until the awaited future is done, which wakes the tree.
 """
 
@@ -29,12 +29,12 @@ class Pause:
 
 
 def running() -> Pause:
-    """``await running()`` ends this tick with RUNNING; the leaf continues in the next tick."""
+    """`await running()` ends this tick with RUNNING; the leaf continues in the next tick."""
     return Pause()
 
 
 def sleep(seconds: float) -> Pause:
-    """``await sleep(s)`` keeps the leaf RUNNING for *seconds* (s, tree's clock), then wakes the tree."""
+    """`await sleep(s)` keeps the leaf RUNNING for *seconds* (s, tree's clock), then wakes the tree."""
     return Pause(seconds)
 
 
@@ -111,7 +111,7 @@ class CoroutineAction(StatefulAction):
         )
 
     def on_halted(self) -> None:
-        """Cancel the body: its ``finally`` blocks run now, and must not await."""
+        """Cancel the body: its `finally` blocks run now, and must not await."""
         self.cancel_wake_up()
         body, self._body = self._body, None
         future, self._future = self._future, None

@@ -29,10 +29,10 @@ def action(function: F, /) -> F: ...
 @overload
 def action(*, ID: str | None = None) -> Callable[[F], F]: ...
 def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callable[[F], F]:
-    """Mark a function, a generator function or an ``async def`` as an action.
+    """Mark a function, a generator function or an `async def` as an action.
 
     Parameters annotated with In or Put are ports. All other parameters are resources: objects that are passed
-    to :func:`btcore.load`, and the tree's Clock, Blackboard and :class:`TreeState` objects. The function
+    to `btcore.load`, and the tree's Clock, Blackboard and `TreeState` objects. The function
     returns True, False or a Status.
 
     Args:
@@ -50,7 +50,7 @@ def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Cal
     """Mark a function as a condition.
 
     Parameters annotated with In or Put are ports. All other parameters are resources: objects that are passed
-    to :func:`btcore.load`, and the tree's Clock, Blackboard and :class:`TreeState` objects. The function
+    to `btcore.load`, and the tree's Clock, Blackboard and `TreeState` objects. The function
     returns True, False or a Status.
 
     Args:
@@ -126,7 +126,7 @@ class FunctionCondition(Condition):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class FunctionCoroutineAction(CoroutineAction):
-    """A generator function or an ``async def`` as an action of several ticks."""
+    """A generator function or an `async def` as an action of several ticks."""
 
     call: BoundFunction
 
@@ -144,5 +144,5 @@ def leaf_class(function: Callable[..., object]) -> type[LeafNode]:
 
 
 def camel_case(name: str) -> str:
-    """Return *name* in CamelCase: ``battery_ok`` becomes ``BatteryOk``."""
+    """Return *name* in CamelCase: `battery_ok` becomes `BatteryOk`."""
     return "".join(part[:1].upper() + part[1:] for part in name.split("_"))

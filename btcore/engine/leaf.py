@@ -26,14 +26,14 @@ class LeafNode(TreeNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Condition(LeafNode):
-    """A leaf that checks the world: override :meth:`tick` to return True or False without side effects."""
+    """A leaf that checks the world: override `tick` to return True or False without side effects."""
 
     node_type: ClassVar[NodeType] = NodeType.CONDITION
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SyncAction(LeafNode):
-    """An action that completes within one tick: override :meth:`tick`, which must not return RUNNING."""
+    """An action that completes within one tick: override `tick`, which must not return RUNNING."""
 
     _family: ClassVar[int] = SYNCHRONOUS
 
@@ -42,13 +42,13 @@ class SyncAction(LeafNode):
 class StatefulAction(LeafNode):
     """An action that may last several ticks.
 
-    Override :meth:`on_start`, :meth:`on_running` (both return a Status, True or False) and, to clean
-    up, :meth:`on_halted`. A tick must not block: start the work, return RUNNING, and check the work again
+    Override `on_start`, `on_running` (both return a Status, True or False) and, to clean
+    up, `on_halted`. A tick must not block: start the work, return RUNNING, and check the work again
     in the next tick.
     """
 
     may_complete_on_start: ClassVar[bool] = False
-    """Whether :meth:`on_start` may complete the action at once; if so, `btcore validate` does not treat the
+    """Whether `on_start` may complete the action at once; if so, `btcore validate` does not treat the
     action as asynchronous.
     """
 
@@ -95,7 +95,7 @@ class StatefulAction(LeafNode):
         return before
 
     def halt(self) -> None:
-        """Call :meth:`on_halted` if the node is RUNNING, then set the node to IDLE."""
+        """Call `on_halted` if the node is RUNNING, then set the node to IDLE."""
         try:
             if self._status is RUNNING:
                 self.on_halted()

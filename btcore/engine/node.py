@@ -1,6 +1,6 @@
 """The base class of all nodes: ticking, halting and access to ports.
 
-A parent calls ``execute_tick``. A class of nodes implements ``tick``. The order within a tick is that of
+A parent calls `execute_tick`. A class of nodes implements `tick`. The order within a tick is that of
 BehaviorTree.CPP (src/tree_node.cpp): pre-conditions, tick, post-conditions, stored status.
 """
 
@@ -46,8 +46,8 @@ _STILL_RUNNING: Final = (
 class TreeNode:
     """A node of a behavior tree.
 
-    Do not subclass this class, but one of the leaf classes, :class:`ControlNode` or :class:`DecoratorNode`.
-    The engine sets its attributes before ``__init__`` runs, so ``__init__`` need not call ``super()``.
+    Do not subclass this class, but one of the leaf classes, `ControlNode` or `DecoratorNode`.
+    The engine sets its attributes before `__init__` runs, so `__init__` need not call `super()`.
     """
 
     node_type: ClassVar[NodeType] = NodeType.UNDEFINED
@@ -81,7 +81,7 @@ class TreeNode:
     child_count_at_load: ClassVar[tuple[int, int | None]] = (0, 0)
     """The minimum and maximum number of children with which a tree is loaded; None = no limit.
 
-    It differs from :attr:`child_count` because BehaviorTree.CPP loads some trees whose first tick raises.
+    It differs from `child_count` because BehaviorTree.CPP loads some trees whose first tick raises.
     """
     child_roles: ClassVar[str] = ""
     """The purpose of the children, for error messages about their number."""
@@ -90,7 +90,7 @@ class TreeNode:
     builtin_id: ClassVar[str] = ""
     """The ID of the built-in node; "" = the class's name. Not inherited."""
     batch_class: ClassVar[str] = ""
-    """``module:class`` of the counterpart in the batch engine; "" = no counterpart. Not inherited."""
+    """`module:class` of the counterpart in the batch engine; "" = no counterpart. Not inherited."""
 
     config: NodeConfig = _UNPLACED
     _status: Status = IDLE
@@ -102,7 +102,7 @@ class TreeNode:
     _blackboard: Blackboard
 
     def attach_to_tree(self, config: NodeConfig, context: TreeContext, blackboard: Blackboard) -> None:
-        """Put the node into a tree. Called by the builder, before ``__init__``.
+        """Put the node into a tree. Called by the builder, before `__init__`.
 
         Args:
             config: The configuration of the node: its name, path, ports and condition scripts.
@@ -130,7 +130,7 @@ class TreeNode:
     def prepare(self) -> None:
         """Prepare the node for ticks, for example by compiling the script in a port.
 
-        Called once, after ``__init__`` ran and the children were set.
+        Called once, after `__init__` ran and the children were set.
 
         Raises:
             NodeError: The node cannot be used as declared, for example without a mandatory port.
@@ -192,7 +192,7 @@ class TreeNode:
 
     @property
     def tick_counts(self) -> TickCounts | None:
-        """The tick counters of the node; None before :meth:`Tree.count_ticks` was called."""
+        """The tick counters of the node; None before `Tree.count_ticks` was called."""
         return None if self._guard is None else self._guard.tick_counts
 
     def count_ticks(self) -> TickCounts:
@@ -275,11 +275,11 @@ class TreeNode:
     # --- halting
 
     def halt(self) -> None:
-        """Stop the node and set it to IDLE. To clean up, override this method and call ``super().halt()``."""
+        """Stop the node and set it to IDLE. To clean up, override this method and call `super().halt()`."""
         self.reset_status()
 
     def halt_node(self) -> None:
-        """Halt the node as its parent does, and run its ``_onHalted`` script.
+        """Halt the node as its parent does, and run its `_onHalted` script.
 
         Raises:
             NodeExecutionError: The node or the script raised; the node is IDLE nevertheless.
@@ -344,7 +344,7 @@ class TreeNode:
         self._context.deadlines[self.config.uid] = moment
 
     def cancel_wake_up(self) -> None:
-        """Cancel the request of :meth:`wake_at`."""
+        """Cancel the request of `wake_at`."""
         self._context.deadlines.pop(self.config.uid, None)
 
 
@@ -485,7 +485,7 @@ def reset_status(node: TreeNode) -> None:
 
 
 def halt_node(node: TreeNode) -> None:
-    """Halt *node* as a parent does; see :meth:`TreeNode.halt_node`."""
+    """Halt *node* as a parent does; see `TreeNode.halt_node`."""
     guard = node._guard
     try:
         if guard is not None and guard.tick_counts is not None and node._status is RUNNING:

@@ -21,7 +21,7 @@ class NodeConfig:
     Attributes:
         inputs: The bindings of the input ports, by name.
         outputs: The bindings of the output ports, by name.
-        scripts: The texts of the pre- and post-conditions, by attribute name, such as ``_skipIf``.
+        scripts: The texts of the pre- and post-conditions, by attribute name, such as `_skipIf`.
         attributes: All other attributes, as written.
         enums: The enum names that scripts may use, with their numbers.
         file: The file of the element; "" = the XML was given as a text.
@@ -74,5 +74,5 @@ class NodeConfig:
 
     @property
     def where(self) -> str:
-        """``file:line`` of the element, or "" if the node is not from a document."""
+        """`file:line` of the element, or "" if the node is not from a document."""
         return f"{self.file or '<text>'}:{self.line}" if self.line else ""

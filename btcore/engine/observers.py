@@ -19,7 +19,7 @@ _new_tuple: Final[Any] = tuple.__new__
 
 
 class Transitions:
-    """The transitions of one tick in chronological order, a lazy sequence of :class:`Transition`.
+    """The transitions of one tick in chronological order, a lazy sequence of `Transition`.
 
     To save time, the thread that ticks the tree records only times, nodes and statuses. The Transition
     objects are created on first access, on any thread.
@@ -95,13 +95,13 @@ class Observer:
     def transition(self, change: Transition) -> None:
         """Handle a change of a node's stored status. Called at once when the status changes.
 
-        Override :meth:`transitions` instead unless you need each change at once: it is many times cheaper.
+        Override `transitions` instead unless you need each change at once: it is many times cheaper.
         """
 
     def transitions(self, changes: Transitions) -> None:
         """Handle all changes since the last call, in chronological order.
 
-        Called after each tick and each halt, and before :meth:`raised`.
+        Called after each tick and each halt, and before `raised`.
         """
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
@@ -134,7 +134,7 @@ class Observers:
         self.tick = 0
         self.listeners: list[Observer] = []
         self.immediate_listeners: list[Observer] = []
-        """The observers that override :meth:`Observer.transition`."""
+        """The observers that override `Observer.transition`."""
         self._batch_listeners: list[Observer] = []
         self._first = 1
         self._records: list[object] = []

@@ -1,7 +1,7 @@
 """Getters and setters of ports that are attributes of a leaf.
 
-:class:`~btcore.engine.signature.PortAttribute` is a property with these functions, and not a compiled
-descriptor class, because mypyc drops the ``__set__`` of such a class. The functions are in this module
+`PortAttribute` is a property with these functions, and not a compiled
+descriptor class, because mypyc drops the `__set__` of such a class. The functions are in this module
 because it is compiled.
 """
 
@@ -12,7 +12,7 @@ from btcore.blackboard.ports import Port
 from btcore.engine.node import TreeNode
 
 PORT_PLACEHOLDER: Final = object()
-"""The argument for a port in the ``__init__`` of a dataclass: assigning it to the port has no effect."""
+"""The argument for a port in the `__init__` of a dataclass: assigning it to the port has no effect."""
 
 
 def port_getter(port: Port) -> Callable[[Any], object]:

@@ -1,6 +1,6 @@
 """The ports and resources that a leaf declares in its annotations.
 
-``In[T]`` is ``Annotated[T, …]`` and ``Put[T]`` is ``Annotated[Callable[[T], None], …]``, so that type
+`In[T]` is `Annotated[T, …]` and `Put[T]` is `Annotated[Callable[[T], None], …]`, so that type
 checkers see the types of the values.
 """
 
@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class PortMark:
-    """A mark in an annotation, which declares a port; *put* is true for ``Put[…]``."""
+    """A mark in an annotation, which declares a port; *put* is true for `Put[…]`."""
 
     def __init__(self, direction: Direction, put: bool = False) -> None:
         self.direction = direction
@@ -29,7 +29,7 @@ class PortMark:
 
 
 class _Form:
-    """``In``, ``Out``, ``InOut`` and ``Put`` at run time, with an error message for an invalid type."""
+    """`In`, `Out`, `InOut` and `Put` at run time, with an error message for an invalid type."""
 
     def __init__(self, name: str, annotated: Any) -> None:
         self.name = name
@@ -164,10 +164,10 @@ def function_parameters(
     """Return the parameters of *function*, ports and resources, in order.
 
     Args:
-        function: The function or ``__init__`` method.
+        function: The function or `__init__` method.
         types: The types that ports may have.
         names: Local names, for resolving annotations that are strings.
-        skip_first: Whether to leave out the first parameter, ``self``.
+        skip_first: Whether to leave out the first parameter, `self`.
 
     Raises:
         RegistrationError: A parameter is variadic, or its annotation is missing or invalid.

@@ -12,11 +12,11 @@ from btcore.status import RUNNING
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ThreadedAction(StatefulAction):
-    """An action that may block: override :meth:`work`, which runs in a separate thread.
+    """An action that may block: override `work`, which runs in a separate thread.
 
-    The node is RUNNING until :meth:`work` ends. Then the tree wakes up, and the next tick returns the result
-    of :meth:`work` or raises its exception. A halt sets :attr:`halt_requested` and waits until :meth:`work`
-    returns. Therefore :meth:`work` should check :attr:`halt_requested` often, and sleep with :meth:`pause`.
+    The node is RUNNING until `work` ends. Then the tree wakes up, and the next tick returns the result
+    of `work` or raises its exception. A halt sets `halt_requested` and waits until `work`
+    returns. Therefore `work` should check `halt_requested` often, and sleep with `pause`.
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = None
@@ -40,11 +40,11 @@ class ThreadedAction(StatefulAction):
 
     @property
     def halt_requested(self) -> bool:
-        """Whether the node is being halted, so that :meth:`work` should return."""
+        """Whether the node is being halted, so that `work` should return."""
         return bool(self._halt_event.is_set())
 
     def pause(self, seconds: float) -> bool:
-        """Sleep in :meth:`work` for *seconds* (s, real time), or until the node is halted.
+        """Sleep in `work` for *seconds* (s, real time), or until the node is halted.
 
         Returns:
             Whether the node is being halted.

@@ -1,7 +1,7 @@
 """Blackboards as JSON, in the form of BehaviorTree.CPP's ExportTreeToJSON() (src/json_export.cpp).
 
-A tree is ``{subtree path: {key: value}}``; the ID of the main tree stands for its empty path. Integers,
-bools and enums become numbers, lists become arrays, and a dataclass becomes an object with ``__type``. Other
+A tree is `{subtree path: {key: value}}`; the ID of the main tree stands for its empty path. Integers,
+bools and enums become numbers, lists become arrays, and a dataclass becomes an object with `__type`. Other
 values, and entries that were never written, become null.
 """
 
@@ -21,7 +21,7 @@ TYPE = "__type"
 
 
 def export_tree(tree: Tree) -> dict[str, dict[str, Any]]:
-    """Return the entries of all blackboards of *tree*, ready for ``json.dump``."""
+    """Return the entries of all blackboards of *tree*, ready for `json.dump`."""
     return {_name(tree, subtree): export_blackboard(subtree.blackboard) for subtree in tree.subtrees}
 
 
@@ -30,7 +30,7 @@ def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any]]) -> None:
 
     Args:
         tree: The tree.
-        data: Entries in the form of :func:`export_tree`.
+        data: Entries in the form of `export_tree`.
 
     Raises:
         BlackboardError: *tree* and *data* have different subtrees; then nothing is written. Or a value does
@@ -60,7 +60,7 @@ def import_blackboard(board: Blackboard, data: Mapping[str, Any], types: TypeReg
     Args:
         board: The scope.
         data: Values by key.
-        types: The registered types, by which objects with ``__type`` are converted.
+        types: The registered types, by which objects with `__type` are converted.
 
     Raises:
         BlackboardError: A value does not fit the type of its entry; the message names the key.

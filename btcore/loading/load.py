@@ -38,15 +38,15 @@ def load(
     Args:
         path: The XML file.
         more: Further XML files, whose trees the first file may call without an include.
-        nodes: The nodes and trees that the tree may use; default :meth:`Registry.standard`.
+        nodes: The nodes and trees that the tree may use; default `Registry.standard`.
         resources: Objects that leaves get by the types of their parameters, for example a robot.
         tree: The ID of the tree to load; default the main tree of the first file.
         blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
-        format: The XML format, 3 or 4; default the ``BTCPP_format`` of the first file, or 3 if it has none.
+        format: The XML format, 3 or 4; default the `BTCPP_format` of the first file, or 3 if it has none.
         clock: The clock; default the first clock among *resources*, else the system's clock.
-        packages: A function that returns the share directory of a ROS package that an ``<include>`` names.
+        packages: A function that returns the share directory of a ROS package that an `<include>` names.
         tick_limit: The longest time (s, real time) for which a tick may repeat nodes; default no limit. See
-            :class:`Tree`.
+            `Tree`.
         confined: Whether includes from outside of the folder of the including XML file are errors, for trees
             from strangers.
 
@@ -79,15 +79,15 @@ def loads(
     Args:
         text: The XML. Paths of includes are relative to the working directory.
         more: Further XML texts, whose trees the first text may call.
-        nodes: As in :func:`load`, like all following arguments.
-        resources: As in :func:`load`.
-        tree: As in :func:`load`.
-        blackboard: As in :func:`load`.
-        format: As in :func:`load`.
-        clock: As in :func:`load`.
-        packages: As in :func:`load`.
-        tick_limit: As in :func:`load`.
-        confined: As in :func:`load`, with the working directory as the folder.
+        nodes: As in `load`, like all following arguments.
+        resources: As in `load`.
+        tree: As in `load`.
+        blackboard: As in `load`.
+        format: As in `load`.
+        clock: As in `load`.
+        packages: As in `load`.
+        tick_limit: As in `load`.
+        confined: As in `load`, with the working directory as the folder.
 
     Raises:
         TreeError: The texts have errors. It holds all of them, with line and column.
@@ -111,17 +111,17 @@ def make(
     packages: PackageResolver | None = None,
     tick_limit: float | None = None,
 ) -> Tree:
-    """Return a new instance of a tree that was registered with :meth:`Registry.add_trees`.
+    """Return a new instance of a tree that was registered with `Registry.add_trees`.
 
     Args:
         tree: The ID of the tree.
         nodes: The registry of the tree and its nodes.
-        resources: As in :func:`load`.
-        blackboard: As in :func:`load`.
+        resources: As in `load`.
+        blackboard: As in `load`.
         format: The XML format, 3 or 4; default the format of the tree's document.
-        clock: As in :func:`load`.
-        packages: As in :func:`load`.
-        tick_limit: As in :func:`load`.
+        clock: As in `load`.
+        packages: As in `load`.
+        tick_limit: As in `load`.
 
     Raises:
         TreeError: There is no such tree, or the registered documents have errors. It holds all of them.
@@ -151,12 +151,12 @@ def required_resources(
 
     Args:
         path: The XML file.
-        more: As in :func:`load`, like all following arguments.
-        nodes: As in :func:`load`.
-        tree: As in :func:`load`.
-        format: As in :func:`load`.
-        packages: As in :func:`load`.
-        confined: As in :func:`load`.
+        more: As in `load`, like all following arguments.
+        nodes: As in `load`.
+        tree: As in `load`.
+        format: As in `load`.
+        packages: As in `load`.
+        confined: As in `load`.
 
     Raises:
         TreeError: The files have errors.

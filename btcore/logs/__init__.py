@@ -1,6 +1,6 @@
 """Logs of a running tree: log files of BehaviorTree.CPP's tools, traces, console output and statistics.
 
-``with BtLog(tree, "run.btlog"): …`` writes a log, ``read_log("run.btlog")`` reads it.
+`with BtLog(tree, "run.btlog"): …` writes a log, `read_log("run.btlog")` reads it.
 """
 
 from btcore.logs.btlog import BtLog, read_btlog

@@ -1,11 +1,11 @@
-"""Writing and reading ``.btlog``, the file of BehaviorTree.CPP 4's FileLogger2.
+"""Writing and reading `.btlog`, the file of BehaviorTree.CPP 4's FileLogger2.
 
 The format is that of src/loggers/bt_file_logger_v2.cpp. All numbers are little-endian. The file begins with a
 magic word, the protocol version (1 byte), the length and text of the tree's XML, and the first time stamp
 (µs since 1970). Each transition has nine bytes: the time since the first stamp (µs, 48 bits), the node's UID
 (16 bits), and its status (8 bits). There is no count and no end mark: a truncated file is a shorter log.
 
-The format cannot express that transitions are missing. Known gaps are written to ``FILE.btlog.gaps``, a line
+The format cannot express that transitions are missing. Known gaps are written to `FILE.btlog.gaps`, a line
 for each gap with the number of transitions before it and the reason.
 """
 
@@ -42,7 +42,7 @@ _RECORD: Final = struct.Struct("<IHHB")
 
 
 class BtLogWriter:
-    """A writer of a ``.btlog`` file; an existing file is overwritten.
+    """A writer of a `.btlog` file; an existing file is overwritten.
 
     Args:
         path: The file.
@@ -50,7 +50,7 @@ class BtLogWriter:
         start: The first time stamp (µs since 1970).
 
     Raises:
-        LogError: The extension is not ``.btlog``, or the file cannot be written.
+        LogError: The extension is not `.btlog`, or the file cannot be written.
     """
 
     def __init__(self, path: Path, xml: bytes, start: int) -> None:
@@ -93,7 +93,7 @@ class BtLogWriter:
 
 
 class BtLog(Log):
-    """A log of a tree in a ``.btlog`` file, as FileLogger2 writes it; an existing file is overwritten.
+    """A log of a tree in a `.btlog` file, as FileLogger2 writes it; an existing file is overwritten.
 
     Args:
         tree: The tree to log.
@@ -101,7 +101,7 @@ class BtLog(Log):
         idle: Whether to log transitions to IDLE.
 
     Raises:
-        LogError: The extension is not ``.btlog``, or the file cannot be written.
+        LogError: The extension is not `.btlog`, or the file cannot be written.
     """
 
     def __init__(self, tree: Tree, path: str | os.PathLike[str], *, idle: bool = True) -> None:
@@ -125,10 +125,10 @@ class BtLog(Log):
 
 
 def read_btlog(path: str | os.PathLike[str]) -> Recording:
-    """Read a ``.btlog`` file. A truncated or damaged file is read up to the damage.
+    """Read a `.btlog` file. A truncated or damaged file is read up to the damage.
 
     Raises:
-        LogError: The file cannot be read, is not a ``.btlog`` file, or ends within its header.
+        LogError: The file cannot be read, is not a `.btlog` file, or ends within its header.
     """
     path = Path(path)
     data = read_bytes(path)

@@ -18,7 +18,7 @@ _NAME_WIDTH: Final = 25
 
 
 class ConsoleLog(Log):
-    """A log that prints ``[seconds]: name  PREVIOUS -> STATUS`` for each transition of a tree.
+    """A log that prints `[seconds]: name  PREVIOUS -> STATUS` for each transition of a tree.
 
     Args:
         tree: The tree to log.
@@ -26,7 +26,7 @@ class ConsoleLog(Log):
         idle: Whether to print transitions to IDLE.
         relative: Whether times are seconds since the start of the log instead of seconds since 1970.
         colours: Whether statuses are coloured; None for colours on a terminal, unless the environment
-            variable ``NO_COLOR`` is set.
+            variable `NO_COLOR` is set.
     """
 
     # Writing to a closed stream raises ValueError.

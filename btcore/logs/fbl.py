@@ -1,4 +1,4 @@
-"""Reading ``.fbl``, the file of BehaviorTree.CPP 3's FileLogger.
+"""Reading `.fbl`, the file of BehaviorTree.CPP 3's FileLogger.
 
 The format is that of src/loggers/bt_file_logger.cpp in version 3. All numbers are little-endian. The file
 begins with a length and a flatbuffer with the tree. Each transition has twelve bytes: seconds and µs since
@@ -29,13 +29,13 @@ _MODEL_ID, _MODEL_TYPE = 0, 1
 
 
 def read_fbl(path: str | os.PathLike[str]) -> Recording:
-    """Read a ``.fbl`` file. A truncated or damaged file is read up to the damage.
+    """Read a `.fbl` file. A truncated or damaged file is read up to the damage.
 
     The paths of the nodes follow the rule of BehaviorTree.CPP 4, since version 3 has no paths. The order of
     the nodes is that of the file.
 
     Raises:
-        LogError: The file cannot be read, is not a ``.fbl`` file, or ends within the tree.
+        LogError: The file cannot be read, is not a `.fbl` file, or ends within the tree.
     """
     path = Path(path)
     data = read_bytes(path)

@@ -18,7 +18,7 @@ def expect_extension(path: Path, *extensions: str) -> None:
 
     Args:
         path: The file.
-        extensions: The accepted extensions, such as ``.btlog``.
+        extensions: The accepted extensions, such as `.btlog`.
 
     Raises:
         LogError: The file has another extension.

@@ -42,9 +42,9 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
 
     Args:
         tree: The tree to log.
-        path: The file, whose extension determines the format: ``.btlog`` (FileLogger2), ``.db3`` or
-            ``.btdb`` (SqliteLogger; existing sessions are deleted), ``.json`` (trace events for Perfetto).
-            ``-`` prints to stdout.
+        path: The file, whose extension determines the format: `.btlog` (FileLogger2), `.db3` or
+            `.btdb` (SqliteLogger; existing sessions are deleted), `.json` (trace events for Perfetto).
+            `-` prints to stdout.
 
     Raises:
         LogError: The extension is unknown, or the file cannot be written.
@@ -61,7 +61,7 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
 def read_log(path: str | os.PathLike[str]) -> Recording:
     """Read a log of any format. A truncated or damaged file is read up to the damage.
 
-    In a database, the last session is read; ``FILE.db3#2`` selects session 2.
+    In a database, the last session is read; `FILE.db3#2` selects session 2.
 
     Raises:
         LogError: The extension is unknown, or the file cannot be read or is not a log.

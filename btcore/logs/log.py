@@ -13,7 +13,7 @@ _log = logging.getLogger("btcore")
 
 
 class AttachedObserver(Observer):
-    """An observer that is subscribed to a tree until it is closed, or until its ``with`` block ends.
+    """An observer that is subscribed to a tree until it is closed, or until its `with` block ends.
 
     A wall time is computed as `epoch` plus the time of the tree's clock since `start`. Therefore a log of a
     simulated run has the duration of the simulated run.
@@ -57,7 +57,7 @@ class Log(AttachedObserver):
     """The base class of logs: writes the transitions of a tick or a halt when the tick or the halt ends.
 
     A process that is killed loses at most the tick in progress. If writing fails, for example because the
-    disk is full, the log is closed with a warning of the logger ``btcore``; the tree is not affected.
+    disk is full, the log is closed with a warning of the logger `btcore`; the tree is not affected.
 
     Args:
         tree: The tree to log.

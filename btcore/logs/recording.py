@@ -95,7 +95,7 @@ class Recording:
         return warnings
 
     def keys(self) -> dict[int, str]:
-        """Return the paths of all nodes by UID; equal paths are distinguished by an appended ``#<uid>``."""
+        """Return the paths of all nodes by UID; equal paths are distinguished by an appended `#<uid>`."""
         counts = Counter(node.path for node in self.nodes.values())
         return {
             uid: node.path if counts[node.path] == 1 else f"{node.path}#{uid}"
@@ -140,7 +140,7 @@ def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
     """Return the nodes of a recorded tree by UID, in pre-order.
 
     Args:
-        xml: The tree with ``_uid`` and ``_fullpath`` attributes, as BehaviorTree.CPP 4's WriteTreeToXML
+        xml: The tree with `_uid` and `_fullpath` attributes, as BehaviorTree.CPP 4's WriteTreeToXML
             writes it (src/xml_parsing.cpp).
         source: The name of the log, for errors.
 

@@ -1,4 +1,4 @@
-"""Writing and reading ``.db3``, the database of BehaviorTree.CPP 4's SqliteLogger.
+"""Writing and reading `.db3`, the database of BehaviorTree.CPP 4's SqliteLogger.
 
 The format is that of src/loggers/bt_sqlite_logger.cpp, with three tables. Definitions has a row for each
 session with the tree's XML; Nodes has the full path of each node of a session. Transitions has a time stamp
@@ -27,7 +27,7 @@ from btcore.xml.render.tree_xml import tree_to_xml
 EXTENSIONS: Final = (".db3", ".btdb")
 
 GAP_PREFIX: Final = "gap: "
-"""The beginning of a row's ``extra_data`` if transitions are missing before it; the reason follows."""
+"""The beginning of a row's `extra_data` if transitions are missing before it; the reason follows."""
 
 _TABLES: Final = (
     "CREATE TABLE IF NOT EXISTS Definitions (session_id INTEGER PRIMARY KEY AUTOINCREMENT,"
@@ -52,7 +52,7 @@ _GROWTH: Final = 64
 class SqliteWriter:
     """A writer of a new session in a database.
 
-    While another program writes to the database, rows are kept for a later :meth:`flush`.
+    While another program writes to the database, rows are kept for a later `flush`.
 
     Args:
         path: The database.
@@ -112,15 +112,15 @@ class SqliteWriter:
         self._first = max(start, self._last + 1)
 
     def add(self, since: int, uid: int, previous: Status, status: Status, extra: str = "") -> None:
-        """Keep a row for the next :meth:`flush`. Equal stamps are increased, since they must be unique.
+        """Keep a row for the next `flush`. Equal stamps are increased, since they must be unique.
 
         Args:
             since: The time since the start (µs).
             uid: The UID of the node.
-            previous: Its previous status. If it is RUNNING, the row's ``duration`` is the time (µs) that the
+            previous: Its previous status. If it is RUNNING, the row's `duration` is the time (µs) that the
                 node was RUNNING, else 0.
             status: Its new status.
-            extra: The row's ``extra_data``.
+            extra: The row's `extra_data`.
         """
         stamp = max(self._last + 1, self._first + since)
         self._last = stamp
@@ -179,14 +179,14 @@ def _is_busy(error: sqlite3.Error) -> bool:
 
 
 Extra = Callable[[TreeNode, Transition], str]
-"""A function that returns the ``extra_data`` of the row for a transition of a node."""
+"""A function that returns the `extra_data` of the row for a transition of a node."""
 
 
 class SqliteLog(Log):
     """A log of a tree in a new session of a database, as SqliteLogger writes it.
 
     If the database contains stamps that are later than now (from a run in simulated time), the new session
-    begins directly after them. In the row in which a node leaves RUNNING, ``duration`` is the time (µs) that
+    begins directly after them. In the row in which a node leaves RUNNING, `duration` is the time (µs) that
     it was RUNNING, else 0.
 
     Until the log is closed, a write-ahead log exists next to the database, so that other programs can read
@@ -198,7 +198,7 @@ class SqliteLog(Log):
         path: The database.
         append: Whether to keep the existing sessions. Their numbers are not reused in either case.
         idle: Whether to log transitions to IDLE.
-        extra: Called for each transition, on the thread that ticks; returns the row's ``extra_data``.
+        extra: Called for each transition, on the thread that ticks; returns the row's `extra_data`.
 
     Raises:
         LogError: The extension is wrong, or the database cannot be written.
@@ -261,7 +261,7 @@ class ExtraDataCollector(Observer):
 
 
 class Session(NamedTuple):
-    """A run in a database; *date* is its start in local time (``2026-01-31 12:00:00``)."""
+    """A run in a database; *date* is its start in local time (`2026-01-31 12:00:00`)."""
 
     number: int
     date: str

@@ -39,8 +39,8 @@ class TreeObserver(AttachedObserver):
     """An observer that counts the results of each node of *tree* until it is closed.
 
     It counts in the same way as BehaviorTree.CPP's TreeObserver (src/loggers/bt_observer.cpp). Nodes are
-    identified by UID or by path; equal paths are distinguished by ``#<uid>``, as in
-    :meth:`btcore.Tree.nodes_by_path`.
+    identified by UID or by path; equal paths are distinguished by `#<uid>`, as in
+    `btcore.Tree.nodes_by_path`.
     """
 
     def __init__(self, tree: Tree) -> None:
@@ -107,7 +107,7 @@ class RecordedStatistics:
 
     Attributes:
         node: The node.
-        path: Its full path, with ``#<uid>`` if several nodes have the same path.
+        path: Its full path, with `#<uid>` if several nodes have the same path.
         success: The number of transitions to SUCCESS.
         failure: The number of transitions to FAILURE.
         skipped: The number of transitions to SKIPPED.

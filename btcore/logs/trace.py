@@ -26,7 +26,7 @@ class TraceLog(Log):
 
     A slice is a period in which a node is RUNNING; it also ends when the node is halted. An instant is a
     SUCCESS or FAILURE of a node that was not RUNNING before. Times are µs of the tree's clock since the start
-    of the log. ``args`` contains the node's path and UID, and its new status. A slice is on the lane
+    of the log. `args` contains the node's path and UID, and its new status. A slice is on the lane
     (thread of the trace) of its parent if it can be nested there, else on a separate lane.
 
     Args:

@@ -23,7 +23,7 @@ class LoopNode(DecoratorNode):
     (its elements are removed), a list, or a text like the literal. An entry that was never written is an
     error.
 
-    Derive a class for elements of another type, and declare the type in the annotation of the port::
+    Derive a class for elements of another type, and declare the type in the annotation of the port:
 
         class LoopPose(LoopNode):
             value: Out[Pose]

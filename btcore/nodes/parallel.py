@@ -23,7 +23,7 @@ def threshold(given: int, count: int) -> int:
 
 
 def required_results(given: int, count: int, results: str) -> int:
-    """Return :func:`threshold`, after a check that it can be reached.
+    """Return `threshold`, after a check that it can be reached.
 
     Args:
         given: The value of a port.

@@ -1,4 +1,4 @@
-"""Find calls of ``sleep()`` and ``running()`` in a leaf whose result is never awaited.
+"""Find calls of `sleep()` and `running()` in a leaf whose result is never awaited.
 
 Such a call has no effect, and Python does not warn about it. The check reads the bytecode when the leaf is
 registered, so that a tick needs no check, and leaves without source code are checked, too.
@@ -21,7 +21,7 @@ _NAMES: Final = frozenset(function.__name__ for function in _PAUSES)
 
 
 def check_awaits(ID: str, thing: Any) -> None:
-    """Check that a leaf awaits each ``sleep()`` and ``running()``.
+    """Check that a leaf awaits each `sleep()` and `running()`.
 
     The check includes the coroutines and generators that the code of the leaf names. It does not find calls
     whose result is stored in a container or passed to another function.
@@ -119,7 +119,7 @@ def _check_code(ID: str, function_name: str, code: CodeType, names: Mapping[str,
 
 
 def _place(instruction: dis.Instruction) -> tuple[int, int] | None:
-    """Return line and column of the expression; None if Python runs with ``-X no_debug_ranges``."""
+    """Return line and column of the expression; None if Python runs with `-X no_debug_ranges`."""
     positions = instruction.positions
     if positions is None or positions.lineno is None or positions.col_offset is None:
         return None

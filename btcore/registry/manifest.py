@@ -37,11 +37,11 @@ class Manifest:
         id: The registration ID.
         cls: The class of the nodes.
         ports: The ports by name, in the order of their declaration.
-        parameters: The parameters of the function or of ``__init__``.
+        parameters: The parameters of the function or of `__init__`.
         distribution: The package that registered the node.
         function: The function that the nodes call; None for a node class.
         metadata: Texts by name for other tools, such as an editor. They are written to the TreeNodesModel.
-            A class declares them with a static method ``metadata()``, as in C++.
+            A class declares them with a static method `metadata()`, as in C++.
     """
 
     is_overridable = False
@@ -98,7 +98,7 @@ class Manifest:
 
     @property
     def origin(self) -> str:
-        """``name (file:line)`` of the class or function."""
+        """`name (file:line)` of the class or function."""
         thing: Any = self.function or self.cls
         try:
             line = inspect.getsourcelines(thing)[1]
@@ -214,7 +214,7 @@ class Resources(list[object]):
     def of(self, parameter: Parameter, id: str) -> object:
         """Return the first resource of the parameter's type, else the default of the parameter, or UNSET.
 
-        A missing :class:`TreeState` is created.
+        A missing `TreeState` is created.
 
         Args:
             parameter: The parameter.
@@ -332,7 +332,7 @@ def create_manifest(
 
 
 def _class_metadata(cls: type) -> dict[str, str]:
-    """Return the result of the static method or class method ``metadata``; {} if the class has none.
+    """Return the result of the static method or class method `metadata`; {} if the class has none.
 
     Raises:
         RegistrationError: A name in the result cannot be the name of an XML attribute.

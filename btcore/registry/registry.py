@@ -28,7 +28,7 @@ _OF_FILE = "btcore_plugin_"
 class Registry:
     """The nodes, types, enums and trees that the XML of a tree may use.
 
-    There is no global registry: create a registry and pass it to :func:`btcore.load`.
+    There is no global registry: create a registry and pass it to `btcore.load`.
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class Registry:
         self._libraries: list[str] = []
         self.substitutions: dict[str, SubstitutionRule] = {}
         self.documents: list[Document] = []
-        """The documents of :meth:`add_trees`."""
+        """The documents of `add_trees`."""
         self.overridden_nodes: list[tuple[Manifest, Manifest]] = []
         """Pairs of manifests: a node of an installed library, and the user's node that replaced it."""
         self._installing = False
@@ -136,7 +136,7 @@ class Registry:
             self._add(thing, ID, names, _distribution_of(thing), format)
 
     def replace(self, **nodes: Any) -> None:
-        """Register ``ID=thing`` in place of the node that is registered as *ID*.
+        """Register `ID=thing` in place of the node that is registered as *ID*.
 
         Raises:
             RegistrationError: *ID* is not registered, or the thing cannot be registered; the registry is then
@@ -182,7 +182,7 @@ class Registry:
         """Register an enum or a single name, which scripts and ports may then use.
 
         Args:
-            enum: The class, or a mapping of names to numbers, or a name: ``add_enum("RED", 1)``.
+            enum: The class, or a mapping of names to numbers, or a name: `add_enum("RED", 1)`.
             number: The number of a name.
 
         Raises:
@@ -199,11 +199,11 @@ class Registry:
     def add_trees(self, *sources: str | PathLike[str], confined: bool = False) -> None:
         """Register the trees of XML documents.
 
-        :func:`btcore.make` creates a registered tree. Every tree that is loaded with this registry can call
+        `btcore.make` creates a registered tree. Every tree that is loaded with this registry can call
         the registered trees as subtrees. A tree replaces trees with the same ID that were registered before.
 
         Args:
-            sources: XML texts, and paths of XML files. A string that contains ``<`` is a text.
+            sources: XML texts, and paths of XML files. A string that contains `<` is a text.
             confined: Whether includes from outside of the folder of the including XML file are errors, for
                 trees from strangers. The folder of a text is the working directory.
 
@@ -228,8 +228,8 @@ class Registry:
         filter of an earlier rule replaces that rule.
 
         Args:
-            filter: A registration ID, an instance name, or a full path with the wildcards ``*`` and ``?``.
-            by: The ID of a registered node, a function, a node class, or a ``TestNodeConfig`` of
+            filter: A registration ID, an instance name, or a full path with the wildcards `*` and `?`.
+            by: The ID of a registered node, a function, a node class, or a `TestNodeConfig` of
                 btcore.testing.
 
         Raises:
@@ -334,12 +334,12 @@ class Registry:
         return ignored
 
     def add_installed(self, library: str, name: str) -> None:
-        """Register a library of an installed package like :meth:`add_plugin`, but as overridable.
+        """Register a library of an installed package like `add_plugin`, but as overridable.
 
         A node that is registered later under the same ID replaces the library's node.
 
         Args:
-            library: ``module`` or ``module:function``.
+            library: `module` or `module:function`.
             name: The name of the package.
 
         Raises:
@@ -354,12 +354,12 @@ class Registry:
     def add_plugin(self, library: str | Path | ModuleType, name: str | None = None) -> None:
         """Register a node library.
 
-        If the module has a function ``register(nodes)``, or ``module:function`` names another function,
+        If the module has a function `register(nodes)`, or `module:function` names another function,
         this function is called to register the nodes. Otherwise the node classes and the functions marked
-        with ``@action`` or ``@condition`` that the module defines are registered.
+        with `@action` or `@condition` that the module defines are registered.
 
         Args:
-            library: A module, its name, ``module:function``, or the path of a Python file.
+            library: A module, its name, `module:function`, or the path of a Python file.
             name: The name of the library; by default the module's name.
 
         Raises:

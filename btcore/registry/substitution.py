@@ -13,8 +13,8 @@ from btcore.suggestions import did_you_mean
 class SubstitutionRule:
     """A rule by which nodes that match *filter* are created from *by*, a manifest or a registered node's ID.
 
-    *filter* is a registration ID, an instance name, or a full path in which ``*`` stands for any text
-    and ``?`` for any character.
+    *filter* is a registration ID, an instance name, or a full path in which `*` stands for any text
+    and `?` for any character.
     """
 
     def __init__(self, filter: str, by: "Manifest | str") -> None:

@@ -87,7 +87,7 @@ class Name(Expression):
 
 
 class UnaryOperation(Expression):
-    """A value with one or more of the signs ``-``, ``~`` and ``!`` before it."""
+    """A value with one or more of the signs `-`, `~` and `!` before it."""
 
     def __init__(self, text: str, token: Token, signs: list[str], operand: Expression) -> None:
         super().__init__(text, token)
@@ -121,7 +121,7 @@ class Chain(Expression):
 
 
 class OperatorChain(Chain):
-    """A chain such as ``a + b .. c``. All operands are evaluated."""
+    """A chain such as `a + b .. c`. All operands are evaluated."""
 
     def __init__(self, text: str, token: Token, first: Expression) -> None:
         super().__init__(text, token, first)
@@ -158,7 +158,7 @@ class OperatorChain(Chain):
 
 
 class Comparison(Chain):
-    """A chain such as ``a < b <= c``: true if it is true for each neighbouring pair.
+    """A chain such as `a < b <= c`: true if it is true for each neighbouring pair.
 
     The operands after a pair for which it is false are not evaluated.
     """
@@ -183,7 +183,7 @@ class Comparison(Chain):
 
 
 class ConditionalExpression(Expression):
-    """``condition ? a : b``. The condition is a number or a text that starts with a number.
+    """`condition ? a : b`. The condition is a number or a text that starts with a number.
 
     It is true unless the number is zero.
     """
@@ -213,9 +213,9 @@ class ConditionalExpression(Expression):
 
 
 class Assignment(Expression):
-    """An assignment to an entry. ``name := value`` creates a missing entry.
+    """An assignment to an entry. `name := value` creates a missing entry.
 
-    The operators ``=``, ``+=``, ``-=``, ``*=`` and ``/=`` require that the entry exists.
+    The operators `=`, `+=`, `-=`, `*=` and `/=` require that the entry exists.
     """
 
     def __init__(

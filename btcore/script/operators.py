@@ -32,7 +32,7 @@ MAX_TEXT: Final = 1_000_000
 
 
 def operate(operator: int, left: object, right: object) -> object:
-    """Return the result of a binary operator; None for ``..`` with two numbers, as in BehaviorTree.CPP.
+    """Return the result of a binary operator; None for `..` with two numbers, as in BehaviorTree.CPP.
 
     Args:
         operator: The number of the operator in OPERATORS.
@@ -73,9 +73,9 @@ def joined(left: str, right: str) -> str:
 
 
 def negated(sign: str, value: object) -> float:
-    """Return the result of the prefix operator *sign*, which is ``-``, ``!`` or ``~``, for *value*.
+    """Return the result of the prefix operator *sign*, which is `-`, `!` or `~`, for *value*.
 
-    ``~`` inverts the bits of the integer part, an integer of 64 bits.
+    `~` inverts the bits of the integer part, an integer of 64 bits.
     """
     number = number_of(value)
     if number is None:
@@ -93,7 +93,7 @@ def negated(sign: str, value: object) -> float:
 
 
 def compare(operator: str, left: object, right: object, enums: Mapping[str, int]) -> bool:
-    """Return whether ``left operator right`` is true. A text compared with a number is read as a number."""
+    """Return whether `left operator right` is true. A text compared with a number is read as a number."""
     first = None if isinstance(left, str) else number_of(left)
     second = None if isinstance(right, str) else number_of(right)
     if isinstance(left, str) and isinstance(right, str):
@@ -128,7 +128,7 @@ def compare(operator: str, left: object, right: object, enums: Mapping[str, int]
 
 
 def readable_number(text: str, enums: Mapping[str, int]) -> float:
-    """Return the number of *text*: ``true``, ``false``, an enum name, or digits. Raise ConversionError."""
+    """Return the number of *text*: `true`, `false`, an enum name, or digits. Raise ConversionError."""
     if text == "true":
         return 1.0
     if text == "false":
@@ -160,7 +160,7 @@ def assigned_value(value: object, old: object, kind: ValueType) -> object:
 
 
 def compound_assigned_value(operator: str, old: object, value: object, kind: ValueType) -> object:
-    """Return the result of ``+=``, ``-=``, ``*=`` or ``/=`` for an entry with the value *old*."""
+    """Return the result of `+=`, `-=`, `*=` or `/=` for an entry with the value *old*."""
     number = number_of(value)
     stored = number_of(old)
     if number is not None and stored is not None:

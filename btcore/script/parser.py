@@ -41,7 +41,7 @@ class Parser:
         self.depth: int = 0
 
     def statements(self) -> list[Expression]:
-        """Parse all statements, each followed by any number of ``;``. Raise ScriptError."""
+        """Parse all statements, each followed by any number of `;`. Raise ScriptError."""
         statements: list[Expression] = []
         while self._next().kind != END:
             statements.append(self._expression(_LOOSEST))

@@ -71,7 +71,7 @@ class Workers:
 
         At any time, no more episodes are submitted than there are workers, so that the death of a worker
         affects a single episode. If the worker died in every attempt, the result contains the number of
-        deaths under the key ``killed``.
+        deaths under the key `killed`.
 
         Args:
             episodes: The episodes to run.

@@ -1,4 +1,4 @@
-"""The command ``btcore sweep``."""
+"""The command `btcore sweep`."""
 
 from collections.abc import Sequence
 from importlib import import_module

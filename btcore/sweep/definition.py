@@ -22,7 +22,7 @@ from btcore.xml.read.document import parse_file
 from btcore.xml.read.includes import resolve_includes
 
 FORM: Final = 1
-"""The version of the format of ``sweep.json``, the description that a sweep's folder contains."""
+"""The version of the format of `sweep.json`, the description that a sweep's folder contains."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Episode:
         number: The number of the episode in the sweep, from 0.
         seed: The seed.
         values: The value of each parameter, as text.
-        command: The arguments of ``btcore run``.
+        command: The arguments of `btcore run`.
     """
 
     number: int
@@ -53,9 +53,9 @@ class SweepDefinition:
 
     Attributes:
         tree: The tree, as named on the command line.
-        arguments: The arguments of ``btcore run`` that are the same in all runs.
+        arguments: The arguments of `btcore run` that are the same in all runs.
         varied: The values of each parameter, by its KEY.
-        choices: The options of ``btcore run`` that parameters can set.
+        choices: The options of `btcore run` that parameters can set.
         seeds: The seeds.
         inputs: The SHA-256 digests (16 hex digits) of the files that the runs read, by file name.
         version: The version of btcore.
@@ -140,7 +140,7 @@ def create_definition(
     """Check the options and the tree on the command line, and return the definition of the sweep.
 
     Args:
-        ctx: The context of ``btcore sweep``.
+        ctx: The context of `btcore sweep`.
         source: The tree: a file or the name of a bundled tree.
         params: The parameters in the form KEY=VALUES.
         seeds: The seeds.
@@ -192,5 +192,5 @@ def _check(sweep: SweepDefinition) -> None:
 
 
 def format_setting(values: Mapping[str, str]) -> str:
-    """Return parameter values as a phrase for a message: ``--param battery=20 and fault=laser:5-9``."""
+    """Return parameter values as a phrase for a message: `--param battery=20 and fault=laser:5-9`."""
     return "--param " + join_names([f"{key}={value}" for key, value in values.items()], most=20)

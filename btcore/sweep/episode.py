@@ -1,6 +1,6 @@
 """Running an episode in a worker process, which runs many episodes one after the other.
 
-An episode does the same as ``btcore run``. In addition, it finds the node that made the tree fail.
+An episode does the same as `btcore run`. In addition, it finds the node that made the tree fail.
 """
 
 import io
@@ -35,14 +35,14 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
     """Run an episode.
 
     Args:
-        command: The arguments of ``btcore run``.
+        command: The arguments of `btcore run`.
         folder: The working directory.
 
     Returns:
-        A dict. ``code``: the exit code; ``report``: the object that ``--json`` prints, or None if the run
-        could not start; ``failed_at``: the path of the node that made the tree fail or that raised an
-        exception, or None; ``warnings``: the messages of the first warnings; ``fault``: why the run could not
-        start, or None (code 2: an error of the user, 70: an internal error); ``wall_s``: the duration (s of
+        A dict. `code`: the exit code; `report`: the object that `--json` prints, or None if the run
+        could not start; `failed_at`: the path of the node that made the tree fail or that raised an
+        exception, or None; `warnings`: the messages of the first warnings; `fault`: why the run could not
+        start, or None (code 2: an error of the user, 70: an internal error); `wall_s`: the duration (s of
         real time).
     """
     stderr = io.StringIO()

@@ -1,6 +1,6 @@
 """The journal of a sweep: its finished episodes, saved in the sweep's folder.
 
-``sweep.json`` contains the definition of the sweep, ``journal.jsonl`` a line of JSON for each episode, which
+`sweep.json` contains the definition of the sweep, `journal.jsonl` a line of JSON for each episode, which
 is written as soon as the episode is finished. If the process is killed while it writes, the incomplete last
 line is removed when the sweep continues.
 """
@@ -26,7 +26,7 @@ DEFINITION: Final = "sweep.json"
 JOURNAL: Final = "journal.jsonl"
 
 Record = dict[str, Any]
-"""The saved result of an episode: the result of `episode.run_episode`, and ``episode``, its number."""
+"""The saved result of an episode: the result of `episode.run_episode`, and `episode`, its number."""
 
 
 class Journal:

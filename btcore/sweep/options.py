@@ -1,4 +1,4 @@
-"""The options of ``btcore run`` that ``btcore sweep`` also has, and passes to all episodes."""
+"""The options of `btcore run` that `btcore sweep` also has, and passes to all episodes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,14 +20,14 @@ _REFUSED: Final = {
     "set": "write bb.KEY for a blackboard entry, for example bb.laps=1..5",
 }
 _OWN: Final = {"duration", "format"}
-"""Options of ``btcore run`` that a sweep defines itself, with another meaning or another default."""
+"""Options of `btcore run` that a sweep defines itself, with another meaning or another default."""
 
 
 class SweepCommand(click.Command):
-    """A command that also has the options of ``btcore run``, without those that cannot apply to many runs."""
+    """A command that also has the options of `btcore run`, without those that cannot apply to many runs."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Return the command's options, those of ``btcore run``, and ``--help``."""
+        """Return the command's options, those of `btcore run`, and `--help`."""
         own = super().get_params(ctx)
         names = {"source", *(option.name for option in own)}
         run_options = [
@@ -47,7 +47,7 @@ class SweepCommand(click.Command):
 
 
 def collect_run_options(ctx: click.Context) -> RunOptions:
-    """Return the options of ``btcore run`` that a sweep accepts, and the reasons why it rejects others."""
+    """Return the options of `btcore run` that a sweep accepts, and the reasons why it rejects others."""
     refused = dict(_REFUSED)
     for extension in load_extensions(ctx).extensions:
         for option in extension.options:
@@ -66,11 +66,11 @@ def given(ctx: click.Context) -> dict[str, Any]:
 
 
 def option_arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:
-    """Return options as arguments of ``btcore run``.
+    """Return options as arguments of `btcore run`.
 
     Args:
-        ctx: The context of ``btcore sweep``.
-        texts: The options, as returned by :func:`given`.
+        ctx: The context of `btcore sweep`.
+        texts: The options, as returned by `given`.
     """
     options = _options_with_set(ctx)
     words: list[str] = []
@@ -91,9 +91,9 @@ def named_files(values: Sequence[Any]) -> set[Path]:
 
 
 def _options_with_set(ctx: click.Context) -> dict[str, click.Parameter]:
-    """Return the options of ``btcore run`` by name without dashes, including ``--set``.
+    """Return the options of `btcore run` by name without dashes, including `--set`.
 
-    A sweep accepts ``--set`` for all runs, but rejects it as a parameter.
+    A sweep accepts `--set` for all runs, but rejects it as a parameter.
     """
     set_option = next(option for option in run.params if option.name == "entries")
     return {**collect_run_options(ctx).options, "set": set_option}

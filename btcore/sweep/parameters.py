@@ -1,10 +1,10 @@
-"""The options ``--seeds`` and ``--param``, which determine how the runs of a sweep differ.
+"""The options `--seeds` and `--param`, which determine how the runs of a sweep differ.
 
-Seeds are given as ``1000`` (which is 0 to 999), ``100..199`` or ``3,17,42``.
+Seeds are given as `1000` (which is 0 to 999), `100..199` or `3,17,42`.
 
-In ``--param KEY=VALUES``, KEY is an option of ``btcore run`` without its dashes, or ``bb.NAME`` for a
-blackboard entry, which ``btcore run --set`` sets. VALUES are separated by commas. A value may be a range of
-numbers: ``20..100:20`` is 20, 40, 60, 80 and 100. A value that contains a comma is put in double quotes. With
+In `--param KEY=VALUES`, KEY is an option of `btcore run` without its dashes, or `bb.NAME` for a
+blackboard entry, which `btcore run --set` sets. VALUES are separated by commas. A value may be a range of
+numbers: `20..100:20` is 20, 40, 60, 80 and 100. A value that contains a comma is put in double quotes. With
 an empty value the option is omitted.
 """
 
@@ -37,7 +37,7 @@ Values = Mapping[str, str]
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """The options of ``btcore run`` by name without dashes, and the reasons why a sweep rejects others."""
+    """The options of `btcore run` by name without dashes, and the reasons why a sweep rejects others."""
 
     options: Mapping[str, click.Option]
     refused: Mapping[str, str]
@@ -77,7 +77,7 @@ def parse_seeds(text: str) -> tuple[int, ...]:
 
 
 def format_seeds(seeds: tuple[int, ...]) -> str:
-    """Return *seeds* in the form that :func:`parse_seeds` reads, with consecutive seeds as ranges."""
+    """Return *seeds* in the form that `parse_seeds` reads, with consecutive seeds as ranges."""
     runs: list[list[int]] = []
     for seed in seeds:
         if runs and seed == runs[-1][1] + 1:
@@ -127,7 +127,7 @@ def settings(parameters: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]
 
 
 def setting_arguments(values: Values, choices: RunOptions) -> list[str]:
-    """Return the arguments of ``btcore run`` for a setting.
+    """Return the arguments of `btcore run` for a setting.
 
     Args:
         values: The setting: the value of each parameter, by KEY.

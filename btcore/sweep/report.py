@@ -64,7 +64,7 @@ class ReportData(NamedTuple):
     Attributes:
         definition: The sweep.
         figures: The statistics of the sweep.
-        script: The script of ``--success-if``, or None.
+        script: The script of `--success-if`, or None.
         walls: The duration of each episode (s of real time).
     """
 

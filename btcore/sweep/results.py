@@ -1,4 +1,4 @@
-"""The results of a sweep: the table, the report, the summary on stderr, and the object of ``--json``."""
+"""The results of a sweep: the table, the report, the summary on stderr, and the object of `--json`."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -35,7 +35,7 @@ def write_results(
         played: The summary that `run_sweep` returned.
 
     Returns:
-        The object of ``--json``, and the exit code.
+        The object of `--json`, and the exit code.
 
     Raises:
         click.ClickException: A file cannot be written.

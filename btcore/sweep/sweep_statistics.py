@@ -52,7 +52,7 @@ class FailingNode:
 
 @dataclass(frozen=True, slots=True)
 class FigureSummary:
-    """The distribution of a numeric result, such as ``robot.distance_m``, over the episodes that have it."""
+    """The distribution of a numeric result, such as `robot.distance_m`, over the episodes that have it."""
 
     name: str
     least: float
@@ -91,7 +91,7 @@ def compute_statistics(rows: Sequence[Row], definition: SweepDefinition) -> Swee
     """Return the statistics of a sweep.
 
     Args:
-        rows: The rows of the finished episodes, with the column ``success``.
+        rows: The rows of the finished episodes, with the column `success`.
         definition: The sweep.
     """
     several = 1 < len(definition.settings) <= MOST_SETTINGS and len(definition.varied) > 1

@@ -40,11 +40,11 @@ def row(episode: Episode, record: Record, script: Program | None) -> Row:
         script: The condition for a success, or None, see `is_success`.
 
     Returns:
-        The cells by column. ``success``: whether the episode is a success; ``status``: the last status of the
+        The cells by column. `success`: whether the episode is a success; `status`: the last status of the
         tree, or RAISED (a leaf raised an exception), REFUSED (the run could not start), BROKEN (internal
-        error) or KILLED (the worker died in each attempt); ``failed_at``: the node that made the tree fail or
-        raised an exception; ``failures``: the number of failures of each node, as JSON; ``param.KEY``: the
-        values of the parameters; and the reports of the extensions, such as ``robot.distance_m``, with lists
+        error) or KILLED (the worker died in each attempt); `failed_at`: the node that made the tree fail or
+        raised an exception; `failures`: the number of failures of each node, as JSON; `param.KEY`: the
+        values of the parameters; and the reports of the extensions, such as `robot.distance_m`, with lists
         as JSON.
 
     Raises:
@@ -108,7 +108,7 @@ def columns(rows: Sequence[Row], definition: SweepDefinition) -> list[str]:
     """Return the columns of a table in order.
 
     The columns of the extensions' reports come after the other columns, in the order in which they first
-    occur. Only ``failures`` comes after them.
+    occur. Only `failures` comes after them.
 
     Args:
         rows: The rows.

@@ -2,8 +2,8 @@
 
 The leaves named Mock… and Plan… return results in the order of a plan.
 
-The strategies ``trees``, ``xml_documents``, ``outcomes``, ``action_plans``, ``sync_plans`` and
-``blackboards`` require hypothesis; all other names do not.
+The strategies `trees`, `xml_documents`, `outcomes`, `action_plans`, `sync_plans` and
+`blackboards` require hypothesis; all other names do not.
 """
 
 from typing import TYPE_CHECKING

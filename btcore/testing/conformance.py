@@ -1,7 +1,7 @@
-"""Run recorded conformance cases: ``python -m btcore.testing.conformance FILE.jsonl.gz …``.
+"""Run recorded conformance cases: `python -m btcore.testing.conformance FILE.jsonl.gz …`.
 
 A case contains a tree, a script or a text to convert, and the result that BehaviorTree.CPP returned. The
-program prints ``N passed, M failed`` and the first differences, and exits with 1 if there is a difference.
+program prints `N passed, M failed` and the first differences, and exits with 1 if there is a difference.
 Differences that docs/reference/differences.md describes are counted separately, and are no failures.
 """
 
@@ -159,7 +159,7 @@ class TickRecorder(Observer):
 
 
 def run_case(case: dict[str, Any], nodes: Registry) -> dict[str, Any]:
-    """Run the tree of a case with this engine, and return the result in the form of the case's ``expect``."""
+    """Run the tree of a case with this engine, and return the result in the form of the case's `expect`."""
     journal = CallLog()
     board = LegacyBlackboard() if case["format"] == 3 else Blackboard()
     for key, value in case.get("bb", {}).items():
@@ -213,7 +213,7 @@ def documented_difference(case: dict[str, Any], nodes: Registry) -> str | None:
     """Return the rule of docs/reference/differences.md that explains why *case* differs, or None.
 
     Args:
-        case: A case for which :func:`compare_case` has returned a difference.
+        case: A case for which `compare_case` has returned a difference.
         nodes: The registry of the cases.
     """
     if case.get("format") != 4 or "xml" not in case:
@@ -260,8 +260,8 @@ def recorded_value(value: object) -> object:
 def recorded_blackboard(board: Blackboard) -> dict[str, object]:
     """Return the entries of a blackboard in the form of the recorded cases.
 
-    Each value is the value that a node reads by the key. So the value for the key ``@x`` is the value of
-    ``x`` in the root's blackboard.
+    Each value is the value that a node reads by the key. So the value for the key `@x` is the value of
+    `x` in the root's blackboard.
     """
     entries = {key: board.find(key) for key in sorted(board.local_entries())}
     return {key: None if entry is None else recorded_value(entry.value) for key, entry in entries.items()}

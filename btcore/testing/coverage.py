@@ -1,10 +1,12 @@
 """Tree coverage: the nodes that ran, and the results that they returned.
 
-coverage = Coverage()
-coverage.watch(tree)            # any number of trees; several loads of the same tree are added up
-...
-print(coverage.report())
-coverage.require(nodes=1.0, results=0.8)
+Trees add their nodes to a Coverage:
+
+    coverage = Coverage()
+    coverage.watch(tree)            # any number of trees; several loads of the same tree are added up
+    ...
+    print(coverage.report())
+    coverage.require(nodes=1.0, results=0.8)
 """
 
 from dataclasses import dataclass, field

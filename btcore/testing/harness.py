@@ -1,10 +1,12 @@
 """A harness that ticks a tree on a simulated clock and records its events, for tests.
 
-harness = Harness.load("patrol.xml", nodes=nodes, resources=[robot])
-harness.tick()
-assert harness.result("Move") is Status.RUNNING
-harness.wait(2.5)
-harness.run()
+A test ticks its tree step by step:
+
+    harness = Harness.load("patrol.xml", nodes=nodes, resources=[robot])
+    harness.tick()
+    assert harness.result("Move") is Status.RUNNING
+    harness.wait(2.5)
+    harness.run()
 """
 
 import threading
@@ -54,12 +56,12 @@ class Harness:
 
         Args:
             path: The XML file.
-            options: Keyword arguments of :func:`btcore.load`, for example ``nodes`` and ``resources``. The
-                default of ``clock`` is a new :class:`~btcore.clock.SimClock`.
+            options: Keyword arguments of `btcore.load`, for example `nodes` and `resources`. The
+                default of `clock` is a new `SimClock`.
 
         Raises:
             TreeError: The file has errors.
-            TypeError: An option is unknown, ``nodes`` is not a Registry, or ``resources`` is not a list.
+            TypeError: An option is unknown, `nodes` is not a Registry, or `resources` is not a list.
             ValueError: The tree would use the system's clock.
         """
         # A clock among the options takes precedence.
@@ -71,12 +73,12 @@ class Harness:
 
         Args:
             text: The XML. Paths of includes are relative to the working directory.
-            options: Keyword arguments of :func:`btcore.loads`, for example ``nodes`` and ``resources``. The
-                default of ``clock`` is a new :class:`~btcore.clock.SimClock`.
+            options: Keyword arguments of `btcore.loads`, for example `nodes` and `resources`. The
+                default of `clock` is a new `SimClock`.
 
         Raises:
             TreeError: The document has errors.
-            TypeError: An option is unknown, ``nodes`` is not a Registry, or ``resources`` is not a list.
+            TypeError: An option is unknown, `nodes` is not a Registry, or `resources` is not a list.
             ValueError: The tree would use the system's clock.
         """
         return cls(loads(text, **{"clock": SimClock(), **options}))
@@ -94,7 +96,7 @@ class Harness:
         clock.wait_until(clock.now() + round(seconds * NS_PER_S), threading.Event())
 
     def run(self, period: float = 0.01, limit: float = 60.0) -> Status:
-        """Tick until the root is not RUNNING, as ``tick_while_running(period)`` does, and return its result.
+        """Tick until the root is not RUNNING, as `tick_while_running(period)` does, and return its result.
 
         Args:
             period: The time between two ticks (s).

@@ -1,8 +1,10 @@
 """Test doubles for leaves: all leaves of a tree follow the same plan.
 
-nodes = with_mock_leaves(nodes)                  # replaces all leaves except btcore's own
-tree = btcore.load("patrol.xml", nodes=nodes, clock=SimClock())
-Outcomes("RRS", "F").drive(tree, ticks=6)
+A plan has a letter for each tick:
+
+    nodes = with_mock_leaves(nodes)                  # replaces all leaves except btcore's own
+    tree = btcore.load("patrol.xml", nodes=nodes, clock=SimClock())
+    Outcomes("RRS", "F").drive(tree, ticks=6)
 """
 
 import re
@@ -23,7 +25,7 @@ class Outcomes:
     """A plan for the results of all mock leaves of a tree.
 
     Each time a leaf starts, it takes the next entry of the plan. After the last entry, the plan starts again.
-    An entry is S (SUCCESS), F (FAILURE), K (SKIPPED) or X (raises :class:`LeafPlanError`), preceded by an R
+    An entry is S (SUCCESS), F (FAILURE), K (SKIPPED) or X (raises `LeafPlanError`), preceded by an R
     for each tick in which an action is RUNNING. A condition uses only the last letter of its entry, and
     returns FAILURE for K, because several control nodes raise an exception if their condition is skipped.
 
@@ -83,7 +85,7 @@ class Outcomes:
             period: The time between two ticks (s of the tree's clock).
 
         Raises:
-            ValueError: The tree has no mock leaves, see :meth:`attach`.
+            ValueError: The tree has no mock leaves, see `attach`.
             NodeExecutionError: A node raised an exception.
         """
         self.attach(tree)
@@ -100,7 +102,7 @@ def _is_built_in(node: TreeNode, nodes: Registry) -> bool:
 
 
 class MockAction(StatefulAction):
-    """An action that follows the :class:`Outcomes` that are attached to the tree; by default it succeeds."""
+    """An action that follows the `Outcomes` that are attached to the tree; by default it succeeds."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes", "left")
 
@@ -121,7 +123,7 @@ class MockAction(StatefulAction):
 
 
 class MockCondition(Condition):
-    """A condition that follows the :class:`Outcomes` that are attached to the tree."""
+    """A condition that follows the `Outcomes` that are attached to the tree."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes",)
 
@@ -136,8 +138,8 @@ class MockCondition(Condition):
 def with_mock_leaves(nodes: Registry) -> Registry:
     """Return a copy of a registry in which mock leaves replace all leaves except btcore's own.
 
-    The copy also has the mock action <Act> and the mock condition <Ask>. Mock leaves succeed until an
-    :class:`Outcomes` is attached to the tree, which they then follow. The resources of replaced
+    The copy also has the mock action `<Act>` and the mock condition `<Ask>`. Mock leaves succeed until an
+    `Outcomes` is attached to the tree, which they then follow. The resources of replaced
     leaves are not required, and their output ports are not written.
     """
     copy = nodes.copy()

@@ -1,4 +1,4 @@
-"""Leaves that follow the plan in their port ``plan``, and record their calls.
+"""Leaves that follow the plan in their port `plan`, and record their calls.
 
 They are the leaves of the recorded conformance cases and of random trees, and can replace other leaves in a
 test. The letters of a plan are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); X raises an exception.
@@ -17,7 +17,7 @@ LETTERS = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
 
 
 class CallLog:
-    """A log of the calls of planned leaves, in order. An entry is ``NAME:CALL``, for example ``n3:start``."""
+    """A log of the calls of planned leaves, in order. An entry is `NAME:CALL`, for example `n3:start`."""
 
     def __init__(self) -> None:
         self.calls: list[str] = []
@@ -27,8 +27,8 @@ class CallLog:
 
         Args:
             name: The instance name of the leaf.
-            call: The kind of call; the leaves of this module record ``start``, ``running``, ``halted`` and
-                ``tick``.
+            call: The kind of call; the leaves of this module record `start`, `running`, `halted` and
+                `tick`.
         """
         self.calls.append(f"{name}:{call}")
 
@@ -59,11 +59,11 @@ def _status_at(plan: str, index: int) -> Status:
 
 
 class PlanAction(StatefulAction):
-    """An action that follows the segments of `plan`, which are separated by ``|``.
+    """An action that follows the segments of `plan`, which are separated by `|`.
 
     Each start takes the next segment; after the last segment, the first follows again. Each call returns the
-    result of the segment's next letter; the last letter is repeated. The calls ``start``, ``running`` and
-    ``halted`` are recorded.
+    result of the segment's next letter; the last letter is repeated. The calls `start`, `running` and
+    `halted` are recorded.
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("starts", "segment", "calls")
@@ -101,7 +101,7 @@ class PlanAction(StatefulAction):
 
 
 class PlanCondition(Condition):
-    """A condition that returns the results of `plan` in turn, and repeats them. ``tick`` is recorded."""
+    """A condition that returns the results of `plan` in turn, and repeats them. `tick` is recorded."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
 
@@ -119,7 +119,7 @@ class PlanCondition(Condition):
 
 
 class PlanSync(SyncAction):
-    """An action that returns the results of `plan` in turn, and repeats them. ``tick`` is recorded."""
+    """An action that returns the results of `plan` in turn, and repeats them. `tick` is recorded."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
 
@@ -137,7 +137,7 @@ class PlanSync(SyncAction):
 
 
 class Inc(SyncAction):
-    """An action that writes `in` + 1 to `out`, and fails if `in` cannot be read. ``tick`` is recorded."""
+    """An action that writes `in` + 1 to `out`, and fails if `in` cannot be read. `tick` is recorded."""
 
     def __init__(self, journal: CallLog) -> None:
         self.journal = journal

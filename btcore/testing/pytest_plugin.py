@@ -1,7 +1,7 @@
 """A pytest plugin with fixtures for tests of trees; the report of a failed test shows the trees' last steps.
 
-pytest loads the plugin automatically if btcore is installed. All names begin with ``btcore_``, because the
-tests of other projects have fixtures such as ``clock`` and ``trace`` of their own. The plugin does not import
+pytest loads the plugin automatically if btcore is installed. All names begin with `btcore_`, because the
+tests of other projects have fixtures such as `clock` and `trace` of their own. The plugin does not import
 hypothesis: the strategies themselves make hypothesis print the tree of a failing example.
 """
 
@@ -22,7 +22,7 @@ _TRACES = pytest.StashKey[list[Trace]]()
 
 @pytest.fixture
 def btcore_registry() -> Registry:
-    """Return a new ``Registry.standard()``, to which the test adds its nodes."""
+    """Return a new `Registry.standard()`, to which the test adds its nodes."""
     return Registry.standard()
 
 
@@ -42,11 +42,11 @@ def btcore_trace(request: pytest.FixtureRequest) -> Callable[[Tree], Trace]:
 def btcore_harness(
     request: pytest.FixtureRequest, btcore_registry: Registry, btcore_clock: SimClock
 ) -> Callable[..., Harness]:
-    """Return a function ``btcore_harness(source, **options)`` that creates a Harness.
+    """Return a function `btcore_harness(source, **options)` that creates a Harness.
 
-    *source* is a text that begins with ``<`` (XML), the path of a file, or a Tree. A text or a file is loaded
-    with the fixtures ``btcore_registry`` and ``btcore_clock``, and with *options*, the keyword arguments of
-    ``btcore.load``. The report of a failed test shows the last steps.
+    *source* is a text that begins with `<` (XML), the path of a file, or a Tree. A text or a file is loaded
+    with the fixtures `btcore_registry` and `btcore_clock`, and with *options*, the keyword arguments of
+    `btcore.load`. The report of a failed test shows the last steps.
     """
 
     def make(source: Tree | str | Path, **options: Any) -> Harness:

@@ -6,8 +6,8 @@
         tree.halt()
         assert all(node.status is Status.IDLE for node in tree)
 
-Hypothesis reports a failing example with the shrunk tree as XML. This module and ``tree_generator`` are the
-only modules that import hypothesis (``pip install hypothesis``).
+Hypothesis reports a failing example with the shrunk tree as XML. This module and `tree_generator` are the
+only modules that import hypothesis (`pip install hypothesis`).
 """
 
 from collections.abc import Collection, Mapping
@@ -107,10 +107,10 @@ def xml_documents(
     """Return a strategy of documents as XML text. The nodes are named n1, n2 … in pre-order.
 
     The leaves are PlanAction, PlanCondition and PlanSync, each with its own plan; load the documents with
-    :func:`~btcore.testing.conformance.conformance_registry` and a `CallLog`. Without *own_plans* the leaves
-    are Act and Ask, which follow an :class:`Outcomes`; load the documents with :func:`with_mock_leaves`.
+    `conformance_registry` and a `CallLog`. Without *own_plans* the leaves
+    are Act and Ask, which follow an `Outcomes`; load the documents with `with_mock_leaves`.
 
-    All loops end. But a KeepRunningUntilFailure may keep the tree RUNNING forever, and ``tick_once`` does not
+    All loops end. But a KeepRunningUntilFailure may keep the tree RUNNING forever, and `tick_once` does not
     return if the branches of a WhileDoElse alternate and wake the tree up each time.
 
     Args:
@@ -123,7 +123,7 @@ def xml_documents(
         format: The XML format, 3 or 4.
         max_depth: The maximum number of levels of a tree.
         subtrees: The maximum number of further trees, which are used as subtrees.
-        conditions: Whether attributes such as ``_skipIf`` may occur (format 4 only). They use the entries a,
+        conditions: Whether attributes such as `_skipIf` may occur (format 4 only). They use the entries a,
             b and c of the root's blackboard, which must exist as numbers.
         scripts: Whether Script and ScriptCondition may occur (format 4 only), which use the same entries.
         tags: The tags that may occur; by default all control nodes and decorators that accept any child. If a
@@ -178,7 +178,7 @@ def trees(
     nodes: Registry | None = None,
     ports: PortTexts | None = None,
 ) -> SearchStrategy[Tree]:
-    """Return a strategy of trees on a simulated clock, with mock leaves that an :class:`Outcomes` controls.
+    """Return a strategy of trees on a simulated clock, with mock leaves that an `Outcomes` controls.
 
     Args:
         max_nodes: The maximum number of nodes.
@@ -187,7 +187,7 @@ def trees(
         format: The XML format, 3 or 4.
         max_depth: The maximum number of levels of a tree.
         subtrees: The maximum number of further trees, which are used as subtrees.
-        conditions: Whether attributes such as ``_skipIf`` may occur (format 4 only).
+        conditions: Whether attributes such as `_skipIf` may occur (format 4 only).
         scripts: Whether Script and ScriptCondition may occur (format 4 only).
         tags: The tags that may occur; by default all control nodes and decorators that accept any child. If a
             leaf is among them, no other leaves occur.

@@ -1,7 +1,9 @@
 """Substitution of nodes in tests: BehaviorTree.CPP's TestNode, and substitution rules in JSON.
 
-nodes.substitute("Patrol/*", TestNodeConfig(return_status=Status.FAILURE, async_delay=100))
-load_substitution_rules(nodes, Path("rules.json"))
+Rules are set in code or read from a file:
+
+    nodes.substitute("Patrol/*", TestNodeConfig(return_status=Status.FAILURE, async_delay=100))
+    load_substitution_rules(nodes, Path("rules.json"))
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,7 +31,7 @@ _STATUSES: Final = {status.name: int(status) for status in Status}
 
 @dataclass(frozen=True, slots=True)
 class TestNodeConfig:
-    """The configuration of a :class:`TestNode`.
+    """The configuration of a `TestNode`.
 
     Attributes:
         return_status: The result. After the result RUNNING, the node determines its result again in the next
@@ -62,12 +64,12 @@ class TestNodeConfig:
             raise ValueError("the result of a TestNode cannot be IDLE, which is the status before a tick")
 
     def manifest(self) -> Manifest:
-        """Return a manifest that creates the replacement nodes, for :meth:`Registry.substitute`."""
+        """Return a manifest that creates the replacement nodes, for `Registry.substitute`."""
         return _TestNodeManifest(self)
 
 
 class TestNode(StatefulAction):
-    """A leaf that replaces a node of a tree, and returns the results of its :class:`TestNodeConfig`."""
+    """A leaf that replaces a node of a tree, and returns the results of its `TestNodeConfig`."""
 
     __test__: ClassVar[bool] = False
 
@@ -163,10 +165,10 @@ class SubstitutionError(BtcoreError):
 def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
     """Add substitution rules to a registry.
 
-    The rules are a JSON object with the key ``SubstitutionRules``, which maps each filter (see
-    :meth:`Registry.substitute`) to the name of a configuration or to the ID of a registered node. The
-    optional key ``TestNodeConfigs`` maps the names of configurations to the settings of a
-    :class:`TestNodeConfig`.
+    The rules are a JSON object with the key `SubstitutionRules`, which maps each filter (see
+    `Registry.substitute`) to the name of a configuration or to the ID of a registered node. The
+    optional key `TestNodeConfigs` maps the names of configurations to the settings of a
+    `TestNodeConfig`.
 
     Args:
         nodes: The registry.

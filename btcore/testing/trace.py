@@ -30,7 +30,7 @@ class StatusChange:
 class TraceStep:
     """The events in a tick of the root, or between two ticks.
 
-    Nodes are identified by their full paths; equal paths are distinguished by ``#uid``.
+    Nodes are identified by their full paths; equal paths are distinguished by `#uid`.
 
     Attributes:
         tick: The number of the tick; 0 between two ticks.
@@ -41,7 +41,7 @@ class TraceStep:
             that raised an exception has no result.
         halted: The nodes that were halted while they were RUNNING.
         written: The new values of the blackboard entries that were written (None: removed), by key. The keys
-            of a subtree's blackboard are ``subtree path/key``.
+            of a subtree's blackboard are `subtree path/key`.
         statuses: The statuses of all nodes at the end of the step.
         error: The exception that ended the tick, or None.
     """
@@ -109,7 +109,7 @@ class ResultTracker:
 
 
 class Trace(Observer):
-    """Records the steps of *tree* from now on, in order: ``trace[-1]`` is the last step."""
+    """Records the steps of *tree* from now on, in order: `trace[-1]` is the last step."""
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree

@@ -83,7 +83,7 @@ def _may_skip(manifest: Manifest) -> bool:
 
 
 class Element(NamedTuple):
-    """An XML element of a random tree, without the attribute ``name``. *ports* are the other attributes."""
+    """An XML element of a random tree, without the attribute `name`. *ports* are the other attributes."""
 
     tag: str
     ports: dict[str, str]
@@ -95,12 +95,12 @@ class TreeOptions:
     """The nodes and attributes that may occur in a random tree, see `xml_documents`.
 
     Attributes:
-        planned: The leaves that follow a plan, by tag, each with a strategy for its port ``plan``; None for
+        planned: The leaves that follow a plan, by tag, each with a strategy for its port `plan`; None for
             leaves without this port.
         format: The XML format.
         skipped: Whether nodes may be skipped.
         timed: Whether nodes with durations may occur.
-        conditions: Whether attributes such as ``_skipIf`` may occur.
+        conditions: Whether attributes such as `_skipIf` may occur.
         scripts: Whether scripts may occur.
         max_depth: The maximum number of levels.
         tags: The tags that may occur; None for all built-in nodes.

@@ -172,7 +172,7 @@ def _shows_colours(file: TextIO) -> bool:
 
 
 def print_results(id: str, ticks: int, root: TreeNode, file: TextIO | None) -> None:
-    """Print :func:`draw_results` on *file* (default: standard output), in colours if it is a terminal."""
+    """Print `draw_results` on *file* (default: standard output), in colours if it is a terminal."""
     file = sys.stdout if file is None else file
     text = to_text(draw_results(id, ticks, root, is_ascii_only(file)), _shows_colours(file))
     encoding = getattr(file, "encoding", None)
@@ -183,7 +183,7 @@ def print_results(id: str, ticks: int, root: TreeNode, file: TextIO | None) -> N
 
 
 def results_text(id: str, ticks: int, root: TreeNode) -> str:
-    """Return :func:`draw_results` as a text that standard output can write."""
+    """Return `draw_results` as a text that standard output can write."""
     ascii = is_ascii_only(sys.stdout)
     text = to_text(draw_results(id, ticks, root, ascii))
     return text.encode("ascii", "backslashreplace").decode() if ascii else text

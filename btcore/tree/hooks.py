@@ -1,6 +1,6 @@
 """Breakpoints and fault injection: at most one hook before and one after the tick of each node.
 
-Hooks have the same effects as the hooks that clients of BehaviorTree.CPP's ``Groot2Publisher`` insert
+Hooks have the same effects as the hooks that clients of BehaviorTree.CPP's `Groot2Publisher` insert
 (src/loggers/groot2_publisher.cpp, docs/reference/protocols.md). An injected status replaces the tick or its
 result and has no other effect: a node that was RUNNING is not halted.
 """
@@ -69,9 +69,9 @@ class Hook:
 
 
 class Hooks:
-    """The hooks of one tree (``tree.hooks``). All methods are thread-safe.
+    """The hooks of one tree (`tree.hooks`). All methods are thread-safe.
 
-    A breakpoint stops the thread that ticks. Under ``await tree.run()`` the event loop continues to run while
+    A breakpoint stops the thread that ticks. Under `await tree.run()` the event loop continues to run while
     a tick is stopped; there, a breakpoint that is set during a tick takes effect from the next tick on.
     """
 

@@ -1,7 +1,7 @@
 """The state of a tree between two ticks, to be saved and restored into another tree of the same XML.
 
 A restored tree continues as the saved tree would have continued. The state consists of the statuses, the
-attributes that the classes of the nodes declare in :attr:`~btcore.engine.node.TreeNode.state_fields`, the
+attributes that the classes of the nodes declare in `state_fields`, the
 blackboards, a pending wake-up, and the times for which nodes have requested a tick. It does not contain the
 clock, the resources and the observers. Restore it into a tree whose clock shows the same time.
 """
@@ -29,7 +29,7 @@ class SavedEntry(NamedTuple):
 
 
 class SavedState(NamedTuple):
-    """The state of a tree, as returned by :func:`save_state`.
+    """The state of a tree, as returned by `save_state`.
 
     *nodes* holds the path and the ID of each node. *statuses* holds the status of each node, and its status
     before the last reset. *values* holds the state fields of each node, then the value of each entry, in a
@@ -102,7 +102,7 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
 
     Args:
         tree: A tree loaded from the same XML.
-        saved: The state, as returned by :func:`save_state`.
+        saved: The state, as returned by `save_state`.
 
     Raises:
         BtcoreError: The nodes or blackboards of *tree* are not those of the saved tree.

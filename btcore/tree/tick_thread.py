@@ -16,7 +16,7 @@ from btcore.status import IDLE, Status
 
 
 class TickThread:
-    """The thread for the ticks of one ``tree.run()``. The task that runs the tree creates and closes it."""
+    """The thread for the ticks of one `tree.run()`. The task that runs the tree creates and closes it."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()

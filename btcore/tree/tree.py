@@ -54,7 +54,7 @@ class Subtree:
 class Tree:
     """A behavior tree that can be ticked, with its blackboards and clock.
 
-    :func:`btcore.load` creates it. All methods except :meth:`wake` must be called on the thread that ticks.
+    `btcore.load` creates it. All methods except `wake` must be called on the thread that ticks.
 
     Attributes:
         id: The ID of the main tree.
@@ -113,7 +113,7 @@ class Tree:
 
         Raises:
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or the tick exceeded :attr:`tick_limit`. The tree has been
+            NodeExecutionError: A node raised, or the tick exceeded `tick_limit`. The tree has been
                 halted.
         """
         if self.tick_limit is not None:
@@ -127,7 +127,7 @@ class Tree:
 
         Raises:
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or the tick exceeded :attr:`tick_limit`. The tree has been
+            NodeExecutionError: A node raised, or the tick exceeded `tick_limit`. The tree has been
                 halted.
         """
         if self.tick_limit is not None:
@@ -152,7 +152,7 @@ class Tree:
         Raises:
             ValueError: *period* is negative, infinite or NaN.
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or a tick exceeded :attr:`tick_limit`. The tree has been
+            NodeExecutionError: A node raised, or a tick exceeded `tick_limit`. The tree has been
                 halted.
         """
         clock = self.context.clock
@@ -177,7 +177,7 @@ class Tree:
         alternates with the thread of the event loop.
 
         Args:
-            period: The time between ticks (s, tree's clock), as in :meth:`tick_while_running`.
+            period: The time between ticks (s, tree's clock), as in `tick_while_running`.
 
         Returns:
             The result of the root.
@@ -185,7 +185,7 @@ class Tree:
         Raises:
             ValueError: *period* is negative, infinite or NaN.
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or a tick exceeded :attr:`tick_limit`. The tree has been
+            NodeExecutionError: A node raised, or a tick exceeded `tick_limit`. The tree has been
                 halted.
         """
         # Imported here, because importing asyncio takes as long as importing the engine.
@@ -371,7 +371,7 @@ class Tree:
         Restoring an entry is a write: its sequence ID increases. A backup can be restored several times.
 
         Args:
-            backup: The result of :meth:`backup_blackboards` of this tree, or of a tree of the same XML.
+            backup: The result of `backup_blackboards` of this tree, or of a tree of the same XML.
 
         Raises:
             BtcoreError: The backup is of a tree with other subtrees.
@@ -416,17 +416,17 @@ class Tree:
     def flush_observers(self) -> None:
         """Notify observers of the transitions so far now, instead of at the end of the tick.
 
-        See :meth:`Observer.transitions`.
+        See `Observer.transitions`.
         """
         if self.context.observers is not None:
             self.context.observers.flush()
 
     def count_ticks(self) -> dict[str, TickCounts]:
-        """Count the ticks of every node from now on. Return the counters by path (:meth:`nodes_by_path`)."""
+        """Count the ticks of every node from now on. Return the counters by path (`nodes_by_path`)."""
         return {key: node.count_ticks() for key, node in self.nodes_by_path().items()}
 
     def nodes_by_path(self) -> dict[str, TreeNode]:
-        """Return the nodes by full path, in pre-order. ``#<uid>`` is appended to equal paths."""
+        """Return the nodes by full path, in pre-order. `#<uid>` is appended to equal paths."""
         times: dict[str, int] = {}
         for node in self.nodes:
             times[node.path] = times.get(node.path, 0) + 1
@@ -464,7 +464,7 @@ class Tree:
         return [node for node in self.nodes if isinstance(node, kind)]
 
     def draw(self, file: TextIO | None = None) -> None:
-        """Print a drawing of the tree with the status of each node. ``print(tree)`` does so without colours.
+        """Print a drawing of the tree with the status of each node. `print(tree)` does so without colours.
 
         A node that has been reset shows its last result in parentheses. If *file* is a terminal, the drawing
         has colours. If *file* cannot write Unicode, the drawing consists of ASCII characters.

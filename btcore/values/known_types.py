@@ -1,9 +1,9 @@
 """The types that a registry knows, and the type that belongs to a Python annotation or to a value.
 
-Python's ``int`` stands for C++'s ``int`` of 32 bits, as in the ports of BehaviorTree.CPP: a text or an entry
-beyond 32 bits fits a port ``In[Int64]``, but not a port ``In[int]``. If user code writes an integer to a new
-entry, the type of the entry is ``int`` if the integer fits 32 bits, else ``long`` if it fits, else
-``unsigned long``. When a tree is loaded whose port ``In[float]`` or ``In[Int64]`` uses such an entry, the
+Python's `int` stands for C++'s `int` of 32 bits, as in the ports of BehaviorTree.CPP: a text or an entry
+beyond 32 bits fits a port `In[Int64]`, but not a port `In[int]`. If user code writes an integer to a new
+entry, the type of the entry is `int` if the integer fits 32 bits, else `long` if it fits, else
+`unsigned long`. When a tree is loaded whose port `In[float]` or `In[Int64]` uses such an entry, the
 entry gets the type of the port.
 """
 
@@ -44,11 +44,11 @@ from btcore.values.types import (
 Int64 = Annotated[int, INT64]
 """An annotation for integers of 64 bits."""
 UInt32 = Annotated[int, UINT]
-"""An annotation for C++'s ``unsigned``."""
+"""An annotation for C++'s `unsigned`."""
 UInt64 = Annotated[int, UINT64]
-"""An annotation for C++'s ``uint64_t``."""
+"""An annotation for C++'s `uint64_t`."""
 Float32 = Annotated[float, FLOAT]
-"""An annotation for C++'s ``float``."""
+"""An annotation for C++'s `float`."""
 
 _OF_CLASS: Final[dict[object, ValueType]] = {
     bool: BOOL,
@@ -239,10 +239,10 @@ def parse_constant(text: str) -> object:
 
 
 def to_text(value: object) -> str:
-    """Return *value* as BehaviorTree.CPP's ``toStr`` writes it.
+    """Return *value* as BehaviorTree.CPP's `toStr` writes it.
 
-    Integers are written with ``%d``, floats with ``%f``, bools as ``true`` and ``false``, lists as
-    ``json:[…]``, and enum members by name.
+    Integers are written with `%d`, floats with `%f`, bools as `true` and `false`, lists as
+    `json:[…]`, and enum members by name.
 
     Raises:
         ConversionError: The value is None, or has no text form.

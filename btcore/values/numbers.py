@@ -1,8 +1,8 @@
 """Numbers in text, by the rules of format 3 and format 4 of BehaviorTree.CPP.
 
-Format 4 follows C++'s ``std::from_chars``, in every locale. It reads the number at the start of a text
-(``42abc`` is 42, ``3.7`` is the int 3). The number may begin with a minus sign, but not with a space or a
-plus sign. Format 3 follows C's ``strtol`` and ``strtod``, which also accept leading spaces, a plus sign and
+Format 4 follows C++'s `std::from_chars`, in every locale. It reads the number at the start of a text
+(`42abc` is 42, `3.7` is the int 3). The number may begin with a minus sign, but not with a space or a
+plus sign. Format 3 follows C's `strtol` and `strtod`, which also accept leading spaces, a plus sign and
 hexadecimal reals.
 """
 
@@ -79,7 +79,7 @@ def whole_int(text: str) -> int | None:
 
 
 def c_int(text: str, low: int, high: int) -> int:
-    """Return the result of C's ``strtol`` for *text* (format 3).
+    """Return the result of C's `strtol` for *text* (format 3).
 
     Raises:
         ConversionError: There is no integer, or it is not in the range from *low* to *high*.
@@ -89,9 +89,9 @@ def c_int(text: str, low: int, high: int) -> int:
 
 
 def c_unsigned(text: str, bits: int) -> int:
-    """Return the result of C's ``strtoul`` for *text*, cut to *bits* bits (format 3).
+    """Return the result of C's `strtoul` for *text*, cut to *bits* bits (format 3).
 
-    A negative number wraps around: ``-1`` becomes the maximum.
+    A negative number wraps around: `-1` becomes the maximum.
 
     Raises:
         ConversionError: There is no integer, or it has more than 64 bits.
@@ -101,7 +101,7 @@ def c_unsigned(text: str, bits: int) -> int:
 
 
 def c_float(text: str, single: bool = False) -> float:
-    """Return the result of C's ``strtod``, or of ``strtof`` if *single*, for *text* (format 3).
+    """Return the result of C's `strtod`, or of `strtof` if *single*, for *text* (format 3).
 
     Raises:
         ConversionError: There is no number, or it is too large or too close to zero for the precision.
@@ -120,7 +120,7 @@ def c_float(text: str, single: bool = False) -> float:
 
 
 def lenient_int(text: str) -> int:
-    """Return *text* as an item of format 3's ``vector<int>``: invalid text is 0; numbers wrap at 32 bits."""
+    """Return *text* as an item of format 3's `vector<int>`: invalid text is 0; numbers wrap at 32 bits."""
     match = re.match(_C_INTEGER, text)
     if match is None:
         return 0
@@ -130,7 +130,7 @@ def lenient_int(text: str) -> int:
 
 
 def lenient_float(text: str) -> float:
-    """Return *text* as an item of format 3's ``vector<double>``: invalid text is 0."""
+    """Return *text* as an item of format 3's `vector<double>`: invalid text is 0."""
     match = re.match(_C_REAL, text)
     if match is None:
         return 0.0
@@ -159,7 +159,7 @@ def to_single_precision(value: float) -> float:
 
 
 def json_items(text: str) -> list[object]:
-    """Return the items of the JSON array *text*, without the prefix ``json:``. Raise ConversionError."""
+    """Return the items of the JSON array *text*, without the prefix `json:`. Raise ConversionError."""
     value = read_json(text)
     if not isinstance(value, list):
         raise ConversionError(f"'json:{text}' is not a JSON array")

@@ -1,8 +1,8 @@
 """The types of ports and entries: their names in C++, their text forms, and which values they accept.
 
-The rules are those of BehaviorTree.CPP 4.10. ``from_text`` corresponds to ``convertFromString``. ``cast``
-corresponds to ``Any::cast``, which reads a stored value as another type. ``adapt`` corresponds to the check
-in ``Blackboard::set``, which writes a value to an entry that already has a type.
+The rules are those of BehaviorTree.CPP 4.10. `from_text` corresponds to `convertFromString`. `cast`
+corresponds to `Any::cast`, which reads a stored value as another type. `adapt` corresponds to the check
+in `Blackboard::set`, which writes a value to an entry that already has a type.
 """
 
 import math
@@ -74,7 +74,7 @@ class ValueType:
         )
 
     def to_text(self, value: object) -> str:
-        """Return *value* as text; for most types, :meth:`from_text` reads it back. Raise ConversionError."""
+        """Return *value* as text; for most types, `from_text` reads it back. Raise ConversionError."""
         raise ConversionError(f"{self.name} has no text form; give it one with add_type(…, to_text=…)")
 
     @property
@@ -210,7 +210,7 @@ class IntegerType(ValueType):
         self.high = high
 
     def from_text(self, text: str, format: int = 4) -> int:
-        """Return the integer at the start of *text* (3 for ``3.7``). Raise ConversionError."""
+        """Return the integer at the start of *text* (3 for `3.7`). Raise ConversionError."""
         if format == 3:
             if self.low == 0:
                 return c_unsigned(text, self.high.bit_length())
@@ -256,7 +256,7 @@ class RealType(ValueType):
         return leading_float(text, self.is_single)
 
     def to_text(self, value: object) -> str:
-        """Return six decimals, as C's ``%f``."""
+        """Return six decimals, as C's `%f`."""
         return real_text(self.cast(value))
 
     def accepts(self, value: object) -> bool:
@@ -290,7 +290,7 @@ class BoolType(ValueType):
     """True and false."""
 
     def from_text(self, text: str, format: int = 4) -> bool:
-        """Read ``0 1 true TRUE True false FALSE False``. Raise ConversionError for any other text."""
+        """Read `0 1 true TRUE True false FALSE False`. Raise ConversionError for any other text."""
         if text in ("1", "true", "TRUE", "True"):
             return True
         if text in ("0", "false", "FALSE", "False"):
@@ -298,7 +298,7 @@ class BoolType(ValueType):
         raise ConversionError(f"'{text}' is not a valid bool; use true, false, 1 or 0")
 
     def to_text(self, value: object) -> str:
-        """Return ``true`` or ``false``."""
+        """Return `true` or `false`."""
         return "true" if self.cast(value) else "false"
 
     def cast(self, value: object) -> bool:
@@ -321,7 +321,7 @@ class StringType(ValueType):
         return self.cast(value)
 
     def cast(self, value: object) -> str:
-        """Return a text, or a number as text: ``%d`` for integers, ``%f`` for reals."""
+        """Return a text, or a number as text: `%d` for integers, `%f` for reals."""
         if isinstance(value, str):
             return value
         number = number_of(value)
@@ -331,7 +331,7 @@ class StringType(ValueType):
 
 
 class AnyType(ValueType):
-    """A type that accepts any value: the type of a port declared without a type, or ``BT::Any``."""
+    """A type that accepts any value: the type of a port declared without a type, or `BT::Any`."""
 
     def __init__(self, name: str, converts: bool) -> None:
         super().__init__(name, object, strong=False, converts=converts)
@@ -352,26 +352,26 @@ class AnyType(ValueType):
 
 
 def number_text(number: int | float) -> str:
-    """Return *number* as BehaviorTree.CPP writes it: ``%d`` or ``%f``."""
+    """Return *number* as BehaviorTree.CPP writes it: `%d` or `%f`."""
     return real_text(number) if isinstance(number, float) else str(int(number))
 
 
 def real_text(value: float) -> str:
-    """Return *value* as C's ``%f`` writes it; a NaN with a sign bit is ``-nan``."""
+    """Return *value* as C's `%f` writes it; a NaN with a sign bit is `-nan`."""
     if value != value and math.copysign(1.0, value) < 0:
         return "-nan"
     return f"{value:f}"
 
 
 class VectorType(ValueType):
-    """A list of values of one type, separated by ``;`` in text."""
+    """A list of values of one type, separated by `;` in text."""
 
     def __init__(self, item: ValueType) -> None:
         super().__init__(f"std::vector<{item.name}>", list)
         self.item = item
 
     def from_text(self, text: str, format: int = 4) -> list[object]:
-        """Return the items of ``a;b;c``, or in format 4 of ``json:[…]``. Raise ConversionError."""
+        """Return the items of `a;b;c`, or in format 4 of `json:[…]`. Raise ConversionError."""
         if format == 3 and self.item is INT:
             return [lenient_int(part) for part in split_items(text)]
         if format == 3 and self.item is DOUBLE:
@@ -381,7 +381,7 @@ class VectorType(ValueType):
         return [self.item.from_text(part, format) for part in split_items(text)]
 
     def to_text(self, value: object) -> str:
-        """Return ``json:[…]`` for int, double, bool and string, else the items separated by ``;``."""
+        """Return `json:[…]` for int, double, bool and string, else the items separated by `;`."""
         items = self.cast(value)
         if self.item in (INT, DOUBLE, BOOL, STRING):
             import json
@@ -402,7 +402,7 @@ class VectorType(ValueType):
         return [self.item.adapt(element) for element in value]
 
     def adapt(self, value: object) -> list[object]:
-        """Return a list of the item type, as :meth:`cast` does. Raise ConversionError."""
+        """Return a list of the item type, as `cast` does. Raise ConversionError."""
         return self.cast(value)
 
     def _accepts_all(self, items: list[object]) -> bool:
@@ -429,7 +429,7 @@ class VectorType(ValueType):
 
 
 def split_items(text: str) -> list[str]:
-    """Return the items of *text*, separated by ``;``. A final ``;`` is ignored, and "" has no items."""
+    """Return the items of *text*, separated by `;`. A final `;` is ignored, and "" has no items."""
     return text.removesuffix(";").split(";") if text else []
 
 
@@ -564,7 +564,7 @@ class StatusType(EnumType):
 
 
 class DirectionType(EnumType):
-    """The direction of a port; its text is ``Input`` or ``INPUT`` etc. Format 3 reads other text as InOut."""
+    """The direction of a port; its text is `Input` or `INPUT` etc. Format 3 reads other text as InOut."""
 
     def from_text(self, text: str, format: int = 4) -> Enum:
         """Return the direction with the name *text*. Raise ConversionError."""
@@ -576,15 +576,15 @@ class DirectionType(EnumType):
         raise ConversionError(f"'{text}' is not a port direction; use Input, Output or InOut")
 
     def to_text(self, value: object) -> str:
-        """Return ``Input``, ``Output`` or ``InOut``."""
+        """Return `Input`, `Output` or `InOut`."""
         return _DIRECTION_NAMES[int(self.cast(value).value)]
 
 
 class NodeTypeType(EnumType):
-    """The type of a node; its text is ``Action``, ``SubTree`` etc. Other text is read as UNDEFINED."""
+    """The type of a node; its text is `Action`, `SubTree` etc. Other text is read as UNDEFINED."""
 
     def from_text(self, text: str, format: int = 4) -> Enum:
-        """Return the node type with the name *text*. Format 3 also reads ``SubTreePlus``."""
+        """Return the node type with the name *text*. Format 3 also reads `SubTreePlus`."""
         if format == 3 and text == "SubTreePlus":
             return NodeType.SUBTREE
         for member, name in zip(NodeType, _NODE_TYPE_NAMES, strict=True):
@@ -593,12 +593,12 @@ class NodeTypeType(EnumType):
         return NodeType.UNDEFINED
 
     def to_text(self, value: object) -> str:
-        """Return ``Action``, ``SubTree`` etc."""
+        """Return `Action`, `SubTree` etc."""
         return _NODE_TYPE_NAMES[int(self.cast(value).value)]
 
 
 class UserType(ConvertibleType):
-    """The type of a user's class. A dataclass without converters has the text form ``json:{…}``."""
+    """The type of a user's class. A dataclass without converters has the text form `json:{…}`."""
 
     def is_related(self, other: ValueType) -> bool:
         """Return whether *other* is the type of a base class or of a derived class."""
@@ -611,7 +611,7 @@ class UserType(ConvertibleType):
             return False  # a Protocol that issubclass() does not support
 
     def from_text(self, text: str, format: int = 4) -> object:
-        """Return the dataclass that ``json:{…}`` describes, else the result of the converter.
+        """Return the dataclass that `json:{…}` describes, else the result of the converter.
 
         Raises:
             ConversionError: There is no converter, or it raised an exception, or the JSON is invalid.
@@ -626,7 +626,7 @@ class UserType(ConvertibleType):
             raise ConversionError(f"'{text}' is not a valid {self.name}: {error}") from error
 
     def to_text(self, value: object) -> str:
-        """Return the result of the converter; without a converter, a dataclass as ``json:{…}``."""
+        """Return the result of the converter; without a converter, a dataclass as `json:{…}`."""
         if self._to_text is not None:
             return self._to_text(value)
         if is_dataclass(value) and not isinstance(value, type):

@@ -79,13 +79,13 @@ def build(
         document: The parsed document.
         registry: The registered nodes.
         tree: ID of the tree to build; by default the document's main tree.
-        format: 3 or 4, overriding the document's ``BTCPP_format``.
+        format: 3 or 4, overriding the document's `BTCPP_format`.
         blackboard: The blackboard of the main tree; by default a new blackboard.
         resources: Objects that leaves require, selected by their types.
         clock: The clock; by default the first clock in *resources*, or else the system clock.
         packages: Finds the share directory of a ROS package.
         libraries: Further documents, whose trees *document* may call without an include.
-        tick_limit: See :class:`Tree`.
+        tick_limit: See `Tree`.
 
     Raises:
         TreeError: The document has errors; the exception contains all of them.

@@ -1,6 +1,6 @@
 """Build trees in Python code: each node is a method of a Builder, each port a keyword argument.
 
-The tree is written as XML and then loaded like any other document::
+The tree is written as XML and then loaded like any other document:
 
     b = Builder(nodes)  # by default the nodes of Registry.standard()
     bump = b.Sequence(b.Back(), b.Turn(angle=1.57), name="bump")
@@ -42,7 +42,7 @@ MAX_BUILDER_DEPTH: Final = 2_000
 class NodeSpec:
     """The description of a node and its children, created by a Builder.
 
-    A NodeSpec can be used in several trees, and several times in a tree. *where* is the ``(file, line)``
+    A NodeSpec can be used in several trees, and several times in a tree. *where* is the `(file, line)`
     of the code that created it.
     """
 
@@ -59,16 +59,16 @@ class NodeSpec:
 
 
 def blackboard_key(name: str) -> str:
-    """Return the port text for the entry *name*: ``blackboard_key("goal")`` is ``"{goal}"``."""
+    """Return the port text for the entry *name*: `blackboard_key("goal")` is `"{goal}"`."""
     return f"{{{name}}}"
 
 
 class Builder:
-    """Creates NodeSpecs (specs) of registered nodes: ``b.Sequence(…)``, or ``b["Sequence"](…)``.
+    """Creates NodeSpecs (specs) of registered nodes: `b.Sequence(…)`, or `b["Sequence"](…)`.
 
-    Positional arguments are children; keywords are ports, ``name``, ``_skipIf`` and other attributes.
-    Values are converted to text. Append an underscore to names that are Python keywords (``if_``,
-    ``else_``). ``b.SubTree("Dock", goal="{home}")`` calls a tree; :meth:`node` creates a spec from a
+    Positional arguments are children; keywords are ports, `name`, `_skipIf` and other attributes.
+    Values are converted to text. Append an underscore to names that are Python keywords (`if_`,
+    `else_`). `b.SubTree("Dock", goal="{home}")` calls a tree; `node` creates a spec from a
     registered function or class. An ID that is not registered raises UnknownNodeError.
     """
 
@@ -124,7 +124,7 @@ class Builder:
         clock: Clock | None = None,
         **subtrees: NodeSpec,
     ) -> Tree:
-        """Build a tree, as :func:`btcore.load` does. It can have 2,000 levels; a tree in a file can have 256.
+        """Build a tree, as `btcore.load` does. It can have 2,000 levels; a tree in a file can have 256.
 
         Args:
             main: The root of the main tree.

@@ -60,7 +60,7 @@ def _add_enumeration(schema: _SchemaElement, name: str, values: Sequence[str]) -
 
 
 def _add_union(schema: _SchemaElement, name: str) -> None:
-    """Add the type ``<name>OrBlackboard``, which accepts values of the type *name* and ``{key}``."""
+    """Add the type `<name>OrBlackboard`, which accepts values of the type *name* and `{key}`."""
     schema.add("simpleType", name=f"{name}OrBlackboard").add("union", memberTypes=f"blackboard {name}")
 
 
@@ -76,8 +76,8 @@ def write_schema(registry: Registry, format: int = 4) -> str:
     """Return the schema for trees with the nodes of a registry.
 
     Like writeTreeXSD of BehaviorTree.CPP, the schema describes the compact form: each node has a type
-    ``<ID>Type`` with its ports as attributes, and ports without a default are required. Explicit tags
-    such as ``<Action ID="…">`` accept any attributes. IDs that are not valid tags are left out.
+    `<ID>Type` with its ports as attributes, and ports without a default are required. Explicit tags
+    such as `<Action ID="…">` accept any attributes. IDs that are not valid tags are left out.
 
     Args:
         registry: The registered nodes.
@@ -197,7 +197,7 @@ def _about(port: Port) -> str:
 
 
 def _explicit(schema: _SchemaElement, tag: str) -> None:
-    """Add the type of an explicit tag such as ``<Action ID="…">``, which accepts any attributes."""
+    """Add the type of an explicit tag such as `<Action ID="…">`, which accepts any attributes."""
     kind = schema.add("complexType", name=f"explicit{tag}Type")
     _add_documentation(kind, f"A node of the kind {tag}, named by its ID.")
     if tag in ("Control", "Decorator"):

@@ -74,7 +74,8 @@ def write_api_pages(folder: Path) -> None:
     def add(name: str, level: int) -> None:
         title = name.removeprefix("btcore.") if level else name
         # Some file systems do not distinguish the pages of Condition and condition.
-        page = f"{title}_function.md" if title.islower() and title.title() in grouped else f"{title}.md"
+        suffix = "_function" if title.islower() and title.title() in grouped else ""
+        page = f"{title}{suffix}.md"
         (folder / page).write_text(f"---\ntitle: {title}\n---\n\n::: {name}\n", encoding="utf-8")
         index.append(f"| [`{title}`]({page}) | {summary(source[name])} |")
         navigation.append(f"{'    ' * level}- [{title}]({page})")

@@ -1,4 +1,4 @@
-"""``python -m btcore_monitor`` is ``btcore monitor``."""
+"""`python -m btcore_monitor` is `btcore monitor`."""
 
 import click
 

@@ -1,13 +1,13 @@
-"""Set breakpoints and inject statuses in a running robot, for tests and for ``btcore hook``.
+"""Set breakpoints and inject statuses in a running robot, for tests and for `btcore hook`.
 
     with BreakpointClient("tcp://robot.local:1667") as robot:
         robot.break_at("Patrol/Move*")
         reached = robot.wait()
         robot.release(reached.path, "FAILURE")
 
-This works with every robot that supports Groot 2's protocol; a btcore robot also needs ``allow_control``. A
+This works with every robot that supports Groot 2's protocol; a btcore robot also needs `allow_control`. A
 robot disables the hooks of a client and continues after 5 s without its requests, so an open
-:class:`BreakpointClient` sends a request every second. Times are in s of wall clock.
+`BreakpointClient` sends a request every second. Times are in s of wall clock.
 """
 
 import contextlib
@@ -88,7 +88,7 @@ def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
 
     Args:
         tree: The tree to search.
-        pattern: A path or name, or a pattern with ``*``, ``?`` and ``[…]``.
+        pattern: A path or name, or a pattern with `*`, `?` and `[…]`.
 
     Raises:
         BreakpointError: No node matches. The message suggests a similar name.
@@ -111,7 +111,7 @@ def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
 class BreakpointClient(Closeable):
     """A client that sets and releases the hooks of a robot: its breakpoints and injected statuses.
 
-    Use the client from one thread. Close it, or use it in a ``with`` statement.
+    Use the client from one thread. Close it, or use it in a `with` statement.
 
     Args:
         address: The robot's address, as in `parse_address`.
@@ -168,7 +168,7 @@ class BreakpointClient(Closeable):
             return self._tree
 
     def status(self, path: str) -> str:
-        """Return the status of a node as text, such as ``RUNNING``.
+        """Return the status of a node as text, such as `RUNNING`.
 
         Args:
             path: The path or the name of the node, or a pattern that matches only this node.
@@ -184,7 +184,7 @@ class BreakpointClient(Closeable):
         return self.statuses()[nodes[0].path]
 
     def statuses(self) -> dict[str, str]:
-        """Return the status of every node as text, such as ``RUNNING``, by the node's path."""
+        """Return the status of every node as text, such as `RUNNING`, by the node's path."""
         reply = self._ask(Request.STATUS)
         with self._decoding():
             records = groot2.decode_statuses(reply.body)
@@ -200,7 +200,7 @@ class BreakpointClient(Closeable):
             return decode_hooks(reply.body)
 
     def path_of(self, uid: int) -> str:
-        """Return the path of the node *uid*, or ``node UID`` if the tree has no such node."""
+        """Return the path of the node *uid*, or `node UID` if the tree has no such node."""
         node = self.tree.by_uid.get(uid)
         return f"node {uid}" if node is None else node.path
 
@@ -277,7 +277,7 @@ class BreakpointClient(Closeable):
         """Remove the hooks of matching nodes. A tick that waits at a removed breakpoint continues.
 
         Args:
-            pattern: A path, a name or a pattern, as in `find_nodes`. ``*`` removes all hooks of the robot.
+            pattern: A path, a name or a pattern, as in `find_nodes`. `*` removes all hooks of the robot.
 
         Returns:
             The path of the node of each removed hook.
@@ -319,7 +319,7 @@ class BreakpointClient(Closeable):
         return reached
 
     def poll(self, timeout: float = 0.0) -> HookReached | None:
-        """Return the next hook as :meth:`wait` does, or None if no hook fires within *timeout* s."""
+        """Return the next hook as `wait` does, or None if no hook fires within *timeout* s."""
         deadline = time.monotonic() + timeout
         while self._notices.poll(max(0, round(1000 * (deadline - time.monotonic()))), zmq.POLLIN):
             with contextlib.suppress(ProtocolError):

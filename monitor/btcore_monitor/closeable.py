@@ -1,11 +1,11 @@
-"""A base class of objects that are closed at the end of a ``with`` statement."""
+"""A base class of objects that are closed at the end of a `with` statement."""
 
 from abc import ABC, abstractmethod
 from typing import Self
 
 
 class Closeable(ABC):
-    """An object that is closed at the end of a ``with`` statement."""
+    """An object that is closed at the end of a `with` statement."""
 
     @abstractmethod
     def close(self) -> None:

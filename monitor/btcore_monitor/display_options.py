@@ -72,7 +72,7 @@ class DisplayOptions:
 
 
 def display_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the display options to *command*, as its parameter ``display``, a :class:`DisplayOptions`."""
+    """Add the display options to *command*, as its parameter `display`, a `DisplayOptions`."""
 
     @functools.wraps(command)
     def with_display(*arguments: Any, **settings: Any) -> Any:

@@ -18,8 +18,8 @@ KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 """All families, in the order of BehaviorTree.CPP's enum NodeType, whose ACTION is 1."""
 
 ConnectionState = Literal["waiting", "connected", "lost", "ended"]
-"""The connection to the robot: ``waiting`` for the first contact, ``connected``, ``lost`` (no contact for
-some time), or ``ended`` (the robot has reported the end of its run)."""
+"""The connection to the robot: `waiting` for the first contact, `connected`, `lost` (no contact for
+some time), or `ended` (the robot has reported the end of its run)."""
 
 Topic = Literal["transitions", "ticks", "exceptions", "blackboard", "messages"]
 """Data that a robot may send in addition to its tree: transitions of statuses, ticks of the root with their
@@ -49,13 +49,13 @@ class ObservedNode:
     Attributes:
         uid: A number from 1 on, unique in the tree.
         name: The instance name.
-        id: The registration ID (``SubTree`` for a SubTree node).
+        id: The registration ID (`SubTree` for a SubTree node).
         kind: The family.
         path: The full path, as BehaviorTree.CPP 4 forms it.
         parent: The parent's uid (0 for the root).
         children: The children's uids.
-        ports: The text in the XML by port (``{key}``, ``0.5``), and the script by condition.
-        subtree: The path of the subtree instance that contains the node (``""``: the main tree).
+        ports: The text in the XML by port (`{key}`, `0.5`), and the script by condition.
+        subtree: The path of the subtree instance that contains the node (`""`: the main tree).
     """
 
     uid: int
@@ -77,7 +77,7 @@ class ObservedTree:
         tree_id: 32 hexadecimal digits, which change when the robot restarts or replaces its tree.
         name: The main tree's ID.
         nodes: The nodes, depth-first, parents first, a subtree's content right after its SubTree node.
-        subtrees: The tree's ID by the path of each subtree instance (``""``: main), in order of creation.
+        subtrees: The tree's ID by the path of each subtree instance (`""`: main), in order of creation.
         xml: The full tree as the robot sent it, or empty if the robot sent another format.
         by_uid: The nodes by uid.
     """
@@ -173,7 +173,7 @@ class Ticked:
 
 @dataclass(frozen=True, slots=True)
 class BlackboardSeen:
-    """All blackboards: subtree path (``""``: main) → key → value (None: declared, but not written)."""
+    """All blackboards: subtree path (`""`: main) → key → value (None: declared, but not written)."""
 
     t: int
     wall: int
@@ -218,7 +218,7 @@ class TransitionsLost:
 class DataMissed:
     """An unknown amount of data of *topic* was missed between the tree's times *since* and *t* (ns).
 
-    This event is for robots without transition numbers; for others see :class:`TransitionsLost`. *reason* is
+    This event is for robots without transition numbers; for others see `TransitionsLost`. *reason* is
     a phrase for users.
     """
 

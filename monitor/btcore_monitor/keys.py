@@ -31,9 +31,9 @@ class RobotKeys:
     """The keys of a robot: its secret key, and the public keys of the clients that may connect.
 
     Args:
-        key_file: The file with the robot's secret key, which ``btcore keys`` creates.
+        key_file: The file with the robot's secret key, which `btcore keys` creates.
         allow: The public keys of the clients: each is a key in hexadecimal digits or a file with one key per
-            line, such as the ``.pub`` files of ``btcore keys``.
+            line, such as the `.pub` files of `btcore keys`.
 
     Raises:
         KeyFileError: A key is invalid, or a file cannot be used.
@@ -71,7 +71,7 @@ class ClientKeys:
     """The keys of a client: its secret key, and the public key of the robot.
 
     Args:
-        key_file: The file with the client's secret key, which ``btcore keys`` creates.
+        key_file: The file with the client's secret key, which `btcore keys` creates.
         robot: The robot's public key in hexadecimal digits, or the file with this key.
 
     Raises:
@@ -98,7 +98,7 @@ class ClientKeys:
 
 
 def create_keys(path: Path) -> str:
-    """Create a key pair: the file *path* and *path* with ``.pub`` appended. Return the public key.
+    """Create a key pair: the file *path* and *path* with `.pub` appended. Return the public key.
 
     Raises:
         KeyFileError: A file exists or cannot be written, or ZeroMQ has no CURVE.

@@ -1,7 +1,7 @@
-"""Write a robot's events to log files: ``.btlog`` and SQLite, in the formats of BehaviorTree.CPP.
+"""Write a robot's events to log files: `.btlog` and SQLite, in the formats of BehaviorTree.CPP.
 
 The log has the XML that the robot sent. A stamp is the wall time of the first event plus the time of the
-tree's clock since then, as in btcore's own logs. Missing transitions are marked (:class:`btcore.logs.Gap`),
+tree's clock since then, as in btcore's own logs. Missing transitions are marked (`btcore.logs.Gap`),
 and the changed statuses after a gap are written as transitions at that moment.
 """
 
@@ -36,7 +36,7 @@ _LATEST: Final = (1 << 48) - 1
 class LogWriter:
     """Writes the log files *paths* of one robot.
 
-    A robot's second tree gets files with a number: ``run.2.btlog``. All methods raise LogError, OSError or
+    A robot's second tree gets files with a number: `run.2.btlog`. All methods raise LogError, OSError or
     sqlite3.Error if a file cannot be written.
     """
 
@@ -57,7 +57,7 @@ class LogWriter:
         self._lost = self._incomplete = ""
 
     def show(self, event: Event) -> None:
-        """Process an event. Its transitions are written to the files by :meth:`flush`."""
+        """Process an event. Its transitions are written to the files by `flush`."""
         if isinstance(event, TreeSeen):
             self._begin(event)
         elif isinstance(event, StatusChanged):
@@ -141,7 +141,7 @@ class LogWriter:
 
 
 class _BtLog:
-    """A ``.btlog`` file. It has the same methods as :class:`_SqliteLog`."""
+    """A `.btlog` file. It has the same methods as `_SqliteLog`."""
 
     def __init__(self, path: Path, event: TreeSeen) -> None:
         self._file = BtLogWriter(path, write_fulltree(event.tree), event.wall // NS_PER_US)

@@ -1,4 +1,4 @@
-"""A process of the monitor that records or shows a run of ``btcore run``."""
+"""A process of the monitor that records or shows a run of `btcore run`."""
 
 import os
 import subprocess
@@ -31,7 +31,7 @@ _CHECK_EVERY: Final = 0.2
 
 
 class MonitorProcess:
-    """A process of ``btcore monitor`` with *options*, called *name* in messages.
+    """A process of `btcore monitor` with *options*, called *name* in messages.
 
     If *stays* is true, the process continues after the run, until Ctrl-C.
     """

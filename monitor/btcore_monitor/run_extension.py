@@ -1,4 +1,4 @@
-"""The monitor's part of ``btcore run``: publishing, the viewer, and the recording.
+"""The monitor's part of `btcore run`: publishing, the viewer, and the recording.
 
 The viewer and the recording are separate processes that subscribe to the published data, so that the robot's
 process never draws. All messages go to stderr.
@@ -30,7 +30,7 @@ _GROOT1_OFFSET: Final = BESIDE_GROOT2 - DEFAULT_PORT
 
 
 class MonitorExtension(RunExtension):
-    """The options of ``run`` for publishing and showing: ``--publish``, ``--monitor``, ``--save``, …"""
+    """The options of `run` for publishing and showing: `--publish`, `--monitor`, `--save`, …"""
 
     options: Sequence[click.Option] = (
         click.Option(
@@ -235,7 +235,7 @@ class MonitorExtension(RunExtension):
 
 
 def _shown(settings: Mapping[str, Any]) -> list[str]:
-    """Return the options on the command line that show or record the run, such as ``--save``."""
+    """Return the options on the command line that show or record the run, such as `--save`."""
     given = {
         "--save": settings["save"] is not None,
         "--monitor": settings["monitor"],

@@ -1,6 +1,6 @@
 """The destinations of a tree's view, with their options, and further options that commands share.
 
-Large packages are imported only when they are needed, so that ``--help`` is fast and works without rerun.
+Large packages are imported only when they are needed, so that `--help` is fast and works without rerun.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from btcore_monitor.screen.sinks import RecordingSinks, WebView
 
 INCOMPLETE_OUTPUT: Final = 4
-"""The exit code, as of ``btcore run``, if a recording is incomplete."""
+"""The exit code, as of `btcore run`, if a recording is incomplete."""
 
 END_WITHIN: Final = 30.0
 """Seconds after a time limit within which a command completes its data; after that its process ends."""
@@ -39,7 +39,7 @@ duration_option = click.option(
 
 
 def robot_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options ``--no-record`` and ``--blackboard-rate`` to *command*."""
+    """Add the options `--no-record` and `--blackboard-rate` to *command*."""
     command = click.option(
         "--blackboard-rate",
         type=click.FloatRange(min=0, max=100),
@@ -73,11 +73,11 @@ robot_key_option = click.option(
 def client_keys(
     key_file: Path | None, robot_keys: Sequence[str], robots: int = 1
 ) -> "Sequence[ClientKeys | None]":
-    """Return the keys for the connection to each robot, from the options ``--key-file`` and ``--robot-key``.
+    """Return the keys for the connection to each robot, from the options `--key-file` and `--robot-key`.
 
     Args:
-        key_file: The value of ``--key-file``.
-        robot_keys: The values of ``--robot-key``: one for all robots, or one per robot.
+        key_file: The value of `--key-file`.
+        robot_keys: The values of `--robot-key`: one for all robots, or one per robot.
         robots: The number of robots.
 
     Raises:
@@ -113,7 +113,7 @@ def check_installed(*modules: str) -> None:
 
 
 def pixels(context: click.Context, option: click.Parameter, value: str) -> tuple[int, int]:
-    """Return width and height (pixels) from the text of the option ``--size``; a click callback.
+    """Return width and height (pixels) from the text of the option `--size`; a click callback.
 
     Raises:
         click.BadParameter: *value* is not a size, or less than 320x240.
@@ -125,7 +125,7 @@ def pixels(context: click.Context, option: click.Parameter, value: str) -> tuple
 
 
 def check_is_recording(save: Path) -> None:
-    """Raise click.UsageError if the file of ``--save`` does not have the suffix ``.rrd``."""
+    """Raise click.UsageError if the file of `--save` does not have the suffix `.rrd`."""
     if save.suffix.lower() != ".rrd":
         raise click.UsageError(
             f"--save {save}: a recording is an .rrd file: --save {save.with_suffix('.rrd')}"
@@ -177,7 +177,7 @@ def wait_for_stop(duration: float | None = None) -> None:
 
 @contextlib.contextmanager
 def time_limit(duration: float | None) -> Iterator[None]:
-    """End the process if the ``with`` block lasts much longer than *duration* s.
+    """End the process if the `with` block lasts much longer than *duration* s.
 
     The block itself should end in time. But drawing the tree of a hostile robot may take minutes.
     """
@@ -206,7 +206,7 @@ def abandon(error: RecordingError) -> NoReturn:
 
 @dataclass(frozen=True, slots=True)
 class ViewerOptions:
-    """The destinations of a view, as chosen by the options of :func:`viewer_options`.
+    """The destinations of a view, as chosen by the options of `viewer_options`.
 
     *at* is the displayed time (s) of the screenshot (None: the last tick), and *size* is its width
     and height in pixels. *verbose* is true if rerun prints its log lines.
@@ -229,8 +229,8 @@ class ViewerOptions:
     def open(self, window: bool) -> "Iterator[RecordingSinks]":
         """Open the destinations, and also a window if *window* is true and the view is not served.
 
-        A screenshot is made from a recording file. Without ``--save`` this file is temporary, and exists
-        until the end of the ``with`` block.
+        A screenshot is made from a recording file. Without `--save` this file is temporary, and exists
+        until the end of the `with` block.
 
         Raises:
             click.UsageError: There is no destination, a file has the wrong suffix, or its folder does not
@@ -276,7 +276,7 @@ class ViewerOptions:
         return web
 
     def take_screenshot(self, recordings: Sequence[Path]) -> None:
-        """Write the picture of the last of *recordings* to the file of ``--screenshot``, if it is given.
+        """Write the picture of the last of *recordings* to the file of `--screenshot`, if it is given.
 
         Raises:
             ScreenError: The viewer or a driver is not available.
@@ -291,8 +291,8 @@ class ViewerOptions:
 def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options for the viewer to *command*.
 
-    The parameters are ``viewer``, a :class:`ViewerOptions`, and ``display``, a
-    :class:`~btcore_monitor.display_options.DisplayOptions`.
+    The parameters are `viewer`, a `ViewerOptions`, and `display`, a
+    `DisplayOptions`.
     """
     # The display options first, so that they follow the options of the viewer in the help text.
     command = display_options(command)

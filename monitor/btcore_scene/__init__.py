@@ -94,7 +94,7 @@ Part = Box | Cylinder | Sphere
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Laser:
-    """A planar laser. Ray i points in the direction ``angle_min + i * angle_increment`` in *frame*."""
+    """A planar laser. Ray i points in the direction `angle_min + i * angle_increment` in *frame*."""
 
     frame: str
     angle_min: float
@@ -139,8 +139,8 @@ class Camera:
 class Grid:
     """Cells on the floor. A grid replaces the earlier grid of the same *name*.
 
-    *cells* has shape (rows, columns), the row with the lowest y first. The cells of an ``occupancy`` grid are
-    int8: -1 is unknown, 0 free, 100 occupied. The cells of a ``costs`` grid are uint8: Nav2's costs of 0–255.
+    *cells* has shape (rows, columns), the row with the lowest y first. The cells of an `occupancy` grid are
+    int8: -1 is unknown, 0 free, 100 occupied. The cells of a `costs` grid are uint8: Nav2's costs of 0–255.
     *origin* is the lower left corner (x, y), *resolution* the edge length of a cell.
     """
 
@@ -202,7 +202,7 @@ class BoundingBox:
 class Picture:
     """A camera's picture. It replaces the earlier picture of the same *name*.
 
-    *data* is a JPEG file, or for ``rgb8`` uint8 of shape (height, width, 3).
+    *data* is a JPEG file, or for `rgb8` uint8 of shape (height, width, 3).
     """
 
     name: str
@@ -227,7 +227,7 @@ class Detection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StaticScene:
-    """The part of a scene that does not change. *frame* is the root of all frames (by default ``map``).
+    """The part of a scene that does not change. *frame* is the root of all frames (by default `map`).
 
     If *battery* (percent) is given, the viewer shows a plot of the battery level. *extra* has further data,
     which are sent unchanged.

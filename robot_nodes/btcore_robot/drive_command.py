@@ -1,4 +1,4 @@
-"""``btcore drive``: drive the robot with keys, and make a map on the way."""
+"""`btcore drive`: drive the robot with keys, and make a map on the way."""
 
 from contextlib import ExitStack
 from pathlib import Path

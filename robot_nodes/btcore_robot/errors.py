@@ -2,4 +2,4 @@
 
 
 class RobotError(Exception):
-    """Base class of all errors that ``btcore_robot`` raises; the message is a sentence for the user."""
+    """Base class of all errors that `btcore_robot` raises; the message is a sentence for the user."""

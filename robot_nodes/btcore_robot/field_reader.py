@@ -12,7 +12,7 @@ from btcore.json_text import load_json
 
 
 def did_you_mean(word: str, names: Iterable[str]) -> str:
-    """Return ``did you mean 'house'? `` if a name in *names* is similar to *word*, else an empty string."""
+    """Return `did you mean 'house'? ` if a name in *names* is similar to *word*, else an empty string."""
     matches = get_close_matches(word, list(names), n=1, cutoff=0.6)
     return f"did you mean '{matches[0]}'? " if matches else ""
 
@@ -22,7 +22,7 @@ def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
 
     Args:
         path: The file.
-        expected: The expected content, for messages: ``a YAML file of a map``.
+        expected: The expected content, for messages: `a YAML file of a map`.
         error_type: The class of the exception for a file that cannot be read.
     """
     try:
@@ -40,7 +40,7 @@ def read_json(path: Path, expected: str, error_type: type[Exception]) -> Any:
 
     Args:
         path: The file.
-        expected: The expected content, for messages: ``a JSON file of a world``.
+        expected: The expected content, for messages: `a JSON file of a world`.
         error_type: The class of the exception for a file that cannot be read, or is not JSON.
     """
     try:

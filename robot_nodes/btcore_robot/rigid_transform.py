@@ -1,7 +1,7 @@
 """Rigid transforms from one frame to another, with ROS's names and conventions.
 
-A transform named ``a2b`` is the pose of frame b in frame a, and transforms points of b to a; therefore
-``a2c = a2b * b2c``. Its numbers are plain floats: for a single transform numpy is several times slower.
+A transform named `a2b` is the pose of frame b in frame a, and transforms points of b to a; therefore
+`a2c = a2b * b2c`. Its numbers are plain floats: for a single transform numpy is several times slower.
 """
 
 import math
@@ -45,7 +45,7 @@ class Transform:
         return Pose2D(self.position[0], self.position[1], self.yaw)
 
     def __mul__(self, other: "Transform") -> "Transform":
-        """Return ``a2c`` for ``a2b * b2c``."""
+        """Return `a2c` for `a2b * b2c`."""
         ax, ay, az, aw = self.quaternion
         bx, by, bz, bw = other.quaternion
         rx, ry, rz = _rotated(self.quaternion, other.position)
@@ -61,11 +61,11 @@ class Transform:
         )
 
     def compose(self, other: "Transform") -> "Transform":
-        """Return ``a2c`` for ``a2b.compose(b2c)``, the same as ``a2b * b2c``."""
+        """Return `a2c` for `a2b.compose(b2c)`, the same as `a2b * b2c`."""
         return self * other
 
     def inverse(self) -> "Transform":
-        """Return ``b2a`` for ``a2b``."""
+        """Return `b2a` for `a2b`."""
         x, y, z, w = self.quaternion
         inverse = (-x, -y, -z, w)
         rx, ry, rz = _rotated(inverse, self.position)
@@ -73,7 +73,7 @@ class Transform:
 
     @property
     def rotation(self) -> NDArray[np.float64]:
-        """The rotation matrix, shape ``(3, 3)``."""
+        """The rotation matrix, shape `(3, 3)`."""
         x, y, z, w = self.quaternion
         return np.array(
             (
@@ -84,9 +84,9 @@ class Transform:
         )
 
     def apply(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return *points* (m) of the child's frame in the parent's frame; both of shape ``(…, 3)``.
+        """Return *points* (m) of the child's frame in the parent's frame; both of shape `(…, 3)`.
 
-        Points of shape ``(…, 2)`` lie in the plane z = 0; the result then consists of x and y.
+        Points of shape `(…, 2)` lie in the plane z = 0; the result then consists of x and y.
         """
         columns = points.shape[-1]
         moved: NDArray[np.float64] = points @ self.rotation[:columns, :columns].T

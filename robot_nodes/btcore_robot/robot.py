@@ -6,8 +6,8 @@ Conventions, which are those of ROS (REP 103, REP 105 and REP 117):
   nanoseconds of the robot's own clock.
 - In a body frame x points forward, y to the left and z up. Angles are positive counter-clockwise, seen from
   above, and 0 straight ahead. In an optical frame of a camera z points forward, x to the right and y down.
-- The frame ``base_footprint`` is on the floor below the centre of the base. The frame ``odom`` is at the
-  start of odometry. The frame ``map`` belongs to navigation: a robot knows its odometry, not its true
+- The frame `base_footprint` is on the floor below the centre of the base. The frame `odom` is at the
+  start of odometry. The frame `map` belongs to navigation: a robot knows its odometry, not its true
   position.
 """
 
@@ -118,7 +118,7 @@ class TransformStamped:
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """The motion measured by the wheels: the *pose* of the base in the frame ``odom``, and its *twist*.
+    """The motion measured by the wheels: the *pose* of the base in the frame `odom`, and its *twist*.
 
     *stamp* is the time (ns) of the measurement. The pose drifts, but never jumps.
     """
@@ -130,11 +130,11 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True)
 class LaserScan:
-    """A scan of a planar laser, as ``sensor_msgs/LaserScan``.
+    """A scan of a planar laser, as `sensor_msgs/LaserScan`.
 
-    *ranges* (m) has the shape ``(n,)`` and the type float32. The ray with index *i* points at the angle
-    ``angle_min + i * angle_increment`` (rad) in *frame*. By REP 117 a ray without an echo within *range_max*
-    (m) is ``+inf``, and an echo nearer than *range_min* (m) is ``-inf``; NaN does not occur. *stamp* is the
+    *ranges* (m) has the shape `(n,)` and the type float32. The ray with index *i* points at the angle
+    `angle_min + i * angle_increment` (rad) in *frame*. By REP 117 a ray without an echo within *range_max*
+    (m) is `+inf`, and an echo nearer than *range_min* (m) is `-inf`; NaN does not occur. *stamp* is the
     time (ns) of the measurement.
     """
 
@@ -147,11 +147,11 @@ class LaserScan:
     frame: str
 
     def angles(self) -> NDArray[np.float64]:
-        """Return the direction (rad) of every ray, shape ``(n,)``."""
+        """Return the direction (rad) of every ray, shape `(n,)`."""
         return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
 
     def points(self) -> NDArray[np.float64]:
-        """Return the end points x, y (m) of the rays with an echo, in the laser's frame: shape ``(k, 2)``."""
+        """Return the end points x, y (m) of the rays with an echo, in the laser's frame: shape `(k, 2)`."""
         finite = np.isfinite(self.ranges)
         angles = self.angles()[finite]
         directions: NDArray[np.float64] = np.stack((np.cos(angles), np.sin(angles)), axis=1)
@@ -162,8 +162,8 @@ class LaserScan:
 class CameraImage:
     """A camera image in the optical frame *frame* (z forward, x right, y down).
 
-    *rgb* has the shape ``(height, width, 3)``. *depth* is the distance (m) along z of every pixel, with the
-    shape ``(height, width)``; it is ``+inf`` where nothing is within reach. For a camera that does not
+    *rgb* has the shape `(height, width, 3)`. *depth* is the distance (m) along z of every pixel, with the
+    shape `(height, width)`; it is `+inf` where nothing is within reach. For a camera that does not
     measure depth it is None. *stamp* is the time (ns) at which the image was taken.
     """
 
@@ -177,7 +177,7 @@ class CameraImage:
 class SonarReading:
     """A reading of a sonar: the *range* (m) of the nearest object in a cone of *fov* (rad) along x.
 
-    A reading without an echo within *range_max* is ``+inf``, an echo nearer than *range_min* is ``-inf``.
+    A reading without an echo within *range_max* is `+inf`, an echo nearer than *range_min* is `-inf`.
     *stamp* is the time (ns) of the measurement.
     """
 
@@ -299,7 +299,7 @@ class Robot(Protocol):
 
     Every reading carries the stamp of its measurement, not of the call. If a sensor stops, its last reading
     is returned again with its old stamp; a caller that needs recent data compares the stamp with
-    ``clock.now()``.
+    `clock.now()`.
 
     A robot without a battery, sonars, a torso or a camera with depth derives from this class and omits the
     methods for them: the defaults below mean "not available". `btcore_robot.testing.check_robot` checks an
@@ -339,7 +339,7 @@ class Robot(Protocol):
     def frames(self) -> Sequence[TransformStamped]:
         """Return the current poses of the robot's links and sensors.
 
-        The frames form a tree whose root is ``base_footprint``: each frame occurs once as a child, and the
+        The frames form a tree whose root is `base_footprint`: each frame occurs once as a child, and the
         frames of the laser, the camera and the sonars are among them.
         """
 
@@ -347,7 +347,7 @@ class Robot(Protocol):
         """Command the base to drive. Repeat the command within its timeout as long as the base should drive.
 
         The base follows the command within its limits; if it has to reduce the speed it keeps the radius of
-        the curve. It stops when no command has arrived for ``base.command_timeout`` seconds.
+        the curve. It stops when no command has arrived for `base.command_timeout` seconds.
 
         Several sources may send commands. A command is ignored if a command of a higher priority arrived
         within the last 0.5 s.
@@ -408,16 +408,16 @@ class Robot(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Waypoints:
-    """The named poses of a world, in the frame ``map``: ``recharge``, ``wp1``, ``wp2``, ``wp3`` …"""
+    """The named poses of a world, in the frame `map`: `recharge`, `wp1`, `wp2`, `wp3` …"""
 
     places: Mapping[str, Pose2D]
 
 
 @dataclass(frozen=True, slots=True)
 class GoalOutcome:
-    """The end of a navigation to *goal* (in the frame ``map``) at the time *stamp* (ns).
+    """The end of a navigation to *goal* (in the frame `map`) at the time *stamp* (ns).
 
-    *status* is ``SUCCEEDED``, ``CANCELED`` or ``ABORTED``.
+    *status* is `SUCCEEDED`, `CANCELED` or `ABORTED`.
     """
 
     goal: Pose2D
@@ -430,7 +430,7 @@ class NavigationReporter(Protocol):
     """A navigation system that reports its pose estimate and the outcomes of its goals."""
 
     def estimate(self) -> Pose2D | None:
-        """Return the estimated pose of the base in the frame ``map``, or None while it is unknown."""
+        """Return the estimated pose of the base in the frame `map`, or None while it is unknown."""
 
     def outcomes(self) -> Sequence[GoalOutcome]:
         """Return the outcome of every goal that has ended, oldest first."""

@@ -1,4 +1,4 @@
-"""The extension of ``btcore run`` that provides navigation, mapping, and tracking and locating of objects."""
+"""The extension of `btcore run` that provides navigation, mapping, and tracking and locating of objects."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -187,7 +187,7 @@ def _plugin_errors_reported(settings: Mapping[str, Any]) -> Iterator[None]:
 
 
 def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyMap | None":
-    """Return the map of ``--map``; without the option, the world's map, or None."""
+    """Return the map of `--map`; without the option, the world's map, or None."""
     from btcore_robot.navigation.occupancy_map import MapError, OccupancyMap, load_map
 
     file = settings.get("map_file")

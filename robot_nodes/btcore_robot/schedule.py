@@ -3,7 +3,7 @@
 `RealTime` follows the wall clock, `SimulatedTime` jumps from one due task to the next. Both run their tasks
 on the thread that waits, one at a time, in the order of due times. At the same time, tasks run in the order
 of ranks; with the same rank, in the order of the calls of `every`. The k-th period of a task at *hertz* ends
-``k * 1e9 / hertz`` ns after its start, rounded down, so that no error accumulates.
+`k * 1e9 / hertz` ns after its start, rounded down, so that no error accumulates.
 """
 
 import heapq

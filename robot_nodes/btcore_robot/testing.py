@@ -1,6 +1,6 @@
 """Checks of the `Robot` protocol: call `check_robot` in a test of your own robot.
 
-All ``check_…`` functions raise AssertionError with a sentence that describes the violation of the protocol.
+All `check_…` functions raise AssertionError with a sentence that describes the violation of the protocol.
 """
 
 import math
@@ -90,7 +90,7 @@ def check_schedule(robot: Robot) -> None:
 
 
 def check_frames(robot: Robot) -> None:
-    """Check that all frames form a tree below ``base_footprint``, and that every sensor's frame is in it."""
+    """Check that all frames form a tree below `base_footprint`, and that every sensor's frame is in it."""
     wait(robot, 0.1)
     frames = robot.frames()
     parents = {frame.child: frame.parent for frame in frames}
@@ -255,7 +255,7 @@ def check_limits(robot: Robot) -> None:
 
 
 def check_timeout(robot: Robot) -> None:
-    """Check that a command expires after the base's ``command_timeout``."""
+    """Check that a command expires after the base's `command_timeout`."""
     twist = drive_for(robot, (0.0, min(0.5, robot.base.w_max)), 0.5)
     assert not is_standing(twist), "the robot was commanded to turn, but it stands"
     twist = drive_for(robot, None, robot.base.command_timeout + 1.0)
@@ -265,7 +265,7 @@ def check_timeout(robot: Robot) -> None:
 
 
 def check_stop(robot: Robot) -> None:
-    """Check that ``stop()`` stops the robot, whatever the priority of the last command."""
+    """Check that `stop()` stops the robot, whatever the priority of the last command."""
     robot.drive(0.0, min(0.5, robot.base.w_max), priority=100)
     wait(robot, 0.1)
     robot.stop()
@@ -366,7 +366,7 @@ def wait(robot: Robot, seconds: float) -> bool:
         seconds: The time (s) to wait.
 
     Returns:
-        Whether the wait ended early, as the clock's ``wait_until`` returns it.
+        Whether the wait ended early, as the clock's `wait_until` returns it.
     """
     clock = robot.clock
     return clock.wait_until(clock.now() + round(seconds * NS_PER_S), threading.Event())

@@ -271,9 +271,9 @@ def _seconds(nanoseconds: int) -> str:
 
 
 class FrameBroadcaster:
-    """Writes the robot's frames to a transform tree: ``odom`` → ``base_footprint``, links and sensors.
+    """Writes the robot's frames to a transform tree: `odom` → `base_footprint`, links and sensors.
 
-    Schedule `step` at `RATE` with ``Phase.TRANSFORMS``.
+    Schedule `step` at `RATE` with `Phase.TRANSFORMS`.
     """
 
     RATE = 50.0

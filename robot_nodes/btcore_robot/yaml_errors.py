@@ -9,7 +9,7 @@ import yaml
 
 @contextmanager
 def yaml_errors(path: Path, error_type: type[Exception]) -> Iterator[None]:
-    """Convert PyYAML's errors in the ``with`` block to errors with the file, the line and the column.
+    """Convert PyYAML's errors in the `with` block to errors with the file, the line and the column.
 
     Args:
         path: The file that the block reads.

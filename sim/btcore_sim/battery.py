@@ -34,7 +34,7 @@ class BatteryModel:
         return self.level <= 0.0
 
     def drain(self, command: Twist2D, seconds: float) -> None:
-        """Lower the level by ``0.5 * sqrt(v² + w²) + 0.01`` percent per second.
+        """Lower the level by `0.5 * sqrt(v² + w²) + 0.01` percent per second.
 
         Args:
             command: The commanded velocity (v in m/s, w in rad/s).

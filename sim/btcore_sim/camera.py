@@ -28,13 +28,13 @@ class CameraSettings:
 
 
 def parse_camera(text: str) -> CameraSettings | None:
-    """Parse the option ``--camera``.
+    """Parse the option `--camera`.
 
     Args:
-        text: ``off``, ``WxH`` (10 Hz) or ``WxH@HZ``.
+        text: `off`, `WxH` (10 Hz) or `WxH@HZ`.
 
     Returns:
-        The settings, or None for ``off``.
+        The settings, or None for `off`.
 
     Raises:
         SimError: *text* has another form, or a size above 4096 pixels.

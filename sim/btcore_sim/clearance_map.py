@@ -129,4 +129,4 @@ class ClearanceMap:
         middles = cv2.distanceTransform(open_floor, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
         # OpenCV measures to the middle of the nearest taken cell; its edge is half a cell nearer.
         self.clearances: NDArray[np.float64] = np.maximum(middles - 0.5, 0.0) * self.map.resolution
-        """The clearance (m) of every cell, shape ``(rows, columns)`` like the map's."""
+        """The clearance (m) of every cell, shape `(rows, columns)` like the map's."""

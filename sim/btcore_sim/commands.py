@@ -1,4 +1,4 @@
-"""The command ``btcore map``, which writes a world's map in the file formats of nav2's map_server."""
+"""The command `btcore map`, which writes a world's map in the file formats of nav2's map_server."""
 
 from pathlib import Path
 

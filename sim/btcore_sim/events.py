@@ -1,7 +1,7 @@
 """Events during a run: a box drops in front of the robot, or the robot is carried to another place.
 
-``box:30`` drops a box of 0.5 m at 30 s, or later, as soon as the robot drives straight and there is a
-suitable place; ``box:30@2,0.3`` drops it 2 m ahead and 0.3 m to the left. ``kidnap:60`` carries the robot to
+`box:30` drops a box of 0.5 m at 30 s, or later, as soon as the robot drives straight and there is a
+suitable place; `box:30@2,0.3` drops it 2 m ahead and 0.3 m to the left. `kidnap:60` carries the robot to
 another place at 60 s, or later, as soon as the robot moves.
 """
 
@@ -61,10 +61,10 @@ class Event:
 
 
 def parse_event(text: str) -> Event:
-    """Parse an event of the option ``--event``.
+    """Parse an event of the option `--event`.
 
     Args:
-        text: ``box:TIME[@DISTANCE[,OFFSET]]`` or ``kidnap:TIME``; the time in s, distance and offset in m.
+        text: `box:TIME[@DISTANCE[,OFFSET]]` or `kidnap:TIME`; the time in s, distance and offset in m.
 
     Raises:
         SimError: *text* has another form, an unknown kind, or a distance that is too small.
@@ -94,7 +94,7 @@ def parse_event(text: str) -> Event:
 
 
 def with_boxes(scene: Scene, events: Sequence[Event]) -> Scene:
-    """Return a copy of the scene with a box for every ``box`` event, parked below the floor.
+    """Return a copy of the scene with a box for every `box` event, parked below the floor.
 
     Args:
         scene: The scene; it is not modified.
@@ -138,7 +138,7 @@ class EventRunner:
         people: Callable[[], Sequence[Point]],
     ) -> None:
         self.event_log: list[dict[str, object]] = []
-        """The events so far: kind, time (s) and place (m); for ``kidnap`` also the robot's pose before."""
+        """The events so far: kind, time (s) and place (m); for `kidnap` also the robot's pose before."""
         self._world = world
         self._robot = robot
         self._radius = radius

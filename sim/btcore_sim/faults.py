@@ -1,4 +1,4 @@
-"""Simulated failures: with ``laser:20-25`` the laser fails from 20 s to 25 s of simulated time."""
+"""Simulated failures: with `laser:20-25` the laser fails from 20 s to 25 s of simulated time."""
 
 import math
 import re
@@ -45,10 +45,10 @@ class FaultSchedule:
 
 
 def parse_fault(text: str) -> Fault:
-    """Parse a fault of the option ``--fault``.
+    """Parse a fault of the option `--fault`.
 
     Args:
-        text: ``PART:START-END``, with the times in s. Without END the fault lasts until the end of the run.
+        text: `PART:START-END`, with the times in s. Without END the fault lasts until the end of the run.
 
     Raises:
         SimError: *text* has another form, an unknown part, or an end before its start.

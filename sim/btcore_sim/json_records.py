@@ -17,7 +17,7 @@ class JsonRecord(FieldReader):
     def __init__(self, data: dict[str, Any], where: str) -> None:
         super().__init__(data)
         self.where = where
-        """The file, and the path of this object in it: ``arena.json: objects[2]``."""
+        """The file, and the path of this object in it: `arena.json: objects[2]`."""
 
     def whole(self, key: str, default: int | None = None) -> int:
         """Return an integer of at least 1.
@@ -62,7 +62,7 @@ class JsonRecord(FieldReader):
         """Return a colour as red, green, blue and alpha (0–255).
 
         Args:
-            key: The field's name; its value is ``#rrggbb`` or ``#rrggbbaa``.
+            key: The field's name; its value is `#rrggbb` or `#rrggbbaa`.
             default: The value for a missing field.
 
         Raises:
@@ -142,7 +142,7 @@ def read_record(path: Path, content: str) -> JsonRecord:
 
     Args:
         path: The file.
-        content: The content of the file, for messages: ``a world`` or ``a robot``.
+        content: The content of the file, for messages: `a world` or `a robot`.
 
     Raises:
         SimError: The file does not exist, is unreadable, or does not contain a JSON object.

@@ -1,6 +1,6 @@
 """Forward kinematics of a robot from its description: frames of URDF links, sensors and fixed frames.
 
-The root is ``base_footprint``, on the floor below the base link. Wheels and casters have no frames, because
+The root is `base_footprint`, on the floor below the base link. Wheels and casters have no frames, because
 no sensor is mounted on them.
 """
 

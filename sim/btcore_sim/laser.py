@@ -70,10 +70,10 @@ class RayCaster:
             x: The x coordinate (m) of the rays' origin.
             y: The y coordinate (m) of the rays' origin.
             z: The height (m) of the rays.
-            angles: The rays' directions (rad), ascending, over at most one turn, shape ``(n,)``.
+            angles: The rays' directions (rad), ascending, over at most one turn, shape `(n,)`.
 
         Returns:
-            The lengths (m), shape ``(n,)``; inf for a ray that hits nothing, 0 for a ray that starts inside
+            The lengths (m), shape `(n,)`; inf for a ray that hits nothing, 0 for a ray that starts inside
             an object.
         """
         distances = np.full(len(angles), np.inf)
@@ -130,7 +130,7 @@ def _against_rounds(rounds: Floats, x: float, y: float, angles: Floats, distance
 def _pairs(start: Floats, width: Floats, angles: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the pairs of a ray (index of *angles*) and an object (index of *start*) that may intersect.
 
-    Seen from the laser, object k is in the sector that begins at ``start[k]`` (rad) and is ``width[k]`` (rad)
+    Seen from the laser, object k is in the sector that begins at `start[k]` (rad) and is `width[k]` (rad)
     wide.
     """
     begin = np.remainder(start - _MARGIN - angles[0], _TURN)
@@ -169,8 +169,8 @@ class MovableObstacles:
             x: The x coordinate (m) of the rays' origin in the world frame.
             y: The y coordinate (m) of the rays' origin.
             z: The height (m) of the rays, which are horizontal.
-            angles: The rays' directions in the world frame (rad), ascending, shape ``(rays,)``.
-            distances: The rays' lengths (m), shape ``(rays,)``; changed in place.
+            angles: The rays' directions in the world frame (rad), ascending, shape `(rays,)`.
+            distances: The rays' lengths (m), shape `(rays,)`; changed in place.
         """
         placed = []
         for body, thing in self._things.items():
@@ -266,7 +266,7 @@ class Laser:
             yaw: The laser's heading (rad).
 
         Returns:
-            The distances (m), shape ``(rays,)``; inf where a ray hits nothing.
+            The distances (m), shape `(rays,)`; inf where a ray hits nothing.
         """
         angles = self._angles + yaw
         distances = self._still.distances(x, y, z, angles)

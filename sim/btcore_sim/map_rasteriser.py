@@ -86,7 +86,7 @@ def draw(
 
     Args:
         thing: The object to draw.
-        cells: The cells, shape ``(rows, columns)``, row 0 at the origin's y; changed in place.
+        cells: The cells, shape `(rows, columns)`, row 0 at the origin's y; changed in place.
         origin: The lower left corner of the cells (m).
         resolution: The side length of a cell (m).
     """

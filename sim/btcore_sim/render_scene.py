@@ -36,7 +36,7 @@ _THICK = 0.01  # m: thickness of the floor
 
 
 def box_faces(size: Sequence[float]) -> Floats:
-    """Return the six faces of a box of full extent *size* (m) around the origin, shape ``(6, 4, 3)``."""
+    """Return the six faces of a box of full extent *size* (m) around the origin, shape `(6, 4, 3)`."""
     faces: Floats = np.array(_CUBE, dtype=np.float64) * (np.asarray(size, dtype=np.float64) / 2)
     return faces
 
@@ -49,7 +49,7 @@ def cylinder_faces(radius: float, length: float) -> Floats:
         length: The length along the z axis (m).
 
     Returns:
-        The corners of each face (x, y, z in m), shape ``(n, 4, 3)``.
+        The corners of each face (x, y, z in m), shape `(n, 4, 3)`.
     """
     around = np.linspace(0.0, 2 * math.pi, _SIDES + 1)
     x, y = radius * np.cos(around), radius * np.sin(around)
@@ -66,7 +66,7 @@ def cylinder_faces(radius: float, length: float) -> Floats:
 
 
 def sphere_faces(radius: float) -> Floats:
-    """Return the faces of a sphere of *radius* (m) around the origin, shape ``(n, 4, 3)``."""
+    """Return the faces of a sphere of *radius* (m) around the origin, shape `(n, 4, 3)`."""
     around = np.linspace(0.0, 2 * math.pi, _SIDES // 2 + 1)
     up = np.linspace(-math.pi / 2, math.pi / 2, _RINGS + 1)
 
@@ -83,10 +83,10 @@ def sphere_faces(radius: float) -> Floats:
 
 
 def shape_faces(kind: str, size: Sequence[float]) -> Floats:
-    """Return the faces of a shape around the origin, shape ``(n, 4, 3)``.
+    """Return the faces of a shape around the origin, shape `(n, 4, 3)`.
 
     Args:
-        kind: ``box``, ``cylinder`` or ``sphere``.
+        kind: `box`, `cylinder` or `sphere`.
         size: The sides of a box; diameter, diameter and height of a cylinder; or radius of a sphere (m).
     """
     if kind == "box":
@@ -110,10 +110,10 @@ class RenderScene:
         # The order of the faces in `now`.
         painted = [*still, *(entry[1:] for entry in self._moved), *(entry[1:] for entry in self._robot)]
         self.colors = np.concatenate([np.tile(color, (len(shape), 1)) for shape, color in painted])
-        """The colour (RGB, 0–255) of every face, shape ``(n, 3)``."""
+        """The colour (RGB, 0–255) of every face, shape `(n, 3)`."""
 
     def now(self) -> Floats:
-        """Return all faces in the world frame (m), shape ``(n, 4, 3)``; the robot's own faces come last."""
+        """Return all faces in the world frame (m), shape `(n, 4, 3)`; the robot's own faces come last."""
         faces = [self._still]
         for body, shape, _ in self._moved:
             place, turned = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._world.client)

@@ -42,15 +42,15 @@ class Renderer:
 
         Args:
             faces: The corners of the faces in the world frame (m), counter-clockwise seen from outside, shape
-                ``(n, 4, 3)``.
-            colors: The faces' colours (RGB, 0–255), shape ``(n, 3)``.
+                `(n, 4, 3)`.
+            colors: The faces' colours (RGB, 0–255), shape `(n, 3)`.
             eye: The camera's position in the world frame (m).
             axes: The camera's directions right, down and ahead in the world frame as columns, shape
-                ``(3, 3)``.
+                `(3, 3)`.
 
         Returns:
-            Colours, shape ``(height, width, 3)``, and depth (m, along the camera's axis), shape ``(height,
-            width)``, with +inf for the background.
+            Colours, shape `(height, width, 3)`, and depth (m, along the camera's axis), shape `(height,
+            width)`, with +inf for the background.
         """
         facts = self.facts
         seen, corners, normals = self._visible(faces, eye, axes)
@@ -117,13 +117,13 @@ def _spans(u: Floats, v: Floats, rows: Floats) -> tuple[Floats, Floats]:
 
 
 def _normals(corners: Floats) -> Floats:
-    """Return the outward normals of faces, shape ``(n, 3)``; their lengths are not 1.
+    """Return the outward normals of faces, shape `(n, 3)`; their lengths are not 1.
 
     A normal is computed from the diagonals of its face, because two corners of a face may coincide, so that
     an edge has no length.
 
     Args:
-        corners: The corners, counter-clockwise seen from outside, shape ``(n, 4, 3)``.
+        corners: The corners, counter-clockwise seen from outside, shape `(n, 4, 3)`.
     """
     normals: Floats = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     return normals

@@ -2,8 +2,8 @@
 
 tiago.json beside this file is an example. A description names the URDF (a path relative to the JSON file),
 the wheels, the base's limits and footprint, the laser, and optionally head, torso, camera and sonars. Sensors
-are mounted on a link of the URDF at a ``position`` (m) and face forward; a sonar may be turned by ``yaw``.
-``frames`` lists further frames, each fixed to a link or to another frame. Lengths are in metres, angles in
+are mounted on a link of the URDF at a `position` (m) and face forward; a sonar may be turned by `yaw`.
+`frames` lists further frames, each fixed to a link or to another frame. Lengths are in metres, angles in
 radians, frequencies in hertz.
 """
 
@@ -156,7 +156,7 @@ class RobotDescription:
 
 
 PERFECT = OdometryFacts(50.0, 0.0, 0.0, 0.0)
-"""The odometry of a robot whose description has no ``odometry``: 50 Hz, without errors."""
+"""The odometry of a robot whose description has no `odometry`: 50 Hz, without errors."""
 
 
 def load_description(path: Path = TIAGO) -> RobotDescription:

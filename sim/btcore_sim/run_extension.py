@@ -1,4 +1,4 @@
-"""The simulator's part of ``btcore run``: options, the robot that leaves use, and the report."""
+"""The simulator's part of `btcore run`: options, the robot that leaves use, and the report."""
 
 import math
 import sys
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def _option(name: str, metavar: str, help: str, **settings: Any) -> click.Option:
-    """Return the option ``--NAME``, whose help shows the default if *settings* have one."""
+    """Return the option `--NAME`, whose help shows the default if *settings* have one."""
     shown = "default" in settings
     return click.Option([f"--{name}"], metavar=metavar, help=help, show_default=shown, **settings)
 
@@ -192,10 +192,10 @@ class RobotExtension:
         """Do nothing: an interrupted run is reported like any other."""
 
     def report(self) -> dict[str, object]:
-        """Return ``{"robot": {"distance_m", "collisions", "grazes", "pose", …}}`` of a run that has ended.
+        """Return `{"robot": {"distance_m", "collisions", "grazes", "pose", …}}` of a run that has ended.
 
         `RunMetrics.figures` documents the other values. With people or events the report also contains
-        ``"events"``, a list of the events with time (s) and place (m).
+        `"events"`, a list of the events with time (s) and place (m).
         """
         return self._report
 

@@ -55,7 +55,7 @@ class KidnapRecovery:
         self._driven = driven
 
     def figures(self) -> dict[str, float | None]:
-        """Return the values of an entry of ``carried``; see `RunMetrics.figures`."""
+        """Return the values of an entry of `carried`; see `RunMetrics.figures`."""
         return {
             "t": self._began / NS_PER_S,
             "noticed_s": None if self._noticed is None else round(self._noticed, 3),
@@ -86,15 +86,15 @@ class RunMetrics:
     def figures(self) -> dict[str, object]:
         """Return the measures of the run, for its report.
 
-        ``battery_min`` (percent) and ``odometry_error_m`` are always present, the other values only with a
-        navigator. ``localization_error_m`` has ``median`` and ``max``, ``localization_yaw_error_rad`` has
-        ``max``; they are None without measurements. ``unlocalized_s`` is the time during which the navigator
-        had no pose estimate. ``waypoints_visited`` lists the names of the waypoints that the robot reached,
-        except ``recharge``. ``recharges`` and ``goals_failed`` are numbers.
+        `battery_min` (percent) and `odometry_error_m` are always present, the other values only with a
+        navigator. `localization_error_m` has `median` and `max`, `localization_yaw_error_rad` has
+        `max`; they are None without measurements. `unlocalized_s` is the time during which the navigator
+        had no pose estimate. `waypoints_visited` lists the names of the waypoints that the robot reached,
+        except `recharge`. `recharges` and `goals_failed` are numbers.
 
-        If the robot was carried to another place, ``carried`` has an entry for each time: ``t`` (s) is the
-        time at which it was carried, ``noticed_s`` the duration until the navigator noticed it, ``found_s``
-        the duration until the estimate was correct again, and ``astray_m`` the distance driven with a wrong
+        If the robot was carried to another place, `carried` has an entry for each time: `t` (s) is the
+        time at which it was carried, `noticed_s` the duration until the navigator noticed it, `found_s`
+        the duration until the estimate was correct again, and `astray_m` the distance driven with a wrong
         estimate. A duration is None if the event did not happen.
         """
         body = self._body

@@ -64,12 +64,12 @@ class Scenario:
 def with_start(scene: Scene, text: str, random: np.random.Generator, radius: float) -> Scene:
     """Return the scene with another start pose.
 
-    With ``random`` the start is a free place that is connected with all waypoints by ways of width
+    With `random` the start is a free place that is connected with all waypoints by ways of width
     `PASSAGE`, with a random heading; a world with its own rule for random starts keeps that rule.
 
     Args:
         scene: The world with its own rule for the start.
-        text: ``random``, ``X,Y`` (m) or ``X,Y,YAW`` (m, degrees).
+        text: `random`, `X,Y` (m) or `X,Y,YAW` (m, degrees).
         random: The source of the random pose.
         radius: The robot's radius (m).
 

@@ -1,18 +1,18 @@
 """Descriptions of worlds: walls and objects on a floor, and the start pose of the robot.
 
-A world is a JSON object. Lengths are in metres, angles in radians, colours ``#rrggbb``::
+A world is a JSON object. Lengths are in metres, angles in radians, colours `#rrggbb`:
 
     {"description": "an empty square of 6 m",
      "start": {"area": [-3, -3, 3, 3], "clearance": 1.0},
      "objects": [{"name": "crate", "kind": "box", "position": [1, 2], "size": [0.5, 0.5, 0.8], "yaw": 0.3}]}
 
-``position`` is the middle of the object's underside; z is optional and 0 by default. ``kind`` is ``box`` with
-``size``, ``cylinder`` with ``radius`` and ``height``, or ``table`` with ``size``, ``top`` and ``leg``: a
-board of thickness *top* on four square legs of width *leg*. A ``mass`` (kg) above 0 makes a box or a cylinder
-movable. ``start`` is either an ``area`` in which the pose is drawn at random, or a ``pose`` (x, y, yaw).
+`position` is the middle of the object's underside; z is optional and 0 by default. `kind` is `box` with
+`size`, `cylinder` with `radius` and `height`, or `table` with `size`, `top` and `leg`: a
+board of thickness *top* on four square legs of width *leg*. A `mass` (kg) above 0 makes a box or a cylinder
+movable. `start` is either an `area` in which the pose is drawn at random, or a `pose` (x, y, yaw).
 
-A world may also have ``waypoints`` (name → [x, y]), ``keepout``, a list of rectangles that robots must not
-enter although they may be empty, and ``physics_rate`` (Hz), the rate of the physics steps. An ``area`` and a
+A world may also have `waypoints` (name → [x, y]), `keepout`, a list of rectangles that robots must not
+enter although they may be empty, and `physics_rate` (Hz), the rate of the physics steps. An `area` and a
 rectangle consist of smallest x, smallest y, greatest x and greatest y.
 """
 

@@ -1,4 +1,4 @@
-"""Conversion of a world and a robot to messages of `btcore_scene`, in the frame ``map`` of the world."""
+"""Conversion of a world and a robot to messages of `btcore_scene`, in the frame `map` of the world."""
 
 import math
 from collections import Counter
@@ -69,7 +69,7 @@ def frames(world: World, model: PhysicsBody) -> list[Frame]:
         model: The robot's body.
 
     Returns:
-        The poses of links and objects in the frame ``map``. The pose of the laser is in the frame of the link
+        The poses of links and objects in the frame `map`. The pose of the laser is in the frame of the link
         on which it is mounted.
     """
     links = [Frame(name, "map", *model.link_place(link)) for name, link in model.links.items()]
@@ -92,7 +92,7 @@ def laser_data(laser: LaserInfo) -> Laser:
 
 
 def waypoint_data(world: World) -> list[Place]:
-    """Return the world's waypoints, except ``start``, because the robot is displayed there."""
+    """Return the world's waypoints, except `start`, because the robot is displayed there."""
     named = world.scene.waypoints.items()
     return [Place(name=name, position=(x, y, 0.0)) for name, (x, y) in named if name != "start"]
 

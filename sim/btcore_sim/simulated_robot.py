@@ -179,7 +179,7 @@ class SimulatedRobot(Robot):
         return self.description.torso.facts if self.description.torso else None
 
     def frames(self) -> list[TransformStamped]:
-        """Return the transforms of links and sensors below ``base_footprint``, from the joints' positions."""
+        """Return the transforms of links and sensors below `base_footprint`, from the joints' positions."""
         return self._kinematics.frames(self.model.joint_positions(self._joints), self.world.now())
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:

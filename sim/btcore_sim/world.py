@@ -236,7 +236,7 @@ def random_generator(seed: int, purpose: str) -> np.random.Generator:
 
     Args:
         seed: The seed of the run.
-        purpose: A name for the use of the numbers, for example ``laser``. Each purpose has its own numbers.
+        purpose: A name for the use of the numbers, for example `laser`. Each purpose has its own numbers.
     """
     # CRC-32, because hash() of a string differs between processes.
     return np.random.default_rng([seed, zlib.crc32(purpose.encode())])

@@ -24,8 +24,8 @@ class ConversionChanges:
     """Collects edits of the text of *document*, and diagnostics that describe them.
 
     Arguments always name attributes as in the original document, even after an attribute was renamed. The
-    codes of the diagnostics classify the changes. ``C1…``: another spelling with the same meaning. ``C2…``:
-    the tree behaves differently in format 4. ``C3…``: the user must make the change.
+    codes of the diagnostics classify the changes. `C1…`: another spelling with the same meaning. `C2…`:
+    the tree behaves differently in format 4. `C3…`: the user must make the change.
     """
 
     def __init__(self, document: Document, registry: Registry) -> None:

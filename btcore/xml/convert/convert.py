@@ -30,7 +30,7 @@ class Conversion(NamedTuple):
     Attributes:
         text: The converted text.
         changes: The changes, with their positions in the original document: another spelling with the same
-            meaning (codes ``C1…``), another meaning (``C2…``), and steps that the user must take (``C3…``).
+            meaning (codes `C1…`), another meaning (`C2…`), and steps that the user must take (`C3…`).
         remaining: Errors in *text* that the original document did not have.
     """
 
@@ -50,7 +50,7 @@ def convert(document: Document, registry: Registry) -> Conversion:
         registry: The registered nodes.
 
     Raises:
-        TreeError: The format is unknown, or the outermost element is not ``<root>``.
+        TreeError: The format is unknown, or the outermost element is not `<root>`.
     """
     root = document.root
     if root.tag != "root":

@@ -179,7 +179,7 @@ def _convert_check(changes: ConversionChanges, element: Element, id: str) -> boo
 
 
 def _comparison(given: Mapping[str, str], kind: ValueType) -> str | None:
-    """Return ``value_A == value_B`` as a script, or None if a script can't express it."""
+    """Return `value_A == value_B` as a script, or None if a script can't express it."""
     sides: list[str] = []
     for name in ("value_A", "value_B"):
         text = given.get(name)

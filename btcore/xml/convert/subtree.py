@@ -79,7 +79,7 @@ def _is_true(text: str) -> bool:
 
 
 def _convert_shared_blackboard(changes: ConversionChanges, element: Element) -> None:
-    """Replace a shared blackboard by ``_autoremap``, the closest equivalent in format 4."""
+    """Replace a shared blackboard by `_autoremap`, the closest equivalent in format 4."""
     changes.rename_attribute(element, "__shared_blackboard", "_autoremap")
     changes.set_attribute(element, "__shared_blackboard", "true")
     message = (
@@ -95,7 +95,7 @@ def _convert_shared_blackboard(changes: ConversionChanges, element: Element) -> 
 
 
 def _convert_remapping(changes: ConversionChanges, element: Element, name: str, text: str) -> None:
-    """Convert a remapping ``inner="outer"``, which has braces in format 4."""
+    """Convert a remapping `inner="outer"`, which has braces in format 4."""
     braced = _BRACED.match(text)
     if not is_port_name(name):
         _note_lost_connection(changes, element, name)

@@ -16,7 +16,7 @@ class DataflowAccess:
         node: Path of the subtree and name of the node.
         attribute: Name of the port or of the script attribute.
         key: Name of the entry in the blackboard of that subtree.
-        where: ``file:line`` of the node.
+        where: `file:line` of the node.
     """
 
     node: str

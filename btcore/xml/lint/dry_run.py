@@ -45,7 +45,7 @@ class EntryUse:
 
 
 class DryRun(TreeInstantiator):
-    """A dry run of one tree. Call :meth:`run` to fill the attributes.
+    """A dry run of one tree. Call `run` to fill the attributes.
 
     Attributes:
         uses: Every entry with the places that use it.

@@ -141,7 +141,7 @@ def _conversion_error(port: Port, text: str, format: int) -> ConversionError | N
 
 
 def intended_key(text: str) -> str:
-    """Return the key that *text* probably names if its braces are incomplete or have a ``$``, else ""."""
+    """Return the key that *text* probably names if its braces are incomplete or have a `$`, else ""."""
     match = _HALF_A_POINTER.fullmatch(text.strip(" "))
     return "" if match is None else match["open"] or match["closed"]
 
@@ -155,7 +155,7 @@ def _literal_type(node: NodePlan, port: Port) -> ValueType:
 
 
 def partly_read(text: str, kind: ValueType, format: int) -> Iterator[tuple[str, str, str]]:
-    """Yield the numbers in *text* that are read only in part, such as ``1,5``, which is read as ``1``.
+    """Yield the numbers in *text* that are read only in part, such as `1,5`, which is read as `1`.
 
     Args:
         text: The literal.

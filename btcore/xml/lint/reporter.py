@@ -51,10 +51,10 @@ class LintReporter:
 
 
 def node_label(node: NodePlan) -> str:
-    """Return the text that names *node* in messages, such as ``<Sleep>`` or ``<SubTree ID="Dock">``."""
+    """Return the text that names *node* in messages, such as `<Sleep>` or `<SubTree ID="Dock">`."""
     return f"<{node.id}>" if node.call is None else f'<SubTree ID="{node.call.tree}">'
 
 
 def line_of(document: Document, node: NodePlan) -> str:
-    """Return the line of *node* as text, such as ``line 4``."""
+    """Return the line of *node* as text, such as `line 4`."""
     return f"line {document.line(node.element)}"

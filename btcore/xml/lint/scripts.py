@@ -30,7 +30,7 @@ class AccessKind(enum.Enum):
     - READS and WRITES: the value is read or written.
     - READS_AS_KEY: the value is read, and is the name of another entry, which is written.
     - ASSIGNS: the value is written, and the entry must exist already.
-    - UPDATES: the value is read and written, for example by ``+=``, and the entry must exist already.
+    - UPDATES: the value is read and written, for example by `+=`, and the entry must exist already.
     - MENTIONS: the entry is named, but its value is neither read nor written.
     """
 

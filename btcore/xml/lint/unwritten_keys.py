@@ -90,7 +90,7 @@ def _warn_empty_script_entry(uses: Sequence[EntryUse], reporter: LintReporter, o
 
 
 def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_key: str) -> None:
-    """Warn about the first ``x = …`` if neither a ``:=`` nor a port creates the entry.
+    """Warn about the first `x = …` if neither a `:=` nor a port creates the entry.
 
     *root_key* is the key of the entry on the main tree's blackboard, or "" if it is not there.
     """
@@ -115,12 +115,12 @@ def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_k
 
 
 def _creates(use: EntryUse) -> bool:
-    """Return whether *use* creates the entry: it is a write, or a port whose text is ``{key}``."""
+    """Return whether *use* creates the entry: it is a write, or a port whose text is `{key}`."""
     return use.access is AccessKind.WRITES or is_declaration(use)
 
 
 def is_declaration(use: EntryUse) -> bool:
-    """Return whether *use* is a port whose text in the document, ``{key}``, creates the entry."""
+    """Return whether *use* is a port whose text in the document, `{key}`, creates the entry."""
     return use.port is not None and use.node.element.get(use.attribute) is not None and is_pointer(use)
 
 

@@ -64,7 +64,7 @@ def validate_document(
         document: The parsed document.
         nodes: The registered nodes.
         tree: ID of the tree to load; by default the document's main tree.
-        format: 3 or 4, overriding the document's ``BTCPP_format``.
+        format: 3 or 4, overriding the document's `BTCPP_format`.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
     analysis = analyse_document(document, nodes, tree, format)

@@ -53,7 +53,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
 
     Args:
         nodes: The registry to extend.
-        path: A palette exported by Groot, a project of Groot 2 (``.btproj``), or a file of trees with
+        path: A palette exported by Groot, a project of Groot 2 (`.btproj`), or a file of trees with
             their models.
         confined: Whether includes from outside of the file's folder are errors.
 
@@ -76,7 +76,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
 
 
 def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[str]:
-    """Register a stand-in for each unknown node that an explicit tag names, as ``<Action ID="Move"/>``.
+    """Register a stand-in for each unknown node that an explicit tag names, as `<Action ID="Move"/>`.
 
     The tag determines the node type. The attributes of all elements with this ID become its ports.
 
@@ -102,7 +102,7 @@ def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[s
 
 
 def _add_seen_ports(element: Element, ports: dict[str, Port], format: int) -> None:
-    """Add the attributes of *element* to *ports* as inputs, or as inouts if they hold a ``{key}``."""
+    """Add the attributes of *element* to *ports* as inputs, or as inouts if they hold a `{key}`."""
     for name, text in element.attributes.items():
         is_port = is_port_name(name) if format == 4 else not port_name_error(name, 3)
         if is_port and name not in SCRIPT_ATTRIBUTES:
@@ -145,7 +145,7 @@ def _add_models(nodes: Registry, document: Document) -> list[str]:
 
 
 def _metadata(model: Element) -> dict[str, str]:
-    """Return the metadata of a model: ``<MetadataFields><Metadata name="text"/></MetadataFields>``."""
+    """Return the metadata of a model: `<MetadataFields><Metadata name="text"/></MetadataFields>`."""
     metadata: dict[str, str] = {}
     for fields in model.iterchildren("MetadataFields"):
         for field in fields.iterchildren("Metadata"):

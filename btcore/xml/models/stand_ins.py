@@ -18,7 +18,7 @@ class StubPlans:
     """The planned results of stand-ins: *letters* maps the name or the ID of a node to its plan.
 
     The letters of a plan are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED). The plan of an action,
-    such as ``RRS|F``, has a segment for each start. Each tick uses the next letter of the segment; the last
+    such as `RRS|F`, has a segment for each start. Each tick uses the next letter of the segment; the last
     letter repeats. A condition uses one letter per tick. After the end of its plan, a node begins the plan
     again. A node without a plan returns SUCCESS.
     """
@@ -27,7 +27,7 @@ class StubPlans:
         self.letters = dict(letters or {})
 
     def plan_for(self, node: TreeNode) -> str:
-        """Return the plan for the name of *node*, else for its ID, else ``S``."""
+        """Return the plan for the name of *node*, else for its ID, else `S`."""
         return self.letters.get(node.name) or self.letters.get(node.id) or "S"
 
 

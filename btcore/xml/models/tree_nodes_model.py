@@ -105,7 +105,7 @@ def write_models(manifests: Iterable[Manifest], format: int = 4) -> str:
 
 
 def model_lines(manifests: Iterable[Manifest], format: int = 4) -> list[str]:
-    """Return the lines of a TreeNodesModel, indented as a child of ``<root>``.
+    """Return the lines of a TreeNodesModel, indented as a child of `<root>`.
 
     Args:
         manifests: The nodes.

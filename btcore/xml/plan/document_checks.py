@@ -56,7 +56,7 @@ def analyse_document(
         document: The parsed document.
         registry: The registered nodes.
         tree: ID of the tree to build; by default the document's main tree.
-        format: 3 or 4, overriding the document's ``BTCPP_format``.
+        format: 3 or 4, overriding the document's `BTCPP_format`.
         packages: Finds the share directory of a ROS package.
         libraries: Further documents, whose trees *document* may call without an include.
 

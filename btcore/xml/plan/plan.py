@@ -46,11 +46,11 @@ class SubtreeCall:
         remaps: For each remapped key of the called tree, the key in the calling tree.
         constants: For each key of the called tree that is set to a constant, the text of the constant.
         written: The text of each port: as written in the document, else the default in the subtree's model.
-        autoremap: Whether ``_autoremap``, or ``__autoremap`` of format 3, maps every inner key to the outer
+        autoremap: Whether `_autoremap`, or `__autoremap` of format 3, maps every inner key to the outer
             key of the same name.
         outer_constants: The keys of the constants that *autoremap* maps, too: they are written to the entries
             of the calling tree. All other constants stay in the inner blackboard.
-        shared: Whether both trees use one blackboard (``__shared_blackboard`` of format 3).
+        shared: Whether both trees use one blackboard (`__shared_blackboard` of format 3).
     """
 
     __slots__ = (
@@ -71,7 +71,7 @@ class SubtreeCall:
 class NodePlan:
     """One node of a tree definition.
 
-    *depth* counts from the ``<BehaviorTree>``, which has depth 0. *bindings* holds the ports that the
+    *depth* counts from the `<BehaviorTree>`, which has depth 0. *bindings* holds the ports that the
     document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
     that are neither ports nor scripts.
     """
@@ -254,7 +254,7 @@ class TreePlanner:
     def _other_attributes(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
         """Return the attributes in *others* to keep. *others* holds neither ports nor the name.
 
-        Scripts are stored in ``plan.scripts``. Attributes that are neither kept nor scripts are errors.
+        Scripts are stored in `plan.scripts`. Attributes that are neither kept nor scripts are errors.
         """
         dialect = self.dialect
         scripts: dict[str, str] = {}
@@ -301,7 +301,7 @@ class TreePlanner:
         return bound
 
     def _is_convertible(self, plan: NodePlan, bound: Binding) -> bool:
-        """Return whether the text is a ``{key}`` or converts to the port's type; otherwise add an error."""
+        """Return whether the text is a `{key}` or converts to the port's type; otherwise add an error."""
         port, text = bound.port, bound.text
         if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
             return True  # a key, possibly in the notation of the other format

@@ -30,12 +30,12 @@ _LEAVES = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
 
 
 def element_children(element: Element) -> list[Element]:
-    """Return the child elements of *element*, without the obsolete ``<Root>`` of Groot 1."""
+    """Return the child elements of *element*, without the obsolete `<Root>` of Groot 1."""
     return [child for child in element.children if child.tag != "Root"]
 
 
 def count_text(count: int) -> str:
-    """Return a number of children as text, such as ``2 children``."""
+    """Return a number of children as text, such as `2 children`."""
     return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
 
 
@@ -60,7 +60,7 @@ class StructureChecker:
         """Check all definitions.
 
         Returns:
-            The nodes of each definition in pre-order, beginning with its ``<BehaviorTree>``.
+            The nodes of each definition in pre-order, beginning with its `<BehaviorTree>`.
         """
         for document in self._definitions.documents:
             self._models(document)

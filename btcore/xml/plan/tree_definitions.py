@@ -18,7 +18,7 @@ from btcore.xml.read.element import EXAMPLE, Element
 
 
 class TreeDefinition(NamedTuple):
-    """A ``<BehaviorTree>`` element with its ID and its document."""
+    """A `<BehaviorTree>` element with its ID and its document."""
 
     id: str
     document: Document
@@ -32,7 +32,7 @@ def select_dialect(
 
     Args:
         documents: All documents, included documents first.
-        format: 3 or 4, overriding the document's ``BTCPP_format``.
+        format: 3 or 4, overriding the document's `BTCPP_format`.
         diagnostics: Collects an error if the format is unknown.
     """
     if format is not None:

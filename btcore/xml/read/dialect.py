@@ -33,7 +33,7 @@ class Dialect(NamedTuple):
     - *reserved*: attributes of a node that are never ports.
     - *free_underscore*: any other attribute whose name is not a valid port name is allowed and ignored.
     - *last_tree_wins*: the last of several trees with the same ID is used, otherwise the first.
-    - *explicit_by_id*: the type of a node such as ``<Action ID="…">`` comes from its ID, not from its tag.
+    - *explicit_by_id*: the type of a node such as `<Action ID="…">` comes from its ID, not from its tag.
     - *literals_checked*: a text that doesn't convert to the port's type is an error when the tree is loaded.
     - *controls_need_children*: control nodes that must have children if their ID is the tag (None = all).
     - *leaves_checked*: children of a leaf whose ID is the tag are an error.

@@ -1,6 +1,6 @@
 """Parse a file or a text into a document: its elements, with the position of each in the text.
 
-Invalid XML is reported with file, line and column. A ``<!DOCTYPE …>`` with content is an error.
+Invalid XML is reported with file, line and column. A `<!DOCTYPE …>` with content is an error.
 """
 
 import os
@@ -199,7 +199,7 @@ def parse_file(path: str | os.PathLike[str], *, confined: bool = False, included
         path: The XML file.
         confined: Whether includes from outside of the file's folder are errors.
         included: Whether the name of the file comes from another document. Then the error for a file that
-            does not contain a ``<root>`` doesn't quote the file.
+            does not contain a `<root>` doesn't quote the file.
 
     Raises:
         XmlSyntaxError: The file can't be read, is not UTF-8 or is not valid XML.

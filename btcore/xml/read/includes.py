@@ -1,4 +1,4 @@
-"""Resolve ``<include path="…" ros_pkg="…"/>``: read the included documents."""
+"""Resolve `<include path="…" ros_pkg="…"/>`: read the included documents."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path

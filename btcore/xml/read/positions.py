@@ -69,7 +69,7 @@ class LineIndex:
 
 
 def span_at(text: str, offset: int, width: int = 1) -> SourceSpan:
-    """Return the position of a single range of *text*, as :meth:`LineIndex.span` does."""
+    """Return the position of a single range of *text*, as `LineIndex.span` does."""
     return LineIndex(text).span(offset, width)
 
 

@@ -33,7 +33,7 @@ _OPAQUE: Final = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
 def iter_markup(text: str) -> Iterator[tuple[int, re.Match[str] | None]]:
     """Yield (offset, match) of every start tag, end tag and declaration; only start tags have a match.
 
-    Stops at the first ``<`` after which *text* is too malformed to recognise tags.
+    Stops at the first `<` after which *text* is too malformed to recognise tags.
     """
     at = text.find("<")
     while at >= 0:
@@ -65,12 +65,12 @@ def iter_start_tags(text: str) -> Iterator[re.Match[str]]:
 
 
 def iter_attributes(tag: re.Match[str]) -> Iterator[re.Match[str]]:
-    """Return the matches of :data:`ATTRIBUTE` for the attributes of a start tag."""
+    """Return the matches of `ATTRIBUTE` for the attributes of a start tag."""
     return ATTRIBUTE.finditer(tag.string, *tag.span(2))
 
 
 def find_attribute(tag: re.Match[str], name: str) -> re.Match[str] | None:
-    """Return the match of :data:`ATTRIBUTE` for the attribute *name* of a start tag, or None."""
+    """Return the match of `ATTRIBUTE` for the attribute *name* of a start tag, or None."""
     return next((attribute for attribute in iter_attributes(tag) if attribute[1] == name), None)
 
 

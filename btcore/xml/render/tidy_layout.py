@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True, eq=False)
 class LayoutBox:
-    """A box with its size, its children, and (after :func:`layout_tree`) its position, in px.
+    """A box with its size, its children, and (after `layout_tree`) its position, in px.
 
     *breadth* and *depth* are sizes. *middle* is its centre along the breadth, *top* its start along the
     depth. *frame* is (min breadth, min depth, max breadth, max depth) of the frame around its descendants.

@@ -19,8 +19,8 @@ class DiagramNode:
         id: ID of the node.
         name: Name of the node.
         type: Kind of the node.
-        ports: The ports that the document sets, as (name, text, direction), such as ``("goal", "{g}",
-            "input")``; the direction of a script is "script", of a port of a SubTree "".
+        ports: The ports that the document sets, as (name, text, direction), such as `("goal", "{g}",
+            "input")`; the direction of a script is "script", of a port of a SubTree "".
         scripts: Pre- and post-conditions, by attribute.
         about: Description of the node.
         tree: For a SubTree node, the ID of the called tree, whose root is the only child.

@@ -15,12 +15,12 @@ _STEP = "    "
 def tree_to_xml(tree: Tree, metadata: bool = True, builtin_models: bool = True) -> str:
     """Return a tree as XML, as WriteTreeToXML in BehaviorTree.CPP's src/xml_parsing.cpp writes it.
 
-    Every instance of a subtree becomes a separate ``<BehaviorTree>``, in order of creation, with its path
-    as ``_fullpath``. Every node has the compact form, with the texts of its ports including defaults.
+    Every instance of a subtree becomes a separate `<BehaviorTree>`, in order of creation, with its path
+    as `_fullpath`. Every node has the compact form, with the texts of its ports including defaults.
 
     Args:
         tree: The tree.
-        metadata: Whether to write the ``_uid`` of each node and the ``_fullpath`` of each SubTree.
+        metadata: Whether to write the `_uid` of each node and the `_fullpath` of each SubTree.
         builtin_models: Whether the TreeNodesModel includes the built-in nodes.
     """
     instances = {subtree.path: subtree for subtree in tree.subtrees}

@@ -1,1 +1,1 @@
-"""The commands that the monitor adds to ``btcore``: monitor, hook, record and replay."""
+"""The commands that the monitor adds to `btcore`: monitor, hook, record and replay."""

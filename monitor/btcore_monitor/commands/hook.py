@@ -1,4 +1,4 @@
-"""``btcore hook``: breakpoints and injected statuses in a running robot, from the terminal."""
+"""`btcore hook`: breakpoints and injected statuses in a running robot, from the terminal."""
 
 import contextlib
 import sys

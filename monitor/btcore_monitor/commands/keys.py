@@ -1,4 +1,4 @@
-"""``btcore keys``: create a key pair for encrypted and authenticated connections."""
+"""`btcore keys`: create a key pair for encrypted and authenticated connections."""
 
 from pathlib import Path
 

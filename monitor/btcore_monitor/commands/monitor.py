@@ -1,4 +1,4 @@
-"""``btcore monitor``: watch a robot live, record it, or take a screenshot."""
+"""`btcore monitor`: watch a robot live, record it, or take a screenshot."""
 
 import contextlib
 import threading
@@ -217,7 +217,7 @@ def _watch(
 
 
 def _label(feed: "Feed") -> str:
-    """Return the label of a robot: ``port PORT`` on this machine, otherwise ``HOST`` or ``HOST PORT``."""
+    """Return the label of a robot: `port PORT` on this machine, otherwise `HOST` or `HOST PORT`."""
     from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
     host, port = feed.address.host, feed.address.port

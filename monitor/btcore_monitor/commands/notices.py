@@ -1,4 +1,4 @@
-"""The lines that the commands ``monitor`` and ``record`` print about the events of a robot."""
+"""The lines that the commands `monitor` and `record` print about the events of a robot."""
 
 from btcore_monitor.events import ConnectionChanged, DataMissed, Event, HooksFound, TransitionsLost
 

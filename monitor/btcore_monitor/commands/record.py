@@ -1,4 +1,4 @@
-"""``btcore record``: connect to a running robot and write its data into files."""
+"""`btcore record`: connect to a running robot and write its data into files."""
 
 import contextlib
 import threading

@@ -1,4 +1,4 @@
-"""``btcore replay``: show a log file in the viewer, or print its transitions as text."""
+"""`btcore replay`: show a log file in the viewer, or print its transitions as text."""
 
 import uuid
 from collections.abc import Iterator, Sequence

@@ -51,7 +51,7 @@ def captions(tree: ObservedTree, whole: ObservedTree, noted: bool) -> Mapping[in
 
 
 def ports(node: ObservedNode) -> str:
-    """Return the ports of *node* as in the XML: ``port="text"``, separated by spaces."""
+    """Return the ports of *node* as in the XML: `port="text"`, separated by spaces."""
     return "  ".join(f'{port}="{text}"' for port, text in node.ports.items())
 
 
@@ -104,7 +104,7 @@ def _note(node: ObservedNode, whole: ObservedTree) -> str:
 
 
 def _folded(node: ObservedNode, whole: ObservedTree) -> str:
-    """Return the number of nodes that are folded into *node* as text, such as `` +12``."""
+    """Return the number of nodes that are folded into *node* as text, such as ` +12`."""
     if node.children or not whole.by_uid[node.uid].children:
         return ""
     count, waiting = 0, list(whole.by_uid[node.uid].children)

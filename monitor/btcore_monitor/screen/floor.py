@@ -32,7 +32,7 @@ def _mixed(low: Sequence[int], high: Sequence[int], count: int) -> Rgba:
 
 
 def _occupancy_colours() -> Rgba:
-    """Return the colours of the cell values, shape ``(256, 4)``: 0 free … 100 occupied, 255 unknown."""
+    """Return the colours of the cell values, shape `(256, 4)`: 0 free … 100 occupied, 255 unknown."""
     # Unknown cells (-1, read as 255) stay transparent.
     colours = np.zeros((256, 4), dtype=np.uint8)
     colours[:101] = _mixed((52, 66, 88, 150), (150, 174, 210, 255), 101)
@@ -40,7 +40,7 @@ def _occupancy_colours() -> Rgba:
 
 
 def _cost_colours() -> Rgba:
-    """Return the colours of Nav2's costs, as in RViz, shape ``(256, 4)``.
+    """Return the colours of Nav2's costs, as in RViz, shape `(256, 4)`.
 
     Costs from 1 to 252 are blue to red. 253 (the robot's centre must not be there) is cyan, and 254 (an
     obstacle) is magenta.
@@ -109,7 +109,7 @@ class Floor:
 
 
 def image(grid: Grid) -> Rgba:
-    """Return the colours of a grid's cells, the highest row first, shape ``(rows, columns, 4)``."""
+    """Return the colours of a grid's cells, the highest row first, shape `(rows, columns, 4)`."""
     width, height = grid.size
     cells = np.frombuffer(grid.cells, dtype=np.uint8).reshape(height, width)
     # The first row of a grid is the lowest, the first row of an image is the highest.

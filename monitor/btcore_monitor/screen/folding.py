@@ -92,7 +92,7 @@ def _unfold_controls(tree: ObservedTree, visible: set[int], most: int) -> None:
 class FoldedTreeView:
     """The drawing of a folded tree with the statuses of its nodes.
 
-    The methods and the parameters are the same as in :class:`~btcore_monitor.screen.tree.TreeView`.
+    The methods and the parameters are the same as in `TreeView`.
     """
 
     origin = FOLDED

@@ -3,12 +3,12 @@
 rerun's labels keep their size on the screen at any zoom, so names in the tree are drawn as line strips. The
 letters are made for this project from lines and elliptical arcs, on a grid where a capital is 20 units high,
 a small letter 14, and a descender reaches to -6. (The Hershey fonts were considered; the package that
-contains them has not been maintained since 2021 and installs a top-level package called ``tests``.)
+contains them has not been maintained since 2021 and installs a top-level package called `tests`.)
 
-The viewer's own fonts, for its panels, have more letters; :func:`legible` replaces what these fonts lack.
+The viewer's own fonts, for its panels, have more letters; `legible` replaces what these fonts lack.
 
-A glyph is written as ``width strokes``. Strokes are separated by ``/``, and a stroke is a sequence of points
-``x,y`` and arcs ``cx,cy,rx,ry,from,to`` (degrees, counter-clockwise if *to* is larger); y points up. A line
+A glyph is written as `width strokes`. Strokes are separated by `/`, and a stroke is a sequence of points
+`x,y` and arcs `cx,cy,rx,ry,from,to` (degrees, counter-clockwise if *to* is larger); y points up. A line
 of font.txt is a character, a space, and its glyph.
 """
 
@@ -144,7 +144,7 @@ def placed(strokes: Iterable[Iterable[Point]], x: float, y: float, scale: float)
 def legible(text: str) -> str:
     """Return *text* with the characters replaced that the viewer's fonts lack.
 
-    White space becomes a space, a combining mark is omitted, and every other character becomes ``□``.
+    White space becomes a space, a combining mark is omitted, and every other character becomes `□`.
     """
     if _LACKING.search(text) is None:
         return text
@@ -154,7 +154,7 @@ def legible(text: str) -> str:
 def spell(text: str) -> str:
     """Return *text* with the hexadecimal numbers of the characters that the viewer's fonts lack.
 
-    Unlike :func:`legible`, different texts stay different: ``"左"`` becomes ``u5de6``.
+    Unlike `legible`, different texts stay different: `"左"` becomes `u5de6`.
     """
     return _LACKING.sub(lambda found: f"u{ord(found.group()):x}", text)
 

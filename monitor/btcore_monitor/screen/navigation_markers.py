@@ -32,7 +32,7 @@ Strips = list[NDArray[np.float32]]
 class PoseStyle:
     """The style of one kind of poses: *colour*, and *radius* of the lines (m; negative values are pixels).
 
-    *strips* returns the lines for poses (x, y, yaw; shape ``(n, 3)``) and the robot's radius (m).
+    *strips* returns the lines for poses (x, y, yaw; shape `(n, 3)`) and the robot's radius (m).
     """
 
     colour: int

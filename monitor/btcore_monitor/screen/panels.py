@@ -83,7 +83,7 @@ class TransitionLog:
         self._numbers: Series[StatusChanged] = rows.series(f"{LOG}/numbers", _numbers)
 
     def change(self, event: StatusChanged) -> None:
-        """Log a transition as a line ``#number  name  PREVIOUS → STATUS``, and as numbers."""
+        """Log a transition as a line `#number  name  PREVIOUS → STATUS`, and as numbers."""
         line = (
             f"#{event.number:<6d} {self._names.get(event.uid, '?' * self._width)} "
             f"{STATUS_NAMES[event.previous]:>7} → {STATUS_NAMES[event.status]}"

@@ -49,14 +49,14 @@ SEND_EVERY: Final = 0.2
 class RobotView:
     """The view of a robot.
 
-    Call :meth:`show` for each event in order, :meth:`flush` while no events arrive, and :meth:`close` at the
+    Call `show` for each event in order, `flush` while no events arrive, and `close` at the
     end. A tree with a new id begins a new recording, so that a restarted robot does not overwrite the old
     data.
 
     Args:
         sinks: The destinations of the recordings, or the robot's part of a window with several robots.
         palette: The colours.
-        find: Patterns such as ``Dock*``. Nodes whose name or path matches are highlighted and have lanes.
+        find: Patterns such as `Dock*`. Nodes whose name or path matches are highlighted and have lanes.
         level: The lowest level of the log's lines (a member of LEVELS).
     """
 

@@ -44,7 +44,7 @@ def screenshot(
     """Write a picture of a recording.
 
     Args:
-        recording: The recording (``.rrd``).
+        recording: The recording (`.rrd`).
         picture: The PNG file to write.
         t: Tree time (s), or None for the last tick: after it, a run halts its tree. In a recording of several
             robots, the time since its beginning.
@@ -112,7 +112,7 @@ def _set_time(client: "ViewerClient", t: float | None, recording: Path) -> None:
 
 @contextlib.contextmanager
 def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
-    """Run a viewer without a window until the end of the ``with`` block."""
+    """Run a viewer without a window until the end of the `with` block."""
     from rerun.experimental import ViewerClient
 
     window = f"--window-size={size[0]}x{size[1] + _TOP_BAR}"

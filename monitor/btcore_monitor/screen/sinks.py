@@ -67,8 +67,8 @@ class ViewerWindow:
 class RecordingSinks:
     """The destinations of recordings.
 
-    *save* is an ``.rrd`` file; a robot's second tree goes to ``NAME.2.rrd``, and so on. *window* is a window
-    from :func:`open_window`, and *relay* the address of a relay for browsers from :func:`serve_web`.
+    *save* is an `.rrd` file; a robot's second tree goes to `NAME.2.rrd`, and so on. *window* is a window
+    from `open_window`, and *relay* the address of a relay for browsers from `serve_web`.
     """
 
     save: Path | None = None
@@ -159,7 +159,7 @@ def open_window(
     """Start the viewer, or use a viewer that runs already. The viewer stays open when this process ends.
 
     Args:
-        memory_limit: The maximum memory of the viewer, such as ``2GB`` or ``25%``.
+        memory_limit: The maximum memory of the viewer, such as `2GB` or `25%`.
         port: The viewer's preferred port; another port is used if another program has it.
         files: Recordings to open.
         verbose: Whether rerun prints its log lines.
@@ -218,7 +218,7 @@ def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "
     Args:
         web_port: The port of the page.
         grpc_port: The preferred port of the relay for recordings; another port is used if it is taken.
-        memory_limit: The maximum memory of the relay, such as ``2GB`` or ``25%``.
+        memory_limit: The maximum memory of the relay, such as `2GB` or `25%`.
 
     Raises:
         ScreenError: The page cannot be served on *web_port*.

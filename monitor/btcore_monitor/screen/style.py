@@ -19,7 +19,7 @@ PATH_STROKE: Final = 2.6
 FRAME_STROKE: Final = 1.1
 RING: Final = 6.0
 HALO: Final = 7.0
-"""Width of the ring around a node that raised, and of the halo around a node that ``--find`` found."""
+"""Width of the ring around a node that raised, and of the halo around a node that `--find` found."""
 NAME_ROOM: Final = 30
 """Characters of a name in a pill; the complete name is in the hover label."""
 NOTE_ROOM: Final = 30
@@ -105,4 +105,4 @@ The colours also differ in lightness, so that they are distinct in a greyscale p
 """
 
 PALETTES: Final[Mapping[str, Palette]] = {"groot": GROOT, "colour-blind": COLOUR_BLIND}
-"""Palettes by their names for ``--palette``."""
+"""Palettes by their names for `--palette`."""

@@ -1,6 +1,6 @@
 """The drawing of a subtree. It has its own entity: hiding the entity in the viewer hides the subtree.
 
-The entities are nested like the nodes. Below ``tree`` are the parts of the drawing (``pills``, ``rims``, …)
+The entities are nested like the nodes. Below `tree` are the parts of the drawing (`pills`, `rims`, …)
 and an entity for each node, by its path. The content of a subtree is below the entity of its SubTree node.
 """
 

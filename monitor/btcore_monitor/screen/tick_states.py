@@ -27,7 +27,7 @@ States = NDArray[np.uint8]
 class TickStates:
     """The states of a tree's nodes, by their index in the tree.
 
-    *shown* has each node's stored status, or ``RESET_OFFSET + result`` if the node ended and was reset within
+    *shown* has each node's stored status, or `RESET_OFFSET + result` if the node ended and was reset within
     the tick. *results* has each node's last result (0 for none). *t* and *wall* (ns) are the times of the
     last change, and *began* the times of the first statuses.
     """

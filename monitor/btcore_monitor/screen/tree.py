@@ -302,9 +302,9 @@ def leaves(nodes: Sequence[ObservedNode]) -> list[ObservedNode]:
 
 
 def matching(tree: ObservedTree, pattern: str) -> list[int]:
-    """Return the uids of the nodes whose name, ID or path matches *pattern* (``*``, ``?``), ignoring case.
+    """Return the uids of the nodes whose name, ID or path matches *pattern* (`*`, `?`), ignoring case.
 
-    A pattern without ``*``, ``?`` and ``[`` matches every name, ID or path that contains it.
+    A pattern without `*`, `?` and `[` matches every name, ID or path that contains it.
     """
     # Not fnmatch(), which ignores case on Windows only.
     wanted = pattern.casefold()

@@ -1,7 +1,7 @@
 """The process of rerun's viewer. All its ports are on 127.0.0.1, and it prints nothing unless it is asked to.
 
 rerun reports usage statistics unless the user has disabled them. btcore's viewer reports them only if the
-user has enabled them explicitly, with rerun's environment variable ``FORCE_RERUN_ANALYTICS``.
+user has enabled them explicitly, with rerun's environment variable `FORCE_RERUN_ANALYTICS`.
 """
 
 import contextlib
@@ -177,7 +177,7 @@ def free_port(wanted: int = 0) -> int:
 def viewer_program() -> Path:
     """Return the path of the viewer's executable.
 
-    This is not ``bin/rerun``: that wrapper leaves the viewer running when the wrapper is terminated.
+    This is not `bin/rerun`: that wrapper leaves the viewer running when the wrapper is terminated.
 
     Raises:
         ScreenError: The viewer is not installed.

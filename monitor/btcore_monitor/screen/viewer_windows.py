@@ -30,7 +30,7 @@ _BESIDE: Final = 3
 class SingleRobotWindow:
     """A recording for each tree, so that a restarted robot does not overwrite earlier data.
 
-    It has the same methods as a :class:`SharedWindowSlot`.
+    It has the same methods as a `SharedWindowSlot`.
     """
 
     label = ""

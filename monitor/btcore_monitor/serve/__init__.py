@@ -37,7 +37,7 @@ def serve(
 ) -> Publisher:
     """Publish *tree* from a separate thread until the returned publisher is closed.
 
-    The publisher is a context manager: ``with serve(tree): tree.tick_while_running()``. The tree waits for a
+    The publisher is a context manager: `with serve(tree): tree.tick_while_running()`. The tree waits for a
     client only at a breakpoint, which *allow_control* permits.
 
     Without *keys*, every program that reaches the ports can watch the tree. A *bind* to another interface
@@ -49,9 +49,9 @@ def serve(
             notifications and for the scene channel, which btcore's monitor prefers. None or 0 chooses free
             ports; see `Publisher.port` and `Publisher.address`. With *groot1*, Groot 2 is served only if
             this is a port number.
-        bind: The interface (``*``: all interfaces).
+        bind: The interface (`*`: all interfaces).
         scene: Whether to publish the scene channel.
-        resources: Objects of the robot. Those with ``scene_static`` and ``scene_moving`` are shown in 3D.
+        resources: Objects of the robot. Those with `scene_static` and `scene_moving` are shown in 3D.
         grace: Maximum time in s (wall clock) that closing waits for clients that still read.
         groot1: The port for Groot 1's updates: usually 1666, or 2666 if Groot 2 is served too. 0 chooses a
             free port; see `Publisher.groot1`. The next port answers requests. Without Groot 2, the scene

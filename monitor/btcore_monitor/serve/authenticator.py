@@ -17,7 +17,7 @@ _FRAMES: Final = 7
 
 
 class Authenticator:
-    """Replies to the requests that arrive at :attr:`socket`. Use it from one thread at a time.
+    """Replies to the requests that arrive at `socket`. Use it from one thread at a time.
 
     Args:
         context: The ZeroMQ context of the sockets with keys.

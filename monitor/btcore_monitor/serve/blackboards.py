@@ -17,7 +17,7 @@ from btcore_monitor.errors import MonitorError
 from btcore_monitor.wire.msgpack_values import Boards, to_portable
 
 ROOT: Final = "ROOT"
-"""The name under which a reply also contains the outermost blackboard (``groot2_publisher.cpp``)."""
+"""The name under which a reply also contains the outermost blackboard (`groot2_publisher.cpp`)."""
 
 _ATTEMPTS: Final = 20
 """Maximum attempts to read a container that another thread changes at the same time."""
@@ -81,14 +81,14 @@ class BlackboardTracker:
     def for_groot(self, names: list[str], boards: Boards) -> dict[str, Mapping[str, Any] | None]:
         """Return the content of a BLACKBOARD reply. Any thread may call this method.
 
-        The result also contains the outermost blackboard as ``ROOT`` if any other blackboard is requested.
+        The result also contains the outermost blackboard as `ROOT` if any other blackboard is requested.
 
         Args:
             names: The requested names. Unknown names are left out.
             boards: The values by the blackboard's path and by key.
 
         Raises:
-            ReservedNameError: The result contains ``ROOT``, and a requested subtree has that name.
+            ReservedNameError: The result contains `ROOT`, and a requested subtree has that name.
         """
         reply: dict[str, Mapping[str, Any] | None] = {}
         nested = False

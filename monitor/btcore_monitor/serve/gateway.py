@@ -38,7 +38,7 @@ _log = logging.getLogger("monitor")
 
 
 class Gateway:
-    """Connects TCP ports to sockets of ZeroMQ. Call :meth:`add` for each port, then :meth:`start`."""
+    """Connects TCP ports to sockets of ZeroMQ. Call `add` for each port, then `start`."""
 
     def __init__(self) -> None:
         folder = "/tmp" if len(tempfile.gettempdir()) > _PATH_AT_MOST else None

@@ -6,7 +6,7 @@ libzmq, in a process of its own: checking hostile bytes neither takes the interp
 its priority. Bytes are forwarded unchanged. A client that exceeds a limit is disconnected before libzmq
 receives the frame.
 
-The process imports only the standard library, so that it starts fast (``python -I -S gateway_process.py``).
+The process imports only the standard library, so that it starts fast (`python -I -S gateway_process.py`).
 It ends when the robot's process writes to the socket at its standard input, or ends.
 """
 
@@ -574,7 +574,7 @@ class Forwarder:
 
 
 def _connected(path: str) -> socket.socket:
-    """Return a connection to *path*, a path of a Unix socket or ``tcp://address:port``."""
+    """Return a connection to *path*, a path of a Unix socket or `tcp://address:port`."""
     if path.startswith("tcp://"):
         host, _, port = path.removeprefix("tcp://").rpartition(":")
         server = socket.create_connection((host, int(port)), GREETING)
@@ -588,7 +588,7 @@ def _connected(path: str) -> socket.socket:
 
 
 def _received(source: socket.socket) -> bytes | None:
-    """Return the bytes that wait, or None if there are none; ``b""`` is the end."""
+    """Return the bytes that wait, or None if there are none; `b""` is the end."""
     try:
         return source.recv(_READ)
     except (BlockingIOError, InterruptedError):

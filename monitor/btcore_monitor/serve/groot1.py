@@ -108,7 +108,7 @@ class Groot1Server:
     def answer(self) -> bytes:
         """Return the tree with its nodes' current statuses, the reply to every request.
 
-        BehaviorTree.CPP 3 replies with the statuses at the start: its ``bt_zmq_publisher.cpp`` encodes the
+        BehaviorTree.CPP 3 replies with the statuses at the start: its `bt_zmq_publisher.cpp` encodes the
         tree once. Groot 1 shows these statuses until the first update.
         """
         return bytes(self._tree)
@@ -149,7 +149,7 @@ def _port(port: Port) -> WirePort:
 
 
 class Groot1Sockets:
-    """The sockets of a :class:`Groot1Server`: *updates* and *requests*."""
+    """The sockets of a `Groot1Server`: *updates* and *requests*."""
 
     def __init__(self, context: "zmq.Context[Socket]") -> None:
         self.updates = context.socket(zmq.PUB)

@@ -39,7 +39,7 @@ class History:
         self._used = dict.fromkeys(LANE_ROOM, 0)
 
     def add(self, kind: str, data: bytes) -> None:
-        """Add the encoded message number ``latest + 1``. Old messages of a full lane are removed.
+        """Add the encoded message number `latest + 1`. Old messages of a full lane are removed.
 
         Args:
             kind: The message's kind, which selects the lane.

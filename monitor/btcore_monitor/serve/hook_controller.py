@@ -2,7 +2,7 @@
 
 A client that stops a robot must stay connected. After some time without any request of a client that inserted
 a hook or released a breakpoint, the hooks are disabled, and a tick that waits at a breakpoint continues. The
-timeout is the same as in BehaviorTree.CPP (``Groot2Publisher::heartbeatLoop``). There, the next request of
+timeout is the same as in BehaviorTree.CPP (`Groot2Publisher::heartbeatLoop`). There, the next request of
 any client enables the hooks again, so that a client that only watches can stop the robot. Here, the hooks
 stay disabled until a client inserts them again.
 """
@@ -40,7 +40,7 @@ class RequestRejectedError(MonitorError):
 
 
 class HookController:
-    """Sets the hooks of one tree. Only the publisher's thread may use it, except for :meth:`close`.
+    """Sets the hooks of one tree. Only the publisher's thread may use it, except for `close`.
 
     Args:
         tree: The tree to control.
@@ -93,12 +93,12 @@ class HookController:
 
         Args:
             client: The client's connection.
-            kind: The kind of request, a member of :data:`~btcore_monitor.wire.groot2.HOOKS`.
+            kind: The kind of request, a member of `HOOKS`.
             body: The request's second frame.
 
         Raises:
             RequestRejectedError: Hooks are disabled, or there is no such hook.
-            JsonError: *body* is invalid (:class:`~btcore_monitor.wire.nlohmann_json.JsonError`).
+            JsonError: *body* is invalid (`JsonError`).
         """
         with self._lock:
             if self._closed:

@@ -44,7 +44,7 @@ _log = logging.getLogger("monitor")
 
 
 class Publisher(Closeable):
-    """Publishes a tree until closed; a context manager. Created by :func:`btcore_monitor.serve.serve`."""
+    """Publishes a tree until closed; a context manager. Created by `btcore_monitor.serve.serve`."""
 
     def __init__(
         self,
@@ -172,7 +172,7 @@ class Publisher(Closeable):
     def _bind_watch_ports(
         self, port: int | None, groot1: int | None, first: int, host: str
     ) -> tuple[int, int | None]:
-        """Bind the ports for clients without keys, and return them as :meth:`_bind` does.
+        """Bind the ports for clients without keys, and return them as `_bind` does.
 
         Args:
             port: The first port for Groot 2 with keys.

@@ -1,6 +1,6 @@
 """The tick thread's part of publishing: it only appends items to a queue.
 
-There is no lock, no socket and no serialization here: appending to a ``deque`` is atomic under the
+There is no lock, no socket and no serialization here: appending to a `deque` is atomic under the
 interpreter's lock. The queue is bounded. If the publisher is too slow, no new scenes and blackboards are
 queued. If the queue is full, the oldest items are dropped; clients notice dropped transitions by a gap in
 their numbers.
@@ -130,7 +130,7 @@ class QueueingObserver(Observer):
         self.big_taken = 0
         """The total weight of the scenes and blackboards that the publisher's thread took.
 
-        Only that thread writes it, and only the tick thread writes ``_big_put``, so that no lock is needed.
+        Only that thread writes it, and only the tick thread writes `_big_put`, so that no lock is needed.
         """
         self._big_put = 0
         self.ended_at = 0

@@ -21,7 +21,7 @@ Further requests wait on the client's side. Further replies to a client that doe
 
 
 class RequestSocket:
-    """Receives requests at :attr:`socket`, which the caller binds. Use it from one thread at a time.
+    """Receives requests at `socket`, which the caller binds. Use it from one thread at a time.
 
     Args:
         context: The ZeroMQ context.
@@ -52,9 +52,9 @@ class RequestSocket:
 
     @property
     def client(self) -> bytes:
-        """The connection of the last request that :meth:`take` returned."""
+        """The connection of the last request that `take` returned."""
         return self._envelope[0]
 
     def answer(self, frames: Sequence[bytes]) -> None:
-        """Send *frames* as the reply to the last request that :meth:`take` returned."""
+        """Send *frames* as the reply to the last request that `take` returned."""
         self.socket.send_multipart([*self._envelope, *frames], zmq.DONTWAIT)

@@ -65,7 +65,7 @@ def bind_in_a_row(
     Args:
         gateway: The gateway, which accepts the connections.
         sockets: The sockets, in the order of their ports; None leaves out a port.
-        host: The address of the interface (``*``: all interfaces).
+        host: The address of the interface (`*`: all interfaces).
         port: The first port; 0 chooses free ports.
         count: The number of ports in the range, for error messages and free ports.
         option: The command line's option for the port, for error messages.
@@ -129,7 +129,7 @@ def _listen(
 
 
 def _interface_address(host: str) -> str:
-    """Return the IPv4 address of *host*: an address, the name of an interface, or ``*``."""
+    """Return the IPv4 address of *host*: an address, the name of an interface, or `*`."""
     if host == "*":
         return "0.0.0.0"
     with contextlib.suppress(OSError):

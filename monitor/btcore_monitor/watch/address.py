@@ -1,7 +1,7 @@
-"""The address of a robot: ``tcp://robot.local:1667``, or a shorter form.
+"""The address of a robot: `tcp://robot.local:1667`, or a shorter form.
 
 A robot with Groot 1's protocol publishes updates one port below its port of requests: 1666 and 1667. The
-port of updates can follow the address: ``tcp://robot.local:1800/1700``.
+port of updates can follow the address: `tcp://robot.local:1800/1700`.
 """
 
 import re
@@ -40,9 +40,9 @@ class Address(NamedTuple):
 
 
 def parse_address(text: str) -> Address:
-    """Return the address in *text*: ``tcp://HOST:PORT``, ``HOST:PORT``, ``HOST``, ``:PORT`` or ``PORT``.
+    """Return the address in *text*: `tcp://HOST:PORT`, `HOST:PORT`, `HOST`, `:PORT` or `PORT`.
 
-    Each form may be followed by ``/PORT``, the port of Groot 1's updates. The host defaults to 127.0.0.1 and
+    Each form may be followed by `/PORT`, the port of Groot 1's updates. The host defaults to 127.0.0.1 and
     the port to 1667.
 
     Raises:

@@ -11,7 +11,7 @@ class BlackboardPoller:
     """Creates the requests for a robot's blackboards, *rate* times per second (0: never).
 
     A request asks for the blackboards of all subtrees. BehaviorTree.CPP rejects this request if a subtree is
-    named ``ROOT`` or if there are two outermost blackboards (``Groot2Publisher::generateBlackboardsDump``).
+    named `ROOT` or if there are two outermost blackboards (`Groot2Publisher::generateBlackboardsDump`).
     Then the poller requests each blackboard separately.
     """
 

@@ -48,7 +48,7 @@ SILENT_AFTER: Final = 3.0
 """Seconds (wall clock) without a heartbeat after which a btcore robot counts as lost."""
 
 ABANDONED_AFTER: Final = 60.0
-"""Seconds (wall clock) that ``events(until_end=True)`` waits for a robot that is away."""
+"""Seconds (wall clock) that `events(until_end=True)` waits for a robot that is away."""
 
 MAX_REPLY_TIMEOUT: Final = 8.0
 """Maximum seconds (wall clock) for a reply over a slow network."""
@@ -63,7 +63,7 @@ _LOOK_EVERY: Final = 0.05
 
 
 class Feed(Closeable):
-    """The events of a robot, in order. Use it from one thread, except :meth:`stop`.
+    """The events of a robot, in order. Use it from one thread, except `stop`.
 
     Args:
         address: The robot's address, as in `parse_address`.
@@ -73,10 +73,10 @@ class Feed(Closeable):
         keys: The keys of the client, if the robot requires keys.
 
     Raises:
-        AddressError: *address* is invalid (:class:`~btcore_monitor.watch.address.AddressError`).
+        AddressError: *address* is invalid (`AddressError`).
 
     Every method that returns events raises
-    :class:`~btcore_monitor.watch.handshakes.ConnectionRefusedByRobotError` if the robot refuses the keys.
+    `ConnectionRefusedByRobotError` if the robot refuses the keys.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class Feed(Closeable):
             self._wait(min(left, _STEP))
 
     def events(self, until_end: bool = False) -> Iterator[Event]:
-        """Yield events until :meth:`stop`.
+        """Yield events until `stop`.
 
         With *until_end*, also stop when the robot reports the end of its run, or is away for ABANDONED_AFTER.
         """

@@ -58,7 +58,7 @@ The first update, from which the clock is estimated, may have been delayed that 
 class Groot1Feed:
     """Converts a robot's updates to events. Use it from one thread.
 
-    The feed numbers the transitions itself, so ``TreeSeen.numbered`` is false. If an update does not begin
+    The feed numbers the transitions itself, so `TreeSeen.numbered` is false. If an update does not begin
     with the statuses at the end of the previous update, a DataMissed event reports missing transitions, and a
     TreeSeen event with the same tree ID has the current statuses. A disconnection counts as a restart.
 

@@ -2,7 +2,7 @@
 
 Groot 1 and Groot 2 have the same port of requests, 1667. The first request is FULLTREE, a frame of six bytes:
 a Groot 2 publisher replies to it, and so does a Groot 1 publisher, which ignores a request's content. The
-request must be a single frame: BehaviorTree.CPP 3 (``bt_zmq_publisher.cpp``) receives only the first frame,
+request must be a single frame: BehaviorTree.CPP 3 (`bt_zmq_publisher.cpp`) receives only the first frame,
 and sending a reply while more frames wait is an error of its REP socket that ends its server thread.
 """
 
@@ -104,7 +104,7 @@ class Groot2Client(RequestClient):
         return reply
 
     def send_last_request(self, kind: Request, body: bytes | None = None) -> None:
-        """Send a last request before :meth:`close`, without waiting for its reply."""
+        """Send a last request before `close`, without waiting for its reply."""
         self.begin_request(kind, body)
         self.busy = False
         self.socket.setsockopt(zmq.LINGER, _LAST_REQUEST_MS)

@@ -4,10 +4,10 @@ The feed makes the robot record its transitions. It periodically requests the st
 transitions. Transitions that do not agree with the statuses are reported as a gap.
 
 Each request for transitions empties the robot's buffer. So the feed requests only statuses if another client
-requests transitions too, if the robot rejects the request, or if ``record`` is false. Then changes between
+requests transitions too, if the robot rejects the request, or if `record` is false. Then changes between
 two requests are not seen, with one exception: the protocol sends the previous status of an idle node. After
 some time the feed requests transitions again, because the other client may have left. With and without a
-recording, the feed numbers the transitions itself, and ``TreeSeen.numbered`` is false.
+recording, the feed numbers the transitions itself, and `TreeSeen.numbered` is false.
 
 The robot keeps 1,000 transitions. The feed requests them so often that a batch is much smaller, also while a
 big tree changes many nodes in one tick. If the buffer overflows anyway, the feed reports a gap and continues

@@ -1,4 +1,4 @@
-"""Convert the XML of a Groot 2 FULLTREE reply to an :class:`ObservedTree`, and back.
+"""Convert the XML of a Groot 2 FULLTREE reply to an `ObservedTree`, and back.
 
 The XML comes from the network and is not trusted. A document with a document type declaration is rejected
 before parsing, so there are no entities to expand, and the parser fetches nothing. The number of nodes and
@@ -22,7 +22,7 @@ FAMILIES: Final[dict[str, Kind]] = {
     "Decorator": "decorator",
     "SubTree": "subtree",
 }
-"""Node families by the tags in a TreeNodesModel. Nodes in the explicit form (``<Action ID="…"/>``) have these
+"""Node families by the tags in a TreeNodesModel. Nodes in the explicit form (`<Action ID="…"/>`) have these
 tags, too."""
 
 _INVALID_IN_XML: Final = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")

@@ -1,9 +1,9 @@
-"""Encode and decode Groot 1's protocol as in BehaviorTree.CPP 3.8 (``src/loggers/bt_zmq_publisher.cpp``).
+"""Encode and decode Groot 1's protocol as in BehaviorTree.CPP 3.8 (`src/loggers/bt_zmq_publisher.cpp`).
 
 The request socket answers every request with the tree (groot1_tree.py). The publish socket sends updates of
 one frame each: the statuses of all nodes at the end of the previous update, and the transitions since then.
-Integers are little endian: the C++ publisher writes them with ``flatbuffers::WriteScalar``. Invalid bytes
-raise :class:`~btcore_monitor.wire.errors.ProtocolError`.
+Integers are little endian: the C++ publisher writes them with `flatbuffers::WriteScalar`. Invalid bytes
+raise `ProtocolError`.
 """
 
 import struct

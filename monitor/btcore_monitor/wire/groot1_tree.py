@@ -1,6 +1,6 @@
 """Encode and decode the tree in the reply of Groot 1's request socket, which is a flatbuffer.
 
-The schema is BehaviorTree.CPP 3.8's ``BT_logger_generated.h``. Groot 1 reads the buffer without any check,
+The schema is BehaviorTree.CPP 3.8's `BT_logger_generated.h`. Groot 1 reads the buffer without any check,
 so every field that it reads is written: all statuses, vectors and strings, even if they are empty.
 
 The protocol has neither paths nor the ID of the main tree. Paths follow BehaviorTree.CPP 4's rule, and the
@@ -46,7 +46,7 @@ class WireNode(NamedTuple):
 
 
 class WirePort(NamedTuple):
-    """A port of a model. *type* is a C++ name (``void``: untyped), *direction* INPUT, OUTPUT or INOUT."""
+    """A port of a model. *type* is a C++ name (`void`: untyped), *direction* INPUT, OUTPUT or INOUT."""
 
     name: str
     direction: int
@@ -98,7 +98,7 @@ def find_tree(frames: Sequence[bytes]) -> WireTree | None:
 
 
 def status_places(data: bytes) -> list[int]:
-    """Return the byte offset of each node's status in *data*, the result of :func:`encode_tree`.
+    """Return the byte offset of each node's status in *data*, the result of `encode_tree`.
 
     A server writes new statuses in place, instead of encoding the whole tree for every request.
     """
@@ -172,7 +172,7 @@ def _write_port(builder: "Builder", port: WirePort) -> int:
 def _write_table(builder: "Builder", fields: str, *values: int) -> int:
     """Write a table with *values* in its fields 0, 1, … and return its offset.
 
-    *fields* has a letter for each field, as in :mod:`struct`: H for uint16, b for int8, and a for the offset
+    *fields* has a letter for each field, as in `struct`: H for uint16, b for int8, and a for the offset
     of a string, vector or table, which must be written before.
     """
     prepend = {

@@ -1,10 +1,10 @@
 """Encode and decode Groot 2's protocol as in BehaviorTree.CPP 4.10, without sockets.
 
 A request is a header of 6 bytes and, for some kinds, a second frame. A reply is a header of 22 bytes and, for
-some kinds, a second frame. An error reply is the frame ``error`` and a frame with a sentence. Integers are
-little endian: ``groot2_protocol.h`` copies them with ``memcpy`` in the byte order of the robot's processor,
+some kinds, a second frame. An error reply is the frame `error` and a frame with a sentence. Integers are
+little endian: `groot2_protocol.h` copies them with `memcpy` in the byte order of the robot's processor,
 which is little endian on x86-64 and ARM. Invalid bytes raise
-:class:`~btcore_monitor.wire.errors.ProtocolError`.
+`ProtocolError`.
 """
 
 import struct
@@ -17,12 +17,12 @@ from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError, describ
 
 DEFAULT_PORT: Final = 1667
 PROTOCOL: Final = 2
-"""The number that both sides write into byte 0 (``kProtocolID``). Servers do not check it."""
+"""The number that both sides write into byte 0 (`kProtocolID`). Servers do not check it."""
 
 RECORDED_AT_MOST: Final = 1000
 """Maximum transitions that a publisher keeps for GET_TRANSITIONS; the oldest are dropped.
 
-The limit is in BehaviorTree.CPP's ``src/loggers/groot2_publisher.cpp``.
+The limit is in BehaviorTree.CPP's `src/loggers/groot2_publisher.cpp`.
 """
 
 # protocol, kind, unique ID; a reply also has the tree's UUID
@@ -189,8 +189,8 @@ class StatusRecord(NamedTuple):
 def status_code(previous: int, status: int) -> int:
     """Return the byte of STATUS for a node that went from *previous* to *status*.
 
-    An idle node keeps its last status as ``10 + previous`` (``IDLE_FROM_SUCCESS`` and so on in
-    ``groot2_publisher.cpp``), so that Groot 2 shows how a node ended after its parent reset it.
+    An idle node keeps its last status as `10 + previous` (`IDLE_FROM_SUCCESS` and so on in
+    `groot2_publisher.cpp`), so that Groot 2 shows how a node ended after its parent reset it.
     """
     return 10 + previous if status == 0 else status
 
@@ -257,7 +257,7 @@ def decode_transitions(body: bytes) -> list[RecordedTransition]:
 
 
 def decode_recording_start(body: bytes) -> int:
-    """Return when a recording began (µs since the epoch), from the reply to ``start``.
+    """Return when a recording began (µs since the epoch), from the reply to `start`.
 
     Raises:
         ProtocolError: *body* is not a decimal number, or too large.
@@ -301,7 +301,7 @@ def boards_by_path(boards: Mapping[str, dict[str, Any]], main: str) -> dict[str,
 
     Args:
         boards: The values by the blackboard's name and by key.
-        main: The main tree's ID, which becomes ``""``. ``ROOT`` is left out if it equals the main blackboard.
+        main: The main tree's ID, which becomes `""`. `ROOT` is left out if it equals the main blackboard.
     """
     by_path = {("" if name == main else name): board for name, board in boards.items()}
     if "ROOT" in by_path and by_path["ROOT"] == by_path.get(""):

@@ -1,6 +1,6 @@
 """Hooks in Groot 2's protocol: breakpoints and injected statuses as JSON.
 
-The format is defined by ``include/behaviortree_cpp/loggers/groot2_protocol.h`` of BehaviorTree.CPP.
+The format is defined by `include/behaviortree_cpp/loggers/groot2_protocol.h` of BehaviorTree.CPP.
 """
 
 import json
@@ -104,7 +104,7 @@ def decode_place(body: bytes) -> tuple[int, int]:
 def decode_unlocking(body: bytes) -> BreakpointUnlock:
     """Return the content of a BREAKPOINT_UNLOCK request.
 
-    Every status except SUCCESS and FAILURE becomes NO_STATUS, as in ``groot2_publisher.cpp``.
+    Every status except SUCCESS and FAILURE becomes NO_STATUS, as in `groot2_publisher.cpp`.
 
     Raises:
         JsonError: *body* is not JSON, or a member is missing or invalid.
@@ -143,7 +143,7 @@ def encode_dump(hooks: Iterable[WireHook]) -> bytes:
 
 
 def describe_hook(hook: WireHook, path: str) -> str:
-    """Return *hook* as a phrase for users, such as ``breakpoint before Main/Move (disabled)``.
+    """Return *hook* as a phrase for users, such as `breakpoint before Main/Move (disabled)`.
 
     Args:
         hook: The hook.

@@ -2,7 +2,7 @@
 
 A bool becomes the integer 0 or 1, and an enum member becomes its value. A float becomes a float32 if that is
 exact, otherwise a float64. Lists, tuples, sets and numpy arrays become arrays, and mappings become maps.
-Dataclasses and named tuples become maps with the class's name at the key ``__type``. Integers and texts are
+Dataclasses and named tuples become maps with the class's name at the key `__type`. Integers and texts are
 unchanged. Values of other classes, and entries that were never written, become nil. Keys are sorted, and an
 empty blackboard is nil.
 """

@@ -1,4 +1,4 @@
-"""Read JSON with :mod:`json`, but with the error messages of the nlohmann library.
+"""Read JSON with `json`, but with the error messages of the nlohmann library.
 
 A C++ publisher sends the text of the library's exception in its error reply. Clients may show or compare it.
 """

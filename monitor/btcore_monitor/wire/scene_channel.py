@@ -3,23 +3,23 @@
 The scene channel also carries data that Groot 2's protocol does not have: ticks, exceptions, the
 blackboards after each tick that changes them, and the scene (the robot, its sensors and its world).
 
-A publisher's XPUB socket sends two frames: a topic, and a MessagePack map with ``v`` (1), ``kind`` and the
-fields of the message. Under the topic ``stream`` it sends :class:`PieceMessage`, which holds messages of the
-stream, each encoded separately. Each message has the robot's ``tree_id`` and a ``seq`` that counts from 1
+A publisher's XPUB socket sends two frames: a topic, and a MessagePack map with `v` (1), `kind` and the
+fields of the message. Under the topic `stream` it sends `PieceMessage`, which holds messages of the
+stream, each encoded separately. Each message has the robot's `tree_id` and a `seq` that counts from 1
 without gaps, so a client notices missing messages. When the robot replaces its tree, the topic also carries
-the :class:`TreeMessage` and :class:`StaticMessage` of the new tree. Under ``alive`` the publisher sends
+the `TreeMessage` and `StaticMessage` of the new tree. Under `alive` the publisher sends
 heartbeats; a heartbeat of an unknown tree makes a client request that tree.
 
 A client sends a request by subscribing to a topic, so a SUB socket is enough. The last part of the topic is
 a token that the client chooses, and the reply has the same topic:
 
 =====================  ====================================================================
-``again/tree/TOKEN``   :class:`TreeMessage`, :class:`StaticMessage`
-``again/N/TOKEN``      :class:`PieceMessage`: the stream from number N to the number in the field ``last``
-``here/TOKEN``         no reply; marks a connected client, for which a closing publisher waits briefly
+`again/tree/TOKEN`   `TreeMessage`, `StaticMessage`
+`again/N/TOKEN`      `PieceMessage`: the stream from number N to the number in the field `last`
+`here/TOKEN`         no reply; marks a connected client, for which a closing publisher waits briefly
 =====================  ====================================================================
 
-Stamps are ns of the tree's clock, ``wall`` is ns since the epoch, lengths are in metres, quaternions are
+Stamps are ns of the tree's clock, `wall` is ns since the epoch, lengths are in metres, quaternions are
 x y z w, and every pose names its frame.
 """
 
@@ -50,7 +50,7 @@ KEEPALIVE: Final = {
 """Options of a client's socket: the connection to a vanished machine ends after 10 + 3 * 5 = 25 s. The
 robot's side has the same values (serve/gateway_process.py).
 
-ZeroMQ's own heartbeat (``ZMQ_HEARTBEAT_IVL``) would be faster, but it disconnects a client that reads slowly.
+ZeroMQ's own heartbeat (`ZMQ_HEARTBEAT_IVL`) would be faster, but it disconnects a client that reads slowly.
 """
 
 STREAM: Final = b"stream"
@@ -107,7 +107,7 @@ class StaticMessage(Message):
 class TicksMessage(StreamMessage):
     """Transitions in their order, and, if *ended*, the end of the tick number *tick*.
 
-    Transition i has the number ``first + i`` and is (stamp, wall, tick, uid, previous, status). The numbers
+    Transition i has the number `first + i` and is (stamp, wall, tick, uid, previous, status). The numbers
     of a tree's transitions count from 1 without gaps. *duration* is the tick's wall time in ns.
     """
 
@@ -130,7 +130,7 @@ class MovingMessage(StreamMessage):
 
 @dataclass(frozen=True, slots=True)
 class BlackboardMessage(StreamMessage):
-    """All blackboards after a tick that wrote an entry: subtree path (``""``: main) → key → value."""
+    """All blackboards after a tick that wrote an entry: subtree path (`""`: main) → key → value."""
 
     kind: ClassVar[str] = "blackboard"
     boards: dict[str, Any]
@@ -219,7 +219,7 @@ def encode(message: Message) -> bytes:
     """Return *message* as MessagePack.
 
     Integers must fit into 64 bits. Objects that MessagePack does not support are converted to portable values
-    (:mod:`btcore_monitor.wire.msgpack_values`).
+    (`btcore_monitor.wire.msgpack_values`).
     """
     # `kind` is a class variable, so it is not among the fields.
     kind = message.kind

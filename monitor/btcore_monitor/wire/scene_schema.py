@@ -2,7 +2,7 @@
 
 A message becomes a map of its fields, and a `Frame` becomes an array. Fields with a value of None are left
 out, and so are empty fields, unless their default is None. Cells and rgb8 pixels are compressed; such an
-entry has the key ``coding`` with the value ``zlib``. Received maps are checked against the type annotations
+entry has the key `coding` with the value `zlib`. Received maps are checked against the type annotations
 of the messages. Unknown keys of a received scene become its `extra`.
 """
 

@@ -1,1 +1,1 @@
-"""The book's systems as commands: ``btcore book vff`` and others, each with an optional picture."""
+"""The book's systems as commands: `btcore book vff` and others, each with an optional picture."""

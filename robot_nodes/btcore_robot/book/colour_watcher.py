@@ -19,7 +19,7 @@ PERIOD = 1.0
 
 
 class ColourWatcher(Process):
-    """A process that logs, once a second, the last objects published on the topic ``detection``.
+    """A process that logs, once a second, the last objects published on the topic `detection`.
 
     Args:
         context: The resources that processes share.
@@ -104,7 +104,7 @@ def camera_scene(robot: Robot, objects: Sequence[Detection]) -> MovingScene:
 
 
 def parse_hsv_ranges(text: str) -> list[int]:
-    """Return the six numbers of ``h,H,s,S,v,V``: the limits of hue, saturation and value.
+    """Return the six numbers of `h,H,s,S,v,V`: the limits of hue, saturation and value.
 
     Raises:
         click.BadParameter: *text* does not consist of six whole numbers in the valid ranges.

@@ -1,4 +1,4 @@
-"""``btcore book``: the systems of *A Concise Introduction to Robot Programming with ROS2*."""
+"""`btcore book`: the systems of *A Concise Introduction to Robot Programming with ROS2*."""
 
 from pathlib import Path
 from typing import Any

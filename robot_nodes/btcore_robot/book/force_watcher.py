@@ -21,7 +21,7 @@ _NAMES = {0: "repulsive", 1: "result", 2: "attractive"}
 
 
 class ForceWatcher(Process):
-    """A process that stores the forces, published as arrows on ``vff_debug``, at the strongest repulsion."""
+    """A process that stores the forces, published as arrows on `vff_debug`, at the strongest repulsion."""
 
     def __init__(self, context: ProcessContext) -> None:
         super().__init__("vff_watcher", context)

@@ -20,7 +20,7 @@ TRAIL = (46, 130, 80)
 
 
 class ObstacleWatcher(Process):
-    """A process that drives at *v* (m/s) and *w* (rad/s), and records where the obstacle is in ``odom``."""
+    """A process that drives at *v* (m/s) and *w* (rad/s), and records where the obstacle is in `odom`."""
 
     def __init__(self, context: ProcessContext, v: float = 0.0, w: float = 0.0) -> None:
         super().__init__("obstacle_watcher", context)
@@ -47,7 +47,7 @@ class ObstacleWatcher(Process):
         self.positions.append((x, y))
 
     def results(self) -> Mapping[str, object]:
-        """Return the last position (m) of the obstacle in ``odom``, and the spread (m) of all positions.
+        """Return the last position (m) of the obstacle in `odom`, and the spread (m) of all positions.
 
         The spread is the diagonal of the smallest rectangle, along the axes, that contains all positions.
         """

@@ -1,4 +1,4 @@
-"""The common parts of the ``btcore book`` commands: options, the robot, and the executor of processes."""
+"""The common parts of the `btcore book` commands: options, the robot, and the executor of processes."""
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -133,7 +133,7 @@ class BookRunner:
             name: The name of the run.
             get_results: A function that returns the results at the end.
             draw: A function that returns the picture (RGB) at the end.
-            shown: Objects with ``scene_static()`` and ``scene_moving()`` that a viewer shows during the run.
+            shown: Objects with `scene_static()` and `scene_moving()` that a viewer shows during the run.
 
         Returns:
             The exit code.

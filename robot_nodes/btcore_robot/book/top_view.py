@@ -48,13 +48,13 @@ class TopView:
             self.line([(self._middle[0] - half[0], y), (self._middle[0] + half[0], y)], GRID)
 
     def points(self, positions: ArrayLike, colour: Colour = WALL, radius: float = 2.0) -> None:
-        """Draw dots at *positions*, shape ``(n, 2)`` (m); *radius* is in pixels."""
+        """Draw dots at *positions*, shape `(n, 2)` (m); *radius* is in pixels."""
         # Without anti-aliasing, because thousands of smooth dots make a PNG several times as large.
         for centre in self._pixels(positions):
             cv2.circle(self.image, centre.tolist(), round(radius * 16), colour, -1, cv2.LINE_8, _SHIFT)
 
     def line(self, positions: ArrayLike, colour: Colour = INK, width: int = 1) -> None:
-        """Draw a line through *positions*, shape ``(n, 2)`` (m); *width* is in pixels."""
+        """Draw a line through *positions*, shape `(n, 2)` (m); *width* is in pixels."""
         cv2.polylines(self.image, [self._pixels(positions)], False, colour, width, cv2.LINE_AA, _SHIFT)
 
     def circle(self, x: float, y: float, radius: float, colour: Colour, width: int = -1) -> None:

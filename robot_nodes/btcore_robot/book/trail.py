@@ -18,7 +18,7 @@ _CELL = 0.08  # m: the side of a square in which only the first laser point is k
 
 
 class Trail:
-    """Records the odometry poses and the laser points of a robot, both in the frame ``odom``.
+    """Records the odometry poses and the laser points of a robot, both in the frame `odom`.
 
     *state* returns the text that is stored with each pose, for example the state of a controller.
     """
@@ -59,7 +59,7 @@ class Trail:
         return view
 
     def laser_points(self) -> NDArray[np.float64]:
-        """Return the laser points, one per square of 8 cm: x, y (m) in ``odom``, shape ``(n, 2)``."""
+        """Return the laser points, one per square of 8 cm: x, y (m) in `odom`, shape `(n, 2)`."""
         return np.array(list(self._laser_points.values()), dtype=np.float64).reshape(-1, 2)
 
     def _record(self, now: int) -> None:
@@ -74,7 +74,7 @@ class Trail:
 
 
 def scan_points_in(context: ProcessContext, frame: str, scan: LaserScan) -> NDArray[np.float64]:
-    """Return the points of *scan* in *frame*, shape ``(n, 2)`` (m); empty if the frame is not available.
+    """Return the points of *scan* in *frame*, shape `(n, 2)` (m); empty if the frame is not available.
 
     Args:
         context: The context with the transform tree.

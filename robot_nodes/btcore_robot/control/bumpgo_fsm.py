@@ -57,7 +57,7 @@ class BumpGo(Process):
     """Drive forward up to an obstacle 1 m ahead; then back for 2 s, turn left for 2 s, and forward again.
 
     The robot stops when the newest scan is older than 1 s, until there is a newer scan. The process
-    subscribes to ``input_scan`` and publishes on ``output_vel``, starting with the first scan. In the cycle
+    subscribes to `input_scan` and publishes on `output_vel`, starting with the first scan. In the cycle
     of a state change the velocity is still the old state's velocity. In the state FORWARD an obstacle takes
     precedence over an old scan.
     """
@@ -176,14 +176,14 @@ def range_at(scan: LaserScan, angle: float) -> float:
             last ray is used.
 
     Returns:
-        The range as in the scan: ``+inf`` without an echo, ``-inf`` for an echo that is too near.
+        The range as in the scan: `+inf` without an echo, `-inf` for an echo that is too near.
     """
     index = round((angle - scan.angle_min) / scan.angle_increment)
     return float(scan.ranges[min(max(index, 0), len(scan.ranges) - 1)])
 
 
 def clearances(scan: LaserScan) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the free distance (m) in the direction of each ray, within `AHEAD` to each side: shape ``(n,)``.
+    """Return the free distance (m) in the direction of each ray, within `AHEAD` to each side: shape `(n,)`.
 
     A ray without an echo is free up to the laser's maximum range; NaN counts as 0.
     """

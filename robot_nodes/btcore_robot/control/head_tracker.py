@@ -21,7 +21,7 @@ class PID:
     """A PID controller that computes a command from an error.
 
     The size of the error is first scaled. Below *min_error* the scaled size is 0, and above *max_error* it is
-    *max_output*. In between it is ``min_output + size * (max_output - min_output)``. The gains apply to the
+    *max_output*. In between it is `min_output + size * (max_output - min_output)`. The gains apply to the
     scaled error, which keeps its sign. Each call multiplies the integral by 2/3. The default gains are from
     the book's class.
 

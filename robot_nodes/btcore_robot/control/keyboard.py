@@ -62,7 +62,7 @@ class ScriptedKeys(KeySource):
 
 
 def parse_key_script(text: str) -> ScriptedKeys:
-    """Return the keys in *text*, such as ``w:5,a:2``: each key with the time (s) for which it is held.
+    """Return the keys in *text*, such as `w:5,a:2`: each key with the time (s) for which it is held.
 
     Without a time, a key is held for 1 s.
 

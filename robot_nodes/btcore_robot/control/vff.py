@@ -2,7 +2,7 @@
 
 The algorithm is from chapter 5.1 of the book *A Concise Introduction to Robot Programming with ROS2*.
 A vector attracts the robot forward, near obstacles repel it, and the sum determines the velocity. All
-numbers, including angles, are ``numpy.float32``: in the book's test with an obstacle straight ahead, the sign
+numbers, including angles, are `numpy.float32`: in the book's test with an obstacle straight ahead, the sign
 of the remaining lateral force depends on single precision.
 """
 
@@ -31,7 +31,7 @@ SCAN_TIMEOUT = NS_PER_S
 
 @dataclass(frozen=True, slots=True)
 class Forces:
-    """The three force vectors, float32 of shape ``(2,)``: x forward, y left."""
+    """The three force vectors, float32 of shape `(2,)`: x forward, y left."""
 
     attractive: Vector
     repulsive: Vector
@@ -98,8 +98,8 @@ def _sum(repulsive: Vector) -> Forces:
 class Avoidance(Process):
     """Drive by the force field, 20 times a second, while the newest scan is younger than 1 s.
 
-    The process subscribes to ``input_scan`` and publishes on ``output_vel``. Without a recent scan it
-    publishes nothing, and the base stops because it receives no new commands. On ``vff_debug`` it publishes
+    The process subscribes to `input_scan` and publishes on `output_vel`. Without a recent scan it
+    publishes nothing, and the base stops because it receives no new commands. On `vff_debug` it publishes
     the forces as arrows if there is a subscriber: blue is the attraction, red the repulsion, green the sum.
     """
 
@@ -155,7 +155,7 @@ class AvoidanceFromAll(Avoidance):
 
 
 def force_arrows(field: Forces, stamp: int) -> Arrows:
-    """Return the forces as arrows in ``base_footprint``, with the colours and numbers of the book.
+    """Return the forces as arrows in `base_footprint`, with the colours and numbers of the book.
 
     Args:
         field: The forces to draw. An arrow is as long (m) as its force.

@@ -1,4 +1,4 @@
-"""The robot's leaves: a library of tree nodes, found in the entry point group ``btcore.nodes``."""
+"""The robot's leaves: a library of tree nodes, found in the entry point group `btcore.nodes`."""
 
 from btcore import Registry
 from btcore_robot.leaves.battery import BatteryChecker, Recharge

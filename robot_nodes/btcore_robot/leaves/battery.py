@@ -24,7 +24,7 @@ CHARGING_TICKS = 50
 class BatteryChecker(Condition):
     """SUCCESS while the battery's estimated level is *low* or more.
 
-    The estimate (0–100) is the blackboard entry ``battery_level``. A missing entry starts with the level that
+    The estimate (0–100) is the blackboard entry `battery_level`. A missing entry starts with the level that
     the robot reports, or with 100 if the robot does not report a level. Each tick lowers the estimate by the
     charge that the time since the last tick uses at the currently commanded velocity. After a period without
     ticks, the whole period counts with this velocity, as in the book *A Concise Introduction to Robot

@@ -26,13 +26,13 @@ class Explorer(Protocol):
     """A component that navigates while it makes a map."""
 
     def go_to(self, goal: Pose2D) -> GoalHandle[object, object, object]:
-        """Send a goal in the frame ``map``; it replaces a goal that is still running."""
+        """Send a goal in the frame `map`; it replaces a goal that is still running."""
 
     def must_wait(self) -> bool:
         """Return whether the robot has to stand because its pose is not known yet."""
 
     def next_goal(self) -> Pose2D | None:
-        """Return the next goal in the frame ``map``, or None if there is nothing left to explore."""
+        """Return the next goal in the frame `map`, or None if there is nothing left to explore."""
 
     def is_goal_unknown(self) -> bool:
         """Return whether the area around the last goal of `next_goal` is still unknown."""

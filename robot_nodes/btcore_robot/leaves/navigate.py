@@ -15,10 +15,10 @@ log = logging.getLogger(__name__)
 
 @runtime_checkable
 class PoseNavigator(Protocol):
-    """A component that drives a robot to poses in the frame ``map``."""
+    """A component that drives a robot to poses in the frame `map`."""
 
     def go_to(self, goal: Pose2D) -> GoalHandle[object, object, object]:
-        """Send a goal in the frame ``map``; it replaces a goal that is still running."""
+        """Send a goal in the frame `map`; it replaces a goal that is still running."""
 
 
 class Move(StatefulAction):
@@ -77,7 +77,7 @@ class Move(StatefulAction):
 
         Args:
             code: Nav2's error code.
-            message: The reason, as text for the log and the port ``error``.
+            message: The reason, as text for the log and the port `error`.
         """
         goal = self.goal
         log.warning("%s: can't go to (%.2f, %.2f): %s", self.path, goal.x, goal.y, message)
@@ -88,8 +88,8 @@ class Move(StatefulAction):
         """Write the error code and the message to the output ports that the tree connects.
 
         Args:
-            code: The value for the port ``error_code``: Nav2's error code, or 0 without an error.
-            message: The value for the port ``error``: the error message, or "" without an error.
+            code: The value for the port `error_code`: Nav2's error code, or 0 without an error.
+            message: The value for the port `error`: the error message, or "" without an error.
         """
         outputs = self.config.outputs
         if "error_code" in outputs:

@@ -65,7 +65,7 @@ def is_stale(scan: LaserScan | None, now: int, timeout: float) -> bool:
 
 
 def in_corridor(scan: LaserScan, distance: float, corridor: float) -> bool:
-    """Return whether an echo is at 0 < x < *distance* and |y| ≤ *corridor*/2 in the laser's frame (m)."""
+    """Return whether an echo is at `0 < x < distance` and `|y| ≤ corridor / 2` in the laser's frame (m)."""
     points = scan.points()
     ahead, sideways = points[:, 0], np.abs(points[:, 1])
     return bool(np.any((ahead > 0.0) & (ahead < distance) & (sideways <= corridor / 2)))

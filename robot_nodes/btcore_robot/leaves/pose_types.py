@@ -9,7 +9,7 @@ from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 
 NAV2_PARTS: Final = 9
-"""The number of parts of a pose in Nav2's format: ``stamp;frame;x;y;z;qx;qy;qz;qw``."""
+"""The number of parts of a pose in Nav2's format: `stamp;frame;x;y;z;qx;qy;qz;qw`."""
 
 
 def register_pose_type(nodes: Registry) -> None:
@@ -19,13 +19,13 @@ def register_pose_type(nodes: Registry) -> None:
 
 
 def pose_from_text(text: str) -> Pose2D:
-    """Return the pose in *text*: ``x;y`` or ``x;y;yaw`` (m, rad), or Nav2's format.
+    """Return the pose in *text*: `x;y` or `x;y;yaw` (m, rad), or Nav2's format.
 
-    Nav2's format is ``stamp;frame;x;y;z;qx;qy;qz;qw``, with or without stamp and frame; the frame must be
-    ``map``.
+    Nav2's format is `stamp;frame;x;y;z;qx;qy;qz;qw`, with or without stamp and frame; the frame must be
+    `map`.
 
     Raises:
-        ConversionError: The text is not a pose, or the frame is not ``map``.
+        ConversionError: The text is not a pose, or the frame is not `map`.
     """
     parts = [part.strip() for part in text.split(";")]
     if len(parts) == NAV2_PARTS:
@@ -52,12 +52,12 @@ POSE_FORMAT_HINT = "the form is x;y or x;y;yaw in m and rad, like 1.5;-2;0.5"
 
 
 def pose_to_text(pose: Pose2D) -> str:
-    """Return *pose* as the text ``x;y;yaw`` (m, rad)."""
+    """Return *pose* as the text `x;y;yaw` (m, rad)."""
     return f"{pose.x:g};{pose.y:g};{pose.yaw:g}"
 
 
 class PoseList(ValueType):
-    """A list of poses, in text ``x;y;yaw|x;y;yaw``, or nine parts per pose separated by ``;`` as in Nav2."""
+    """A list of poses, in text `x;y;yaw|x;y;yaw`, or nine parts per pose separated by `;` as in Nav2."""
 
     def __init__(self) -> None:
         super().__init__(f"std::vector<{Pose2D.__name__}>", list)
@@ -77,7 +77,7 @@ class PoseList(ValueType):
         return [pose_from_text(text)]
 
     def to_text(self, value: object) -> str:
-        """Return the poses as ``x;y;yaw`` (m, rad), separated by ``|``."""
+        """Return the poses as `x;y;yaw` (m, rad), separated by `|`."""
         return "|".join(pose_to_text(pose) for pose in self.cast(value))
 
     def accepts(self, value: object) -> bool:

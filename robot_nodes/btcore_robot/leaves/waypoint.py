@@ -32,7 +32,7 @@ class PatrolProgress(TreeState):
 
 
 class GetWaypoint(SyncAction):
-    """Write a waypoint: the charger for ``recharge``, otherwise wp1, wp2, wp3, wp1 … in turn.
+    """Write a waypoint: the charger for `recharge`, otherwise wp1, wp2, wp3, wp1 … in turn.
 
     All GetWaypoint nodes of a tree share the sequence. It advances when a waypoint is written. If the drive
     to a waypoint is interrupted, the waypoint is skipped, as in the book *A Concise Introduction to Robot

@@ -14,7 +14,7 @@ Value = TypeVar("Value")
 
 
 class GoalStatus(IntEnum):
-    """The state of a goal; names and numbers are those of ``action_msgs/GoalStatus``."""
+    """The state of a goal; names and numbers are those of `action_msgs/GoalStatus`."""
 
     UNKNOWN = 0
     ACCEPTED = 1

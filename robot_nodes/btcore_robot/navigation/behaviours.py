@@ -1,6 +1,6 @@
 """Recovery behaviours of a robot that is stuck: Nav2's Spin, BackUp, DriveOnHeading and Wait.
 
-A behaviour simulates the motion for ``simulate_ahead_time`` and ends before the robot touches something. It
+A behaviour simulates the motion for `simulate_ahead_time` and ends before the robot touches something. It
 checks the newest scan, the obstacles that the local costmap remembers (no laser covers the area behind the
 robot) and the sonars. Parameters and defaults are Nav2's.
 """
@@ -94,7 +94,7 @@ class _Codes:
 class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic[MotionGoal]):
     """A behaviour that moves the robot.
 
-    Call `step` from the robot's schedule at ``cycle_frequency`` (10 Hz by default) in ``Phase.CONTROLLER``.
+    Call `step` from the robot's schedule at `cycle_frequency` (10 Hz by default) in `Phase.CONTROLLER`.
     """
 
     _codes: _Codes
@@ -310,7 +310,7 @@ class DriveOnHeadingBehaviour(MotionBehaviour[DriveOnHeadingGoal]):
 
 
 class WaitBehaviour(ActionServer[WaitGoal, BehaviourFeedback, None]):
-    """A pause. Call `step` from the robot's schedule at 10 Hz in ``Phase.CONTROLLER``."""
+    """A pause. Call `step` from the robot's schedule at 10 Hz in `Phase.CONTROLLER`."""
 
     name = "wait"
 

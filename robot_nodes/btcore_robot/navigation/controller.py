@@ -162,7 +162,7 @@ class ProgressChecker:
 class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     """The action server of `FollowPathGoal`.
 
-    Call `step` from the robot's schedule at ``controller_frequency`` in ``Phase.CONTROLLER``. While *hold*
+    Call `step` from the robot's schedule at `controller_frequency` in `Phase.CONTROLLER`. While *hold*
     returns True, or the newest scan is too old, the robot stands and the goal doesn't fail.
     """
 
@@ -451,7 +451,7 @@ def _transform_pose(transform: Transform, pose: Pose2D) -> Pose2D:
 
 
 def _transform_points(transform: Transform, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return *points* (m, shape ``(n, 2)``) in the target frame of *transform* (only x, y and yaw)."""
+    """Return *points* (m, shape `(n, 2)`) in the target frame of *transform* (only x, y and yaw)."""
     yaw = transform.yaw
     cos, sin = math.cos(yaw), math.sin(yaw)
     x, y, _ = transform.position

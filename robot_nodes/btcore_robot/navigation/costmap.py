@@ -34,7 +34,7 @@ __all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "Costmap", "GlobalCostmap",
 class Costmap(Grid):
     """Costs on a grid.
 
-    *costs* is uint8 of shape ``(height, width)``, row 0 with the lowest y; *resolution* (m) is the side
+    *costs* is uint8 of shape `(height, width)`, row 0 with the lowest y; *resolution* (m) is the side
     length of a cell, *origin* (m) the lower-left corner in *frame*. Points off the grid are LETHAL. *version*
     counts the changes.
     """
@@ -71,7 +71,7 @@ class Costmap(Grid):
         return int(self.costs[self.cell(x, y)]) if self.inside(x, y) else LETHAL
 
     def costs_at(self, points: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """Return the costs at *points* (m, shape ``(…, 2)``), shape ``(…)``; LETHAL off the grid."""
+        """Return the costs at *points* (m, shape `(…, 2)`), shape `(…)`; LETHAL off the grid."""
         height, width = self.costs.shape
         rows = np.floor((points[..., 1] - self.origin[1]) / self.resolution).astype(np.intp)
         cols = np.floor((points[..., 0] - self.origin[0]) / self.resolution).astype(np.intp)
@@ -232,7 +232,7 @@ class GlobalCostmap(LayeredCostmap):
 
 
 class LocalCostmap(LayeredCostmap):
-    """A costmap of a square of *size* (m) around the robot, in the frame ``odom``, with observed obstacles.
+    """A costmap of a square of *size* (m) around the robot, in the frame `odom`, with observed obstacles.
 
     Cells without an observation are FREE. *keepout* are rectangles in the frame map. They are drawn at the
     newest *map_pose* that `update` has received; before the first *map_pose* they are not drawn. *resolution*

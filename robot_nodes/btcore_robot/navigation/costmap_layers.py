@@ -96,7 +96,7 @@ def static_costs(map: OccupancyMap, *, track_unknown: bool = True) -> NDArray[np
         track_unknown: Whether unknown cells outside keep-outs are UNKNOWN; otherwise they are FREE.
 
     Returns:
-        The costs, uint8 of shape ``(height, width)``, row 0 with the lowest y.
+        The costs, uint8 of shape `(height, width)`, row 0 with the lowest y.
     """
     costs = np.full(map.cells.shape, FREE, dtype=np.uint8)
     if track_unknown:

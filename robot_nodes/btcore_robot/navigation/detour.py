@@ -37,13 +37,13 @@ def find_detour(
         clearance: The grid of distances to obstacles. The search stays on this grid, and all points are in
             the grid's frame.
         start: The robot's pose, at which the detour begins.
-        targets: Points (m, shape ``(k, 2)``) in order of preference.
+        targets: Points (m, shape `(k, 2)`) in order of preference.
         radius: The distance (m) to keep from obstacles.
-        last: The previous detour (m, shape ``(n, 2)``), at least a point per cell. Its cells are cheaper, so
+        last: The previous detour (m, shape `(n, 2)`), at least a point per cell. Its cells are cheaper, so
             that noise doesn't make the robot alternate between two sides of the obstacle.
 
     Returns:
-        The index of the target and the points (m, shape ``(n, 2)``) of the way; None if no target has a
+        The index of the target and the points (m, shape `(n, 2)`) of the way; None if no target has a
         short way: at most 1.5 times the straight distance plus 0.5 m.
     """
     resolution = clearance.resolution * _COARSE

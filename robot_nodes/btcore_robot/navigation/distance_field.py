@@ -88,7 +88,7 @@ class SignedDistanceField:
 
         Args:
             guess: The robot's pose to start from.
-            points: The ends of the beams in the robot's frame (m, shape ``(k, 2)``).
+            points: The ends of the beams in the robot's frame (m, shape `(k, 2)`).
             laser: The laser's position in the robot's frame (m). Surfaces that face away from the laser are
                 ignored.
             deviation: The standard deviation (m, rad) of the guess. It keeps the guess in directions that the
@@ -124,7 +124,7 @@ class SignedDistanceField:
 
         Args:
             pose: The robot's pose in the map.
-            points: The ends of the beams in the robot's frame (m, shape ``(k, 2)``).
+            points: The ends of the beams in the robot's frame (m, shape `(k, 2)`).
         """
         cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
         x = pose.x + cos * points[:, 0] - sin * points[:, 1]

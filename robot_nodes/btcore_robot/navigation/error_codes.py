@@ -5,10 +5,10 @@ from typing import Final
 
 
 class Nav2ErrorCode(IntEnum):
-    """Nav2's error codes (``nav2_msgs/action/*.action`` of its branch main).
+    """Nav2's error codes (`nav2_msgs/action/*.action` of its branch main).
 
     A name that several actions share (UNKNOWN, TF_ERROR, TIMEOUT, COLLISION_AHEAD …) has the action's name as
-    prefix. ComputePathThroughPoses repeats the names of ComputePathToPose; its prefix is ``THROUGH_``.
+    prefix. ComputePathThroughPoses repeats the names of ComputePathToPose; its prefix is `THROUGH_`.
     """
 
     NONE = 0

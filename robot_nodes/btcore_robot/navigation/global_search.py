@@ -77,7 +77,7 @@ class SearchSpace:
 
 
 class GlobalSearch:
-    """A search for the pose of a scan whose beams end at *points* in the robot's frame (m; shape ``(k, 2)``).
+    """A search for the pose of a scan whose beams end at *points* in the robot's frame (m; shape `(k, 2)`).
 
     Call `advance` until it returns True; then `candidates` returns the best places.
     """

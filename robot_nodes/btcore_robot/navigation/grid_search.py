@@ -59,7 +59,7 @@ def reachable_cells(costs: NDArray[np.float64], start: Cell) -> NDArray[np.bool_
     """Return the mask of cells that can be reached from a cell, through edges or corners.
 
     Args:
-        costs: The prices of the cells, shape ``(height, width)``; negative for impassable cells.
+        costs: The prices of the cells, shape `(height, width)`; negative for impassable cells.
         start: The cell from which to start; it must be passable.
 
     Returns:
@@ -75,11 +75,11 @@ class CostBounds:
 
     *lower_costs* are lower bounds of all later costs, cell by cell. *start* is the start of the first search;
     later starts are expected on the way from *start* to the goal. Two fields of prices are computed over
-    *lower_costs*: ``to_goal`` from each cell to the goal, and ``from_start`` from *start* to each cell.
+    *lower_costs*: `to_goal` from each cell to the goal, and `from_start` from *start* to each cell.
 
-    A path from a cell c to the goal costs at least ``to_goal[c]``. A path from a later start s to c costs at
-    least ``|from_start[c] - from_start[s]|`` (triangle inequality). If the sum of both is above the price of
-    a known path, the cheapest path does not cross c. For a start that is off course, ``from_start`` is
+    A path from a cell c to the goal costs at least `to_goal[c]`. A path from a later start s to c costs at
+    least `|from_start[c] - from_start[s]|` (triangle inequality). If the sum of both is above the price of
+    a known path, the cheapest path does not cross c. For a start that is off course, `from_start` is
     computed again.
     """
 

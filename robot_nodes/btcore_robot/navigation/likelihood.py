@@ -33,9 +33,9 @@ def obstacle_distances(field_map: OccupancyMap, cap: float = math.inf) -> FloatI
 def beam_endpoints(
     scan: LaserScan, most: int, least_range: float, greatest_range: float
 ) -> NDArray[np.float64]:
-    """Return the end points of evenly spaced beams in the laser's frame (m), shape ``(k, 2)``.
+    """Return the end points of evenly spaced beams in the laser's frame (m), shape `(k, 2)`.
 
-    Of the scan's n beams, every ``(n - 1) // (most - 1)``-th beam is chosen.
+    Of the scan's n beams, every `(n - 1) // (most - 1)`-th beam is chosen.
 
     Args:
         scan: The scan. Beams without an echo (±inf, NaN) are left out.
@@ -54,9 +54,9 @@ def beam_endpoints(
 class LikelihoodField:
     """The contribution of a beam to a particle's weight, as a table over the beam's end point.
 
-    ``pz = z_hit · exp(-z²/2σ²) + z_rand / range_max``. z is the distance (m) from the end point to the
+    `pz = z_hit · exp(-z²/2σ²) + z_rand / range_max`. z is the distance (m) from the end point to the
     nearest occupied cell, at most *max_distance* (m); off the map, z is *max_distance*. σ is *sigma_hit* (m).
-    A particle's weight is ``1 + Σ pz³`` over the beams: a sum of cubes as in nav2_amcl, not a product.
+    A particle's weight is `1 + Σ pz³` over the beams: a sum of cubes as in nav2_amcl, not a product.
     """
 
     def __init__(
@@ -80,11 +80,11 @@ class LikelihoodField:
         self._origin = field_map.origin
 
     def weights(self, particles: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ``1 + Σ pz³`` for each particle, shape ``(n,)``.
+        """Return `1 + Σ pz³` for each particle, shape `(n,)`.
 
         Args:
-            particles: The particles' poses: x, y (m) and yaw (rad), shape ``(n, 3)``.
-            points: The beams' ends in the robot's frame (m), shape ``(k, 2)``.
+            particles: The particles' poses: x, y (m) and yaw (rad), shape `(n, 3)`.
+            points: The beams' ends in the robot's frame (m), shape `(k, 2)`.
         """
         # This runs for every beam of every particle: float32, in place, sine and cosine once per particle.
         ends = (points * self._scale).astype(np.float32).T

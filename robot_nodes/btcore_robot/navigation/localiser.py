@@ -54,7 +54,7 @@ class Localiser:
     """The robot's pose on a map, estimated from laser and odometry. `step` is a task for the schedule.
 
     The particle filter is the same as in nav2_amcl: differential motion model, likelihood field with the sum
-    of cubes, an update after each ``update_min_d`` or ``update_min_a``, KLD sampling, systematic resampling.
+    of cubes, an update after each `update_min_d` or `update_min_a`, KLD sampling, systematic resampling.
     The heaviest cluster of particles is accurate to a few cells. For a better estimate, odometry carries the
     pose from update to update, and a match with the surfaces of the map corrects the pose. If the scan
     contradicts the corrected pose, the cluster's pose replaces it.
@@ -69,8 +69,8 @@ class Localiser:
     direction differ in another direction. The robot may drive on once `confident` is True again. Until then,
     `pose` returns the last estimate, which may be wrong.
 
-    Each scan sets the transform between ``map`` and ``odom`` in *tree*, with the scan's stamp. The transform
-    stays valid for ``transform_tolerance`` (s) after that stamp.
+    Each scan sets the transform between `map` and `odom` in *tree*, with the scan's stamp. The transform
+    stays valid for `transform_tolerance` (s) after that stamp.
     """
 
     def __init__(
@@ -104,11 +104,11 @@ class Localiser:
         self._free = np.argwhere(field_map.free)
         self._map = field_map
         self.map_to_odom = Transform()
-        """The pose of ``odom`` in ``map``."""
+        """The pose of `odom` in `map`."""
         self.particles: NDArray[np.float64] = np.zeros((0, 3))
-        """The x, y (m) and yaw (rad) of every particle in the map, shape ``(n, 3)``."""
+        """The x, y (m) and yaw (rad) of every particle in the map, shape `(n, 3)`."""
         self.weights: NDArray[np.float64] = np.zeros(0)
-        """The particles' weights, shape ``(n,)``; the sum is 1."""
+        """The particles' weights, shape `(n,)`; the sum is 1."""
         self.covariance: NDArray[np.float64] = np.zeros((3, 3))
         """The covariance of x, y and yaw over the heaviest cluster of particles."""
         self.stamp = 0
@@ -138,7 +138,7 @@ class Localiser:
         return self._validator.is_contradicted
 
     def pose(self) -> Pose2D:
-        """Return the pose of ``base_footprint`` in ``map`` by the last estimate and the newest odometry."""
+        """Return the pose of `base_footprint` in `map` by the last estimate and the newest odometry."""
         return (self.map_to_odom * Transform.from_pose(self._robot.odometry().pose)).to_pose()
 
     def set_pose(self, pose: Pose2D, covariance: NDArray[np.float64] | None = None) -> None:
@@ -146,13 +146,13 @@ class Localiser:
 
         Args:
             pose: The robot's pose in the frame map.
-            covariance: The covariance of x, y and yaw, shape ``(3, 3)``; by default from INITIAL_DEVIATION.
+            covariance: The covariance of x, y and yaw, shape `(3, 3)`; by default from INITIAL_DEVIATION.
         """
         spread = np.diag(np.square(INITIAL_DEVIATION)) if covariance is None else covariance
         self._settle(pose, self._robot.odometry().pose, spread)
 
     def reinitialise_global_localisation(self) -> None:
-        """Discard the pose and search the whole map (nav2_amcl's ``reinitialize_global_localization``)."""
+        """Discard the pose and search the whole map (nav2_amcl's `reinitialize_global_localization`)."""
         self._begin_search()
         self._relocaliser.restart()
         count = self.parameters.max_particles

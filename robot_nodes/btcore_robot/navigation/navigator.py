@@ -1,4 +1,4 @@
-"""The navigator: runs a behavior tree of Nav2's nodes for every goal, like Nav2's ``bt_navigator``."""
+"""The navigator: runs a behavior tree of Nav2's nodes for every goal, like Nav2's `bt_navigator`."""
 
 import logging
 from collections.abc import Callable, Iterable
@@ -51,9 +51,9 @@ NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, None]
 
 
 class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
-    """The action server ``navigate_to_pose``; with *through*, the server ``navigate_through_poses``.
+    """The action server `navigate_to_pose`; with *through*, the server `navigate_through_poses`.
 
-    The tree finds the goal in the blackboard entry ``goal`` (with *through*: ``goals``). A new goal for the
+    The tree finds the goal in the blackboard entry `goal` (with *through*: `goals`). A new goal for the
     running tree replaces this entry without a halt, and the tree's nodes notice the change. A cancelled goal
     halts the tree. If the tree succeeds while the scans contradict the robot's pose, the goal is aborted.
 
@@ -229,7 +229,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
 def tree_file(name: str, default: Path) -> Path:
     """Return the file of a tree.
 
-    Paths of Nav2's own trees, such as ``/opt/ros/…/navigate_w_replanning_time.xml``, stand for the trees of
+    Paths of Nav2's own trees, such as `/opt/ros/…/navigate_w_replanning_time.xml`, stand for the trees of
     the same names in the folder of *default*.
 
     Args:

@@ -1,6 +1,6 @@
 """Occupancy maps and their files in the format of ROS 2's map_server.
 
-A map is a YAML file with the name of an image and the rules for reading it::
+A map is a YAML file with the name of an image and the rules for reading it:
 
     image: house.pgm
     resolution: 0.05            # m a pixel
@@ -11,8 +11,8 @@ A map is a YAML file with the name of an image and the rules for reading it::
     mode: trinary               # or scale, or raw
 
 Row 0 of the image has the highest y, row 0 of `OccupancyMap.cells` the lowest. Areas that a robot must not
-enter, such as a table of which the laser sees only the legs, are rectangles in ``house.keepout.yaml`` beside
-the map::
+enter, such as a table of which the laser sees only the legs, are rectangles in `house.keepout.yaml` beside
+the map:
 
     keepout: [[xmin, ymin, xmax, ymax], …]
 """
@@ -109,7 +109,7 @@ def read_entries(path: Path, content: str) -> YamlEntries:
 
     Args:
         path: The YAML file.
-        content: What the file contains, as error messages name it, for instance ``a map``.
+        content: What the file contains, as error messages name it, for instance `a map`.
 
     Raises:
         MapError: The file can't be read, or isn't a YAML file of keys and values.
@@ -169,7 +169,7 @@ class Grid:
 class OccupancyMap(Grid):
     """A map of the floor in square cells.
 
-    *cells* is int8 of shape ``(height, width)``: 0 is free, 100 occupied, a value between them a likelihood
+    *cells* is int8 of shape `(height, width)`: 0 is free, 100 occupied, a value between them a likelihood
     in percent, and -1 unknown; row 0 has the lowest y. *resolution* (m) is the side length of a cell,
     *origin* (m) the lower-left corner of the first cell in the frame map. The robot must stay out of the
     rectangles *keepout*, even where the cells are free.
@@ -208,19 +208,19 @@ class OccupancyMap(Grid):
 
     @property
     def occupied(self) -> NDArray[np.bool_]:
-        """The mask of cells that are certainly occupied (100), shape ``(height, width)``."""
+        """The mask of cells that are certainly occupied (100), shape `(height, width)`."""
         mask: NDArray[np.bool_] = self.cells == 100
         return mask
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """The mask of cells that are certainly free (0), shape ``(height, width)``."""
+        """The mask of cells that are certainly free (0), shape `(height, width)`."""
         mask: NDArray[np.bool_] = self.cells == 0
         return mask
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
-        """The mask of unknown cells (-1), shape ``(height, width)``."""
+        """The mask of unknown cells (-1), shape `(height, width)`."""
         mask: NDArray[np.bool_] = self.cells == -1
         return mask
 
@@ -235,27 +235,27 @@ class OccupancyMap(Grid):
         return 0 <= row < self.height and 0 <= col < self.width
 
     def indices(self, points: NDArray[np.floating]) -> NDArray[np.intp]:
-        """Return the row and column of each point, shape ``(n, 2)``, also for points off the map.
+        """Return the row and column of each point, shape `(n, 2)`, also for points off the map.
 
         Args:
-            points: The points (x, y in m), shape ``(n, 2)``.
+            points: The points (x, y in m), shape `(n, 2)`.
         """
         places = np.floor((points - np.asarray(self.origin)) / self.resolution)
         cells: NDArray[np.intp] = places[:, ::-1].astype(np.intp)
         return cells
 
     def centers(self, rows: NDArray[np.integer], cols: NDArray[np.integer]) -> NDArray[np.float64]:
-        """Return the x and y (m) of the centres of cells, shape ``(n, 2)``.
+        """Return the x and y (m) of the centres of cells, shape `(n, 2)`.
 
         Args:
-            rows: The rows of the cells, shape ``(n,)``.
-            cols: The columns of the cells, shape ``(n,)``.
+            rows: The rows of the cells, shape `(n,)`.
+            cols: The columns of the cells, shape `(n,)`.
         """
         places = np.stack((cols, rows), axis=1) + 0.5
         return np.asarray(self.origin) + places * self.resolution
 
     def keepout_mask(self) -> NDArray[np.bool_]:
-        """Return the mask of cells that the keep-out rectangles touch, shape ``(height, width)``."""
+        """Return the mask of cells that the keep-out rectangles touch, shape `(height, width)`."""
         mask = np.zeros(self.cells.shape, dtype=np.bool_)
         for xmin, ymin, xmax, ymax in self.keepout:
             low_row, low_col = self.cell(xmin, ymin)

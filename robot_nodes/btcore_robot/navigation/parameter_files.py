@@ -78,8 +78,8 @@ def read_settings(path: Path) -> dict[str, Settings]:
     """Return the settings of each server in the file at *path*.
 
     The keys of the result are the servers' names without namespaces. A server's settings are below
-    ``amcl: ros__parameters:``, or directly below ``amcl:`` in files without ``ros__parameters``. A namespace
-    may be an outer map or part of the name (``/robot/amcl``). If a file has several maps for the same server,
+    `amcl: ros__parameters:`, or directly below `amcl:` in files without `ros__parameters`. A namespace
+    may be an outer map or part of the name (`/robot/amcl`). If a file has several maps for the same server,
     their settings are joined; later settings replace earlier settings.
 
     Raises:

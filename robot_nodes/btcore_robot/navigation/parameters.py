@@ -3,7 +3,7 @@
 "The book" is *A Concise Introduction to Robot Programming with ROS2*; its files configure Nav2 for Tiago.
 The name of a field is its key in a Nav2 parameter file; aliases are the keys of older and newer releases or
 of other plug-ins for the same job. A plug-in's own keys are here without the plug-in's id. Some fields, such
-as ``laser_model_type`` and ``use_astar``, have no effect: they only accept common keys of Nav2.
+as `laser_model_type` and `use_astar`, have no effect: they only accept common keys of Nav2.
 """
 
 from collections.abc import Mapping
@@ -34,10 +34,10 @@ def number_field(default: float, *aliases: str, minimum: float | None = None) ->
 
 @dataclass(frozen=True, slots=True)
 class AmclParameters:
-    """The localiser: ``amcl``. Lengths in m, angles in rad, times in s.
+    """The localiser: `amcl`. Lengths in m, angles in rad, times in s.
 
-    The names and meanings are those of nav2_amcl: motion noise (``alpha…``), likelihood field (``sigma_hit``,
-    ``z_…``), KLD sampling (``pf_…``) and the filter's updates (``update_min_…``).
+    The names and meanings are those of nav2_amcl: motion noise (`alpha…`), likelihood field (`sigma_hit`,
+    `z_…`), KLD sampling (`pf_…`) and the filter's updates (`update_min_…`).
     """
 
     alpha1: float = number_field(0.2, minimum=0.0)
@@ -81,7 +81,7 @@ class AmclParameters:
 
 @dataclass(frozen=True, slots=True)
 class CostmapParameters:
-    """A costmap: ``local_costmap`` or ``global_costmap``. Lengths in m, frequencies in Hz.
+    """A costmap: `local_costmap` or `global_costmap`. Lengths in m, frequencies in Hz.
 
     The book's file has a robot radius of 0.2 m for the global costmap. The default here is the radius of the
     local costmap, so that every planned path is wide enough for the controller (Tiago's footprint is a circle
@@ -110,7 +110,7 @@ class CostmapParameters:
 
 @dataclass(frozen=True, slots=True)
 class PlannerParameters:
-    """The planner: ``planner_server`` and its plug-in (``GridBased``).
+    """The planner: `planner_server` and its plug-in (`GridBased`).
 
     *tolerance* (m) is the distance from an unreachable goal at which the path may end. It is 0, unlike the
     0.5 of Nav2's and the book's files, so that a goal in a wall fails with the error code for that reason.
@@ -125,9 +125,9 @@ class PlannerParameters:
 
 @dataclass(frozen=True, slots=True)
 class ControllerParameters:
-    """The controller: ``controller_server``, its checkers and its plug-in (``FollowPath``).
+    """The controller: `controller_server`, its checkers and its plug-in (`FollowPath`).
 
-    Velocities in m/s and rad/s, accelerations in m/s² and rad/s² (``decel_…`` are negative), times in s,
+    Velocities in m/s and rad/s, accelerations in m/s² and rad/s² (`decel_…` are negative), times in s,
     lengths in m. The controller is a regulated pure pursuit. Limits of the robot have the names of the
     plug-in DWB; parameters that DWB lacks have the names of Nav2's regulated pure pursuit. The limits of MPPI
     are aliases.
@@ -164,7 +164,7 @@ class ControllerParameters:
 
 @dataclass(frozen=True, slots=True)
 class BehaviourParameters:
-    """The recoveries: ``behavior_server`` (``recoveries_server`` in foxy). Units are Hz, s, rad/s, rad/s²."""
+    """The recoveries: `behavior_server` (`recoveries_server` in foxy). Units are Hz, s, rad/s, rad/s²."""
 
     cycle_frequency: float = number_field(10.0, minimum=1.0)
     simulate_ahead_time: float = number_field(2.0, "projection_time", minimum=0.0)
@@ -175,10 +175,10 @@ class BehaviourParameters:
 
 @dataclass(frozen=True, slots=True)
 class NavigatorParameters:
-    """The navigator: ``bt_navigator``. Durations and timeouts are in ms, *goal_reached_tol* in m.
+    """The navigator: `bt_navigator`. Durations and timeouts are in ms, *goal_reached_tol* in m.
 
     An empty file name stands for this package's own tree. *plugin_lib_names* are further node libraries, as
-    for ``btcore run --plugin``. Nav2's own libraries (``nav2_…``) are built in.
+    for `btcore run --plugin`. Nav2's own libraries (`nav2_…`) are built in.
     """
 
     global_frame: str = "map"
@@ -208,7 +208,7 @@ class NavigationParameters:
     """The parameters of every server.
 
     *unknown* contains the settings of a file that have no field here, by full name (for instance
-    ``controller_server.FollowPath.short_circuit``). *warnings* are sentences for the author of the file.
+    `controller_server.FollowPath.short_circuit`). *warnings* are sentences for the author of the file.
     """
 
     amcl: AmclParameters = AmclParameters()
@@ -238,7 +238,7 @@ _SERVERS = {
 def load_parameters(path: Path) -> NavigationParameters:
     """Return the parameters in a Nav2 parameter file of any release from foxy to the branch main.
 
-    Missing values have the book's defaults. Keys without a meaning here are collected in ``unknown``, and a
+    Missing values have the book's defaults. Keys without a meaning here are collected in `unknown`, and a
     warning per server lists them. A key that looks misspelt gets a warning of its own.
 
     Raises:

@@ -56,7 +56,7 @@ def sample_motion_model(
     distance from 0 or π, whichever is nearer, so that driving backward is as certain as driving forward.
 
     Args:
-        particles: The poses (x, y, yaw), shape ``(n, 3)``.
+        particles: The poses (x, y, yaw), shape `(n, 3)`.
         before: The odometry's pose at the last update.
         after: The odometry's pose now.
         alphas: α1 (noise of turns by turns), α2 (of turns by distance), α3 (of distance by distance) and α4
@@ -64,7 +64,7 @@ def sample_motion_model(
         random: The source of the noise.
 
     Returns:
-        The moved particles, shape ``(n, 3)``.
+        The moved particles, shape `(n, 3)`.
     """
     turn, way, turn_after = decompose_motion(before, after)
     a1, a2, a3, a4 = alphas
@@ -99,8 +99,8 @@ def kld_sample_size(bins: int, err: float, z: float, least: int, most: int) -> i
 
     Args:
         bins: The number of occupied bins of the histogram.
-        err: The greatest divergence: nav2_amcl's ``pf_err``.
-        z: The quantile of the normal distribution, for which nav2_amcl inserts ``pf_z``.
+        err: The greatest divergence: nav2_amcl's `pf_err`.
+        z: The quantile of the normal distribution, for which nav2_amcl inserts `pf_z`.
         least: The least number of particles.
         most: The greatest number of particles.
     """
@@ -128,8 +128,8 @@ def resample(
     a second sample with this number of particles is drawn and returned.
 
     Args:
-        particles: The poses (x, y, yaw), shape ``(n, 3)``.
-        weights: The particles' weights, shape ``(n,)``, with the sum 1.
+        particles: The poses (x, y, yaw), shape `(n, 3)`.
+        weights: The particles' weights, shape `(n,)`, with the sum 1.
         random: The source of random numbers.
         err: The greatest divergence, as for `kld_sample_size`.
         z: The quantile, as for `kld_sample_size`.
@@ -173,8 +173,8 @@ def best_cluster(particles: Floats, weights: Floats) -> Cluster:
     Particles are in the same cluster if their bins of x, y and yaw touch at a side, an edge or a corner.
 
     Args:
-        particles: The poses (x, y, yaw), shape ``(n, 3)``.
-        weights: The particles' weights, shape ``(n,)``.
+        particles: The poses (x, y, yaw), shape `(n, 3)`.
+        weights: The particles' weights, shape `(n,)`.
     """
     # Headings relative to their mean: the cut at ±π is then opposite to most particles.
     mean = math.atan2(weights @ np.sin(particles[:, 2]), weights @ np.cos(particles[:, 2]))
@@ -208,7 +208,7 @@ def sample_particles(pose: Pose2D, covariance: Floats, count: int, random: np.ra
 
     Args:
         pose: The mean of the distribution.
-        covariance: The covariance of x, y and yaw, shape ``(3, 3)``.
+        covariance: The covariance of x, y and yaw, shape `(3, 3)`.
         count: The number of particles.
         random: The source of random numbers.
     """

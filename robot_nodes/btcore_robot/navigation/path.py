@@ -14,7 +14,7 @@ from btcore_robot.robot import Pose2D
 class NavPath:
     """A sequence of poses.
 
-    *poses* is float64 of shape ``(n, 3)``: x, y (m) and yaw (rad) in *frame*; *stamp* (ns) is the time of
+    *poses* is float64 of shape `(n, 3)`: x, y (m) and yaw (rad) in *frame*; *stamp* (ns) is the time of
     planning. A path without poses stands for a plan that failed. Paths are equal if they have the same frame,
     poses and stamp, so that truncating the same path twice gives equal paths.
     """
@@ -41,7 +41,7 @@ class NavPath:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """The positions (m) without headings, shape ``(n, 2)``."""
+        """The positions (m) without headings, shape `(n, 2)`."""
         return self.poses[:, :2]
 
     @property
@@ -54,7 +54,7 @@ class NavPath:
         return float(np.hypot(*np.diff(self.points, axis=0).T).sum()) if len(self.poses) > 1 else 0.0
 
     def distances(self) -> NDArray[np.float64]:
-        """Return the distance (m) of each pose from the first, along the path; shape ``(n,)``."""
+        """Return the distance (m) of each pose from the first, along the path; shape `(n,)`."""
         if not len(self.poses):
             return np.zeros(0)
         steps = np.hypot(*np.diff(self.points, axis=0).T)
@@ -108,7 +108,7 @@ def path_through(points: NDArray[np.float64], goal: Pose2D, stamp: int, frame: s
     """Return a path through points; each pose points to the next point.
 
     Args:
-        points: The positions (m), shape ``(n, 2)``; the last is the position of the goal.
+        points: The positions (m), shape `(n, 2)`; the last is the position of the goal.
         goal: The pose whose heading the last pose gets.
         stamp: The time of planning (ns).
         frame: The frame of the points.

@@ -49,10 +49,10 @@ def smooth_path(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray
 
     Args:
         costs: The grid of the path; impassable cells are negative.
-        way: The path's points (row, column), shape ``(n, 2)``.
+        way: The path's points (row, column), shape `(n, 2)`.
 
     Returns:
-        Points (row, column), shape ``(m, 2)``, at most a cell apart, on the grid and in no impassable cell.
+        Points (row, column), shape `(m, 2)`, at most a cell apart, on the grid and in no impassable cell.
         The price is mostly lower than the price of *way*, and at most `MAX_COST_RATIO` times as high. If
         smoothing fails, the result is *way* itself.
     """

@@ -1,6 +1,6 @@
 """The planner: find the cheapest path over a costmap and smooth it, or report why there is no path.
 
-`PlannerServer` is Nav2's action server ``compute_path_to_pose`` and ``compute_path_through_poses``.
+`PlannerServer` is Nav2's action server `compute_path_to_pose` and `compute_path_through_poses`.
 """
 
 import math

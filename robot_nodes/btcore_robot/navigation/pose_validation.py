@@ -104,7 +104,7 @@ class PoseValidator:
 
         Args:
             scan: The newest scan.
-            points: The ends of the scan's beams in the robot's frame (m), shape ``(k, 2)``.
+            points: The ends of the scan's beams in the robot's frame (m), shape `(k, 2)`.
             laser: The laser's position in the robot's frame (m).
             odometry: The robot's pose in odom at the scan's stamp.
             pose: The estimated pose in the map at the scan's stamp.

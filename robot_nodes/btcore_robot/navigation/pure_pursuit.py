@@ -26,7 +26,7 @@ class Carrot:
 
 
 class PurePursuit:
-    """A path of *points* (m, shape ``(n, 2)``, n ≥ 1) that a robot follows from its present position."""
+    """A path of *points* (m, shape `(n, 2)`, n ≥ 1) that a robot follows from its present position."""
 
     def __init__(self, points: NDArray[np.float64]) -> None:
         steps = np.hypot(*np.diff(points, axis=0).T) if len(points) > 1 else np.zeros(0)
@@ -100,11 +100,11 @@ class PurePursuit:
         """Return points of the path ahead of the robot's position on the path; call `locate` first.
 
         Args:
-            reach: The length (m) of the part of the path; ``inf`` for the rest of the path.
+            reach: The length (m) of the part of the path; `inf` for the rest of the path.
             step: The distance (m) between the points.
 
         Returns:
-            The points (m), shape ``(n, 2)``; the first point is the robot's position on the path.
+            The points (m), shape `(n, 2)`; the first point is the robot's position on the path.
         """
         travelled = self.travelled or 0.0
         places = np.arange(travelled, min(travelled + reach, self.length) + step / 2, step)

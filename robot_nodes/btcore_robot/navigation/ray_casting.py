@@ -116,14 +116,14 @@ class RayCaster:
     def unobstructed_beams(
         self, pose: Pose2D, laser: tuple[float, float], points: Floats
     ) -> NDArray[np.bool_]:
-        """Return the mask, shape ``(k,)``, of beams that end at or behind the first occupied cell.
+        """Return the mask, shape `(k,)`, of beams that end at or behind the first occupied cell.
 
         SHORT and SHORT_A_METRE give the tolerance. All other beams have hit something that is not on the map.
 
         Args:
             pose: The robot's pose in the map.
             laser: The laser's position in the robot's frame (m).
-            points: The ends of the beams in the robot's frame (m), shape ``(k, 2)``.
+            points: The ends of the beams in the robot's frame (m), shape `(k, 2)`.
         """
         lengths, visible, _, _ = self._cast([pose], laser, points)
         mask: NDArray[np.bool_] = visible[0] < lengths * (1.0 + SHORT_A_METRE) + SHORT
@@ -137,7 +137,7 @@ class RayCaster:
         Args:
             poses: The robot's poses in the map.
             laser: The laser's position in the robot's frame (m).
-            points: The ends of the beams in the robot's frame (m), shape ``(k, 2)``.
+            points: The ends of the beams in the robot's frame (m), shape `(k, 2)`.
         """
         if not len(points) or not poses:
             return [ScanAgreement(0.0, 0.0) for _ in poses]

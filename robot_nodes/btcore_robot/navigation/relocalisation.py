@@ -89,7 +89,7 @@ class Relocaliser:
         """Process a scan; return the robot's pose once a hypothesis is accepted.
 
         Args:
-            points: The ends of the scan's beams in the robot's frame (m), shape ``(k, 2)``.
+            points: The ends of the scan's beams in the robot's frame (m), shape `(k, 2)`.
             laser: The laser's position in the robot's frame (m).
             odometry: The pose in the frame odom at the scan's stamp.
             stamp: The scan's stamp (ns).

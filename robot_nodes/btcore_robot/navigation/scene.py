@@ -181,7 +181,7 @@ def pose_rows(
     Args:
         name: The name of the poses. A message replaces the earlier message of the same name.
         kind: How a viewer draws the poses.
-        rows: The poses: x, y (m) and yaw (rad), shape ``(n, 3)``; without rows the earlier poses are removed.
+        rows: The poses: x, y (m) and yaw (rad), shape `(n, 3)`; without rows the earlier poses are removed.
     """
     return Poses(name=name, kind=kind, frame=MAP_FRAME, rows=rows.astype("<f4").tobytes())
 
@@ -196,8 +196,8 @@ def grid_message(
         kind: The meaning of the cells, as in `btcore_scene.Grid`.
         frame: The frame of the grid.
         grid: The source of the resolution and the origin.
-        cells: The values of the cells, shape ``(height, width)``, row 0 with the lowest y: int8 for an
-            ``occupancy`` grid, uint8 for ``costs``.
+        cells: The values of the cells, shape `(height, width)`, row 0 with the lowest y: int8 for an
+            `occupancy` grid, uint8 for `costs`.
     """
     height, width = cells.shape
     return Grid(

@@ -41,7 +41,7 @@ class PoseSource(Protocol):
         """Whether the robot has to turn on the spot, so that it scans in all directions."""
 
     def pose(self) -> Pose2D | None:
-        """Return the present pose of ``base_footprint`` in ``map`` by the last estimate; None if unknown."""
+        """Return the present pose of `base_footprint` in `map` by the last estimate; None if unknown."""
 
     def step(self, now: int) -> None:
         """Process the newest scan at *now* (ns)."""
@@ -73,7 +73,7 @@ class Servers:
     goal_tolerance: float = 0.25
     topics: dict[str, object] = field(default_factory=dict)
     navigators: dict[str, Any] = field(default_factory=dict)
-    """The servers ``navigate_to_pose`` and ``navigate_through_poses``; ``goal_to`` is the class of goals."""
+    """The servers `navigate_to_pose` and `navigate_through_poses`; `goal_to` is the class of goals."""
 
     def now(self) -> int:
         """Return the time (ns) on the robot's clock."""
@@ -92,7 +92,7 @@ class Servers:
         """Return the costmap that a service belongs to.
 
         Args:
-            service: The service's name, such as ``local_costmap/clear_entirely_local_costmap``. A name with
+            service: The service's name, such as `local_costmap/clear_entirely_local_costmap`. A name with
                 "local" belongs to the local costmap, every other name to the global costmap.
         """
         return self.local_costmap if "local" in service else self.global_costmap

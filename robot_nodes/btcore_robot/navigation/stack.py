@@ -61,11 +61,11 @@ class Navigation:
     `SEARCH_PATIENCE`, because places look alike or the map doesn't fit, the robot stops searching and the
     waiting goals fail.
 
-    *random* is the source of the localiser's samples. *trees* is the folder whose subfolder ``navigation``
+    *random* is the source of the localiser's samples. *trees* is the folder whose subfolder `navigation`
     contains the default trees.
 
     Raises:
-        RegistrationError: A library of the parameter ``plugin_lib_names`` can't be used.
+        RegistrationError: A library of the parameter `plugin_lib_names` can't be used.
     """
 
     def __init__(
@@ -274,7 +274,7 @@ def missing_trees(parameters: NavigatorParameters, trees: Path) -> list[str]:
 
     Args:
         parameters: The parameters of the navigator.
-        trees: The folder whose subfolder ``navigation`` contains the default trees.
+        trees: The folder whose subfolder `navigation` contains the default trees.
     """
     named = (
         (parameters.default_nav_to_pose_bt_xml, TO_POSE),

@@ -11,7 +11,7 @@ _COMMAND_LIFETIME = 0.3  # s; after this time the last command is no longer a ba
 class VelocityLimits:
     """Limits of the speed *v* (m/s) and the turning rate *w* (rad/s).
 
-    ``…_up`` is the greatest acceleration and ``…_down`` the greatest deceleration (m/s², rad/s²).
+    `…_up` is the greatest acceleration and `…_down` the greatest deceleration (m/s², rad/s²).
     """
 
     v: float

@@ -59,7 +59,7 @@ def colour_mask(image: CameraImage, colours: ColourRange) -> NDArray[np.uint8]:
         colours: The range of colours.
 
     Returns:
-        The mask, shape ``(height, width)``: 255 for pixels within the range, 0 for others.
+        The mask, shape `(height, width)`: 255 for pixels within the range, 0 for others.
     """
     hsv = cv2.cvtColor(image.rgb, cv2.COLOR_RGB2HSV)
     low = (colours.hue[0], colours.saturation[0], colours.value[0])
@@ -152,11 +152,11 @@ class Detections:
 
 
 class ObjectDetector(Process):
-    """Detect objects by colour in the images on ``input_image`` and publish them on ``detection``.
+    """Detect objects by colour in the images on `input_image` and publish them on `detection`.
 
-    The parameter ``hsv_ranges`` contains the lower and upper limits of hue (0–180), saturation and value
-    (0–255). With the parameter ``each`` every patch is a separate object; without it all pixels of the colour
-    are a single object. The process works only while ``detection`` has subscribers.
+    The parameter `hsv_ranges` contains the lower and upper limits of hue (0–180), saturation and value
+    (0–255). With the parameter `each` every patch is a separate object; without it all pixels of the colour
+    are a single object. The process works only while `detection` has subscribers.
     """
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:

@@ -79,14 +79,14 @@ def detect_boxes(
 def depth_to_points(
     depth: NDArray[np.float32], camera_info: CameraInfo, pixels: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return the positions (m) of *pixels* in the camera's optical frame: shape ``(n, 3)``.
+    """Return the positions (m) of *pixels* in the camera's optical frame: shape `(n, 3)`.
 
     The pinhole model gives x = (column - cx) z / fx and y = (row - cy) z / fy.
 
     Args:
-        depth: The depth image (m, along z), shape ``(height, width)``.
+        depth: The depth image (m, along z), shape `(height, width)`.
         camera_info: The camera's intrinsic parameters.
-        pixels: The mask of the pixels to convert, shape ``(height, width)``.
+        pixels: The mask of the pixels to convert, shape `(height, width)`.
     """
     rows, columns = np.nonzero(pixels)
     z = depth[rows, columns].astype(np.float64)

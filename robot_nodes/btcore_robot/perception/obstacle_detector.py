@@ -56,7 +56,7 @@ class ObstacleDetector(Process):
 
 
 class ObstacleDetectorImproved(ObstacleDetector):
-    """Publish the obstacle at the middle ray as a frame below ``odom``.
+    """Publish the obstacle at the middle ray as a frame below `odom`.
 
     The frame stays at the obstacle when the robot moves.
     """
@@ -64,7 +64,7 @@ class ObstacleDetectorImproved(ObstacleDetector):
     default_name = "obstacle_detector_improved"
 
     def on_detection(self, scan: LaserScan, laser2object: Transform) -> None:
-        """Publish the obstacle's frame below ``odom``, with the laser's pose at the stamp of *scan*."""
+        """Publish the obstacle's frame below `odom`, with the laser's pose at the stamp of *scan*."""
         transforms = self.context.transforms
         try:
             odom2laser = transforms.lookup(ODOM_FRAME, scan.frame, scan.stamp)
@@ -75,7 +75,7 @@ class ObstacleDetectorImproved(ObstacleDetector):
 
 
 class ObstacleMonitor(Process):
-    """Report the obstacle's position twice a second, and publish an arrow to it on ``obstacle_marker``."""
+    """Report the obstacle's position twice a second, and publish an arrow to it on `obstacle_marker`."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("obstacle_monitor", context, options)
@@ -83,7 +83,7 @@ class ObstacleMonitor(Process):
         self.markers = self.create_publisher("obstacle_marker", Arrows)
         self.create_timer(PERIOD, self.report)
         self.position: tuple[float, float, float] | None = None
-        """The last position (m) of the obstacle in ``base_footprint``."""
+        """The last position (m) of the obstacle in `base_footprint`."""
 
     def report(self) -> None:
         """Log the obstacle's position and publish the arrow."""
@@ -133,7 +133,7 @@ class Displacement(Process):
 
 
 class ObstacleInFrames(Process):
-    """Report the obstacle's position twice a second in ``odom``, ``base_footprint`` and ``head_2_link``."""
+    """Report the obstacle's position twice a second in `odom`, `base_footprint` and `head_2_link`."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("obstacle_in_frames", context, options)

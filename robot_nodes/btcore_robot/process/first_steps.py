@@ -13,13 +13,13 @@ PERIOD = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Int32:
-    """A message with a whole number, as ``std_msgs/Int32``."""
+    """A message with a whole number, as `std_msgs/Int32`."""
 
     data: int
 
 
 class Logger(Process):
-    """Log ``Hello N`` twice a second, with N from 0."""
+    """Log `Hello N` twice a second, with N from 0."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("logger_node", context, options)
@@ -33,7 +33,7 @@ class Logger(Process):
 
 
 class NumberPublisher(Process):
-    """Publish 1, 2, 3 … on ``int_topic``, twice a second."""
+    """Publish 1, 2, 3 … on `int_topic`, twice a second."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("publisher_node", context, options)
@@ -48,7 +48,7 @@ class NumberPublisher(Process):
 
 
 class NumberSubscriber(Process):
-    """Log ``Hello N`` for each number received on ``int_topic``."""
+    """Log `Hello N` for each number received on `int_topic`."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("subscriber_node", context, options)
@@ -60,7 +60,7 @@ class NumberSubscriber(Process):
 
 
 class Localization(Process):
-    """Declare parameters and log them, or log an error if ``topics`` and ``topic_types`` differ in length."""
+    """Declare parameters and log them, or log an error if `topics` and `topic_types` differ in length."""
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("localization_node", context, options)

@@ -1,6 +1,6 @@
 """Launch files in ROS 2's YAML format: the programs to start, with their names and parameters.
 
-::
+An example:
 
     launch:
     - include:
@@ -14,7 +14,7 @@
         - from: params.yaml
         - {name: number_particles, value: 300}
 
-The key ``pkg`` is allowed and ignored: all programs are in this package. Paths are relative to the file.
+The key `pkg` is allowed and ignored: all programs are in this package. Paths are relative to the file.
 """
 
 from collections.abc import Iterator, Mapping

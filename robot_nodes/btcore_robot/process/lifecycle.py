@@ -5,7 +5,7 @@ from enum import IntEnum
 
 
 class LifecycleState(IntEnum):
-    """The primary states (``lifecycle_msgs/State``)."""
+    """The primary states (`lifecycle_msgs/State`)."""
 
     UNCONFIGURED = 1
     INACTIVE = 2
@@ -14,7 +14,7 @@ class LifecycleState(IntEnum):
 
 
 class LifecycleTransition(IntEnum):
-    """The transitions that a user may request (``lifecycle_msgs/Transition``)."""
+    """The transitions that a user may request (`lifecycle_msgs/Transition`)."""
 
     CONFIGURE = 1
     CLEANUP = 2
@@ -37,7 +37,7 @@ _TARGETS = {
 class LifecycleComponent:
     """A component with a lifecycle `state`.
 
-    A subclass overrides the ``on_…`` callbacks. A callback that returns False refuses its transition.
+    A subclass overrides the `on_…` callbacks. A callback that returns False refuses its transition.
     """
 
     def __init__(self) -> None:

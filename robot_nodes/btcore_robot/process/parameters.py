@@ -74,7 +74,7 @@ class Parameters:
 def load_process_parameters(path: Path, name: str) -> dict[str, ParameterValue]:
     """Return the parameters of a process in a file.
 
-    The values under the process's name override the values for all processes (``/**``).
+    The values under the process's name override the values for all processes (`/**`).
 
     Args:
         path: The parameter file.

@@ -87,7 +87,7 @@ class Timer:
 
 
 class Process:
-    """A program of the robot, like a ROS 2 node. A subclass creates timers and subscriptions in ``__init__``.
+    """A program of the robot, like a ROS 2 node. A subclass creates timers and subscriptions in `__init__`.
 
     A process runs after `Executor.add` has added it to an executor. *name* is its default name, which
     *options* may override.

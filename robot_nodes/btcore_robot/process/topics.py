@@ -140,5 +140,5 @@ class Topics:
 
 
 def full_name(name: str) -> str:
-    """Return *name* with a leading slash: ``scan`` and ``/scan`` are the same topic."""
+    """Return *name* with a leading slash: `scan` and `/scan` are the same topic."""
     return name if name.startswith("/") else f"/{name}"

@@ -58,7 +58,7 @@ class PoseUncertainty:
     turn: float
 
     def information(self) -> Floats:
-        """Return the inverse of the covariance of x, y and yaw, shape ``(3, 3)``."""
+        """Return the inverse of the covariance of x, y and yaw, shape `(3, 3)`."""
         return np.diag((self.distance**-2, self.distance**-2, self.turn**-2))
 
 
@@ -84,7 +84,7 @@ class MatchResult:
     """The *pose* (x, y in m, yaw in rad) at which the points fit the walls best.
 
     *score* (0 … 1) is the quality of the fit. *information* is the inverse covariance of x, y and yaw in the
-    frame of the walls, shape ``(3, 3)``; in the direction of a corridor the information is close to 0.
+    frame of the walls, shape `(3, 3)`; in the direction of a corridor the information is close to 0.
     """
 
     pose: Floats
@@ -93,7 +93,7 @@ class MatchResult:
 
 
 class Outline(NamedTuple):
-    """Points on walls (m) and the *normals* of the walls, shape ``(k, 2)`` each.
+    """Points on walls (m) and the *normals* of the walls, shape `(k, 2)` each.
 
     Normals point towards the laser; an unknown normal is (0, 0). *weight* is the weight of each point.
     It is below 1 for points of several scans, because scans of the same walls are not independent.
@@ -155,7 +155,7 @@ class CorrelationGrid:
 
         Args:
             guess: The centre of the search: x, y (m) and yaw (rad).
-            points: The points (m) in the robot's frame, shape ``(k, 2)``.
+            points: The points (m) in the robot's frame, shape `(k, 2)`.
             window: The poses to search.
 
         Returns:
@@ -241,8 +241,8 @@ class CorrelationGrid:
         """Return the fit (0 … 1) of points to the walls: the mean value of the cells in which the points lie.
 
         Args:
-            at: The robot's pose in the frame of the walls: x, y (m) and yaw (rad), shape ``(3,)``.
-            points: The points (m) in the robot's frame, shape ``(k, 2)``. A point off the grid counts as 0.
+            at: The robot's pose in the frame of the walls: x, y (m) and yaw (rad), shape `(3,)`.
+            points: The points (m) in the robot's frame, shape `(k, 2)`. A point off the grid counts as 0.
         """
         height, width = self._shape
         cells = np.floor(transform_points(points, at) / RESOLUTION).astype(np.intp) - self._low

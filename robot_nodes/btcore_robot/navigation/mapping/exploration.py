@@ -41,7 +41,7 @@ class Exploration(Navigation):
     Args:
         robot: The robot to drive.
         random: The source of random numbers.
-        trees: The folder whose subfolder ``navigation`` contains the default behavior trees.
+        trees: The folder whose subfolder `navigation` contains the default behavior trees.
         parameters: The parameters of the servers; the defaults if omitted.
         keepout: Rectangles that are added to the map because the laser cannot detect them.
     """

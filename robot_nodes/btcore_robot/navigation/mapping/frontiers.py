@@ -176,7 +176,7 @@ def _costs_with_open_start(costmap: Costmap, here: Pose2D, start: Cell, radius: 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
     """Return the distance (cells) of each cell from the nearest cell of *mask*, and the index of that cell.
 
-    The indices have the shape ``(height, width, 2)``.
+    The indices have the shape `(height, width, 2)`.
     """
     distance, labels = cv2.distanceTransformWithLabels(
         (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL

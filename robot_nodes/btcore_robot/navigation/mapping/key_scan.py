@@ -32,7 +32,7 @@ class KeyScan:
 
     *odometry* is the pose of the base by odometry. *ends* are the end points (m) of all rays that hit
     something, *free_outline* is the polygon (m) of the floor that the scan shows to be free, both of shape
-    ``(k, 2)``. *outline* contains the points to match. *travelled* is the distance (m) driven so far, *stamp*
+    `(k, 2)`. *outline* contains the points to match. *travelled* is the distance (m) driven so far, *stamp*
     the time (ns).
     """
 

@@ -56,7 +56,7 @@ class LogOddsGrid:
         Args:
             scan: The scan to draw.
             at: The robot's pose at the time of the scan, in the frame map: x, y (m) and yaw (rad), shape
-                ``(3,)``.
+                `(3,)`.
         """
         free_outline, ends = transform_points(scan.free_outline, at), transform_points(scan.ends, at)
         extent = np.vstack((free_outline, ends, at[None, :2] - self.radius, at[None, :2] + self.radius))
@@ -88,7 +88,7 @@ class LogOddsGrid:
         Args:
             scans: The scans to draw.
             poses: The robot's pose at the time of each scan, in the frame map: x, y (m) and yaw (rad), shape
-                ``(n, 3)``.
+                `(n, 3)`.
 
         Raises:
             ValueError: The numbers of scans and poses differ.

@@ -94,12 +94,12 @@ def relative_edge(first: Floats, match: MatchResult) -> tuple[Floats, Floats]:
     """Return the values for an edge of the pose graph, in the frame of the edge's first pose.
 
     Args:
-        first: The first pose: x, y (m) and yaw (rad), shape ``(3,)``.
+        first: The first pose: x, y (m) and yaw (rad), shape `(3,)`.
         match: The match of the second pose, in the same frame as *first*.
 
     Returns:
-        The pose of the match relative to *first*, shape ``(3,)``, and its information matrix (the inverse
-        covariance), shape ``(3, 3)``.
+        The pose of the match relative to *first*, shape `(3,)`, and its information matrix (the inverse
+        covariance), shape `(3, 3)`.
     """
     cos, sin = math.cos(first[2]), math.sin(first[2])
     turn = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))

@@ -57,13 +57,13 @@ class Mapper:
     scans taken there earlier. Such a match closes a loop: all poses are adjusted to the matches, and the map
     is redrawn.
 
-    With each scan the transform from ``map`` to ``odom`` is published in *tree*. A mapper has the same
+    With each scan the transform from `map` to `odom` is published in *tree*. A mapper has the same
     attributes as a `Localiser`, so that navigation can use either.
 
     Args:
         robot: The robot whose scans and odometry are used.
         tree: The transform tree to look up the laser's pose and to publish map→odom.
-        start: The initial pose of the base in the frame ``map``; the origin if omitted.
+        start: The initial pose of the base in the frame `map`; the origin if omitted.
         resolution: The side (m) of a map cell.
         keepout: Rectangles that are added to the map because the laser cannot detect them.
         loops: Whether to close loops.
@@ -97,7 +97,7 @@ class Mapper:
         self.graph: PoseGraph | None = None
         """The poses of the key scans and the constraints between them; None before the first key scan."""
         self.map_to_odom = Transform()
-        """The pose of the frame ``odom`` in the frame ``map``."""
+        """The pose of the frame `odom` in the frame `map`."""
         self.stamp = -1
         """The stamp (ns) of the last processed scan; -1 before the first."""
         self.version = 0
@@ -112,18 +112,18 @@ class Mapper:
 
     @property
     def poses(self) -> Floats:
-        """The poses of the key scans in the map: x, y (m) and yaw (rad), shape ``(n, 3)``."""
+        """The poses of the key scans in the map: x, y (m) and yaw (rad), shape `(n, 3)`."""
         return self.graph.poses if self.graph is not None else np.zeros((0, 3))
 
     def pose(self) -> Pose2D:
-        """Return the current pose of the base in ``map``, by the last key scan and the newest odometry."""
+        """Return the current pose of the base in `map`, by the last key scan and the newest odometry."""
         return (self.map_to_odom * Transform.from_pose(self._robot.odometry().pose)).to_pose()
 
     def reinitialise_global_localisation(self) -> None:
         """Do nothing: a growing map has no other places where the robot could be."""
 
     def map(self) -> OccupancyMap:
-        """Return the map in the frame ``map``; before the first key scan it is a single unknown cell."""
+        """Return the map in the frame `map`; before the first key scan it is a single unknown cell."""
         if not self.scans:
             unknown = np.full((1, 1), -1, dtype=np.int8)
             return OccupancyMap(

@@ -1,4 +1,4 @@
-"""Poses in the plane as rows of numbers: x, y (m) and yaw (rad), shape ``(…, 3)``."""
+"""Poses in the plane as rows of numbers: x, y (m) and yaw (rad), shape `(…, 3)`."""
 
 import math
 
@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 
 def pose_to_row(pose: Pose2D) -> Floats:
-    """Return *pose* as an array of x, y (m) and yaw (rad), shape ``(3,)``."""
+    """Return *pose* as an array of x, y (m) and yaw (rad), shape `(3,)`."""
     return np.array((pose.x, pose.y, pose.yaw))
 
 
@@ -24,10 +24,10 @@ def row_to_pose(row: Floats) -> Pose2D:
 def compose(start: Floats, step: Floats) -> Floats:
     """Return the pose that is at *step* relative to the pose *start*.
 
-    The result is in the frame in which *start* is given, like the product of transforms ``a2b * b2c``.
+    The result is in the frame in which *start* is given, like the product of transforms `a2b * b2c`.
 
     Args:
-        start: The first poses: x, y (m) and yaw (rad), shape ``(…, 3)``.
+        start: The first poses: x, y (m) and yaw (rad), shape `(…, 3)`.
         step: The second poses, relative to *start*. The shapes are broadcast against each other.
     """
     cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
@@ -42,10 +42,10 @@ def compose(start: Floats, step: Floats) -> Floats:
 
 
 def relative_pose(start: Floats, end: Floats) -> Floats:
-    """Return *end* relative to *start*: the step for which ``compose(start, step)`` is *end*.
+    """Return *end* relative to *start*: the step for which `compose(start, step)` is *end*.
 
     Args:
-        start: The first poses: x, y (m) and yaw (rad), shape ``(…, 3)``.
+        start: The first poses: x, y (m) and yaw (rad), shape `(…, 3)`.
         end: The second poses, in the same frame as *start*. The shapes are broadcast against each other.
     """
     cos, sin = np.cos(start[..., 2]), np.sin(start[..., 2])
@@ -57,11 +57,11 @@ def transform_points(points: Floats, at: Floats) -> Floats:
     """Return points, given relative to a pose, in the frame in which the pose is given.
 
     Args:
-        points: The points (m) relative to the pose, shape ``(k, 2)``.
-        at: The pose: x, y (m) and yaw (rad), shape ``(3,)``.
+        points: The points (m) relative to the pose, shape `(k, 2)`.
+        at: The pose: x, y (m) and yaw (rad), shape `(3,)`.
 
     Returns:
-        The points (m), shape ``(k, 2)``.
+        The points (m), shape `(k, 2)`.
     """
     cos, sin = math.cos(at[2]), math.sin(at[2])
     moved: Floats = points @ np.array(((cos, sin), (-sin, cos)))

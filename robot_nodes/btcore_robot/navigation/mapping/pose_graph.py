@@ -30,7 +30,7 @@ _FIXED_WEIGHT = 1e9  # information of the first pose, which must not move
 class Edge:
     """A measured *step* (x, y in m, yaw in rad) from the pose *first* to the pose *last* (indices).
 
-    *information* is the inverse covariance of the step, shape ``(3, 3)``. *loop* marks an edge that closes a
+    *information* is the inverse covariance of the step, shape `(3, 3)`. *loop* marks an edge that closes a
     loop.
     """
 
@@ -42,7 +42,7 @@ class Edge:
 
 
 class PoseGraph:
-    """Poses (x, y in m, yaw in rad; shape ``(n, 3)``) and edges between them. The first pose is fixed."""
+    """Poses (x, y in m, yaw in rad; shape `(n, 3)`) and edges between them. The first pose is fixed."""
 
     def __init__(self, start: Floats) -> None:
         self.poses: Floats = start[None, :].astype(np.float64)
@@ -53,7 +53,7 @@ class PoseGraph:
 
         Args:
             step: The relative pose: x, y (m) and yaw (rad).
-            information: The inverse covariance of *step*, shape ``(3, 3)``.
+            information: The inverse covariance of *step*, shape `(3, 3)`.
         """
         last = len(self.poses)
         self.edges.append(Edge(last - 1, last, step, information))
@@ -66,7 +66,7 @@ class PoseGraph:
             first: The index of the reference pose.
             last: The index of the measured pose.
             step: Pose *last* relative to pose *first*: x, y (m) and yaw (rad).
-            information: The inverse covariance of *step*, shape ``(3, 3)``.
+            information: The inverse covariance of *step*, shape `(3, 3)`.
         """
         self.edges.append(Edge(first, last, step, information, loop=True))
 
@@ -129,7 +129,7 @@ class PoseGraph:
 
 
 def _jacobians(start: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """Return the derivatives of `relative_pose` by the start and by the end, shape ``(e, 3, 3)`` each."""
+    """Return the derivatives of `relative_pose` by the start and by the end, shape `(e, 3, 3)` each."""
     cos, sin = np.cos(start[:, 2]), np.sin(start[:, 2])
     x, y = end[:, 0] - start[:, 0], end[:, 1] - start[:, 1]
     by_end = np.zeros((len(start), 3, 3))

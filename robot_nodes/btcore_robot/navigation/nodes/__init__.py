@@ -1,6 +1,6 @@
 """Nav2's tree nodes under Nav2's names, served by this navigation stack.
 
-``btcore.nodes`` is the entry-point group by which the engine finds this library.
+`btcore.nodes` is the entry-point group by which the engine finds this library.
 """
 
 from btcore import Registry

@@ -1,4 +1,4 @@
-"""Base classes of the tree nodes that use the navigation servers, such as Nav2's ``BtActionNode``."""
+"""Base classes of the tree nodes that use the navigation servers, such as Nav2's `BtActionNode`."""
 
 import logging
 from typing import Annotated, Any

@@ -121,7 +121,7 @@ class IsStuck(Condition):
 
 
 class IsBatteryLow(Condition):
-    """SUCCESS when the battery's charge is *min_battery* or less (a fraction 0–1, as in ``BatteryState``)."""
+    """SUCCESS when the battery's charge is *min_battery* or less (a fraction 0–1, as in `BatteryState`)."""
 
     min_battery: Annotated[In[float], "Minimum battery charge (fraction 0–1)."]
     battery_topic: Annotated[In[str], "Battery topic; not used: the robot reports its battery."] = (
@@ -141,7 +141,7 @@ class IsBatteryLow(Condition):
 
 
 class IsBatteryCharging(Condition):
-    """SUCCESS while the last message of *battery_topic* is ``charging``."""
+    """SUCCESS while the last message of *battery_topic* is `charging`."""
 
     battery_topic: Annotated[In[str], "Battery topic."] = "/battery_status"
 

@@ -177,9 +177,9 @@ class GoalUpdatedController(DecoratorNode):
 
 
 class GoalUpdater(DecoratorNode):
-    """Write the newest goal for the child: the input, or a newer message of the topic ``goal_update``.
+    """Write the newest goal for the child: the input, or a newer message of the topic `goal_update`.
 
-    A list of goals is handled in the same way, with the topic ``goals_update``.
+    A list of goals is handled in the same way, with the topic `goals_update`.
     """
 
     input_goal: Annotated[In[Pose2D], "Original goal."] = OPTIONAL

@@ -14,7 +14,7 @@ from btcore_robot.robot import Pose2D
 
 
 class WaypointState(IntEnum):
-    """The progress of a goal; names and numbers are those of ``nav2_msgs/WaypointStatus``."""
+    """The progress of a goal; names and numbers are those of `nav2_msgs/WaypointStatus`."""
 
     PENDING = 0
     COMPLETED = 1
@@ -131,9 +131,9 @@ class GetNextFewGoals(SyncAction):
 
 
 def update_waypoint_statuses(node: TreeNode, goals: list[Pose2D], state: WaypointState) -> None:
-    """Write the waypoint statuses with a new state for the given goals to ``output_waypoint_statuses``.
+    """Write the waypoint statuses with a new state for the given goals to `output_waypoint_statuses`.
 
-    Nothing is written if the port ``input_waypoint_statuses`` has no list.
+    Nothing is written if the port `input_waypoint_statuses` has no list.
 
     Args:
         node: The node with both ports.

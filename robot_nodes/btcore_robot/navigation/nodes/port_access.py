@@ -102,7 +102,7 @@ def plugin_input(node: TreeNode, port: str) -> str:
 
 
 def goal_inputs(node: TreeNode) -> Goals:
-    """Return the values of the ports ``goal`` and ``goals``."""
+    """Return the values of the ports `goal` and `goals`."""
     return pose_input(node, "goal"), poses_input(node, "goals")
 
 
@@ -123,7 +123,7 @@ def write_outputs(node: TreeNode, **outputs: object) -> None:
 
 
 def path_port(description: str, direction: Direction = Direction.IN) -> "staticmethod[[], list[Port]]":
-    """Return the static method `provided_ports` of a node with a port named ``path``.
+    """Return the static method `provided_ports` of a node with a port named `path`.
 
     A node cannot declare this port by an annotation: `TreeNode.path` is the node's own path in the tree.
 
