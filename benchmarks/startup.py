@@ -2,7 +2,8 @@
 
 Each program runs in a new process. Its time is the additional processor time, compared with a Python that
 does nothing. Importing and loading are compared with the import of lxml and some standard modules, which
-every such library needs, and ``--version`` with the import of click.
+every such library needs, and ``--version`` with the imports of click's own ``--version``: click and
+importlib.metadata.
 """
 
 import os
@@ -23,7 +24,7 @@ PROGRAMS = {
     "modules": MODULES,
     "import btcore": "import btcore",
     "import btcore, and load three nodes": f"import btcore; btcore.loads({TREE!r})",
-    "click": "import click",
+    "click": "import click, importlib.metadata",
     "btcore --version": "import sys; sys.argv[1:] = ['--version']; from btcore.cli.main import main; main()",
 }
 BESIDE_MODULES = at_most(pure=1.8, compiled=1.8)

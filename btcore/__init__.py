@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from btcore import builds
 
-__version__ = "0.1.0"  # pyproject.toml reads it from here
-
 # Called before any further import, because a module that may be compiled must not be imported earlier.
 builds.select_build()
 
 if TYPE_CHECKING:
+    __version__: str
+
     from btcore.blackboard.blackboard import Blackboard as Blackboard
     from btcore.blackboard.blackboard import Entry as Entry
     from btcore.blackboard.ports import Direction as Direction
@@ -109,14 +109,26 @@ __all__ = [*_MODULE_OF, "builds", "values"]
 
 def __getattr__(name: str) -> object:
     """Import the public name *name*, or the submodule of that name."""
-    if name in _MODULE_OF:
-        value: object = getattr(import_module(_MODULE_OF[name]), name)
+    if name == "__version__":
+        value: object = _installed_version()
+    elif name in _MODULE_OF:
+        value = getattr(import_module(_MODULE_OF[name]), name)
     elif name in __all__:
         value = import_module(f"btcore.{name}")
     else:
         raise AttributeError(f"module 'btcore' has no attribute {name!r}")
     globals()[name] = value
     return value
+
+
+def _installed_version() -> str:
+    """Return the version of the installed package, or ``0+unknown`` in a checkout that is not installed."""
+    from importlib.metadata import PackageNotFoundError, version  # takes longer than importing btcore
+
+    try:
+        return version("btcore")
+    except PackageNotFoundError:
+        return "0+unknown"
 
 
 def __dir__() -> list[str]:

@@ -1,12 +1,27 @@
 """The packaging metadata match the files of the repository."""
 
+import shutil
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
+
+import pytest
+
+import btcore
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PARENTS = PROJECT["tool"]["setuptools"]["packages"]["find"]["where"]
 PACKAGES = {"btcore", "btcore_monitor", "btcore_robot", "btcore_scene", "btcore_sim"}
+
+PRINT_VERSION = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import btcore
+assert "importlib.metadata" not in sys.modules, "import btcore is slower than needed"
+print(btcore.__version__)
+"""
 
 
 def test_every_package_is_installed_and_named_btcore() -> None:
@@ -44,3 +59,42 @@ def test_wheels_are_built_for_every_python_and_tested_as_compiled_builds() -> No
     assert {"x86_64", "aarch64"} == set(wheels["linux"]["archs"])
     least = PROJECT["project"]["requires-python"].removeprefix(">=").replace(".", "")
     assert wheels["build"][0] == f"cp{least}-*"
+
+
+def test_version_is_the_installed_version_and_is_looked_up_when_used(tmp_path: Path) -> None:
+    def version() -> str:
+        command = [sys.executable, "-I", "-S", "-c", PRINT_VERSION, str(tmp_path)]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    package = tmp_path / "btcore"
+    package.mkdir()
+    for name in ("__init__.py", "builds.py"):
+        shutil.copy2(Path(btcore.__file__).with_name(name), package)
+    assert version() == "0+unknown"  # a checkout that is not installed
+    metadata = tmp_path / "btcore-1.2.3.dist-info" / "METADATA"
+    metadata.parent.mkdir()
+    metadata.write_text("Metadata-Version: 2.4\nName: btcore\nVersion: 1.2.3\n", encoding="utf-8")
+    assert version() == "1.2.3"
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="git is not installed")
+def test_version_comes_from_the_git_tag(tmp_path: Path) -> None:
+    def git(*arguments: str) -> None:
+        author = ["-c", "user.name=Ada", "-c", "user.email=ada@example.org", "-c", "commit.gpgsign=false"]
+        subprocess.run(["git", *author, *arguments], cwd=tmp_path, check=True, capture_output=True)
+
+    def version() -> str:
+        command = [sys.executable, "-m", "setuptools_scm"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    shutil.copy2(ROOT / "pyproject.toml", tmp_path)
+    assert version() == "0.0"  # a downloaded archive of the sources
+    git("init")
+    git("add", ".")
+    git("commit", "--message", "first")
+    assert version().startswith("0.1.dev1+g")  # a clone without tags
+    git("tag", "v1.2.0")
+    assert version() == "1.2.0"
+    git("commit", "--allow-empty", "--message", "second")
+    assert version().startswith("1.2.1.dev1+g")

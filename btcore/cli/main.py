@@ -4,7 +4,7 @@ Each command of btcore is a file in this folder. Other packages add commands by 
 """
 
 # Modules that only errors or single commands need (rich, traceback, importlib.metadata, dataclasses by way
-# of btcore.errors) are imported where they are used, so that `btcore --version` starts fast.
+# of btcore.errors) are imported where they are used, so that commands start fast.
 import errno
 import os
 import sys
@@ -14,7 +14,8 @@ from typing import Any, NoReturn
 
 import click
 
-from btcore import __version__, builds
+import btcore
+from btcore import builds
 from btcore.cli import entry_points
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.terminal_encoding import make_encodable
@@ -154,7 +155,7 @@ def _placeholder(unavailable: entry_points.UnavailableEntryPoint) -> click.Comma
 def _print_version(ctx: click.Context, parameter: click.Parameter, requested: bool) -> None:
     if requested and not ctx.resilient_parsing:
         python = ".".join(str(part) for part in sys.version_info[:3])
-        click.echo(f"btcore {__version__} ({builds.active_build()} build, Python {python})")
+        click.echo(f"btcore {btcore.__version__} ({builds.active_build()} build, Python {python})")
         if message := builds.unused_build_message():
             click.echo(message)
         ctx.exit()

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import click
 
-from btcore import __version__
+import btcore
 from btcore.cli import terminal
 from btcore.cli.run import read_tree_source, run
 from btcore.cli.tree_source import find_tree
@@ -167,7 +167,7 @@ def create_definition(
     files |= options.named_files([*texts.values(), *varied.values()])
     existing = sorted(file for file in files if file.is_file())
     inputs = {str(file): hashlib.sha256(read_file(file)).hexdigest()[:16] for file in existing}
-    definition = SweepDefinition(source, arguments, varied, choices, seeds, inputs, __version__)
+    definition = SweepDefinition(source, arguments, varied, choices, seeds, inputs, btcore.__version__)
     if len(definition) > parameters.MAX_EPISODES:
         raise click.UsageError(f"{len(definition)} episodes exceed the limit of {parameters.MAX_EPISODES}.")
     _check(definition)

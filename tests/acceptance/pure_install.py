@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("btcore", "monitor", "robot_nodes", "sim", "trees", "benchmarks")
-FILES = ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE")
+FILES = ("setup.py", "pyproject.toml", "README.md", "LICENSE")
 
 # A compiler that quickly compiles an empty file in place of the first file, and fails after that.
 HALFWAY = """
