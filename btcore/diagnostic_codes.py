@@ -1,10 +1,10 @@
 """The table of diagnostic codes, with the severity, the summary and the documentation of each code.
 
-docs/reference/errors.md and docs/guides/converting.md describe the codes; a test compares both pages with
-this table.
+docs/reference/errors.md describes the codes; a test compares the page with this table.
 """
 
 import re
+from functools import cache
 from typing import Final, Literal
 
 Severity = Literal["error", "warning", "same meaning", "new meaning", "manual step"]
@@ -31,12 +31,30 @@ class DiagnosticCode(str):
         return str(self), self.severity, self.summary
 
     @property
-    def documentation(self) -> str:
-        """The page of docs/ that describes the code; for errors and warnings with the heading's anchor."""
-        if self.startswith("C"):
-            return "guides/converting.md"
+    def url(self) -> str | None:
+        """The address of the heading in the documentation that describes the code.
+
+        None if the documentation's address is unknown, because btcore is imported without being installed.
+        """
+        site = _documentation_site()
+        if site is None:
+            return None
         heading = f"{self} · {self.summary}".lower()
-        return "reference/errors.md#" + re.sub(r"[^\w -]", "", heading).replace(" ", "-")
+        anchor = re.sub(r"[^\w -]", "", heading).replace(" ", "-")
+        return f"{site}reference/errors.html#{anchor}"
+
+
+@cache
+def _documentation_site() -> str | None:
+    """Return the documentation's address in the metadata of the installed package; None = not installed."""
+    from importlib.metadata import PackageNotFoundError, metadata  # slow to import
+
+    try:
+        urls = metadata("btcore").get_all("Project-URL", [])
+    except PackageNotFoundError:
+        return None
+    label = "Documentation, "
+    return next((url.removeprefix(label) for url in urls if url.startswith(label)), None)
 
 
 # The document itself
@@ -47,7 +65,7 @@ NOT_UTF8: Final = DiagnosticCode("E004", "error", "not UTF-8")
 DOCUMENT_TYPE: Final = DiagnosticCode("E005", "error", "document type declaration")
 TOO_DEEP: Final = DiagnosticCode("E006", "error", "nesting too deep")
 INCLUDE_FAILED: Final = DiagnosticCode("E007", "error", "include failed")
-NOT_A_ROOT: Final = DiagnosticCode("E008", "error", "root element is not `<root>`")
+NOT_A_ROOT: Final = DiagnosticCode("E008", "error", "root element is not `root`")
 UNKNOWN_FORMAT: Final = DiagnosticCode("E009", "error", "unknown format")
 
 # Nodes and trees
@@ -85,7 +103,7 @@ NOT_A_BOOLEAN: Final = DiagnosticCode("E207", "error", "not a boolean")
 # Warnings about documents, nodes and trees
 BARE_MARKUP: Final = DiagnosticCode("W101", "warning", "bare `<` or `&` in an attribute")
 DUPLICATE_TREE_ID: Final = DiagnosticCode("W102", "warning", "duplicate tree ID")
-CAPITALISED_ROOT: Final = DiagnosticCode("W103", "warning", "`<Root>` element")
+CAPITALISED_ROOT: Final = DiagnosticCode("W103", "warning", "`Root` element")
 UNUSED_TREE: Final = DiagnosticCode("W104", "warning", "unused tree")
 UNREACHABLE_CHILD: Final = DiagnosticCode("W105", "warning", "unreachable child")
 SECOND_ASYNC_CHILD: Final = DiagnosticCode(
@@ -101,7 +119,7 @@ UNWRITTEN_KEY: Final = DiagnosticCode("W201", "warning", "key read but never wri
 EMPTY_PORT: Final = DiagnosticCode("W202", "warning", "port without a value")
 PARTIAL_NUMBER: Final = DiagnosticCode("W203", "warning", "number read in part")
 USELESS_REMAPPING: Final = DiagnosticCode("W204", "warning", "unused remapping")
-BRACES_IN_FORMAT_3: Final = DiagnosticCode("W205", "warning", "braces in a `<SubTree>` of format 3")
+BRACES_IN_FORMAT_3: Final = DiagnosticCode("W205", "warning", "braces in a `SubTree` of format 3")
 REFUSED_ENTRY_VALUE: Final = DiagnosticCode("W206", "warning", "value does not fit the entry's type")
 SCRIPT_RAISES: Final = DiagnosticCode("W207", "warning", "script always raises")
 CONDITION_ASSIGNS: Final = DiagnosticCode("W208", "warning", "assignment in a condition")

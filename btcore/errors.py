@@ -12,7 +12,7 @@ class Diagnostic(NamedTuple):
     """One error or warning about a document.
 
     Attributes:
-        code: The stable code (btcore/diagnostic_codes.py; docs/reference/errors.md explains each code).
+        code: The stable code (docs/reference/errors.md explains each code).
         message: What is wrong.
         file: The file; "" = the document was given as a text.
         line: The line, from 1; 0 = unknown.

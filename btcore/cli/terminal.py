@@ -10,7 +10,7 @@ import click
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
-from rich.style import StyleType
+from rich.style import Style, StyleType
 from rich.table import Table
 from rich.text import Span, Text
 
@@ -22,16 +22,23 @@ from btcore.tree.drawing import node_sign, status_label
 
 
 class _EscapingConsole(Console):
-    """A console that escapes the control characters in all texts, tables and lines of progress."""
+    """A console that escapes the control characters in all texts, tables and lines of progress.
+
+    Links are written only to a terminal, and not if the environment variable NO_COLOR is set.
+    """
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         if isinstance(renderable, Text):
             renderable = _escaped(renderable)  # before its lines are wrapped
+        has_links = self.file.isatty() and not self.no_color
         for segment in super().render(renderable, options):
             if segment.control:
                 yield segment
             else:
-                yield Segment(escape_controls(segment.text), segment.style)
+                style = segment.style
+                if style is not None and style.link and not has_links:
+                    style = style.update_link(None)
+                yield Segment(escape_controls(segment.text), style)
 
 
 class _EscapingTable(Table):
@@ -139,11 +146,15 @@ def format_status(value: Status) -> Text:
 
 
 def format_diagnostic(diagnostic: Diagnostic) -> Text:
-    """Return the place, code and message of a diagnostic, its source line with carets, and its hint."""
+    """Return the place, code and message of a diagnostic, its source line with carets, and its hint.
+
+    The code links to its description in the documentation.
+    """
     colour = "red" if diagnostic.is_error else "yellow"
     text = Text()
     text.append(f"{diagnostic.where}: ", style="bold")
-    text.append(f"{diagnostic.code} ", style=f"bold {colour}")
+    text.append(diagnostic.code, style=Style(bold=True, color=colour, link=diagnostic.code.url))
+    text.append(" ")
     text.append(diagnostic.message)
     if diagnostic.source and diagnostic.line:
         lines = excerpt(diagnostic.source, diagnostic.line, diagnostic.column, diagnostic.width)

@@ -112,7 +112,7 @@ def _as_data(diagnostic: Diagnostic) -> dict[str, object]:
     return {
         "code": diagnostic.code,
         "severity": diagnostic.code.severity,
-        "documentation": diagnostic.code.documentation,
+        "url": diagnostic.code.url,
         "message": diagnostic.message,
         "file": diagnostic.file,
         "line": diagnostic.line,

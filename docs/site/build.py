@@ -17,6 +17,8 @@ from pathlib import Path
 from api_pages import write_api_pages
 from links import link_problems
 
+from btcore.diagnostic_codes import ALL_CODES
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 OUT = ROOT / "out" / "docs"
@@ -82,6 +84,16 @@ def make_self_contained(site: Path) -> None:
         page.write_text(text.replace("https://unpkg.com/iframe-worker/shim", address), encoding="utf-8")
 
 
+def missing_headings(site: Path) -> list[str]:
+    """Return a problem for each diagnostic code whose link leads to no heading of the built *site*."""
+    missing = []
+    for code in ALL_CODES:
+        page, _, anchor = str(code.url).removeprefix(PROJECT["urls"]["Documentation"]).partition("#")
+        if f'id="{anchor}"' not in (site / page).read_text(encoding="utf-8"):
+            missing.append(f"messages link to {code.url}, which does not exist")
+    return missing
+
+
 def main() -> int:
     """Build and check the site. Return the exit code: 0 if there is no problem."""
     copy_pages(OUT / "pages")
@@ -93,7 +105,7 @@ def main() -> int:
     if built.returncode != 0:
         return built.returncode
     make_self_contained(OUT / "site")
-    problems = link_problems(OUT / "site")
+    problems = [*link_problems(OUT / "site"), *missing_headings(OUT / "site")]
     print("\n".join(problems), file=sys.stderr, end="\n" * bool(problems))
     return min(len(problems), 1)
 

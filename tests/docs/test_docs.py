@@ -49,7 +49,7 @@ NEEDS = {
 GENERATED = ("CHANGELOG.md",)
 FENCE = re.compile(r"( *)(`{3,}|~{3,}) *(.*?) *$")
 FILE = re.compile(r"(python|xml|json|yaml) ([\w.]+\.(?:py|xml|json|yaml))")
-KINDS = re.compile(r"python|console|text|toml|cpp|xml [EW]\d{3}|[a-z]+ unrun: .{8,}")
+KINDS = re.compile(r"python|console|text|toml|cpp|xml [EWC]\d{3}|[a-z]+ unrun: .{8,}")
 
 
 class Block(NamedTuple):
@@ -233,7 +233,7 @@ def unknown(page: str, name: str = "") -> list[str]:
         else:
             known = KINDS.fullmatch(block.info) is not None
             known = known and (
-                name == "docs/reference/errors.md" or not re.fullmatch(r"xml [EW]\d{3}", block.info)
+                name == "docs/reference/errors.md" or not re.fullmatch(r"xml [EWC]\d{3}", block.info)
             )
         if not known:
             found.append(f"line {block.line - 1}: {block.info}")

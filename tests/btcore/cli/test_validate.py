@@ -142,6 +142,7 @@ def test_json_lists_the_diagnostics(cli: Cli, tree_file: TreeFile) -> None:
     (only,) = data["diagnostics"]
     assert (only["code"], only["line"], only["column"]) == ("E101", 3, 5)
     assert only["file"].endswith("tree.xml")
+    assert only["url"].endswith("reference/errors.html#e101--unknown-node")
 
 
 def test_a_hundred_diagnostics_of_a_file_are_shown_and_the_others_counted(
