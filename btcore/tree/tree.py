@@ -54,7 +54,8 @@ class Subtree:
 class Tree:
     """A behavior tree that can be ticked, with its blackboards and clock.
 
-    `btcore.load` creates it. All methods except `wake` must be called on the thread that ticks.
+    `btcore.load` creates it. Call all methods on the thread that ticks, except `wake` and the methods of
+    `hooks`, which are thread-safe.
 
     Attributes:
         id: The ID of the main tree.
