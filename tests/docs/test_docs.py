@@ -44,6 +44,7 @@ NEEDS = {
     "navigation": BOOK_NEEDS,
     "patrol": BOOK_NEEDS,
     "sweeps": ("distributed",),
+    "type_checkers": ("mypy",),
 }
 # Pages that docs/site/build.py writes.
 GENERATED = ("CHANGELOG.md",)
