@@ -7,7 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 URL = re.compile(r"https?://\S+")
-REFERENCE = re.compile(r"[\w./-]*[\w-]\.md\b")
+REFERENCE = re.compile(r"(?<!\})[\w./-]*[\w-]\.md\b")
 FILE_TYPES = {".cfg", ".in", ".json", ".md", ".py", ".toml", ".ts", ".xml", ".yaml", ".yml", ""}
 # Folders of generated or installed files. Hidden folders are excluded, too, except those of the CI.
 EXCLUDED = {"__pycache__", "build", "dist", "node_modules", "out"}
