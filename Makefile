@@ -29,11 +29,12 @@ RECORDED ?= 600
 ATTACKS ?= --pairs 3 --seconds 10
 KILLS ?= 100
 
-.PHONY: help setup demo test lint lint-and-pure pure compiled vulkan accept docs bench clean
+.PHONY: help setup demo test check lint lint-and-pure pure compiled vulkan accept docs bench clean
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
 	@echo 'make test    style, types, and every test on both builds of the engine'
+	@echo 'make check   style, types and the closest tests of the changed files, or of FILES="…", in 20 s'
 	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
 	@echo 'make docs    the documentation site, in out/docs/site'
 	@echo 'make lint    style and types only'
@@ -94,6 +95,9 @@ demo: .venv/ready vulkan
 test: .venv/ready
 	@$(MAKE) -s -j 2 .venv-compiled/ready lint-and-pure
 	@$(MAKE) -s compiled
+
+check: .venv/ready
+	@.venv/bin/python tests/check.py $(FILES)
 
 # The wheel is built meanwhile.
 lint-and-pure:

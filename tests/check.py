@@ -1,0 +1,274 @@
+"""Check some files: their style, the types of all packages, and the tests that belong to the files.
+
+`make check FILES="…"` runs this script. Without FILES it checks the files that differ from the main branch.
+These tests belong to a file:
+
+- a test file: itself; the conftest.py of a subfolder of tests/: the tests in its folder;
+- a Python file of a package: of the folder in tests/ that corresponds to its own folder, or of the nearest
+  parent folder that exists, first the tests with the module's name, then the tests that import the module or
+  use the functions and classes that it defines. Without any, such tests in other folders, or the tests of the
+  modules that import it;
+- a page of the documentation, an example or a benchmark: its parametrised tests;
+- any other file: the tests that contain its name, first the tests with this name.
+
+After START_LIMIT no further test is started. pytest reports these tests as skipped.
+"""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import time
+from functools import cache
+from itertools import chain
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+# The folders of the packages, and the folders of their tests.
+PACKAGES = {
+    "btcore": "tests/btcore",
+    "monitor/btcore_monitor": "tests/monitor",
+    "monitor/btcore_scene": "tests/monitor",
+    "robot_nodes/btcore_robot": "tests/robot_nodes",
+    "sim/btcore_sim": "tests/sim",
+}
+# Built-in nodes and everything that they run on behave as in BehaviorTree.CPP.
+RECORDED = ("btcore/blackboard/", "btcore/engine/", "btcore/nodes/", "btcore/script/")
+RECORDED_TESTS = "tests/conformance/test_recorded_trees.py"
+SITE_TESTS = "tests/docs/test_site.py"
+TREE_TESTS = "tests/robot_nodes/test_trees.py"
+PAGE_TESTS = (
+    "tests/docs/test_docs.py::test_the_examples_of_a_page_run",
+    "tests/docs/test_docs.py::test_every_block_of_a_page_is_of_a_known_kind",
+    "tests/docs/test_docs.py::test_files_that_a_page_links_to_exist",
+)
+# Tests that contain the names of files, but do not test their content.
+INCIDENTAL = {"tests/docs/test_docs.py", "tests/test_check.py"}
+START_LIMIT = 12.0  # s after the start of this script
+MANY = 3  # test files; more are tested in several processes
+
+
+def changed_files() -> list[str]:
+    """Return the files that differ from the main branch, including new files."""
+    base = git("merge-base", "HEAD", "origin/main") or git("merge-base", "HEAD", "main") or ["HEAD"]
+    changed = git("diff", "--name-only", "--no-renames", "--diff-filter=d", *base)
+    return sorted({*changed, *git("ls-files", "--others", "--exclude-standard")})
+
+
+def git(*arguments: str) -> list[str]:
+    """Return the lines that a git command prints, or an empty list if it fails."""
+    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
+    return done.stdout.splitlines() if done.returncode == 0 else []
+
+
+def tests_of(file: str) -> list[str]:
+    """Return the tests that belong to *file*, as arguments of pytest, the closest first."""
+    path = Path(file)
+    if path.name.startswith("test_") and path.suffix == ".py" and path.parts[0] == "tests":
+        return [file]
+    if path.name == "conftest.py" and len(path.parts) > 2:
+        return [path.parent.as_posix()]
+    if is_source(file):
+        return [*tests_of_source(file), *[RECORDED_TESTS][: file.startswith(RECORDED)]]
+    if path.is_relative_to("docs/site"):
+        return [SITE_TESTS]
+    if path.is_relative_to("docs") and path.suffix == ".md":
+        return [*(f"{test}[{file}]" for test in PAGE_TESTS), *tests_with_name(path)]
+    if path.is_relative_to("trees"):
+        return list(dict.fromkeys([TREE_TESTS, *tests_with_name(path)]))
+    if path.parent == Path("examples"):
+        return [f"tests/test_examples.py::test_example_prints_the_expected_lines[{path.name}]"]
+    if path.parent == Path("benchmarks") and path.suffix == ".py":
+        return [f"tests/test_benchmarks.py::test_a_benchmark_runs[{path.stem}]"]
+    return tests_with_name(path)
+
+
+def is_source(file: str) -> bool:
+    """Return whether *file* is a Python file of a package."""
+    return file.endswith(".py") and file.startswith(tuple(f"{package}/" for package in PACKAGES))
+
+
+def tests_of_source(file: str) -> list[str]:
+    """Return the tests that belong to a Python file of a package."""
+    package = package_of(file)
+    path = Path(file).relative_to(package)
+    folder = Path(PACKAGES[package], path.parent)
+    while not (ROOT / folder).is_dir():
+        folder = folder.parent
+    found = tests_that_use(file, folder.as_posix()) or tests_that_use(file, "tests")
+    if found:
+        return found
+    # A module that only its neighbours use: their tests, and those of the folder.
+    whole = folder.as_posix() == PACKAGES[package]
+    importers = [other for other in sources() if other != file and module_name(file) in words(other)]
+    closest = [tests_that_use(other, "tests" if whole else folder.as_posix())[:1] for other in importers]
+    others = [] if whole and any(closest) else test_files(folder.as_posix())
+    return list(dict.fromkeys([*chain.from_iterable(closest), *others]))
+
+
+@cache
+def tests_that_use(file: str, folder: str) -> list[str]:
+    """Return the tests in *folder* that have the name of a module or use it, the closest first."""
+    module = module_name(file)
+    own_name = re.compile(rf"test_{Path(file).stem}s?(_|$)")
+    names = {module, *definitions(file)}
+    ranked = []
+    for test in test_files(folder):
+        named = own_name.match(Path(test).stem) is not None
+        found = names & words(test)
+        if named or found:
+            ranked.append((not named, module not in found, -len(found), test))
+    return [test for *_, test in sorted(ranked)]
+
+
+def package_of(file: str) -> str:
+    """Return the folder of the package of a Python file."""
+    return next(package for package in PACKAGES if file.startswith(f"{package}/"))
+
+
+@cache
+def module_name(file: str) -> str:
+    """Return the name by which a Python file of a package is imported."""
+    return ".".join(Path(file).relative_to(Path(package_of(file)).parent).with_suffix("").parts).removesuffix(
+        ".__init__"
+    )
+
+
+@cache
+def sources() -> list[str]:
+    """Return the Python files of the packages."""
+    return sorted(
+        path.relative_to(ROOT).as_posix() for package in PACKAGES for path in (ROOT / package).rglob("*.py")
+    )
+
+
+@cache
+def definitions(file: str) -> list[str]:
+    """Return the public functions and classes that a Python file defines."""
+    return [
+        statement.name
+        for statement in ast.parse(text(file)).body
+        if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+        and not statement.name.startswith("_")
+    ]
+
+
+def tests_with_name(path: Path) -> list[str]:
+    """Return the tests that contain the name of a file, or, except for a page, the name without its suffix.
+
+    Tests whose own name contains the name come first.
+    """
+    name = rf"(?<!\w){re.escape(path.name)}\b"
+    if path.suffix != ".md":
+        name += rf"|[\"']{re.escape(path.stem)}[\"']"
+    ranked = sorted(
+        (path.stem.lower() not in Path(test).stem, -count, test)
+        for test in test_files("tests")
+        if (count := len(re.findall(name, text(test))))
+    )
+    return [test for *_, test in ranked]
+
+
+@cache
+def test_files(folder: str) -> list[str]:
+    """Return the test files in *folder* and its subfolders, except INCIDENTAL."""
+    found = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / folder).rglob("test_*.py"))
+    return [test for test in found if test not in INCIDENTAL]
+
+
+@cache
+def words(file: str) -> set[str]:
+    """Return the names in *file*: with their dots, and their last parts."""
+    names = set(re.findall(r"[\w.]+", text(file)))
+    return names | {name.rpartition(".")[2] for name in names}
+
+
+@cache
+def text(file: str) -> str:
+    """Return the content of *file*."""
+    return (ROOT / file).read_text(encoding="utf-8")
+
+
+def all_tests_of(files: list[str]) -> list[str]:
+    """Return the tests of all *files* without duplicates, the closest tests of each file first."""
+    lists = [tests_of(file) for file in files]
+    longest = max(map(len, lists), default=0)
+    found = dict.fromkeys(tests[rank] for rank in range(longest) for tests in lists if rank < len(tests))
+    return [test for test in found if not any(test != one and inside(test, one) for one in found)]
+
+
+def inside(test: str, other: str) -> bool:
+    """Return whether pytest runs *test* already when it runs *other*."""
+    return test.startswith((f"{other}/", f"{other}::"))
+
+
+def main(arguments: list[str]) -> int:
+    """Check the files *arguments*, print what was run and skipped, and return the exit code."""
+    start = time.time()
+    files = [Path(file).resolve() for file in arguments]
+    wrong = [str(file) for file in files if not file.exists() or not file.is_relative_to(ROOT)]
+    if wrong:
+        print(f"error: not a file of this repository: {', '.join(wrong)}", file=sys.stderr)
+        return 2
+    names = [file.relative_to(ROOT).as_posix() for file in files]
+    chosen = (
+        git("ls-files", "--cached", "--others", "--exclude-standard", "--", *names)
+        if names
+        else changed_files()
+    )
+    if not chosen:
+        print('no file differs from the main branch; FILES="…" selects files')
+        return 0
+    python = [file for file in chosen if file.endswith(".py")]
+    sources = [file for file in chosen if is_source(file)]
+    tests = all_tests_of(chosen)
+    failed = []
+    # mypy runs while the tests do.
+    mypy = subprocess.Popen([tool("mypy")], cwd=ROOT, stdout=subprocess.PIPE, text=True) if sources else None
+    if python:
+        print(f"· style of {counted(python, 'Python file')}")
+        for command in (["check", "--quiet"], ["format", "--check"]):
+            if run([tool("ruff"), *command, *python]) != 0:
+                failed.append(f"style (`ruff {command[0]}`)")
+    else:
+        print("· style: skipped, no Python file")
+    if tests:
+        print("· tests: pytest", *tests)
+        # One test at a time is sent to a process, in the order of the files.
+        several = ["-n", str(os.cpu_count() or 1), "--maxschedchunk=1"]
+        processes = several if len(tests) > MANY else ["-p", "no:xdist"]
+        environment = {**os.environ, "BTCORE_TEST_START_UNTIL": str(start + START_LIMIT)}
+        if run([sys.executable, "-m", "pytest", "-q", *processes, *tests], environment) != 0:
+            failed.append("tests")
+    else:
+        print("· tests: skipped, none belongs to these files")
+    if mypy is not None:
+        print("· types of all packages")
+        print(mypy.communicate()[0], end="")
+        if mypy.returncode != 0:
+            failed.append("types (`mypy`)")
+    else:
+        print("· types: skipped, no Python file of a package")
+    print(f"{'failed: ' + ', '.join(failed) if failed else 'passed'} ({time.time() - start:.0f} s)")
+    return 1 if failed else 0
+
+
+def counted(items: list[str], noun: str) -> str:
+    """Return the number of *items* with *noun*."""
+    return f"{len(items)} {noun}{'s' * (len(items) != 1)}"
+
+
+def tool(name: str) -> str:
+    """Return the path of a program that is installed beside Python."""
+    return str(Path(sys.executable).with_name(name))
+
+
+def run(command: list[str], environment: dict[str, str] | None = None) -> int:
+    """Run *command* in the root folder, and return its exit code."""
+    sys.stdout.flush()
+    return subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

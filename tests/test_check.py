@@ -1,0 +1,171 @@
+"""`make check` finds the tests of every file, and reports what fails and what it skips."""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGE = "docs/guides/ports.md"
+EXAMPLE = "tests/test_examples.py::test_example_prints_the_expected_lines[01_first_tree.py]"
+
+
+@pytest.fixture(scope="module")
+def check() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("check", ROOT / "tests/check.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_source_file_has_tests(check: ModuleType) -> None:
+    found = {file: check.tests_of(file) for file in check.sources()}
+    assert len(found) > 400
+    assert [file for file, tests in found.items() if not tests] == []
+    assert {test for tests in found.values() for test in tests if not (ROOT / test).is_file()} == set()
+
+
+def test_every_tree_and_scene_has_tests(check: ModuleType) -> None:
+    files = [*(ROOT / "trees").rglob("*.xml"), *(ROOT / "sim").rglob("*.json")]
+    names = [path.relative_to(ROOT).as_posix() for path in files]
+    assert len(names) > 10
+    assert [name for name in names if not check.tests_of(name)] == []
+
+
+@pytest.mark.parametrize(
+    ("file", "first"),
+    [
+        ("btcore/nodes/timing.py", "tests/btcore/nodes/test_timing.py"),
+        ("btcore/engine/coroutine.py", "tests/btcore/engine/test_coroutines.py"),
+        ("btcore/xml/lint/data_flow.py", "tests/btcore/xml/test_dataflow.py"),
+        ("btcore/script/lexer.py", "tests/btcore/script/test_script.py"),
+        ("monitor/btcore_monitor/wire/groot2.py", "tests/monitor/wire/test_groot2.py"),
+        ("robot_nodes/btcore_robot/leaves/drive.py", "tests/robot_nodes/test_drive_leaves.py"),
+        ("sim/btcore_sim/battery.py", "tests/sim/test_battery.py"),
+        ("tests/sim/test_battery.py", "tests/sim/test_battery.py"),
+        ("tests/sim/conftest.py", "tests/sim"),
+        ("tests/conftest.py", "tests/test_time_limit.py"),
+        (PAGE, f"tests/docs/test_docs.py::test_the_examples_of_a_page_run[{PAGE}]"),
+        ("docs/site/navigation.md", "tests/docs/test_site.py"),
+        ("examples/01_first_tree.py", EXAMPLE),
+        ("benchmarks/startup.py", "tests/test_benchmarks.py::test_a_benchmark_runs[startup]"),
+        ("trees/bumpgo.xml", "tests/robot_nodes/test_trees.py"),
+        ("README.md", "tests/test_readme.py"),
+    ],
+)
+def test_closest_test_of_a_file(check: ModuleType, file: str, first: str) -> None:
+    assert (ROOT / file).is_file()
+    assert check.tests_of(file)[0] == first
+
+
+def test_tests_of_several_files_have_no_duplicates(check: ModuleType) -> None:
+    files = ["tests/sim/test_laser.py", "sim/btcore_sim/battery.py", "tests/sim/conftest.py"]
+    assert check.all_tests_of(files) == ["tests/sim"]
+    assert (
+        check.all_tests_of(["btcore/nodes/timing.py", "btcore/nodes/try_catch.py"]).count(
+            "tests/conformance/test_recorded_trees.py"
+        )
+        == 1
+    )
+
+
+@pytest.mark.parametrize("kind", ["page", "example", "benchmark"])
+def test_parametrised_tests_are_collected_by_pytest(check: ModuleType, kind: str) -> None:
+    file = {"page": PAGE, "example": "examples/01_first_tree.py", "benchmark": "benchmarks/startup.py"}[kind]
+    tests = check.tests_of(file)
+    command = [sys.executable, "-m", "pytest", "-q", "--collect-only", "-p", "no:cacheprovider", *tests]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=100)
+    assert done.returncode == 0, done.stdout
+    assert set(tests) <= set(done.stdout.splitlines())
+
+
+# --- the command
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A repository with the script and a test."""
+    for name in ("check.py", "conftest.py"):
+        (tmp_path / "tests").mkdir(exist_ok=True)
+        shutil.copy(ROOT / "tests" / name, tmp_path / "tests")
+    (tmp_path / "pyproject.toml").write_text("[tool.pytest.ini_options]\naddopts = '-ra'\n", encoding="utf-8")
+    (tmp_path / ".gitignore").write_text("__pycache__/\n.*_cache/\n", encoding="utf-8")
+    (tmp_path / "tests/test_it.py").write_text(TEST, encoding="utf-8")
+    git = ["git", "-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "init.defaultBranch=main"]
+    for command in (["init", "-q"], ["add", "."], ["commit", "-qm", "Add a test"]):
+        subprocess.run([*git, *command], cwd=tmp_path, check=True)
+    return tmp_path
+
+
+TEST = "def test_it() -> None:\n    assert True\n"
+
+
+def run(project: Path, *files: str, **environment: str) -> tuple[int, str]:
+    done = subprocess.run(
+        [sys.executable, project / "tests/check.py", *files],
+        cwd=project,
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    return done.returncode, done.stdout
+
+
+def test_without_files_it_checks_what_differs_from_the_main_branch(project: Path) -> None:
+    code, output = run(project)
+    assert (code, output) == (0, 'no file differs from the main branch; FILES="…" selects files\n')
+    (project / "tests/test_new.py").write_text(TEST, encoding="utf-8")
+    code, output = run(project)
+    assert code == 0
+    assert "· style of 1 Python file" in output
+    assert "· tests: pytest tests/test_new.py\n" in output
+    assert "1 passed" in output
+    assert "· types: skipped, no Python file of a package" in output
+    assert output.splitlines()[-1].startswith("passed (")
+
+
+def test_a_failure_of_each_check_is_reported(project: Path) -> None:
+    test = project / "tests/test_it.py"
+    test.write_text(TEST.replace("True", "undefined"), encoding="utf-8")
+    code, output = run(project)
+    assert code == 1
+    assert "F821" in output
+    assert output.splitlines()[-1].startswith("failed: style (`ruff check`), tests (")
+    test.write_text(TEST.replace("    ", "  "), encoding="utf-8")
+    code, output = run(project, "tests/test_it.py")
+    assert code == 1
+    assert output.splitlines()[-1].startswith("failed: style (`ruff format`) (")
+
+
+def test_a_file_without_tests_is_reported_and_an_unknown_file_is_an_error(project: Path) -> None:
+    code, output = run(project, ".gitignore")
+    assert code == 0
+    assert "· tests: skipped, none belongs to these files" in output
+    code, output = run(project, "tests/test_it.py", "missing.py")
+    assert code == 2
+    assert output == f"error: not a file of this repository: {project / 'missing.py'}\n"
+
+
+def test_no_test_is_started_after_the_time_limit(project: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "tests"],
+        cwd=project,
+        env={**os.environ, "BTCORE_TEST_START_UNTIL": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert done.returncode == 0
+    assert "1 skipped" in done.stdout
+    assert "not started" in done.stdout
