@@ -109,6 +109,7 @@ lint: .venv/ready
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check .
 	@.venv/bin/mypy
+	@.venv/bin/mypy --platform win32 --cache-dir .mypy_cache/win32
 
 pure: .venv/ready vulkan
 	@echo '· every test, on the pure build'

@@ -152,5 +152,6 @@ def _docstrings(source: Path) -> dict[str, str]:
     """Return the docstrings of the classes in the file *source*."""
     import ast
 
-    classes = [node for node in ast.parse(source.read_text("utf-8")).body if isinstance(node, ast.ClassDef)]
+    module = ast.parse(source.read_text(encoding="utf-8"))
+    classes = [node for node in module.body if isinstance(node, ast.ClassDef)]
     return {node.name: ast.get_docstring(node) or "" for node in classes}

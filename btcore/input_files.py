@@ -4,6 +4,7 @@ import errno
 import os
 import re
 import stat
+import sys
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -88,6 +89,9 @@ def real_path(path: str | os.PathLike[str]) -> Path:
 
 
 def _open(path: str, flags: int) -> int:
+    if sys.platform == "win32" and Path(path).is_dir():
+        # Windows raises PermissionError for a folder.
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), path)
     return os.open(path, flags | _FLAGS)
 
 

@@ -205,7 +205,7 @@ def _plot(here: Path, plot: Path, results: Sequence[BenchmarkData]) -> None:
     """Plot *results* into the file *plot*."""
     with tempfile.TemporaryDirectory() as scratch:
         data = Path(scratch) / "measured.json"
-        data.write_text(json.dumps(results), encoding="utf-8")
+        data.write_bytes(json.dumps(results).encode())
         try:
             _python(here / _PLOT, [str(data), str(plot)])
         except BenchmarkError as error:

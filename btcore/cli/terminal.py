@@ -87,10 +87,12 @@ def print_json(data: object, indent: int | None = None) -> None:
 
 
 def print_xml(document: str | bytes) -> None:
-    """Print an XML document on stdout. At a terminal, control characters are escaped."""
+    """Print an XML document on stdout: on a terminal with escaped control characters, otherwise in UTF-8."""
     if sys.stdout.isatty():
-        document = escape_xml(document if isinstance(document, str) else document.decode())
-    click.echo(document, nl=False)
+        click.echo(escape_xml(document if isinstance(document, str) else document.decode()), nl=False)
+    else:
+        # Bytes, because Windows would translate the line ends of a text, and write it in another encoding.
+        click.echo(document.encode() if isinstance(document, str) else document, nl=False)
 
 
 def _console(stderr: bool) -> Console:

@@ -84,7 +84,7 @@ class BtLogWriter:
         Raises:
             OSError: The file of the gaps cannot be written.
         """
-        with _gaps_file(self.path).open("a", encoding="utf-8") as file:
+        with _gaps_file(self.path).open("a", encoding="utf-8", newline="\n") as file:
             file.write(f"{self._count} {' '.join(reason.split())}\n")
 
     def close(self) -> None:

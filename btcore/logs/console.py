@@ -3,7 +3,6 @@
 See src/loggers/bt_cout_logger.cpp.
 """
 
-import os
 import sys
 from typing import ClassVar, Final, TextIO
 
@@ -11,6 +10,7 @@ from btcore.clock import NS_PER_S
 from btcore.escaping import escape_controls
 from btcore.logs.log import Log
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
+from btcore.tree.drawing import shows_colours
 from btcore.tree.tree import Tree
 
 _COLOURS: Final = {SUCCESS: 32, FAILURE: 31, RUNNING: 33, SKIPPED: 34, IDLE: 36}
@@ -44,7 +44,7 @@ class ConsoleLog(Log):
         self.stream = sys.stdout if stream is None else stream
         self.relative = relative
         if colours is None:
-            colours = self.stream.isatty() and not os.environ.get("NO_COLOR")
+            colours = shows_colours(self.stream)
         self._words = {status: _word(status, colours) for status in _COLOURS}
         self._names = {node.uid: escape_controls(node.name, one_line=True) for node in tree.nodes}
         super().__init__(tree, str(getattr(self.stream, "name", "console")), idle=idle)

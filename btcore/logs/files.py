@@ -102,7 +102,7 @@ def _explain(path: Path, error: OSError) -> str:
     """Return the message for *error*, which was raised when *path* was opened for writing."""
     message = "cannot write a log here"
     folder = path.parent
-    if isinstance(error, IsADirectoryError):
+    if path.is_dir():  # on Windows the error is a PermissionError
         return f"{message}: this is a folder; give the path of a file"
     if isinstance(error, NotADirectoryError):
         return f"{message}: {folder} is not a folder"

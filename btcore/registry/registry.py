@@ -414,7 +414,7 @@ def _leaves_in(module: ModuleType) -> Iterable[Any]:
 def _import(library: str, name: str | None) -> ModuleType:
     title = library if name in (None, library) else f"{library}' of '{name}"
     try:
-        if library.endswith(".py") or "/" in library:
+        if library.endswith(".py") or Path(library).name != library:
             return _import_file(Path(library))
         return importlib.import_module(library)
     except RegistrationError:

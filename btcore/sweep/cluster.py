@@ -210,7 +210,7 @@ def dask_setup(worker: object) -> None:
     log = os.environ.get(LOG_VARIABLE)
     if log:
         # The file descriptors are replaced, not sys.stdout: C libraries and faulthandler write to them too.
-        file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+        file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
         os.dup2(file, 1)
         os.dup2(file, 2)
         os.close(file)

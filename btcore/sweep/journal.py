@@ -19,11 +19,15 @@ from btcore.json_text import load_json
 from btcore.output_files import write_file
 from btcore.sweep.definition import SweepDefinition, difference
 
-if sys.platform != "win32":
+if sys.platform == "win32":
+    import msvcrt
+else:
     import fcntl
 
 DEFINITION: Final = "sweep.json"
 JOURNAL: Final = "journal.jsonl"
+_LOCKED_BYTE: Final = 2**31 - 2
+"""The offset of the byte that is locked on Windows, where other programs cannot read locked bytes."""
 
 Record = dict[str, Any]
 """The saved result of an episode: the result of `episode.run_episode`, and `episode`, its number."""
@@ -77,11 +81,13 @@ class Journal:
         self._file.flush()  # to the operating system: the record survives a kill of this process
 
     def _lock(self, file: IO[bytes]) -> None:
-        if sys.platform == "win32":
-            return
         # The lock ends with the process, however it ends: no stale lock can block the folder.
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if sys.platform == "win32":
+                os.lseek(file.fileno(), _LOCKED_BYTE, os.SEEK_SET)
+                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            else:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             raise click.UsageError(
                 f"another 'btcore sweep' is writing to '{self.folder}'; wait until it ends, or choose "

@@ -162,19 +162,21 @@ def is_ascii_only(file: IO[str] | None) -> bool:
     return False
 
 
-def _shows_colours(file: TextIO) -> bool:
+def shows_colours(file: TextIO) -> bool:
     """Return whether *file* is a terminal with colours; the usual environment variables override it."""
     if os.environ.get("NO_COLOR"):
         return False
     if os.environ.get("FORCE_COLOR"):
         return True
-    return file.isatty() and os.environ.get("TERM") != "dumb"
+    # The old console of Windows prints the codes of colours; Windows Terminal sets WT_SESSION.
+    default = "dumb" if sys.platform == "win32" and "WT_SESSION" not in os.environ else ""
+    return file.isatty() and os.environ.get("TERM", default) != "dumb"
 
 
 def print_results(id: str, ticks: int, root: TreeNode, file: TextIO | None) -> None:
     """Print `draw_results` on *file* (default: standard output), in colours if it is a terminal."""
     file = sys.stdout if file is None else file
-    text = to_text(draw_results(id, ticks, root, is_ascii_only(file)), _shows_colours(file))
+    text = to_text(draw_results(id, ticks, root, is_ascii_only(file)), shows_colours(file))
     encoding = getattr(file, "encoding", None)
     if encoding:
         # A name may contain characters that the file cannot write.

@@ -22,6 +22,9 @@ _FILE_AT_MOST: Final = 1 << 20
 
 _Socket = zmq.Socket[bytes]
 
+_BINARY: Final = getattr(os, "O_BINARY", 0)
+"""The flag of Windows for a file whose line ends are not translated."""
+
 
 class KeyFileError(MonitorError):
     """A key or a key file cannot be used. The message has the file and the reason."""
@@ -127,7 +130,7 @@ def public_file(path: Path) -> Path:
 def _create(path: Path, text: str, mode: int) -> None:
     try:
         # O_EXCL: neither overwrite a file nor follow a link, even if it was created a moment ago.
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, mode)
         try:
             os.write(descriptor, text.encode())
         finally:
@@ -176,7 +179,7 @@ def _read_lines(path: Path, secret: bool = False) -> list[str]:
     """
     try:
         # O_NONBLOCK: do not wait for the writer of a FIFO.
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY)
         try:
             status = os.fstat(descriptor)
             if not stat.S_ISREG(status.st_mode):

@@ -12,6 +12,7 @@ from typing import Final
 import click
 
 from btcore_monitor.console import print_line
+from btcore_monitor.process_group import NEW_PROCESS_GROUP
 from btcore_monitor.serve import Publisher
 from btcore_monitor.viewer_setup import stop_on_signals
 
@@ -51,6 +52,7 @@ class MonitorProcess:
             # The results of the run are on stdout, messages of the monitor are on stderr.
             stdout=2,
             start_new_session=True,
+            creationflags=NEW_PROCESS_GROUP,
             env=os.environ | {"PYTHONPATH": path},
         )
 

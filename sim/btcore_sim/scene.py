@@ -171,7 +171,7 @@ def load_scene(name: str) -> Scene:
     Raises:
         SimError: The world is unknown, or the file is missing or invalid.
     """
-    if name.endswith(".json") or "/" in name:
+    if name.endswith(".json") or Path(name).name != name:
         path = Path(name)
     elif name in scene_names():
         path = SCENES / f"{name}.json"

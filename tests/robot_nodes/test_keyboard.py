@@ -8,12 +8,13 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
-from btcore_robot.control.keyboard import KeyInputError, parse_key_script, parse_keys
+from btcore_robot.control.keyboard import KEY_TIMEOUT, KeyInputError, Terminal, parse_key_script, parse_keys
 
 Run = Callable[..., Result]
 SECOND = 1_000_000_000
@@ -104,3 +105,18 @@ def test_keys_of_a_terminal_drive_and_x_ends() -> None:
             os.close(ours)
             os.close(theirs)
     assert told["robot"]["distance_m"] > 0.1
+
+
+def test_keys_of_a_windows_console_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    # An arrow key is a prefix and a letter, and a function key (here F1) drives nowhere.
+    typed = ["w", "\xe0", "K", "\x00", ";"]
+    console = SimpleNamespace(kbhit=lambda: bool(typed), getwch=lambda: typed.pop(0))
+    monkeypatch.setitem(sys.modules, "msvcrt", console)
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
+    with Terminal() as keys:
+        assert keys.pressed(0) == "a"
+        assert keys.pressed(KEY_TIMEOUT) == "a"
+        assert keys.pressed(KEY_TIMEOUT + 1) is None
+        typed.append("x")
+        assert keys.pressed(SECOND) == "x"

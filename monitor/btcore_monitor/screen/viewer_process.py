@@ -21,6 +21,7 @@ from typing import Final
 from rerun.experimental import ViewerClient
 
 from btcore_monitor.errors import MonitorError
+from btcore_monitor.process_group import NEW_PROCESS_GROUP
 
 LOOPBACK: Final = "127.0.0.1"
 _START_WITHIN: Final = 60.0
@@ -62,6 +63,7 @@ class ViewerProcess:
             env=environment(verbose),
             # Ctrl-C in the terminal ends the monitor, but not the window.
             start_new_session=True,
+            creationflags=NEW_PROCESS_GROUP,
         )
 
     def wait_until_listening(self, port: int | None = None) -> None:

@@ -1,8 +1,8 @@
 """Start and stop the process between the clients and the publisher's sockets.
 
 The publisher's sockets are bound to Unix sockets in a folder that only this user can open. The clients
-connect to TCP ports of the gateway's process (gateway_process.py), which enforces limits. Where Python has no
-Unix sockets (Windows), a thread does the same by TCP.
+connect to TCP ports of the gateway's process (gateway_process.py), which enforces limits. On Windows, which
+lacks Unix sockets, a thread does the same by TCP.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ _PATH_AT_MOST: Final = 80
 _HANDSHAKE_MS: Final = 5_000
 """Maximum time for the handshake of a connection."""
 
-_HAS_UNIX_SOCKETS: Final = hasattr(socket, "AF_UNIX")
+_HAS_UNIX_SOCKETS: Final = sys.platform != "win32"
 
 _CLOSING: Final = 2.0
 """Maximum seconds (wall clock) for the process to end."""
@@ -41,7 +41,9 @@ class Gateway:
     """Connects TCP ports to sockets of ZeroMQ. Call `add` for each port, then `start`."""
 
     def __init__(self) -> None:
-        folder = "/tmp" if len(tempfile.gettempdir()) > _PATH_AT_MOST else None
+        folder = None
+        if _HAS_UNIX_SOCKETS and len(tempfile.gettempdir()) > _PATH_AT_MOST:
+            folder = "/tmp"
         self._folder = Path(tempfile.mkdtemp(prefix="btcore-", dir=folder))
         self._listeners: list[socket.socket] = []
         self._ports: list[tuple[int, str, bool, bool, int]] = []

@@ -575,7 +575,7 @@ class Forwarder:
 
 def _connected(path: str) -> socket.socket:
     """Return a connection to *path*, a path of a Unix socket or `tcp://address:port`."""
-    if path.startswith("tcp://"):
+    if sys.platform == "win32" or path.startswith("tcp://"):
         host, _, port = path.removeprefix("tcp://").rpartition(":")
         server = socket.create_connection((host, int(port)), GREETING)
         server.setblocking(False)
@@ -613,8 +613,9 @@ def _main(arguments: str) -> None:
         arguments: JSON: for each port the listening socket's file descriptor, the path of the publisher's
             socket, whether it takes topics, whether it replies, and the maximum bytes of a request.
     """
-    with contextlib.suppress(OSError):
-        os.nice(_PRIORITY)
+    if sys.platform != "win32":
+        with contextlib.suppress(OSError):
+            os.nice(_PRIORITY)
     described = json.loads(arguments)
     ports = [Port(socket.socket(fileno=fd), *rest) for fd, *rest in described]
     Forwarder(ports, sys.stdin.fileno(), os.getppid()).run()

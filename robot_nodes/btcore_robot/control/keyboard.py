@@ -31,6 +31,9 @@ _KEYS = {
     " ": Twist2D(0.0, 0.0),
 }
 _ARROWS = {"\x1b[A": "w", "\x1b[B": "s", "\x1b[C": "d", "\x1b[D": "a"}
+_WINDOWS_ARROWS = {"H": "w", "P": "s", "M": "d", "K": "a"}
+"""The second character of an arrow key on Windows, after one of `_WINDOWS_PREFIXES`."""
+_WINDOWS_PREFIXES = ("\x00", "\xe0")
 END_KEYS = ("x", "\x03", "\x04")
 """The keys that end the drive: x, Ctrl-C, Ctrl-D."""
 HELP = "w/↑ forward, s/↓ back, a/← left, d/→ right, q/e forward and left/right, space stop, x end"
@@ -99,19 +102,22 @@ class Terminal(KeySource):
         self._pressed: tuple[str, int] | None = None
 
     def __enter__(self) -> Self:
-        import termios
-        import tty
+        # On Windows, the functions that read single keys do not echo them.
+        if sys.platform != "win32":
+            import termios
+            import tty
 
-        self._terminal_attributes = termios.tcgetattr(sys.stdin)
-        tty.setcbreak(sys.stdin)
+            self._terminal_attributes = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        import termios
+        if sys.platform != "win32":
+            import termios
 
-        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._terminal_attributes)
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._terminal_attributes)
 
     def pressed(self, now: int) -> str | None:
         """Return the last key until `KEY_TIMEOUT` after it was received; "x" if a key ends the drive."""
@@ -124,8 +130,16 @@ class Terminal(KeySource):
         return self._pressed[0]
 
     def _read(self) -> str:
+        """Return the keys typed since the last call, without waiting for more."""
+        if sys.platform == "win32":
+            import msvcrt
+
+            text = ""
+            while msvcrt.kbhit():
+                key = msvcrt.getwch()
+                text += _WINDOWS_ARROWS.get(msvcrt.getwch(), "") if key in _WINDOWS_PREFIXES else key
+            return text
         read = b""
-        # Read the keys typed since the last call, without waiting for more.
         while select.select([sys.stdin], [], [], 0.0)[0]:
             more = os.read(sys.stdin.fileno(), 64)
             if not more:

@@ -109,11 +109,16 @@ def test_styles_stay_at_their_characters():
 
 
 def test_an_xml_document_is_escaped_at_a_terminal_only(monkeypatch):
-    class Screen(io.StringIO):
+    class Screen(io.TextIOWrapper):
         def isatty(self) -> bool:
             return True
 
-    for stream, expected in ((Screen(), '<a b="&#x9b;"/>'), (io.StringIO(), '<a b="\x9b"/>')):
-        monkeypatch.setattr(sys, "stdout", stream)
-        terminal.print_xml('<a b="\x9b"/>')
-        assert stream.getvalue() == expected
+    # The encoding and the line ends of Windows: they concern a terminal, not a pipe or a file.
+    for kind, expected in (
+        (Screen, b'<a b="&#x9b;\xb7"/>\r\n'),
+        (io.TextIOWrapper, '<a b="\x9b·"/>\n'.encode()),
+    ):
+        written = io.BytesIO()
+        monkeypatch.setattr(sys, "stdout", kind(written, encoding="cp1252", newline="\r\n"))
+        terminal.print_xml('<a b="\x9b·"/>\n')
+        assert written.getvalue() == expected

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from btcore import SimClock, Status, Tree, loads
+from btcore.tree.drawing import shows_colours
 
 XML = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">
@@ -142,6 +143,17 @@ def test_terminal_gets_colours_unless_they_are_disabled(tree: Tree, monkeypatch:
         tree.draw(terminal)
         terminal.flush()
         assert screen.read(10_000).decode().replace("\r\n", "\n") == RUNNING + "\n"
+
+
+def test_only_new_consoles_of_windows_show_colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("TERM", "NO_COLOR", "FORCE_COLOR", "WT_SESSION"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "win32")
+    master, slave = pty.openpty()
+    with os.fdopen(slave, "w", encoding="utf-8") as terminal, os.fdopen(master, "rb"):
+        assert not shows_colours(terminal)
+        monkeypatch.setenv("WT_SESSION", "f4b2")
+        assert shows_colours(terminal)
 
 
 def test_deep_tree_is_drawn() -> None:
