@@ -16,6 +16,8 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
+__all__ = ["SourceOnly", "active_build", "compiled_modules"]
+
 LIBRARY = "btcore__mypyc"
 """The extension module with all compiled code; the extension modules beside the sources only refer to it."""
 HERE = Path(__file__).parent

@@ -12,7 +12,12 @@ Severity = Literal["error", "warning", "same meaning", "new meaning", "manual st
 
 
 class DiagnosticCode(str):
-    """A diagnostic code of the table below: a str such as "E101", with a severity and a summary."""
+    """A diagnostic code of the table below: a str such as "E101", with a severity and a summary.
+
+    Attributes:
+        severity: The severity of the problem, or the effect of the change.
+        summary: A short description, such as "unknown node".
+    """
 
     # A subclass of str, and not an Enum: a hundred members of an Enum would slow down `import btcore`.
     __slots__ = ("severity", "summary")

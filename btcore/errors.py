@@ -203,7 +203,12 @@ class ConversionError(BtcoreError, ValueError):
 
 
 class ScriptError(BtcoreError):
-    """A script cannot be parsed or run; *column* counts characters in *text* from 1 (0 = unknown)."""
+    """A script cannot be parsed or run; *column* counts characters in *text* from 1 (0 = unknown).
+
+    Attributes:
+        message: The description of the error, without the script.
+        width: The number of invalid characters.
+    """
 
     def __init__(self, message: str, text: str = "", column: int = 0, width: int = 1) -> None:
         self.message = message

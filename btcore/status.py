@@ -15,7 +15,15 @@ class _NamedNumber(IntEnum):
 
 
 class Status(_NamedNumber):
-    """The status of a node. The numbers are those of BehaviorTree.CPP's protocols and logs."""
+    """The status of a node. The numbers are those of BehaviorTree.CPP's protocols and logs.
+
+    Attributes:
+        IDLE: The node is not active.
+        RUNNING: The node is not finished and needs further ticks.
+        SUCCESS: The node finished with success.
+        FAILURE: The node finished with failure.
+        SKIPPED: A precondition of the node was not met, so the node was not ticked.
+    """
 
     IDLE = 0
     RUNNING = 1
@@ -25,7 +33,16 @@ class Status(_NamedNumber):
 
 
 class NodeType(_NamedNumber):
-    """The type of a node. The numbers are those of BehaviorTree.CPP."""
+    """The type of a node. The numbers are those of BehaviorTree.CPP.
+
+    Attributes:
+        UNDEFINED: The type is not known.
+        ACTION: A leaf that acts.
+        CONDITION: A leaf that checks.
+        CONTROL: A node with several children.
+        DECORATOR: A node with one child.
+        SUBTREE: A node whose child is another tree.
+    """
 
     UNDEFINED = 0
     ACTION = 1

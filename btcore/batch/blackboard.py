@@ -17,6 +17,10 @@ class BatchBlackboard:
     Its shape is (agents,), and its dtype float64, int64, bool, or object for texts and other values. An array
     of shape (agents, …), with several numbers for each agent, is float64. `board["battery"] = …` accepts
     an array of any of these kinds, or a single value for all agents.
+
+    Attributes:
+        columns: The arrays of all entries of the batch.
+        scope: The blackboard of the ordinary tree that this blackboard replaces.
     """
 
     def __init__(self, columns: ColumnTable, scope: Blackboard) -> None:

@@ -177,6 +177,9 @@ def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Cal
     Args:
         function: The function.
         ID: The registration ID; by default the function's name in CamelCase.
+
+    Returns:
+        The function, or a decorator if *function* is omitted.
     """
     return _marked(function, Condition, ID)
 

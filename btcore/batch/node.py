@@ -49,8 +49,19 @@ class BatchNode:
 
     Attributes:
         board: The blackboard of the node's scope.
-        success, failure, running: The agents for which this status is stored. For all other agents the node
-            is IDLE. SKIPPED is never stored, as in the ordinary engine.
+        success: The agents for which SUCCESS is stored. An agent in none of the sets is IDLE. SKIPPED is
+            never stored, as in the ordinary engine.
+        failure: The agents for which FAILURE is stored.
+        running: The agents for which RUNNING is stored.
+        config: The place of the node in the tree, its ports and its scripts.
+        name: The name of the instance.
+        id: The ID of the node's class.
+        uid: The number of the node in the tree, from 1.
+        path: The path of the node.
+        where: The file and line of the node in the XML.
+        type: The type of the node.
+        parent: The parent, or None for the root.
+        conditions: The pre- and postconditions, or None without any.
     """
 
     children: list["BatchNode"]
@@ -86,11 +97,19 @@ class BatchNode:
     # --- ticking
 
     def tick(self, agents: int) -> Results:
-        """Execute the node's own behavior for *agents*, without its conditions."""
+        """Execute the node's own behavior for *agents*, without its conditions.
+
+        Returns:
+            The agents by result.
+        """
         raise NotImplementedError
 
     def execute(self, agents: int) -> Results:
-        """Tick the node for *agents*, with its conditions, and store the results. Called by the parent."""
+        """Tick the node for *agents*, with its conditions, and store the results. Called by the parent.
+
+        Returns:
+            The agents by result.
+        """
         conditions = self.conditions
         results = self.tick(agents) if conditions is None else conditions.execute(self, agents)
         if self.context.raised:

@@ -29,6 +29,9 @@ from btcore.tree.tree import Tree
 class BatchNodeError(NodeExecutionError):
     """A node raised for some agents. These agents are halted; the tick of all others is complete.
 
+    Args:
+        error: The error of the first node that raised.
+
     Attributes:
         agents: The indices of the agents.
         statuses: The array that the tick would have returned; IDLE for agents for which a node has raised.
@@ -65,6 +68,11 @@ class BatchTree:
         blackboards: The scope of each subtree, by path; the path of the main tree is "".
         ticks: The number of ticks.
         status: The result of each agent's last tick, shape (agents,); IDLE after a halt.
+        agent_sets: The sets of agents: conversions between masks and indices.
+        id: The ID of the main tree.
+        columns: The arrays of all entries.
+        context: The objects that the nodes share.
+        root: The root node.
 
     Raises:
         TreeError: The batch engine cannot run a node.
@@ -123,6 +131,9 @@ class BatchTree:
                 or single values for all agents.
             clock: The clock; by default the system's clock.
 
+        Returns:
+            The tree.
+
         Raises:
             TreeError: The file has errors, or the batch engine cannot run a node. It contains all errors.
             RegistrationError: A leaf is invalid.
@@ -157,6 +168,9 @@ class BatchTree:
             tree: As in `load`.
             blackboard: As in `load`.
             clock: As in `load`.
+
+        Returns:
+            The tree.
 
         Raises:
             TreeError: The document has errors, or the batch engine cannot run a node. It contains all errors.
@@ -196,6 +210,9 @@ class BatchTree:
 
         Nodes such as AsyncSequence and Delay request wake-ups. The parameter, the result and the errors are
         those of `tick`.
+
+        Returns:
+            The statuses of all agents.
         """
         agents = self.agent_sets.from_user_mask(mask)
         statuses = self._tick(agents)

@@ -88,6 +88,10 @@ class Blackboard:
     Args:
         parent: The enclosing scope; None = this is a root scope.
         clock: The clock of the time stamps; by default the parent's clock, else the system's.
+
+    Attributes:
+        autoremap: Whether keys without a remapping name the parent's entries.
+        now: The function that returns the time of the clock (ns).
     """
 
     def __init__(self, parent: "Blackboard | None" = None, clock: Clock | None = None) -> None:

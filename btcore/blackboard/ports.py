@@ -70,6 +70,10 @@ class Port:
         value: The default as a Python value, if *default* does not determine it; else UNSET.
         role: The purpose of the port, for static checks.
         optional: Whether the attribute may be absent although there is no default.
+
+    Attributes:
+        reads: Whether the node reads the port.
+        writes: Whether the node writes the port.
     """
 
     def __init__(

@@ -221,7 +221,11 @@ def _reset_unobserved(children: list[TreeNode]) -> bool:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class DecoratorNode(TreeNode):
-    """A node with exactly one child: it changes the child's result, or decides when the child is ticked."""
+    """A node with exactly one child: it changes the child's result, or decides when the child is ticked.
+
+    Attributes:
+        child: The child.
+    """
 
     node_type: ClassVar[NodeType] = NodeType.DECORATOR
     _family: ClassVar[int] = DECORATING

@@ -29,12 +29,20 @@ class Pause:
 
 
 def running() -> Pause:
-    """`await running()` ends this tick with RUNNING; the leaf continues in the next tick."""
+    """`await running()` ends this tick with RUNNING; the leaf continues in the next tick.
+
+    Returns:
+        An awaitable, for `await` in a coroutine leaf.
+    """
     return Pause()
 
 
 def sleep(seconds: float) -> Pause:
-    """`await sleep(s)` keeps the leaf RUNNING for *seconds* (s, tree's clock), then wakes the tree."""
+    """`await sleep(s)` keeps the leaf RUNNING for *seconds* (s, tree's clock), then wakes the tree.
+
+    Returns:
+        An awaitable, for `await` in a coroutine leaf.
+    """
     return Pause(seconds)
 
 

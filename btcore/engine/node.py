@@ -48,6 +48,10 @@ class TreeNode:
 
     Do not subclass this class, but one of the leaf classes, `ControlNode` or `DecoratorNode`.
     The engine sets its attributes before `__init__` runs, so `__init__` need not call `super()`.
+
+    Attributes:
+        node_type: The type of the class's nodes: action, condition, control or decorator.
+        config: The place of the node in the tree, its ports and its scripts.
     """
 
     node_type: ClassVar[NodeType] = NodeType.UNDEFINED
@@ -256,6 +260,9 @@ class TreeNode:
 
         A class that overrides this method must define it before the tree is loaded: an override that is added
         to the class later has no effect.
+
+        Returns:
+            The status that was stored.
         """
         return execute_tick(self, True)
 

@@ -23,6 +23,12 @@ class Transitions:
 
     To save time, the thread that ticks the tree records only times, nodes and statuses. The Transition
     objects are created on first access, on any thread.
+
+    Args:
+        tick: The number of the tick.
+        first: The number of the first transition, counted from the start of the tree.
+        records: The recorded data of all transitions.
+        count: The number of transitions; *records* may grow.
     """
 
     def __init__(self, first: int, tick: int, records: list[object], count: int) -> None:

@@ -17,6 +17,8 @@ from btcore.suggestions import join_names, nearest_name
 from btcore.tree.tree import Subtree, Tree
 from btcore.values import TypeRegistry
 
+__all__ = ["export_blackboard", "export_tree", "import_blackboard", "import_tree"]
+
 TYPE = "__type"
 
 

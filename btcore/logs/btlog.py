@@ -127,6 +127,9 @@ class BtLog(Log):
 def read_btlog(path: str | os.PathLike[str]) -> Recording:
     """Read a `.btlog` file. A truncated or damaged file is read up to the damage.
 
+    Returns:
+        The recording. Its `warnings` describe damage.
+
     Raises:
         LogError: The file cannot be read, is not a `.btlog` file, or ends within its header.
     """

@@ -34,6 +34,9 @@ def read_fbl(path: str | os.PathLike[str]) -> Recording:
     The paths of the nodes follow the rule of BehaviorTree.CPP 4, since version 3 has no paths. The order of
     the nodes is that of the file.
 
+    Returns:
+        The recording. Its `warnings` describe damage.
+
     Raises:
         LogError: The file cannot be read, is not a `.fbl` file, or ends within the tree.
     """

@@ -46,6 +46,9 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
             `.btdb` (SqliteLogger; existing sessions are deleted), `.json` (trace events for Perfetto).
             `-` prints to stdout.
 
+    Returns:
+        The log. Close it to complete the file.
+
     Raises:
         LogError: The extension is unknown, or the file cannot be written.
     """
@@ -62,6 +65,9 @@ def read_log(path: str | os.PathLike[str]) -> Recording:
     """Read a log of any format. A truncated or damaged file is read up to the damage.
 
     In a database, the last session is read; `FILE.db3#2` selects session 2.
+
+    Returns:
+        The recording. Its `warnings` describe damage.
 
     Raises:
         LogError: The extension is unknown, or the file cannot be read or is not a log.

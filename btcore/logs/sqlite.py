@@ -200,6 +200,10 @@ class SqliteLog(Log):
         idle: Whether to log transitions to IDLE.
         extra: Called for each transition, on the thread that ticks; returns the row's `extra_data`.
 
+    Attributes:
+        extras: The extra data of the current tick's transitions.
+        session: The number of the session in the database.
+
     Raises:
         LogError: The extension is wrong, or the database cannot be written.
     """
@@ -261,7 +265,12 @@ class ExtraDataCollector(Observer):
 
 
 class Session(NamedTuple):
-    """A run in a database; *date* is its start in local time (`2026-01-31 12:00:00`)."""
+    """A run in a database; *date* is its start in local time (`2026-01-31 12:00:00`).
+
+    Attributes:
+        number: The number of the session in the database, from 1.
+        transitions: The number of transitions.
+    """
 
     number: int
     date: str
@@ -288,6 +297,9 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
     Args:
         path: The database.
         session: The number of the session; None for the last session.
+
+    Returns:
+        The recording. Its `warnings` describe damage.
 
     Raises:
         LogError: The file cannot be read, is not a log, or does not contain the session.

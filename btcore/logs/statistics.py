@@ -41,6 +41,10 @@ class TreeObserver(AttachedObserver):
     It counts in the same way as BehaviorTree.CPP's TreeObserver (src/loggers/bt_observer.cpp). Nodes are
     identified by UID or by path; equal paths are distinguished by `#<uid>`, as in
     `btcore.Tree.nodes_by_path`.
+
+    Attributes:
+        path_to_uid: The UID of each node by path.
+        uid_to_path: The path of each node by UID.
     """
 
     def __init__(self, tree: Tree) -> None:

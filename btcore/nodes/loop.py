@@ -27,6 +27,9 @@ class LoopNode(DecoratorNode):
 
         class LoopPose(LoopNode):
             value: Out[Pose]
+
+    Attributes:
+        element: The type of the elements.
     """
 
     node_symbol: ClassVar[str] = "↺"

@@ -29,6 +29,10 @@ class Registry:
     """The nodes, types, enums and trees that the XML of a tree may use.
 
     There is no global registry: create a registry and pass it to `btcore.load`.
+
+    Attributes:
+        types: The types of ports and entries, with their converters.
+        substitutions: The substitution rules by pattern, see `substitute`.
     """
 
     def __init__(self) -> None:
@@ -155,7 +159,11 @@ class Registry:
                 raise
 
     def remove(self, ID: str) -> None:
-        """Unregister *ID* for both formats. Raise RegistrationError if it is not registered."""
+        """Unregister *ID* for both formats.
+
+        Raises:
+            RegistrationError: *ID* is not registered.
+        """
         removed = [table.pop(ID, None) for table in (self._shared, *self._of_format.values())]
         if not any(removed):
             hint = did_you_mean(ID, self.manifests)

@@ -40,6 +40,9 @@ def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program
         text: The source of the script.
         enums: The enum names with their numbers. Names may be added later: every run reads the mapping.
 
+    Returns:
+        The program, which can be run on any blackboard.
+
     Raises:
         ScriptError: The script has a syntax error; the exception gives the column.
     """

@@ -102,7 +102,12 @@ def _is_built_in(node: TreeNode, nodes: Registry) -> bool:
 
 
 class MockAction(StatefulAction):
-    """An action that follows the `Outcomes` that are attached to the tree; by default it succeeds."""
+    """An action that follows the `Outcomes` that are attached to the tree; by default it succeeds.
+
+    Attributes:
+        outcomes: The plan that the action follows.
+        left: The results that remain of the current start.
+    """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes", "left")
 
@@ -123,7 +128,11 @@ class MockAction(StatefulAction):
 
 
 class MockCondition(Condition):
-    """A condition that follows the `Outcomes` that are attached to the tree."""
+    """A condition that follows the `Outcomes` that are attached to the tree.
+
+    Attributes:
+        outcomes: The plan that the condition follows.
+    """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes",)
 

@@ -17,7 +17,11 @@ LETTERS = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
 
 
 class CallLog:
-    """A log of the calls of planned leaves, in order. An entry is `NAME:CALL`, for example `n3:start`."""
+    """A log of the calls of planned leaves, in order. An entry is `NAME:CALL`, for example `n3:start`.
+
+    Attributes:
+        calls: The entries so far.
+    """
 
     def __init__(self) -> None:
         self.calls: list[str] = []
@@ -64,6 +68,12 @@ class PlanAction(StatefulAction):
     Each start takes the next segment; after the last segment, the first follows again. Each call returns the
     result of the segment's next letter; the last letter is repeated. The calls `start`, `running` and
     `halted` are recorded.
+
+    Attributes:
+        journal: The log of the calls.
+        starts: The number of starts.
+        segment: The results of the current start.
+        calls: The number of ticks since the start.
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("starts", "segment", "calls")
@@ -101,7 +111,12 @@ class PlanAction(StatefulAction):
 
 
 class PlanCondition(Condition):
-    """A condition that returns the results of `plan` in turn, and repeats them. `tick` is recorded."""
+    """A condition that returns the results of `plan` in turn, and repeats them. `tick` is recorded.
+
+    Attributes:
+        journal: The log of the calls.
+        ticks: The number of ticks.
+    """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
 
@@ -119,7 +134,12 @@ class PlanCondition(Condition):
 
 
 class PlanSync(SyncAction):
-    """An action that returns the results of `plan` in turn, and repeats them. `tick` is recorded."""
+    """An action that returns the results of `plan` in turn, and repeats them. `tick` is recorded.
+
+    Attributes:
+        journal: The log of the calls.
+        ticks: The number of ticks.
+    """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
 

@@ -69,7 +69,15 @@ class TestNodeConfig:
 
 
 class TestNode(StatefulAction):
-    """A leaf that replaces a node of a tree, and returns the results of its `TestNodeConfig`."""
+    """A leaf that replaces a node of a tree, and returns the results of its `TestNodeConfig`.
+
+    Attributes:
+        settings: The configuration.
+        until: The time (ns) at which the delay ends.
+        result: The compiled script that returns the result, if any.
+        scripts: The compiled scripts of SUCCESS and FAILURE.
+        post: The compiled script that runs after every result, if any.
+    """
 
     __test__: ClassVar[bool] = False
 

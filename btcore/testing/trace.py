@@ -16,7 +16,12 @@ from btcore.tree.tree import Tree
 
 @dataclass(frozen=True, slots=True)
 class StatusChange:
-    """A change of the stored status of the node at *path*."""
+    """A change of the stored status of the node at *path*.
+
+    Attributes:
+        previous: The status before the change.
+        status: The status after the change.
+    """
 
     path: str
     previous: Status
@@ -109,7 +114,12 @@ class ResultTracker:
 
 
 class Trace(Observer):
-    """Records the steps of *tree* from now on, in order: `trace[-1]` is the last step."""
+    """Records the steps of *tree* from now on, in order: `trace[-1]` is the last step.
+
+    Attributes:
+        steps: The steps so far.
+        unsubscribe: Ends the recording.
+    """
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree

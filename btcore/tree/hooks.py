@@ -17,6 +17,8 @@ from btcore.engine.node import TreeNode
 from btcore.status import SKIPPED, Status
 from btcore.tree.tick_thread import TickThread
 
+__all__ = ["Hook", "HookMode", "HookPosition", "Hooks"]
+
 LOOK_EVERY: Final = 0.1
 """The longest time (s, wall clock) for which a thread at a breakpoint ignores signals (Ctrl-C)."""
 
@@ -73,6 +75,10 @@ class Hooks:
 
     A breakpoint stops the thread that ticks. Under `await tree.run()` the event loop continues to run while
     a tick is stopped; there, a breakpoint that is set during a tick takes effect from the next tick on.
+
+    Args:
+        nodes: The nodes of the tree.
+        context: The objects that the tree's nodes share.
     """
 
     def __init__(self, nodes: Sequence[TreeNode], context: TreeContext) -> None:

@@ -69,6 +69,7 @@ class Tree:
         tick_limit: The longest time (s, real time even with another clock) for which a tick may repeat nodes;
             None = no limit. A tick that repeats nodes for longer raises NodeExecutionError. The time at a
             breakpoint does not count. A single node that takes too long is not interrupted.
+        context: The objects that the tree's nodes share.
     """
 
     def __init__(

@@ -74,7 +74,11 @@ class ValueType:
         )
 
     def to_text(self, value: object) -> str:
-        """Return *value* as text; for most types, `from_text` reads it back. Raise ConversionError."""
+        """Return *value* as text; for most types, `from_text` reads it back.
+
+        Raises:
+            ConversionError: The value has no text.
+        """
         raise ConversionError(f"{self.name} has no text form; give it one with add_type(…, to_text=…)")
 
     @property
@@ -150,7 +154,11 @@ def quick_double(value: object) -> float:
 
 
 def as_double(number: int | float) -> float:
-    """Return *number* as a double. Raise ConversionError for an integer of more than 53 bits."""
+    """Return *number* as a double.
+
+    Raises:
+        ConversionError: The number is an integer of more than 53 bits.
+    """
     if isinstance(number, float):
         return number
     if -MAX_EXACT <= number <= MAX_EXACT:
@@ -364,7 +372,11 @@ def real_text(value: float) -> str:
 
 
 class VectorType(ValueType):
-    """A list of values of one type, separated by `;` in text."""
+    """A list of values of one type, separated by `;` in text.
+
+    Attributes:
+        item: The type of the elements.
+    """
 
     def __init__(self, item: ValueType) -> None:
         super().__init__(f"std::vector<{item.name}>", list)
@@ -479,6 +491,10 @@ class EnumType(ConvertibleType):
     *names* are the registered enum names with their numbers. If the user registered a converter from text, it
     replaces the members' names: it is called for a text that is neither a registered name nor a member's
     number.
+
+    Args:
+        from_text: The converter that replaces the names of the members, if any.
+        to_text: The converter to text, if any.
     """
 
     def __init__(

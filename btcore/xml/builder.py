@@ -134,6 +134,9 @@ class Builder:
             clock: The clock; by default the first clock in *resources*, or else the system clock.
             **subtrees: The roots of the subtrees, by their IDs.
 
+        Returns:
+            The tree.
+
         Raises:
             TreeError: The tree has errors; each has the file and line of the code that created the spec.
         """

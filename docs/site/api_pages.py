@@ -90,14 +90,6 @@ def write_api_pages(folder: Path) -> None:
     index += ["## Other modules", "", "| module | |", "|---|---|"]
     for name in public_modules():
         if name != "btcore" and name.removeprefix("btcore.") not in grouped:
-            parts = [name] if public_names(source[name]) else submodules(source[name])
-            for part in parts:
-                add(part, 0)
+            add(name, 0)
     (folder / "index.md").write_text("\n".join([*index, ""]), encoding="utf-8")
     (folder / "navigation").write_text("\n".join([*navigation, ""]), encoding="utf-8")
-
-
-def submodules(package: griffe.Module) -> list[str]:
-    """Return the names of the public modules of *package*."""
-    names = sorted(name for name, it in package.members.items() if it.is_module and not it.is_alias)
-    return [f"{package.path}.{name}" for name in names if not name.startswith("_")]

@@ -48,6 +48,8 @@ from btcore_monitor.wire.hooks import (
     encode_unlocking,
 )
 
+__all__ = ["BreakpointClient", "BreakpointError", "HookReached", "RequestedHook", "find_nodes"]
+
 DEFAULT_TIMEOUT: Final = 5.0
 """Default maximum time in s to connect to the robot, or until it reaches a breakpoint."""
 
@@ -65,7 +67,12 @@ class BreakpointError(MonitorError):
 
 
 class HookReached(NamedTuple):
-    """The uid and the path of a node whose hook fired. If the hook is a breakpoint, the tree now waits."""
+    """The uid and the path of a node whose hook fired. If the hook is a breakpoint, the tree now waits.
+
+    Attributes:
+        uid: The number of the node in the tree.
+        path: The path of the node.
+    """
 
     uid: int
     path: str

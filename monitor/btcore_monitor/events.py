@@ -30,7 +30,6 @@ RUNNING: Final = 1
 SUCCESS: Final = 2
 FAILURE: Final = 3
 SKIPPED: Final = 4
-
 STATUS_NAMES: Final = ("IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED")
 """Names by number; the numbers are those of BehaviorTree.CPP's enum NodeStatus."""
 
@@ -133,6 +132,11 @@ class TreeSeen:
     *statuses* maps every uid to its status at that moment. *numbered* is true if the robot numbers the
     transitions, so that gaps are visible. *source* describes unavailable data. A second event with the same
     tree ID means that the transitions between the two events are unknown.
+
+    Attributes:
+        tree: The tree.
+        t: The time of the tree (ns).
+        wall: The wall-clock time (ns since the epoch).
     """
 
     tree: ObservedTree
@@ -149,6 +153,10 @@ class StatusChanged:
 
     *number* counts the transitions of a tree from 1. *tick* is the number of the root's tick, or 0 if the
     robot does not send it.
+
+    Attributes:
+        t: The time of the tree (ns).
+        wall: The wall-clock time (ns since the epoch).
     """
 
     number: int
@@ -162,7 +170,13 @@ class StatusChanged:
 
 @dataclass(frozen=True, slots=True)
 class Ticked:
-    """The root was ticked for the *tick*-th time; it took *duration_ns* of wall time."""
+    """The root was ticked for the *tick*-th time; it took *duration_ns* of wall time.
+
+    Attributes:
+        t: The time of the tree (ns).
+        wall: The wall-clock time (ns since the epoch).
+        status: The number of the root's status.
+    """
 
     tick: int
     t: int
@@ -173,7 +187,13 @@ class Ticked:
 
 @dataclass(frozen=True, slots=True)
 class BlackboardSeen:
-    """All blackboards: subtree path (`""`: main) → key → value (None: declared, but not written)."""
+    """All blackboards: subtree path (`""`: main) → key → value (None: declared, but not written).
+
+    Attributes:
+        t: The time of the tree (ns).
+        wall: The wall-clock time (ns since the epoch).
+        boards: The values of the entries by subtree path and key.
+    """
 
     t: int
     wall: int
@@ -182,14 +202,24 @@ class BlackboardSeen:
 
 @dataclass(frozen=True, slots=True)
 class SceneStatic:
-    """The part of the scene that does not change during a run."""
+    """The part of the scene that does not change during a run.
+
+    Attributes:
+        data: The scene.
+    """
 
     data: StaticScene
 
 
 @dataclass(frozen=True, slots=True)
 class SceneMoving:
-    """The part of the scene that moved or changed."""
+    """The part of the scene that moved or changed.
+
+    Attributes:
+        t: The time of the tree (ns).
+        wall: The wall-clock time (ns since the epoch).
+        data: The changed part of the scene.
+    """
 
     t: int
     wall: int
@@ -198,7 +228,12 @@ class SceneMoving:
 
 @dataclass(frozen=True, slots=True)
 class ExceptionRaised:
-    """The node at *path* raised an exception. *message* is the whole error message."""
+    """The node at *path* raised an exception. *message* is the whole error message.
+
+    Attributes:
+        t: The time of the tree (ns).
+        wall: The wall-clock time (ns since the epoch).
+    """
 
     t: int
     wall: int
@@ -220,6 +255,9 @@ class DataMissed:
 
     This event is for robots without transition numbers; for others see `TransitionsLost`. *reason* is
     a phrase for users.
+
+    Attributes:
+        wall: The wall-clock time (ns since the epoch).
     """
 
     t: int
@@ -231,7 +269,12 @@ class DataMissed:
 
 @dataclass(frozen=True, slots=True)
 class HooksFound:
-    """The robot has hooks of other clients, which may stop its tree. *warning* is a text for users."""
+    """The robot has hooks of other clients, which may stop its tree. *warning* is a text for users.
+
+    Attributes:
+        t: The time of the tree (ns).
+        wall: The wall-clock time (ns since the epoch).
+    """
 
     t: int
     wall: int
@@ -240,7 +283,11 @@ class HooksFound:
 
 @dataclass(frozen=True, slots=True)
 class ConnectionChanged:
-    """A change of the connection to the robot. *detail* is a description for users."""
+    """A change of the connection to the robot. *detail* is a description for users.
+
+    Attributes:
+        state: The new state.
+    """
 
     state: ConnectionState
     detail: str = ""

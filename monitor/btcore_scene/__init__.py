@@ -19,9 +19,17 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple, Protocol, runtime_checkable
 
 Pair = tuple[float, float]
+"""Two numbers, x and y."""
+
 Vector = tuple[float, float, float]
+"""x, y and z."""
+
 Quaternion = tuple[float, float, float, float]
+"""A rotation: x, y, z and w."""
+
 Color = tuple[int, int, int, int]
+"""Red, green, blue and opacity, each 0–255."""
+
 Size = tuple[int, int]
 """Columns and rows of a grid, or width and height of a picture in pixels."""
 
@@ -41,7 +49,12 @@ def float32(values: Iterable[float]) -> bytes:
 
 
 class Frame(NamedTuple):
-    """The pose of the frame *child* in the frame *parent*."""
+    """The pose of the frame *child* in the frame *parent*.
+
+    Attributes:
+        position: The origin of *child* in *parent* (m).
+        quaternion: The rotation (x, y, z, w).
+    """
 
     child: str
     parent: str
@@ -54,6 +67,10 @@ class Shape:
     """A solid body. *position* (of its centre) and *quaternion* (its rotation) are in *frame*.
 
     Without *color* the body is grey.
+
+    Attributes:
+        name: A label, or None.
+        kind: The kind of the body: box, cylinder or sphere.
     """
 
     name: str | None = None
@@ -74,7 +91,11 @@ class Box(Shape):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cylinder(Shape):
-    """A cylinder of *length* along its z axis."""
+    """A cylinder of *length* along its z axis.
+
+    Attributes:
+        radius: The radius (m).
+    """
 
     kind: Literal["cylinder"] = field(default="cylinder", init=False)
     radius: float
@@ -90,11 +111,19 @@ class Sphere(Shape):
 
 
 Part = Box | Cylinder | Sphere
+"""A body of the scene."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Laser:
-    """A planar laser. Ray i points in the direction `angle_min + i * angle_increment` in *frame*."""
+    """A planar laser. Ray i points in the direction `angle_min + i * angle_increment` in *frame*.
+
+    Attributes:
+        angle_min: The angle of the first ray (rad).
+        angle_increment: The angle between two rays (rad).
+        range_min: The smallest range (m), if known.
+        range_max: The greatest range (m), if known.
+    """
 
     frame: str
     angle_min: float
@@ -105,7 +134,13 @@ class Laser:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """A named point."""
+    """A named point.
+
+    Attributes:
+        name: The label.
+        frame: The frame of *position*; None = the root frame.
+        position: The point (m).
+    """
 
     name: str
     frame: str | None = None
@@ -114,7 +149,12 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Area:
-    """A rectangle on the floor to keep out of; *corners* are xmin, ymin, xmax, ymax."""
+    """A rectangle on the floor to keep out of; *corners* are xmin, ymin, xmax, ymax.
+
+    Attributes:
+        name: The label.
+        frame: The frame of *corners*; None = the root frame.
+    """
 
     name: str
     frame: str | None = None
@@ -126,6 +166,10 @@ class Camera:
     """A pinhole camera; *frame* has z ahead, x right, y down.
 
     *focal* (fx, fy) and *center* (cx, cy) are in pixels; the default center is the middle of the picture.
+
+    Attributes:
+        name: The name of the camera, which its pictures refer to.
+        size: Width and height of the picture (pixels).
     """
 
     name: str
@@ -142,6 +186,11 @@ class Grid:
     *cells* has shape (rows, columns), the row with the lowest y first. The cells of an `occupancy` grid are
     int8: -1 is unknown, 0 free, 100 occupied. The cells of a `costs` grid are uint8: Nav2's costs of 0–255.
     *origin* is the lower left corner (x, y), *resolution* the edge length of a cell.
+
+    Attributes:
+        kind: The meaning of the cells.
+        frame: The frame of the grid; None = the root frame.
+        size: The number of columns and rows.
     """
 
     name: str
@@ -155,7 +204,11 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scan:
-    """A sweep of the laser: a range (m) for each ray, +inf without an echo. The default *stamp* is now."""
+    """A sweep of the laser: a range (m) for each ray, +inf without an echo. The default *stamp* is now.
+
+    Attributes:
+        ranges: The ranges of the rays (m).
+    """
 
     stamp: int | None = None
     ranges: Float32
@@ -167,6 +220,9 @@ class Poses:
 
     *rows* are x, y and yaw of each pose. *kind* selects the drawing: the points of a path, a cloud of
     particles, goals, the robot's estimated pose, or its pose by odometry alone.
+
+    Attributes:
+        frame: The frame of the poses; None = the root frame.
     """
 
     name: str
@@ -177,7 +233,13 @@ class Poses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arrow:
-    """An arrow from *start* to *end*."""
+    """An arrow from *start* to *end*.
+
+    Attributes:
+        name: The name of the arrow.
+        frame: The frame of the points; None = the root frame.
+        color: The colour (RGBA); None = the viewer's default.
+    """
 
     name: str
     frame: str | None = None
@@ -188,7 +250,14 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundingBox:
-    """The box around an object: *position* of the box's centre, and its full edge lengths *size*."""
+    """The box around an object: *position* of the box's centre, and its full edge lengths *size*.
+
+    Attributes:
+        name: The label.
+        frame: The frame of the box; None = the root frame.
+        quaternion: The rotation (x, y, z, w); None = not rotated.
+        color: The colour (RGBA); None = the viewer's default.
+    """
 
     name: str
     frame: str | None = None
@@ -203,6 +272,11 @@ class Picture:
     """A camera's picture. It replaces the earlier picture of the same *name*.
 
     *data* is a JPEG file, or for `rgb8` uint8 of shape (height, width, 3).
+
+    Attributes:
+        stamp: The time of the picture (ns); None = now.
+        size: Width and height (pixels).
+        format: The encoding of *data*.
     """
 
     name: str
@@ -217,6 +291,9 @@ class Detection:
     """An object that was detected in the picture named *picture*.
 
     *name* is the label of the object; *box* is left, top, width and height in pixels.
+
+    Attributes:
+        stamp: The time of the detection (ns); None = now.
     """
 
     picture: str
@@ -231,6 +308,15 @@ class StaticScene:
 
     If *battery* (percent) is given, the viewer shows a plot of the battery level. *extra* has further data,
     which are sent unchanged.
+
+    Attributes:
+        parts: The bodies of the robot and of the world.
+        laser: The laser, if the robot has one.
+        places: Named points, such as waypoints.
+        footprint_radius: The radius (m) of the robot's footprint.
+        cameras: The cameras.
+        grids: Maps and costmaps.
+        areas: Areas to keep out of.
     """
 
     frame: str | None = None
@@ -253,6 +339,14 @@ class MovingScene:
     None changes nothing. *velocity* is in m/s and rad/s, *battery* in percent. *collisions* and *grazes*
     count the robot's contacts since the start of the run. *notes* are Markdown texts by label. *extra* has
     further data, which are sent unchanged.
+
+    Attributes:
+        stamp: The time (ns); None = now.
+        frames: The frames that moved.
+        scan: The newest scan.
+        pictures: The newest pictures.
+        grids: The grids that changed.
+        poses: The poses that changed.
     """
 
     stamp: int | None = None

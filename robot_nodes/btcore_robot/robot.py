@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 NS_PER_S = 1_000_000_000
+"""Nanoseconds per second."""
 
 CMD_VEL = 10
 """The priority of a tree's velocity commands, as in the twist_mux configuration of Tiago."""
@@ -136,6 +137,10 @@ class LaserScan:
     `angle_min + i * angle_increment` (rad) in *frame*. By REP 117 a ray without an echo within *range_max*
     (m) is `+inf`, and an echo nearer than *range_min* (m) is `-inf`; NaN does not occur. *stamp* is the
     time (ns) of the measurement.
+
+    Attributes:
+        angle_min: The angle of the first ray (rad).
+        angle_increment: The angle between two rays (rad).
     """
 
     ranges: NDArray[np.float32]
@@ -179,6 +184,9 @@ class SonarReading:
 
     A reading without an echo within *range_max* is `+inf`, an echo nearer than *range_min* is `-inf`.
     *stamp* is the time (ns) of the measurement.
+
+    Attributes:
+        frame: The frame of the sonar.
     """
 
     range: float
@@ -250,7 +258,14 @@ class BaseInfo:
 
 @dataclass(frozen=True, slots=True)
 class HeadInfo:
-    """The limits of the head's joints (rad) and their maximum *speed* (rad/s); signs as in `HeadPosition`."""
+    """The limits of the head's joints (rad) and their maximum *speed* (rad/s); signs as in `HeadPosition`.
+
+    Attributes:
+        pan_min: The smallest angle of the pan joint.
+        pan_max: The greatest angle of the pan joint.
+        tilt_min: The smallest angle of the tilt joint.
+        tilt_max: The greatest angle of the tilt joint.
+    """
 
     pan_min: float
     pan_max: float
@@ -282,7 +297,12 @@ class CameraInfo:
 
 @dataclass(frozen=True, slots=True)
 class TorsoInfo:
-    """The limits (m) of the height of a lifting torso, and its maximum *speed* (m/s)."""
+    """The limits (m) of the height of a lifting torso, and its maximum *speed* (m/s).
+
+    Attributes:
+        lift_min: The lowest height.
+        lift_max: The greatest height.
+    """
 
     lift_min: float
     lift_max: float
@@ -408,7 +428,11 @@ class Robot(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Waypoints:
-    """The named poses of a world, in the frame `map`: `recharge`, `wp1`, `wp2`, `wp3` …"""
+    """The named poses of a world, in the frame `map`: `recharge`, `wp1`, `wp2`, `wp3` …
+
+    Attributes:
+        places: The poses by name.
+    """
 
     places: Mapping[str, Pose2D]
 

@@ -14,7 +14,10 @@ from collections.abc import Callable
 from btcore_robot.robot import NS_PER_S, Phase
 
 Task = Callable[[int], None]
+"""A function that is called with the time (ns) at which it is due."""
+
 Pace = Callable[[int, int, threading.Event], bool]
+"""A function that waits until simulated time may advance, see `SimulatedTime`."""
 
 
 class _Tasks:
@@ -113,6 +116,9 @@ class SimulatedTime(_Tasks):
     *pace* can slow it down. Before each advance in `wait_until`, *pace* is called with the current time, the
     next time (both ns) and the event that ends the wait. It returns when the time may advance. It returns
     True to end the wait, otherwise False.
+
+    Args:
+        start: The first time (ns).
     """
 
     def __init__(self, start: int = 0, pace: Pace | None = None) -> None:
@@ -125,7 +131,11 @@ class SimulatedTime(_Tasks):
         return self._now
 
     def run_next(self) -> None:
-        """Advance the time to the next task, and run it. Raises LookupError if no task is scheduled."""
+        """Advance the time to the next task, and run it.
+
+        Raises:
+            LookupError: No task is scheduled.
+        """
         due = self.next_due()
         if due is None:
             raise LookupError("nothing is scheduled")

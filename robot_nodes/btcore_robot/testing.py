@@ -12,6 +12,8 @@ import numpy as np
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import NS_PER_S, LaserScan, Phase, Robot, TransformStamped, Twist2D
 
+__all__ = ["check_robot"]
+
 FOOTPRINT = "base_footprint"
 
 

@@ -28,7 +28,11 @@ class ConnectivityError(TransformError):
 
 
 class ExtrapolationError(TransformError):
-    """The requested time is outside the stored period; *future* is True if it is after the period."""
+    """The requested time is outside the stored period; *future* is True if it is after the period.
+
+    Args:
+        message: The error message.
+    """
 
     def __init__(self, message: str, future: bool) -> None:
         self.future = future
@@ -274,6 +278,12 @@ class FrameBroadcaster:
     """Writes the robot's frames to a transform tree: `odom` → `base_footprint`, links and sensors.
 
     Schedule `step` at `RATE` with `Phase.TRANSFORMS`.
+
+    Args:
+        robot: The robot.
+        tree: The transform tree.
+        odom: The name of the odometry frame.
+        base: The name of the frame of the base.
     """
 
     RATE = 50.0

@@ -15,12 +15,20 @@ from btcore_sim.render_scene import RenderScene
 from btcore_sim.renderer import Renderer
 from btcore_sim.robot_description import CameraMount
 
+__all__ = ["CameraSettings", "parse_camera"]
+
 _FORM = re.compile(r"(\d+)x(\d+)(?:@(\d+(?:\.\d+)?))?")
 
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings:
-    """The size (pixels) and the rate (Hz) of a camera's pictures."""
+    """The size (pixels) and the rate (Hz) of a camera's pictures.
+
+    Attributes:
+        width: The width of a picture.
+        height: The height of a picture.
+        rate: The number of pictures per second.
+    """
 
     width: int
     height: int

@@ -19,6 +19,8 @@ from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE, passable
 from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.world import World
 
+__all__ = ["Event", "parse_event"]
+
 KINDS = {
     "box": "a box drops in front of the robot, where the robot can pass it",
     "kidnap": "the robot is carried to another place",
@@ -52,7 +54,11 @@ _PARKED = -2.0  # m: the height, below the floor, of a box that has not dropped 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event at *time* (ns) or later; a box drops *distance* (m) ahead and *offset* (m) to the left."""
+    """An event at *time* (ns) or later; a box drops *distance* (m) ahead and *offset* (m) to the left.
+
+    Attributes:
+        kind: The kind of the event.
+    """
 
     kind: str
     time: float
@@ -65,6 +71,9 @@ def parse_event(text: str) -> Event:
 
     Args:
         text: `box:TIME[@DISTANCE[,OFFSET]]` or `kidnap:TIME`; the time in s, distance and offset in m.
+
+    Returns:
+        The event.
 
     Raises:
         SimError: *text* has another form, an unknown kind, or a distance that is too small.

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from btcore_robot.field_reader import did_you_mean
 from btcore_sim.errors import SimError
 
+__all__ = ["Fault", "parse_fault"]
+
 PARTS = {
     "laser": "no new scan comes",
     "odometry": "no new odometry comes",
@@ -49,6 +51,9 @@ def parse_fault(text: str) -> Fault:
 
     Args:
         text: `PART:START-END`, with the times in s. Without END the fault lasts until the end of the run.
+
+    Returns:
+        The fault.
 
     Raises:
         SimError: *text* has another form, an unknown part, or an end before its start.

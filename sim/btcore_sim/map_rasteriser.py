@@ -10,6 +10,8 @@ from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_sim.scene import Rectangle, Scene, SceneObject
 from btcore_sim.world import scene_extent
 
+__all__ = ["rasterise"]
+
 LASER_HEIGHT = 0.0945
 """Height of Tiago's laser above the floor (m). The map shows the objects that this plane cuts."""
 

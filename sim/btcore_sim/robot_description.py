@@ -14,8 +14,10 @@ from btcore_robot.robot import BaseInfo, HeadInfo, LaserInfo, TorsoInfo
 from btcore_sim.json_records import JsonRecord, read_record
 
 TIAGO = Path(__file__).parent / "tiago.json"
+"""The description of the Tiago robot, which is the default."""
 
 Point = tuple[float, float, float]
+"""x, y and z (m)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +25,10 @@ class Wheels:
     """The two driven wheels: joint names, *radius* and *separation* (m), motor *torque* (N·m).
 
     *ground* names the links that touch only the floor (wheels and casters), *sliding* those without friction.
+
+    Attributes:
+        left: The joint of the left wheel.
+        right: The joint of the right wheel.
     """
 
     left: str
@@ -62,7 +68,13 @@ class CameraMount:
 
 @dataclass(frozen=True, slots=True)
 class HeadJoints:
-    """The names of the joints that turn the head, and the greatest *torque* (N·m) of each motor."""
+    """The names of the joints that turn the head, and the greatest *torque* (N·m) of each motor.
+
+    Attributes:
+        facts: The limits of the joints.
+        pan: The joint that turns the head to the left and right.
+        tilt: The joint that turns the head up and down.
+    """
 
     facts: HeadInfo
     pan: str
@@ -72,7 +84,12 @@ class HeadJoints:
 
 @dataclass(frozen=True, slots=True)
 class TorsoJoint:
-    """The name of the joint that lifts the torso, and the greatest *force* (N) of its motor."""
+    """The name of the joint that lifts the torso, and the greatest *force* (N) of its motor.
+
+    Attributes:
+        facts: The limits of the joint.
+        joint: The name of the joint.
+    """
 
     facts: TorsoInfo
     joint: str
@@ -81,7 +98,13 @@ class TorsoJoint:
 
 @dataclass(frozen=True, slots=True)
 class SonarMount:
-    """A sonar on *link* at *position* (m), facing *yaw* (rad); *fov* (rad) is the full angle of its cone."""
+    """A sonar on *link* at *position* (m), facing *yaw* (rad); *fov* (rad) is the full angle of its cone.
+
+    Attributes:
+        frame: The name of the sonar's frame.
+        range_min: The smallest range (m).
+        range_max: The greatest range (m).
+    """
 
     frame: str
     link: str
@@ -99,6 +122,9 @@ class OdometryFacts:
     *scale_sigma* is the standard deviation of each wheel's scale (assumed radius divided by true radius),
     which is drawn once per run. *slip* is the fraction by which the wheels measure more turning than the base
     makes, and *slip_sigma* is its standard deviation between readings.
+
+    Attributes:
+        rate: The number of readings per second.
     """
 
     rate: float
@@ -109,7 +135,11 @@ class OdometryFacts:
 
 @dataclass(frozen=True, slots=True)
 class FixedFrame:
-    """A frame fixed in *parent* at *position* (m), turned by *rpy* (roll, pitch and yaw, rad)."""
+    """A frame fixed in *parent* at *position* (m), turned by *rpy* (roll, pitch and yaw, rad).
+
+    Attributes:
+        name: The name of the frame.
+    """
 
     name: str
     parent: str
@@ -119,7 +149,11 @@ class FixedFrame:
 
 @dataclass(frozen=True, slots=True)
 class HeldJoint:
-    """A joint held at *position* (m or rad) with at most *force* (N or N·m) and *speed* (m/s or rad/s)."""
+    """A joint held at *position* (m or rad) with at most *force* (N or N·m) and *speed* (m/s or rad/s).
+
+    Attributes:
+        joint: The name of the joint.
+    """
 
     joint: str
     position: float
@@ -129,7 +163,23 @@ class HeldJoint:
 
 @dataclass(frozen=True, slots=True)
 class RobotDescription:
-    """The description of a robot. *height* (m) is the height of the base link above the floor."""
+    """The description of a robot. *height* (m) is the height of the base link above the floor.
+
+    Attributes:
+        name: The name of the robot.
+        urdf: The URDF file.
+        wheels: The driven wheels.
+        base: The limits of the base.
+        odometry: The errors of the odometry.
+        laser: The laser.
+        head: The joints of the head, or None.
+        torso: The joint of the torso, or None.
+        camera: The camera, or None.
+        sonar_rate: The number of sonar readings per second.
+        sonars: The sonars.
+        frames: Further frames.
+        held: The joints that keep their position.
+    """
 
     name: str
     urdf: Path

@@ -29,6 +29,8 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.errors import SimError
 from btcore_sim.json_records import JsonRecord, read_record
 
+__all__ = ["Scene", "SceneObject", "load_scene", "scene_names"]
+
 SCENES = Path(__file__).parent / "scenes"
 
 Color = tuple[int, int, int, int]
@@ -51,6 +53,10 @@ class SceneObject:
     diameter. *position* (m) is the middle of the underside, *mass* (kg) is 0 for an object that cannot be
     pushed, *color* is RGBA (0–255). If *is_kinematic* is set, `World.move_kinematic_body` moves the object
     (for example a person), and *position* and *yaw* are its initial pose.
+
+    Attributes:
+        name: The name of the object.
+        kind: `box` or `cylinder`.
     """
 
     name: str
@@ -109,6 +115,10 @@ class Scene:
     *clearance* (m) between the robot's footprint and any object. *waypoints* maps names to positions x, y
     (m). *floor* is the colour of the floor. *keepout* lists areas that robots must not enter. *physics_rate*
     (Hz) is the rate of the physics steps.
+
+    Attributes:
+        name: The name of the world.
+        description: A short description for listings.
     """
 
     name: str
@@ -167,6 +177,9 @@ def load_scene(name: str) -> Scene:
 
     Args:
         name: The name of a world in the package, or the path of a JSON file.
+
+    Returns:
+        The world's description.
 
     Raises:
         SimError: The world is unknown, or the file is missing or invalid.

@@ -45,7 +45,7 @@ from btcore_sim.robot_description import RobotDescription, load_description
 from btcore_sim.sonar import Sonars
 from btcore_sim.world import World
 
-log = logging.getLogger(__name__)
+_log = logging.getLogger(__name__)
 
 _SETTLING = 0.5  # s of physics before the run begins, in which the wheels settle on the floor
 
@@ -63,6 +63,10 @@ class SimulatedRobot(Robot):
         camera: The settings of the camera, or None to switch it off.
         faults: The parts that fail, and the periods in which they fail.
         battery: The battery's level at the start (percent).
+
+    Attributes:
+        model: The robot's body in the physics engine.
+        contacts: The counter of collisions.
 
     Raises:
         SimError: The description does not fit the URDF, or the scene has no room for a start pose.
@@ -315,7 +319,7 @@ class SimulatedRobot(Robot):
         self._command_wheels(now)
         self.cells.drain(self._base.commanded_twist(now), 1.0 / self.world.rate)
         if self.cells.empty and not self._empty:
-            log.warning("the robot's battery is empty: the robot stands until it is recharged")
+            _log.warning("the robot's battery is empty: the robot stands until it is recharged")
         self._empty = self.cells.empty
         self.contacts.before_step(now)
 

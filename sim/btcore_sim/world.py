@@ -23,6 +23,8 @@ from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import Rectangle, Scene, SceneObject
 
+__all__ = ["World"]
+
 SOLVER_ITERATIONS = 50
 """Iterations of the constraint solver (PyBullet's default).
 
@@ -44,6 +46,11 @@ class World:
         seed: The seed of all random generators.
         fast: False to run in real time.
         gui: Whether to open the physics engine's window.
+
+    Attributes:
+        schedule: The schedule of all tasks.
+        client: The number of the connection to the physics engine.
+        floor: The physics engine's number of the floor.
 
     Raises:
         SimError: The window cannot be opened.

@@ -18,13 +18,6 @@ LISTED = set(re.findall(r"`(btcore[\w.]*)`", "".join(
     for line in (ROOT / "docs/reference/public_api.md").read_text(encoding="utf-8").splitlines()
     if line.startswith("| `")
 )))  # fmt: skip
-WHOLE = {
-    "btcore_robot.control",
-    "btcore_robot.navigation",
-    "btcore_robot.perception",
-    "btcore_robot.process",
-    "btcore_sim",
-}
 
 
 def programs(path: Path) -> list[ast.Module]:
@@ -50,9 +43,7 @@ def is_public(module: str, name: str) -> bool:
         return False
     if module == "btcore":
         return name in btcore.__all__ or f"btcore.{name}" in LISTED
-    return (
-        module in LISTED or f"{module}.{name}" in LISTED or any(module.startswith(f"{one}.") for one in WHOLE)
-    )
+    return module in LISTED or f"{module}.{name}" in LISTED
 
 
 def private_imports(path: Path) -> list[str]:

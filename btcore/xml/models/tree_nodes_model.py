@@ -13,6 +13,8 @@ from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
 
+__all__ = ["subtree_models", "write_models"]
+
 TAG_OF: Final = {
     NodeType.ACTION: "Action",
     NodeType.CONDITION: "Condition",

@@ -44,7 +44,21 @@ _log = logging.getLogger("monitor")
 
 
 class Publisher(Closeable):
-    """Publishes a tree until closed; a context manager. Created by `btcore_monitor.serve.serve`."""
+    """Publishes a tree until closed; a context manager. Created by `btcore_monitor.serve.serve`.
+
+    Args:
+        tree: The tree to publish.
+        port: The port for Groot 2's requests; 0 = a free port, None = no support for Groot 2.
+        bind: The interface (`*`: all interfaces).
+        scene: Whether to publish the scene channel.
+        resources: Objects of the robot; those with `scene_static` and `scene_moving` are shown in 3D.
+        grace: Maximum time (s, wall clock) that closing waits for clients that still read.
+        groot1: The port for Groot 1's updates; 0 = a free port, None = no support for Groot 1.
+        control: The time (s) without requests after which hooks are disabled; None = clients cannot set
+            hooks.
+        keys: The keys for encrypted connections; None = not encrypted.
+        watch_port: The first of further ports for clients without keys, see `serve`.
+    """
 
     def __init__(
         self,

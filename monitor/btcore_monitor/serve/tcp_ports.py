@@ -39,7 +39,16 @@ class ServeError(MonitorError):
 
 
 class PortInUseError(ServeError):
-    """Another program listens at a required port. Likely cause: a second robot, or an old run."""
+    """Another program listens at a required port. Likely cause: a second robot, or an old run.
+
+    Args:
+        first: The first of the required ports.
+        count: The number of required ports.
+        option: The command-line option that selects the ports.
+
+    Attributes:
+        port: The port in use.
+    """
 
     def __init__(self, port: int, first: int, count: int = PORTS, option: str = "--port") -> None:
         self.port = port

@@ -41,6 +41,8 @@ from btcore_monitor.wire import scene_channel as wire
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.fulltree import read_fulltree
 
+__all__ = ["Feed"]
+
 SCENE_FIRST: Final = 0.7
 """Time (s, wall clock) to wait for the scene channel of a robot that replies to Groot's requests."""
 

@@ -13,6 +13,8 @@ import numpy as np
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import NS_PER_S, LaserScan, Twist2D
 
+__all__ = ["BumpGo", "BumpGoState", "ClosedLoop", "Diagonals", "OpenLoop"]
+
 PERIOD = 0.05
 """The period (s) of the control cycle: 20 Hz."""
 SPEED_LINEAR = 0.3

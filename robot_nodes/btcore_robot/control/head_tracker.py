@@ -13,6 +13,16 @@ from btcore_robot.process.lifecycle import LifecycleComponent
 from btcore_robot.robot import Phase, Robot
 from btcore_scene import MovingScene, StaticScene
 
+__all__ = [
+    "BOOK_TUNING",
+    "PID",
+    "REACTIVE",
+    "HeadTracker",
+    "PanTiltCommand",
+    "TrackerTuning",
+    "command_from_detection",
+]
+
 COMMAND_TIMEOUT = 100_000_000
 """The maximum age (ns) of a command. After an older command the head returns to its centre position."""
 
@@ -110,6 +120,10 @@ class HeadTracker(LifecycleComponent):
     The head returns to its centre position when the last detection is older than 100 ms, and when the tracker
     is deactivated. Images are requested only while the tracker is active. `configure` returns False for a
     robot without a head.
+
+    Attributes:
+        robot: The robot.
+        tuning: The tuning of the tracker.
     """
 
     def __init__(

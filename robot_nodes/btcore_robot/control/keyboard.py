@@ -11,6 +11,16 @@ from typing import Protocol, Self
 from btcore_robot.errors import RobotError
 from btcore_robot.robot import NS_PER_S, Robot, Twist2D
 
+__all__ = [
+    "KeyInputError",
+    "KeySource",
+    "KeyboardTeleop",
+    "ScriptedKeys",
+    "Terminal",
+    "parse_key_script",
+    "parse_keys",
+]
+
 KEY_VEL_PRIORITY = 90
 """The priority of a keyboard's commands (twist_mux configuration of Tiago)."""
 KEY_TIMEOUT = round(0.75 * NS_PER_S)

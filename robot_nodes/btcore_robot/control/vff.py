@@ -15,7 +15,19 @@ from btcore_robot.process.messages import BLUE, GREEN, RED, Arrow, Arrows, Colou
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import NS_PER_S, LaserScan, Twist2D
 
+__all__ = [
+    "Avoidance",
+    "AvoidanceFromAll",
+    "Forces",
+    "Vector",
+    "force_arrows",
+    "forces_from_all",
+    "forces_from_nearest",
+    "velocity",
+]
+
 Vector = NDArray[np.float32]
+"""A vector in the plane, float32 of shape `(2,)`."""
 
 
 PERIOD = 0.05
@@ -31,7 +43,13 @@ SCAN_TIMEOUT = NS_PER_S
 
 @dataclass(frozen=True, slots=True)
 class Forces:
-    """The three force vectors, float32 of shape `(2,)`: x forward, y left."""
+    """The three force vectors, float32 of shape `(2,)`: x forward, y left.
+
+    Attributes:
+        attractive: The attraction of the goal, straight ahead.
+        repulsive: The repulsion of the obstacles.
+        result: The sum of both.
+    """
 
     attractive: Vector
     repulsive: Vector

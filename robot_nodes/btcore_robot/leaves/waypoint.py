@@ -59,7 +59,11 @@ class GetWaypoint(SyncAction):
         return True
 
     def pose_of(self, name: str) -> Pose2D:
-        """Return the waypoint *name*; raises NodeError if the world does not define it."""
+        """Return the waypoint *name*.
+
+        Raises:
+            NodeError: The world does not define the waypoint.
+        """
         if name not in self.places:
             known = join_names(self.places) if self.places else "none at all"
             raise NodeError(f"this world has no waypoint '{name}'; its waypoints are {known}")

@@ -26,6 +26,7 @@ class GoalStatus(IntEnum):
 
 
 ENDED = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED})
+"""The statuses of a goal that has ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,15 @@ class ActionResult(Generic[Value]):
 
 
 class GoalHandle(Generic[Goal, Feedback, Value]):
-    """A goal that was sent. The server writes the handle; the client reads it and may `cancel` the goal."""
+    """A goal that was sent. The server writes the handle; the client reads it and may `cancel` the goal.
+
+    Attributes:
+        goal: The goal.
+        status: The state of the goal.
+        feedback: The last feedback, or None.
+        result: The result, or None before the goal has ended.
+        cancel_requested: Whether the client has cancelled the goal.
+    """
 
     def __init__(self, goal: Goal) -> None:
         self.goal = goal
@@ -88,6 +97,10 @@ class ActionServer(Generic[Goal, Feedback, Value]):
 
     Call `step` periodically from the robot's schedule. An exception in a subclass is a programming error, not
     a failed goal: a subclass calls the handle's `abort` for goals that fail.
+
+    Attributes:
+        name: The name of the action.
+        current: The handle of the goal that is being executed, or None.
     """
 
     name = "action"

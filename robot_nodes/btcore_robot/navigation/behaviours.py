@@ -22,6 +22,8 @@ from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import NS_PER_S, Odometry, Robot
 from btcore_robot.transforms import TransformError, TransformTree
 
+__all__ = ["BackUpGoal", "BehaviourFeedback", "DriveOnHeadingGoal", "SpinGoal", "WaitGoal"]
+
 MIN_CLEARANCE = 0.30
 """The distance (m) that the robot's centre keeps from obstacles while it drives."""
 
@@ -36,7 +38,11 @@ _CLOSE_ENOUGH = 1e-6  # rad or m: Nav2's value
 
 @dataclass(frozen=True, slots=True)
 class SpinGoal:
-    """Turn on the spot by *dist* (rad, + to the left). *time_allowance* is in s; 0 means no limit."""
+    """Turn on the spot by *dist* (rad, + to the left). *time_allowance* is in s; 0 means no limit.
+
+    Attributes:
+        disable_collision_checks: Whether to turn even if the robot would touch an obstacle.
+    """
 
     dist: float = 1.57
     time_allowance: float = 10.0

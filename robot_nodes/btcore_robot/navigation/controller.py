@@ -27,6 +27,8 @@ from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import NS_PER_S, Pose2D, Robot
 from btcore_robot.transforms import TransformError, TransformTree
 
+__all__ = ["ControllerServer", "FollowPathFeedback", "FollowPathGoal", "FollowPathHandle"]
+
 MIN_CLEARANCE = 0.30
 """The distance (m) that the robot's centre keeps from obstacles: the hull's radius (0.27 m) and a margin."""
 
@@ -55,6 +57,12 @@ class FollowPathGoal:
     """A *path* to follow to its end.
 
     The ids name Nav2's plug-ins; the controller ignores them, because it has a single plug-in of each kind.
+
+    Attributes:
+        controller_id: Ignored.
+        goal_checker_id: Ignored.
+        progress_checker_id: Ignored.
+        path_handler_id: Ignored.
     """
 
     path: NavPath
@@ -70,6 +78,9 @@ class FollowPathFeedback:
 
     *position_error* (m) is positive if the robot is to the left of the path. *heading_error* (rad) is
     positive if the robot is turned to the left of the path's direction.
+
+    Attributes:
+        distance_to_goal: The remaining distance (m).
     """
 
     distance_to_goal: float = 0.0
@@ -79,6 +90,7 @@ class FollowPathFeedback:
 
 
 FollowPathHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, None]
+"""The handle of a `FollowPathGoal`."""
 
 
 class GoalChecker:
@@ -164,6 +176,14 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
 
     Call `step` from the robot's schedule at `controller_frequency` in `Phase.CONTROLLER`. While *hold*
     returns True, or the newest scan is too old, the robot stands and the goal doesn't fail.
+
+    Args:
+        robot: The robot.
+        tree: The transform tree.
+        local_costmap: The costmap for collision checks.
+
+    Attributes:
+        parameters: The parameters of the controller.
     """
 
     name = "follow_path"

@@ -237,6 +237,14 @@ class LocalCostmap(LayeredCostmap):
     Cells without an observation are FREE. *keepout* are rectangles in the frame map. They are drawn at the
     newest *map_pose* that `update` has received; before the first *map_pose* they are not drawn. *resolution*
     (m) is the side length of a cell. `GlobalCostmap` describes the other parameters.
+
+    Args:
+        radius: See `GlobalCostmap`.
+        inflation_radius: See `GlobalCostmap`.
+        scaling: See `GlobalCostmap`.
+        obstacle_min_range: See `GlobalCostmap`.
+        obstacle_max_range: See `GlobalCostmap`.
+        raytrace_range: See `GlobalCostmap`.
     """
 
     def __init__(

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle
 from btcore_robot.robot import LaserScan, Pose2D
 
-FREE, INSCRIBED, LETHAL, UNKNOWN = 0, 253, 254, 255
+FREE = 0
+"""The cost of a cell without obstacles around it."""
+INSCRIBED = 253
+"""The cost of a cell on which the robot's centre would certainly cause a collision."""
+LETHAL = 254
+"""The cost of an obstacle's cell."""
+UNKNOWN = 255
+"""The cost of a cell that was not observed."""
 
 _SHIFT = 4  # fractional bits of the coordinates with which OpenCV draws lines and polygons
 _FIXED_POINT = 1 << _SHIFT

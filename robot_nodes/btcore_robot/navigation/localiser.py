@@ -24,6 +24,8 @@ from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import NS_PER_S, LaserScan, Pose2D, Robot, TransformStamped
 from btcore_robot.transforms import TransformError, TransformTree
 
+__all__ = ["Localiser"]
+
 INITIAL_DEVIATION = (0.5, 0.5, 0.26)
 """The standard deviation (m, m, rad) of a given pose (nav2_amcl's default)."""
 FOUND_DEVIATION = (0.15, 0.15, 0.1)
@@ -71,6 +73,14 @@ class Localiser:
 
     Each scan sets the transform between `map` and `odom` in *tree*, with the scan's stamp. The transform
     stays valid for `transform_tolerance` (s) after that stamp.
+
+    Args:
+        robot: The robot.
+        field_map: The map.
+        random: The source of the samples.
+
+    Attributes:
+        parameters: The parameters of the filter.
     """
 
     def __init__(

@@ -17,6 +17,8 @@ from btcore_robot.navigation.path import NavPath, empty_path
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
 
+__all__ = ["NavigateFeedback", "NavigateGoal", "NavigateHandle", "Navigator"]
+
 NAV2_PLUGIN = "nav2_"
 """The prefix of Nav2's own plug-ins, whose nodes are built in."""
 
@@ -38,7 +40,13 @@ class NavigateGoal:
 
 @dataclass(frozen=True, slots=True)
 class NavigateFeedback:
-    """The progress of a goal: *navigation_time* in s, *distance_remaining* in m along the path."""
+    """The progress of a goal: *navigation_time* in s, *distance_remaining* in m along the path.
+
+    Attributes:
+        current_pose: The estimated pose in the frame `map`, or None.
+        number_of_recoveries: The number of recoveries so far.
+        number_of_poses_remaining: The number of poses of the goal that are not yet reached.
+    """
 
     current_pose: Pose2D | None
     navigation_time: float
@@ -48,6 +56,7 @@ class NavigateFeedback:
 
 
 NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, None]
+"""The handle of a `NavigateGoal`."""
 
 
 class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):

@@ -35,6 +35,8 @@ from btcore_robot.errors import RobotError
 from btcore_robot.field_reader import FieldReader, did_you_mean, read_text
 from btcore_robot.yaml_errors import yaml_errors
 
+__all__ = ["Grid", "MapError", "OccupancyMap", "Rectangle", "keepout_path", "load_map", "save_map"]
+
 Rectangle = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax (m) in the frame map."""
 

@@ -20,6 +20,17 @@ from btcore_robot.navigation.parameter_files import (
     read_settings,
 )
 
+__all__ = [
+    "AmclParameters",
+    "BehaviourParameters",
+    "ControllerParameters",
+    "CostmapParameters",
+    "NavigationParameters",
+    "NavigatorParameters",
+    "PlannerParameters",
+    "load_parameters",
+]
+
 
 def number_field(default: float, *aliases: str, minimum: float | None = None) -> Any:
     """Return a dataclass field for a number, with its rules for parameter files as metadata.

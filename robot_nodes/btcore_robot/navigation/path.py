@@ -138,6 +138,10 @@ class NearestPoseSearch:
     """A search for the pose of a path nearest to the robot.
 
     While the path stays the same, the result never moves backwards, unless the whole path is searched.
+
+    Attributes:
+        known: The path of the last search, or None.
+        at: The index of the pose that the last search found.
     """
 
     def __init__(self) -> None:

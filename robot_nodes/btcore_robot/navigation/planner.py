@@ -29,6 +29,8 @@ from btcore_robot.navigation.path import NavPath, join_paths, path_through
 from btcore_robot.navigation.path_smoothing import anchor_path, smooth_path
 from btcore_robot.robot import Pose2D
 
+__all__ = ["ComputePathGoal", "ComputePathHandle", "Planner", "PlannerError", "PlannerServer"]
+
 _BOUNDS_KEPT = 8
 _THROUGH = Nav2ErrorCode.THROUGH_UNKNOWN - Nav2ErrorCode.COMPUTE_PATH_UNKNOWN
 """The offset of ComputePathThroughPoses' error codes from ComputePathToPose's error codes."""
@@ -41,7 +43,11 @@ POSE_WITHIN = 1_000_000_000
 
 
 class PlannerError(RobotError):
-    """No path exists: *code* is one of Nav2's error codes, the message gives the reason."""
+    """No path exists: *code* is one of Nav2's error codes, the message gives the reason.
+
+    Args:
+        message: The error message.
+    """
 
     def __init__(self, code: int, message: str) -> None:
         super().__init__(message)
@@ -222,6 +228,9 @@ class ComputePathGoal:
     """A request for a path through *goals* (map) from *start*, or from the robot's pose.
 
     *through* stands for a request of ComputePathThroughPoses, which has error codes of its own.
+
+    Attributes:
+        planner_id: The name of the planner's plug-in; "" = the default.
     """
 
     goals: tuple[Pose2D, ...]
@@ -231,10 +240,15 @@ class ComputePathGoal:
 
 
 ComputePathHandle = GoalHandle[ComputePathGoal, None, NavPath]
+"""The handle of a `ComputePathGoal`; its result is the path."""
 
 
 class PlannerServer(ActionServer[ComputePathGoal, None, NavPath]):
-    """The server of `ComputePathGoal`. It plans within a step, once *pose* returns a pose instead of None."""
+    """The server of `ComputePathGoal`. It plans within a step, once *pose* returns a pose instead of None.
+
+    Attributes:
+        planner: The planner.
+    """
 
     name = "compute_path"
 

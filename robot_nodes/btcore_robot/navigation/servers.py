@@ -57,6 +57,20 @@ class Servers:
     *goal_tolerance* (m) is the distance at which GoalReached succeeds. *topics* stands in for ROS topics that
     no sensor provides: it maps the name of a topic to the newest message, for instance the name of the
     planner that PlannerSelector chooses, or the moved goal of GoalUpdater.
+
+    Attributes:
+        robot: The robot.
+        transforms: The transform tree.
+        localiser: The source of the robot's pose.
+        global_costmap: The costmap of the planner.
+        local_costmap: The costmap of the controller and of the recoveries.
+        compute_path: The planner's server.
+        follow_path: The controller's server.
+        spin: The server of `SpinGoal`.
+        back_up: The server of `BackUpGoal`.
+        drive_on_heading: The server of `DriveOnHeadingGoal`.
+        wait: The server of `WaitGoal`.
+        navigators: The servers of the navigators by name.
     """
 
     robot: Robot
@@ -104,3 +118,4 @@ class Servers:
 
 
 AnyGoalHandle = GoalHandle[Any, Any, Any]
+"""A handle of any kind of goal."""

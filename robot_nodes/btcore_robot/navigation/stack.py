@@ -28,6 +28,8 @@ from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Ro
 from btcore_robot.transforms import FrameBroadcaster, TransformError, TransformTree
 from btcore_scene import MovingScene, StaticScene
 
+__all__ = ["Navigation", "missing_trees"]
+
 log = logging.getLogger(__name__)
 
 TREES = "navigation"
@@ -63,6 +65,16 @@ class Navigation:
 
     *random* is the source of the localiser's samples. *trees* is the folder whose subfolder `navigation`
     contains the default trees.
+
+    Attributes:
+        parameters: The parameters of all servers.
+        transforms: The transform tree, which contains the frame `map`.
+        localiser: The estimator of the robot's pose.
+        global_costmap: The costmap of the planner.
+        local_costmap: The costmap of the controller and of the recoveries.
+        servers: The action servers.
+        navigate_to_pose: The server for goals with a single pose.
+        navigate_through_poses: The server for goals with several poses.
 
     Raises:
         RegistrationError: A library of the parameter `plugin_lib_names` can't be used.

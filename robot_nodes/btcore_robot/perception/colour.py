@@ -14,6 +14,18 @@ from btcore_robot.process.parameters import ParameterError
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import CameraImage
 
+__all__ = [
+    "WOOD",
+    "ColourRange",
+    "Detection",
+    "Detections",
+    "ObjectDetector",
+    "colour_mask",
+    "debug_image",
+    "detect_colour",
+    "detect_each",
+]
+
 MIN_AREA = 1e-6
 """The minimum area (pixels) of an object."""
 
@@ -23,6 +35,11 @@ class ColourRange:
     """A range of colours: the lower and upper limit, both included, of hue, saturation and value.
 
     The hue is 0–180 (OpenCV's unit of 2°), saturation and value are 0–255.
+
+    Attributes:
+        hue: The limits of the hue.
+        saturation: The limits of the saturation.
+        value: The limits of the value.
     """
 
     hue: tuple[int, int] = (0, 180)
@@ -146,7 +163,11 @@ def _detection(mask: NDArray[np.uint8], image: CameraImage) -> Detection | None:
 
 @dataclass(frozen=True, slots=True)
 class Detections:
-    """The objects detected in an image, the largest first."""
+    """The objects detected in an image, the largest first.
+
+    Attributes:
+        objects: The detected objects.
+    """
 
     objects: tuple[Detection, ...]
 

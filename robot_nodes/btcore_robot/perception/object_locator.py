@@ -17,6 +17,8 @@ from btcore_robot.robot import CameraImage, CameraInfo, Phase, Robot
 from btcore_robot.transforms import TransformError, TransformTree
 from btcore_scene import BoundingBox, MovingScene, StaticScene
 
+__all__ = ["BoundingBox3D", "ObjectLocator", "depth_to_points", "detect_boxes"]
+
 MIN_PIXELS = 20
 """The minimum number of pixels of an object; smaller patches are ignored."""
 MAX_DEPTH_STEP = 0.1
@@ -122,6 +124,9 @@ class ObjectLocator(LifecycleComponent):
 
     Images are requested only while the locator is active. An image is ignored if *transforms* does not know
     the camera's pose at its stamp. `configure` returns False for a robot without a camera.
+
+    Attributes:
+        robot: The robot.
     """
 
     def __init__(

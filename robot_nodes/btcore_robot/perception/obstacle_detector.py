@@ -10,6 +10,14 @@ from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, TransformStamped
 from btcore_robot.transforms import Transform, TransformError
 
+__all__ = [
+    "Displacement",
+    "ObstacleDetector",
+    "ObstacleDetectorImproved",
+    "ObstacleInFrames",
+    "ObstacleMonitor",
+]
+
 OBSTACLE_FRAME = "detected_obstacle"
 BASE_FRAME = "base_footprint"
 ODOM_FRAME = "odom"

@@ -13,7 +13,11 @@ PERIOD = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Int32:
-    """A message with a whole number, as `std_msgs/Int32`."""
+    """A message with a whole number, as `std_msgs/Int32`.
+
+    Attributes:
+        data: The number.
+    """
 
     data: int
 

@@ -3,11 +3,19 @@
 from dataclasses import dataclass
 
 Vector = tuple[float, float, float]
+"""x, y and z (m)."""
+
 Colour = tuple[float, float, float, float]
+"""Red, green, blue and opacity, each 0–1."""
 
 RED: Colour = (1.0, 0.0, 0.0, 1.0)
+"""Red, opaque."""
+
 GREEN: Colour = (0.0, 1.0, 0.0, 1.0)
+"""Green, opaque."""
+
 BLUE: Colour = (0.0, 0.0, 1.0, 1.0)
+"""Blue, opaque."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +48,10 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True)
 class Arrows:
-    """Several arrows that are published together."""
+    """Several arrows that are published together.
+
+    Attributes:
+        arrows: The arrows.
+    """
 
     arrows: tuple[Arrow, ...]

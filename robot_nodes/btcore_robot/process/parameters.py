@@ -12,6 +12,8 @@ USE_SIM_TIME = "use_sim_time"
 """A parameter of every ROS 2 node; it has no effect here, because time is always the robot's time."""
 
 ParameterValue = bool | int | float | str | list[int] | list[float] | list[str]
+"""The value of a parameter."""
+
 DeclaredValue = TypeVar("DeclaredValue", bool, int, float, str, list[int], list[float], list[str])
 
 _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text", list: "a list"}

@@ -40,6 +40,10 @@ class ProcessContext:
         schedule: The schedule that calls the timers of the processes.
         log_sink: A function that receives every log message.
         robot: The robot, if the processes have one.
+
+    Attributes:
+        transforms: The transform tree that the processes share.
+        topics: The topics by name.
     """
 
     def __init__(
@@ -72,7 +76,11 @@ class ProcessOptions:
 
 
 class Timer:
-    """A timer that calls *callback* every *period* seconds while its process runs."""
+    """A timer that calls *callback* every *period* seconds while its process runs.
+
+    Args:
+        process: The process of the timer.
+    """
 
     def __init__(self, process: "Process", period: float, callback: Callable[[], None]) -> None:
         self.period = period
@@ -91,6 +99,13 @@ class Process:
 
     A process runs after `Executor.add` has added it to an executor. *name* is its default name, which
     *options* may override.
+
+    Attributes:
+        context: The resources that the process shares with other processes.
+        parameters: The parameters of the process.
+        subscriptions: The subscriptions, in order of creation.
+        timers: The timers, in order of creation.
+        executor: The executor, once `Executor.add` was called.
     """
 
     def __init__(self, name: str, context: ProcessContext, options: ProcessOptions | None = None) -> None:
@@ -134,6 +149,9 @@ class Process:
             type_: The class of the messages.
             callback: The function to call with each message.
             depth: The maximum number of messages in the queue; when it is full the oldest message is dropped.
+
+        Returns:
+            The subscription.
 
         Raises:
             TopicError: The topic has messages of another type.
@@ -208,6 +226,13 @@ class Executor:
     of their publication, in rounds. In each round every subscription receives at most one message. A round
     visits the processes in the order in which they were added, and their subscriptions in the order of
     creation. A process without an executor receives no messages, and its timers are inactive.
+
+    Args:
+        schedule: The schedule that calls the executor.
+        clock: The clock of the timers.
+
+    Attributes:
+        processes: The processes in the order in which they were added.
     """
 
     def __init__(self, schedule: Schedule, clock: RobotClock) -> None:

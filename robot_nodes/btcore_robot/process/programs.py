@@ -36,6 +36,7 @@ PROGRAMS: dict[str, tuple[tuple[str, str], ...]] = {
 """The processes of every program, each as the names of its module and its class."""
 
 ProcessFactory = Callable[[ProcessContext, ProcessOptions], Process]
+"""A function that creates the process of a program."""
 
 
 class UnknownProgramError(RobotError):
@@ -51,6 +52,9 @@ def create_processes(
         program: The name of the program.
         context: The resources that the processes share.
         options: The options of each process; the name is ignored for a program of several processes.
+
+    Returns:
+        The processes.
 
     Raises:
         UnknownProgramError: There is no program of that name.

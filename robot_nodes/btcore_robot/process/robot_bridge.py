@@ -10,10 +10,19 @@ from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import CameraImage, HeadPosition, LaserScan, Odometry, Twist2D
 
 SCAN_TOPIC = "/scan_raw"
+"""The topic of the laser scans."""
+
 IMAGE_TOPIC = "/head_front_camera/rgb/image_raw"
+"""The topic of the camera's images."""
+
 ODOMETRY_TOPIC = "/mobile_base_controller/odom"
+"""The topic of the odometry."""
+
 JOINT_STATE = "/head_controller/state"
+"""The topic of the head's position."""
+
 JOINT_COMMAND = "/head_controller/joint_trajectory"
+"""The topic of commands for the head."""
 
 VELOCITIES = {"/cmd_vel": 10, "/nav_vel": 10, "/key_vel": 90, "/joy_vel": 100}
 """The velocity topics and the priority of each (twist_mux configuration of Tiago)."""

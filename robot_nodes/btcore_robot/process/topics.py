@@ -17,6 +17,13 @@ class Subscription(Generic[Message]):
     """A queue of at most *depth* messages for a callback. When it is full, the oldest message is dropped.
 
     *wake* is called when a message arrives. *lost* is the number of dropped messages.
+
+    Args:
+        owner: The name of the process, for error messages.
+
+    Attributes:
+        topic: The topic.
+        callback: The function that is called with each message.
     """
 
     def __init__(
@@ -57,7 +64,17 @@ class Subscription(Generic[Message]):
 
 
 class Topic(Generic[Message]):
-    """A named channel for messages of a single type, from publishers to subscriptions."""
+    """A named channel for messages of a single type, from publishers to subscriptions.
+
+    Args:
+        type_: The class of the messages.
+        owner: The name of the process that uses the topic first, for error messages.
+
+    Attributes:
+        name: The name.
+        type: The class of the messages.
+        subscriptions: The subscriptions.
+    """
 
     def __init__(self, name: str, type_: type[Message], owner: str) -> None:
         self.name = name
@@ -72,7 +89,11 @@ class Topic(Generic[Message]):
 
 
 class Publisher(Generic[Message]):
-    """A publisher on a topic. If it is *latched*, its last message is kept for later subscriptions."""
+    """A publisher on a topic. If it is *latched*, its last message is kept for later subscriptions.
+
+    Attributes:
+        topic: The topic.
+    """
 
     def __init__(self, topic: Topic[Message], latched: bool) -> None:
         self.topic = topic

@@ -44,6 +44,10 @@ class Exploration(Navigation):
         trees: The folder whose subfolder `navigation` contains the default behavior trees.
         parameters: The parameters of the servers; the defaults if omitted.
         keepout: Rectangles that are added to the map because the laser cannot detect them.
+
+    Attributes:
+        localiser: The mapper.
+        global_costmap: The costmap of the map so far.
     """
 
     localiser: Mapper

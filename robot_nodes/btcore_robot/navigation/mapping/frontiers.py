@@ -22,6 +22,8 @@ from btcore_robot.navigation.grid_search import (
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 
+__all__ = ["Frontier", "find_frontiers", "frontier_mask"]
+
 MIN_LENGTH = 0.35
 """The minimum length (m) of a frontier; a shorter frontier is usually the shadow of a chair's leg."""
 MAX_VIEW_DISTANCE = 0.8

@@ -24,6 +24,8 @@ from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import NS_PER_S, Pose2D, Robot, TransformStamped
 from btcore_robot.transforms import TransformError, TransformTree
 
+__all__ = ["Mapper"]
+
 MIN_TRAVEL, MIN_TURN = 0.5, 0.25
 """A key scan is taken after this travel (m) or turn (rad) since the previous key scan.
 
@@ -68,6 +70,11 @@ class Mapper:
         keepout: Rectangles that are added to the map because the laser cannot detect them.
         loops: Whether to close loops.
         frames: The names of the map, odometry and base frames.
+
+    Attributes:
+        lost: Always False.
+        searching: Always False.
+        is_contradicted: Always False.
     """
 
     lost = searching = is_contradicted = False
