@@ -74,7 +74,7 @@ def below(boxes: list[Box], index: int) -> set[int]:
     return found
 
 
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_no_two_pills_overlap(boxes, aspect):
     drawn = pills(lay_out(boxes, HEIGHT, aspect))
@@ -82,7 +82,7 @@ def test_no_two_pills_overlap(boxes, aspect):
         assert not any(overlap(one, other) for other in drawn[:at])
 
 
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_the_root_is_on_top_and_children_are_under_their_parents(boxes, aspect):
     places = lay_out(boxes, HEIGHT, aspect).places
@@ -91,7 +91,7 @@ def test_the_root_is_on_top_and_children_are_under_their_parents(boxes, aspect):
             assert places[child].y >= place.y + HEIGHT
 
 
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect):
     places = lay_out(boxes, HEIGHT, aspect).places
@@ -102,7 +102,7 @@ def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect):
             assert to_the_right or under
 
 
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspect):
     layout = lay_out(boxes, HEIGHT, aspect)
@@ -122,7 +122,7 @@ def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspe
                 assert crossed <= {parent, child}
 
 
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect):
     layout = lay_out(boxes, HEIGHT, aspect)
@@ -138,7 +138,7 @@ def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect):
                 assert not overlap((x0, y0, x1, y1), pill)
 
 
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_a_layout_stays_within_its_size_and_is_deterministic(boxes, aspect):
     layout = lay_out(boxes, HEIGHT, aspect)
@@ -171,7 +171,7 @@ def test_big_trees_are_no_larger_than_the_prototypes_layouts():
         assert needed[2] <= 1.0
 
 
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(2, 150))
 @example(400)
 def test_a_chain_and_a_broom_of_any_length_are_laid_out(count):

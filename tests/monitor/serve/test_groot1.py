@@ -380,7 +380,7 @@ def test_any_request_is_answered_with_the_tree(sample, window):
             assert groot.ask(*frames) == tree
 
 
-def test_two_thousand_random_requests_are_answered_with_the_tree(sample, window):
+def test_hundreds_of_random_requests_are_answered_with_the_tree(sample, window):
     with serve(sample, groot1=0) as publisher:
         groot = window(publisher)
         tree = groot.ask()
@@ -392,7 +392,7 @@ def test_two_thousand_random_requests_are_answered_with_the_tree(sample, window)
 
             @given(st.lists(st.binary(max_size=40), min_size=1, max_size=4))
             @settings(
-                max_examples=2_000, deadline=None, database=None, suppress_health_check=list(HealthCheck)
+                max_examples=600, deadline=None, database=None, suppress_health_check=list(HealthCheck)
             )
             def noise(frames: list[bytes]) -> None:
                 socket.send_multipart(frames)
