@@ -16,7 +16,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
-__all__ = ["SourceOnly", "active_build", "compiled_modules"]
+__all__ = ["active_build", "compiled_modules"]
 
 LIBRARY = "btcore__mypyc"
 """The extension module with all compiled code; the extension modules beside the sources only refer to it."""
@@ -109,7 +109,13 @@ def compiled_modules() -> list[str]:
 
 
 def active_build() -> str:
-    """Return `"compiled"` or `"pure"`, by the file from which btcore.status was imported."""
+    """Return `"compiled"` or `"pure"`, by the file from which btcore.status was imported.
+
+    Examples:
+        >>> from btcore import builds
+        >>> builds.active_build() in ("compiled", "pure")
+        True
+    """
     from btcore import status
 
     source = status.__file__ or ""

@@ -15,7 +15,13 @@ def folder() -> Path:
 
 
 def names() -> list[str]:
-    """Return the names of the bundled trees: `bumpgo`, `navigation/patrol` …"""
+    """Return the names of the bundled trees: `bumpgo`, `navigation/patrol` …
+
+    Examples:
+        >>> from btcore import bundled_trees
+        >>> "bumpgo" in bundled_trees.names()
+        True
+    """
     here = folder()
     return sorted(path.relative_to(here).with_suffix("").as_posix() for path in here.rglob("*.xml"))
 
@@ -25,6 +31,11 @@ def find(name: str) -> Path:
 
     Raises:
         FileNotFoundError: There is no such file or tree; the message suggests the nearest name.
+
+    Examples:
+        >>> from btcore import bundled_trees
+        >>> bundled_trees.find("bumpgo").name
+        'bumpgo.xml'
     """
     path = Path(name)
     # Reading the file reports links that form a loop, devices and the like.

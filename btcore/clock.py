@@ -19,7 +19,22 @@ NS_PER_S: Final = 1_000_000_000
 
 
 class Clock(Protocol):
-    """The interface of a clock."""
+    """The interface of a clock.
+
+    Examples:
+        >>> import btcore
+        >>> class Ticks(btcore.Clock):
+        ...     def __init__(self):
+        ...         self.time = 0
+        ...     def now(self):
+        ...         return self.time
+        ...     def wait_until(self, deadline, wake):
+        ...         self.time = deadline
+        ...         return wake.is_set()
+        >>> b = btcore.Builder()
+        >>> b.build(b.Sleep(msec=500), clock=Ticks()).tick_while_running()
+        <Status.SUCCESS: 2>
+    """
 
     def now(self) -> int:
         """Return the time (ns) since a fixed origin. It never decreases."""
@@ -40,7 +55,14 @@ class Clock(Protocol):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SystemClock:
-    """Real time: the system's monotonic clock."""
+    """Real time: the system's monotonic clock.
+
+    Examples:
+        >>> from btcore import SystemClock
+        >>> clock = SystemClock()
+        >>> clock.now() <= clock.now()
+        True
+    """
 
     def now(self) -> int:
         """Return the monotonic time (ns)."""
@@ -64,7 +86,15 @@ class SystemClock:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SimClock:
-    """Simulated time, which advances only by waiting and by `advance`. *start* is in ns."""
+    """Simulated time, which advances only by waiting and by `advance`. *start* is in ns.
+
+    Examples:
+        >>> from btcore import SimClock
+        >>> clock = SimClock()
+        >>> clock.advance(1.5)
+        >>> clock.now()
+        1500000000
+    """
 
     def __init__(self, start: int = 0) -> None:
         self._now = start

@@ -17,6 +17,11 @@ class DiagnosticCode(str):
     Attributes:
         severity: The severity of the problem, or the effect of the change.
         summary: A short description, such as "unknown node".
+
+    Examples:
+        >>> from btcore.diagnostic_codes import UNKNOWN_NODE
+        >>> UNKNOWN_NODE, UNKNOWN_NODE.severity, UNKNOWN_NODE.summary
+        ('E101', 'error', 'unknown node')
     """
 
     # A subclass of str, and not an Enum: a hundred members of an Enum would slow down `import btcore`.

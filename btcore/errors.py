@@ -20,6 +20,16 @@ class Diagnostic(NamedTuple):
         hint: How to correct the problem, or "".
         source: The text of the line.
         width: The number of characters to mark.
+
+    Examples:
+        >>> import btcore
+        >>> b = btcore.Builder()
+        >>> try:
+        ...     b.build(b.Inverter())
+        ... except btcore.TreeError as error:
+        ...     diagnostic = error.diagnostics[0]
+        >>> diagnostic.code, diagnostic.is_error, diagnostic.code.summary
+        ('E104', True, 'wrong number of children')
     """
 
     code: DiagnosticCode
@@ -106,13 +116,31 @@ def shown_diagnostics(diagnostics: Iterable[Diagnostic]) -> tuple[list[Diagnosti
 
 
 class BtcoreError(Exception):
-    """The base class of the errors that the engine raises."""
+    """The base class of the errors that the engine raises.
+
+    Examples:
+        >>> import btcore
+        >>> try:
+        ...     btcore.load("missing.xml")
+        ... except btcore.BtcoreError as error:
+        ...     print(type(error).__name__)
+        XmlSyntaxError
+    """
 
 
 class TreeError(BtcoreError):
     """No tree can be loaded from the document.
 
     *diagnostics* holds all errors found in the document. The message shows the first 100 of each file.
+
+    Examples:
+        >>> import btcore
+        >>> b = btcore.Builder()
+        >>> try:
+        ...     b.build(b.Sequence(b.Inverter()))
+        ... except btcore.TreeError as error:
+        ...     print([str(diagnostic.code) for diagnostic in error.diagnostics])
+        ['E104']
     """
 
     def __init__(self, diagnostics: Iterable[Diagnostic]) -> None:
@@ -152,6 +180,20 @@ class NodeExecutionError(BtcoreError):
         where: `file:line` of the node in the XML; "" = unknown.
         backtrace: The paths of the nodes from the root to the node that raised.
         later_errors: The errors of other nodes, raised while the tree was halted afterwards.
+
+    Examples:
+        >>> import btcore
+        >>> @btcore.action
+        ... def grasp():
+        ...     raise OSError("no gripper")
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(grasp)
+        >>> b = btcore.Builder(nodes)
+        >>> try:
+        ...     b.build(b.Grasp()).tick_once()
+        ... except btcore.NodeExecutionError as error:
+        ...     print(error.path, "·", error.cause)
+        Grasp::1 · no gripper
     """
 
     def __init__(
@@ -208,6 +250,14 @@ class ScriptError(BtcoreError):
     Attributes:
         message: The description of the error, without the script.
         width: The number of invalid characters.
+
+    Examples:
+        >>> import btcore
+        >>> try:
+        ...     btcore.compile_script("a := (1 +")
+        ... except btcore.ScriptError as error:
+        ...     print(error.column)
+        10
     """
 
     def __init__(self, message: str, text: str = "", column: int = 0, width: int = 1) -> None:

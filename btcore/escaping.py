@@ -22,6 +22,11 @@ def escape_controls(text: str, one_line: bool = False) -> str:
     Args:
         text: The text.
         one_line: Whether to replace line breaks and tabs, too.
+
+    Examples:
+        >>> from btcore.escaping import escape_controls
+        >>> print(escape_controls(f"red: {chr(27)}[31m"))
+        red: \x1b[31m
     """
     # Nearly every text consists of printable ASCII characters.
     if text.isascii() and text.isprintable():
@@ -36,6 +41,11 @@ def to_json(data: object, indent: int | None = None, ensure_ascii: bool = False)
         data: The JSON data.
         indent: The number of spaces per level; None writes a single line.
         ensure_ascii: Whether to escape all other characters beyond ASCII, too.
+
+    Examples:
+        >>> from btcore.escaping import to_json
+        >>> print(to_json({"name": f"{chr(27)}[31m"}))
+        {"name": "\\u001b[31m"}
     """
     import json  # not at the start of every program
 
@@ -44,7 +54,13 @@ def to_json(data: object, indent: int | None = None, ensure_ascii: bool = False)
 
 
 def escape_xml(text: str) -> str:
-    """Return the XML document *text* with each control character replaced by a character reference."""
+    """Return the XML document *text* with each control character replaced by a character reference.
+
+    Examples:
+        >>> from btcore.escaping import escape_xml
+        >>> escape_xml(f'<Sequence name="{chr(155)}"/>')
+        '<Sequence name="&#x9b;"/>'
+    """
     return _EXCEPT_C0.sub(lambda found: f"&#x{ord(found[0]):x};", text)
 
 

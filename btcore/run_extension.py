@@ -40,6 +40,18 @@ class RunExtension(Protocol):
     This is a Protocol instead of an abstract base class so that a package can implement an extension without
     importing btcore; it must then define every hook. A class that inherits from `RunExtension` overrides only
     the hooks that it needs; the others keep the defaults below.
+
+    Examples:
+        >>> import click
+        >>> from btcore.run_extension import RunExtension
+        >>> class Rover:
+        ...     pass
+        >>> class RoverExtension(RunExtension):
+        ...     options = (click.Option(["--rover"], help="The address of the rover."),)
+        ...     def provide(self, settings, wanted, provided):
+        ...         return [Rover()] if Rover in wanted else []
+        >>> RoverExtension().provide({"rover": "10.0.0.7"}, wanted=[Rover], provided=[]) != []
+        True
     """
 
     options: Sequence["click.Option"] = ()

@@ -23,6 +23,11 @@ class Status(_NamedNumber):
         SUCCESS: The node finished with success.
         FAILURE: The node finished with failure.
         SKIPPED: A precondition of the node was not met, so the node was not ticked.
+
+    Examples:
+        >>> from btcore import Status
+        >>> Status.RUNNING, Status(2), Status["FAILURE"].value
+        (<Status.RUNNING: 1>, <Status.SUCCESS: 2>, 3)
     """
 
     IDLE = 0
@@ -42,6 +47,12 @@ class NodeType(_NamedNumber):
         CONTROL: A node with several children.
         DECORATOR: A node with one child.
         SUBTREE: A node whose child is another tree.
+
+    Examples:
+        >>> import btcore
+        >>> b = btcore.Builder()
+        >>> b.build(b.Sequence(b.AlwaysSuccess())).root.type
+        <NodeType.CONTROL: 3>
     """
 
     UNDEFINED = 0
@@ -108,6 +119,19 @@ class Transition(NamedTuple):
         uid: The uid of the node.
         previous: The previous status.
         status: The new status.
+
+    Examples:
+        >>> import btcore
+        >>> class Last(btcore.Observer):
+        ...     def transition(self, change):
+        ...         self.change = change
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess())
+        >>> last = Last()
+        >>> unsubscribe = tree.subscribe(last)
+        >>> _ = tree.tick_once()
+        >>> last.change.uid, last.change.previous.name, last.change.status.name
+        (1, 'SUCCESS', 'IDLE')
     """
 
     number: int

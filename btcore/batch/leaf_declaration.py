@@ -116,6 +116,25 @@ class StatefulAction:
     Ports are annotated attributes: reading a port returns the column; assigning a port writes the values of
     the agents for which the method was called. Each method gets the mask of these agents, and is not called
     if there are none. The parameters of `__init__` are resources, found by type.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore import In, Out, batch
+        >>> class Drive(batch.StatefulAction):
+        ...     x: In[batch.Floats]
+        ...     moved: Out[batch.Floats]
+        ...     def on_start(self, mask):
+        ...         return btcore.Status.RUNNING
+        ...     def on_running(self, mask):
+        ...         self.moved = self.x[mask] + 0.5
+        ...         return btcore.Status.SUCCESS
+        >>> xml = '''<root BTCPP_format="4"><BehaviorTree ID="Main">
+        ...   <Drive x="{x}" moved="{x}"/></BehaviorTree></root>'''
+        >>> swarm = batch.BatchTree.loads(xml, agents=2, leaves=[Drive], blackboard={"x": [0.0, 1.0]})
+        >>> swarm.tick(), swarm.tick()
+        (array([1, 1], dtype=uint8), array([2, 2], dtype=uint8))
+        >>> swarm.blackboard["x"]
+        array([0.5, 1.5])
     """
 
     _port: Callable[[str], Any]
@@ -161,6 +180,19 @@ def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callab
     Args:
         function: The function.
         ID: The registration ID; by default the function's name in CamelCase.
+
+    Examples:
+        >>> from btcore import In, Put, batch
+        >>> @batch.action
+        ... def drive(x: In[batch.Floats], moved: Put[batch.Floats]):
+        ...     moved(x + 0.5)
+        ...     return True
+        >>> xml = '''<root BTCPP_format="4"><BehaviorTree ID="Main">
+        ...   <Drive x="{x}" moved="{x}"/></BehaviorTree></root>'''
+        >>> swarm = batch.BatchTree.loads(xml, agents=2, leaves=[drive], blackboard={"x": [0.0, 1.0]})
+        >>> _ = swarm.tick()
+        >>> swarm.blackboard["x"]
+        array([0.5, 1.5])
     """
     return _marked(function, SyncAction, ID)
 

@@ -77,6 +77,18 @@ class BatchTree:
     Raises:
         TreeError: The batch engine cannot run a node.
         RegistrationError: A leaf is invalid.
+
+    Examples:
+        >>> from btcore import In, Registry, batch
+        >>> @batch.condition
+        ... def battery_ok(level: In[batch.Floats]) -> batch.Bools:
+        ...     return level > 0.2
+        >>> xml = '''<root BTCPP_format="4"><BehaviorTree ID="Main">
+        ...   <BatteryOk level="{level}"/></BehaviorTree></root>'''
+        >>> levels = {"level": [0.1, 0.5, 0.9]}
+        >>> swarm = batch.BatchTree.loads(xml, agents=3, leaves=[battery_ok], blackboard=levels)
+        >>> swarm.tick()
+        array([3, 2, 2], dtype=uint8)
     """
 
     def __init__(

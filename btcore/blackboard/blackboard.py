@@ -44,6 +44,14 @@ class Entry:
         inferred: Whether *declared* was inferred from a value written by user code, and not from a port.
         sequence_id: The number of writes.
         stamp: The time (ns) of the last write.
+
+    Examples:
+        >>> import btcore
+        >>> board = btcore.Blackboard()
+        >>> board["speed"] = 0.5
+        >>> entry = board.find("speed")
+        >>> entry.value, entry.declared.name, entry.sequence_id
+        (0.5, 'double', 1)
     """
 
     __slots__ = ("declared", "inferred", "sequence_id", "stamp", "value")
@@ -92,6 +100,13 @@ class Blackboard:
     Attributes:
         autoremap: Whether keys without a remapping name the parent's entries.
         now: The function that returns the time of the clock (ns).
+
+    Examples:
+        >>> from btcore import Blackboard
+        >>> board = Blackboard()
+        >>> board["battery"] = 0.8
+        >>> board["battery"], "goal" in board, dict(board)
+        (0.8, False, {'battery': 0.8})
     """
 
     def __init__(self, parent: "Blackboard | None" = None, clock: Clock | None = None) -> None:

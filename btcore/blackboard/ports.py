@@ -74,6 +74,12 @@ class Port:
     Attributes:
         reads: Whether the node reads the port.
         writes: Whether the node writes the port.
+
+    Examples:
+        >>> from btcore import Direction, Port, values
+        >>> port = Port("speed", Direction.IN, type=values.DOUBLE, default="0.5")
+        >>> port.reads, port.writes
+        (True, False)
     """
 
     def __init__(

@@ -81,6 +81,11 @@ def print_json(data: object, indent: int | None = None) -> None:
     Args:
         data: The data.
         indent: The number of spaces for each level; None prints a single line.
+
+    Examples:
+        >>> from btcore.program_runner import print_json
+        >>> print_json({"ticks": 3})
+        {"ticks": 3}
     """
     is_limited = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
     click.echo(to_json(data, indent, ensure_ascii=is_limited))

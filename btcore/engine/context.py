@@ -17,6 +17,24 @@ class TreeState:
 
     A leaf whose function or `__init__` has a parameter of a subclass gets the instance that belongs to the
     tree. The instance is created, without arguments, for the first such leaf of the tree.
+
+    Examples:
+        >>> import btcore
+        >>> class Visits(btcore.TreeState):
+        ...     def __init__(self):
+        ...         self.places = []
+        >>> @btcore.action
+        ... def visit(visits: Visits, place: btcore.In[str]):
+        ...     visits.places.append(place)
+        ...     print(visits.places)
+        ...     return True
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(visit)
+        >>> b = btcore.Builder(nodes)
+        >>> b.build(b.Sequence(b.Visit(place="door"), b.Visit(place="window"))).tick_once()
+        ['door']
+        ['door', 'window']
+        <Status.SUCCESS: 2>
     """
 
 

@@ -84,6 +84,17 @@ class ControlNode(TreeNode):
     """A node with children that decides which of them are ticked, and when.
 
     Subclasses implement `tick` and, to forget their state when halted, override `halt`.
+
+    Examples:
+        >>> import btcore
+        >>> class First(btcore.ControlNode):
+        ...     def tick(self):
+        ...         return self.children[0].execute_tick()
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(First)
+        >>> b = btcore.Builder(nodes)
+        >>> b.build(b.First(b.AlwaysSuccess(), b.AlwaysFailure())).tick_once()
+        <Status.SUCCESS: 2>
     """
 
     node_type: ClassVar[NodeType] = NodeType.CONTROL
@@ -225,6 +236,20 @@ class DecoratorNode(TreeNode):
 
     Attributes:
         child: The child.
+
+    Examples:
+        >>> import btcore
+        >>> class Verbose(btcore.DecoratorNode):
+        ...     def tick(self):
+        ...         status = self.child.execute_tick()
+        ...         print(self.child.name, status.name)
+        ...         return status
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(Verbose)
+        >>> b = btcore.Builder(nodes)
+        >>> b.build(b.Verbose(b.AlwaysFailure(name="door"))).tick_once()
+        door FAILURE
+        <Status.FAILURE: 3>
     """
 
     node_type: ClassVar[NodeType] = NodeType.DECORATOR

@@ -33,6 +33,20 @@ def running() -> Pause:
 
     Returns:
         An awaitable, for `await` in a coroutine leaf.
+
+    Examples:
+        >>> import btcore
+        >>> @btcore.action
+        ... async def count():
+        ...     for n in range(2):
+        ...         await btcore.running()
+        ...     return True
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(count)
+        >>> b = btcore.Builder(nodes)
+        >>> tree = b.build(b.Count())
+        >>> [tree.tick_once().name for _ in range(3)]
+        ['RUNNING', 'RUNNING', 'SUCCESS']
     """
     return Pause()
 
@@ -42,6 +56,19 @@ def sleep(seconds: float) -> Pause:
 
     Returns:
         An awaitable, for `await` in a coroutine leaf.
+
+    Examples:
+        >>> import btcore
+        >>> @btcore.action
+        ... async def wait():
+        ...     await btcore.sleep(2.0)
+        ...     return True
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(wait)
+        >>> b = btcore.Builder(nodes)
+        >>> clock = btcore.SimClock()
+        >>> b.build(b.Wait(), clock=clock).tick_while_running(), clock.now()
+        (<Status.SUCCESS: 2>, 2000000000)
     """
     return Pause(seconds)
 

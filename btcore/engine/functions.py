@@ -38,6 +38,19 @@ def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callab
     Args:
         function: The function.
         ID: The tag in the XML; by default the function's name in CamelCase.
+
+    Examples:
+        >>> import btcore
+        >>> @btcore.action
+        ... def add(a: btcore.In[int], b: btcore.In[int], result: btcore.Put[int]):
+        ...     result(a + b)
+        ...     return True
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(add)
+        >>> b = btcore.Builder(nodes)
+        >>> tree = b.build(b.Add(a=2, b=3, result="{sum}"))
+        >>> tree.tick_once(), tree.blackboard["sum"]
+        (<Status.SUCCESS: 2>, 5)
     """
     return _marked(function, LeafMark(False, ID))
 
@@ -56,6 +69,17 @@ def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Cal
     Args:
         function: The function.
         ID: The tag in the XML; by default the function's name in CamelCase.
+
+    Examples:
+        >>> import btcore
+        >>> @btcore.condition
+        ... def battery_ok(level: btcore.In[float], minimum: btcore.In[float] = 0.2) -> bool:
+        ...     return level > minimum
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(battery_ok)
+        >>> b = btcore.Builder(nodes)
+        >>> b.build(b.BatteryOk(level=0.1)).tick_once()
+        <Status.FAILURE: 3>
     """
     return _marked(function, LeafMark(True, ID))
 

@@ -26,14 +26,42 @@ class LeafNode(TreeNode):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Condition(LeafNode):
-    """A leaf that checks the world: override `tick` to return True or False without side effects."""
+    """A leaf that checks the world: override `tick` to return True or False without side effects.
+
+    Examples:
+        >>> import btcore
+        >>> class IsDark(btcore.Condition):
+        ...     light: btcore.In[float]
+        ...     def tick(self):
+        ...         return self.light < 0.1
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(IsDark)
+        >>> b = btcore.Builder(nodes)
+        >>> b.build(b.IsDark(light=0.05)).tick_once()
+        <Status.SUCCESS: 2>
+    """
 
     node_type: ClassVar[NodeType] = NodeType.CONDITION
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SyncAction(LeafNode):
-    """An action that completes within one tick: override `tick`, which must not return RUNNING."""
+    """An action that completes within one tick: override `tick`, which must not return RUNNING.
+
+    Examples:
+        >>> import btcore
+        >>> class Say(btcore.SyncAction):
+        ...     text: btcore.In[str]
+        ...     def tick(self):
+        ...         print(self.text)
+        ...         return btcore.Status.SUCCESS
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(Say)
+        >>> b = btcore.Builder(nodes)
+        >>> b.build(b.Say(text="hello")).tick_once()
+        hello
+        <Status.SUCCESS: 2>
+    """
 
     _family: ClassVar[int] = SYNCHRONOUS
 
@@ -45,6 +73,24 @@ class StatefulAction(LeafNode):
     Override `on_start`, `on_running` (both return a Status, True or False) and, to clean
     up, `on_halted`. A tick must not block: start the work, return RUNNING, and check the work again
     in the next tick.
+
+    Examples:
+        >>> import btcore
+        >>> class Drive(btcore.StatefulAction):
+        ...     def on_start(self):
+        ...         self.left = 2
+        ...         return btcore.Status.RUNNING
+        ...     def on_running(self):
+        ...         self.left -= 1
+        ...         return btcore.Status.RUNNING if self.left else btcore.Status.SUCCESS
+        ...     def on_halted(self):
+        ...         print("stop")
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(Drive)
+        >>> b = btcore.Builder(nodes)
+        >>> tree = b.build(b.Drive())
+        >>> [tree.tick_once().name for _ in range(3)]
+        ['RUNNING', 'RUNNING', 'SUCCESS']
     """
 
     may_complete_on_start: ClassVar[bool] = False

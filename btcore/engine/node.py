@@ -52,6 +52,13 @@ class TreeNode:
     Attributes:
         node_type: The type of the class's nodes: action, condition, control or decorator.
         config: The place of the node in the tree, its ports and its scripts.
+
+    Examples:
+        >>> import btcore
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.Sequence(b.AlwaysSuccess(name="door"), name="round"))
+        >>> [(node.name, node.path, node.type.name) for node in tree]
+        [('round', 'round', 'CONTROL'), ('door', 'door', 'ACTION')]
     """
 
     node_type: ClassVar[NodeType] = NodeType.UNDEFINED

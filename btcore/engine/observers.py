@@ -96,6 +96,22 @@ class Observer:
 
     All methods are called on the thread that ticks the tree, which waits until they return: hand over slow
     work to another thread.
+
+    Examples:
+        >>> import btcore
+        >>> class Printer(btcore.Observer):
+        ...     def transition(self, change):
+        ...         print(change.uid, change.status.name)
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.Inverter(b.AlwaysSuccess()))
+        >>> unsubscribe = tree.subscribe(Printer())
+        >>> tree.tick_once()
+        1 RUNNING
+        2 SUCCESS
+        2 IDLE
+        1 FAILURE
+        1 IDLE
+        <Status.FAILURE: 3>
     """
 
     def transition(self, change: Transition) -> None:

@@ -17,6 +17,20 @@ class ThreadedAction(StatefulAction):
     The node is RUNNING until `work` ends. Then the tree wakes up, and the next tick returns the result
     of `work` or raises its exception. A halt sets `halt_requested` and waits until `work`
     returns. Therefore `work` should check `halt_requested` often, and sleep with `pause`.
+
+    Examples:
+        >>> import btcore
+        >>> class Compute(btcore.ThreadedAction):
+        ...     result: btcore.Out[int]
+        ...     def work(self):
+        ...         self.result = sum(range(1000))
+        ...         return btcore.Status.SUCCESS
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(Compute)
+        >>> b = btcore.Builder(nodes)
+        >>> tree = b.build(b.Compute(result="{sum}"))
+        >>> tree.tick_while_running(), tree.blackboard["sum"]
+        (<Status.SUCCESS: 2>, 499500)
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = None

@@ -23,7 +23,22 @@ TYPE = "__type"
 
 
 def export_tree(tree: Tree) -> dict[str, dict[str, Any]]:
-    """Return the entries of all blackboards of *tree*, ready for `json.dump`."""
+    """Return the entries of all blackboards of *tree*, ready for `json.dump`.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.loading.json_export import export_tree, import_tree
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.Script(code="battery := 0.8"))
+        >>> _ = tree.tick_once()
+        >>> saved = export_tree(tree)
+        >>> saved
+        {'Main': {'battery': 0.8}}
+        >>> tree.blackboard["battery"] = 0.1
+        >>> import_tree(tree, saved)
+        >>> tree.blackboard["battery"]
+        0.8
+    """
     return {_name(tree, subtree): export_blackboard(subtree.blackboard) for subtree in tree.subtrees}
 
 
@@ -52,7 +67,16 @@ def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any]]) -> None:
 
 
 def export_blackboard(board: Blackboard) -> dict[str, Any]:
-    """Return the values of the entries of *board* itself, by key. Entries of other scopes are left out."""
+    """Return the values of the entries of *board* itself, by key. Entries of other scopes are left out.
+
+    Examples:
+        >>> from btcore import Blackboard
+        >>> from btcore.loading.json_export import export_blackboard, import_blackboard
+        >>> board = Blackboard()
+        >>> board["goal"] = 3
+        >>> export_blackboard(board)
+        {'goal': 3}
+    """
     return {key: _exported(entry.value) for key, entry in board.local_entries().items()}
 
 

@@ -54,6 +54,14 @@ def load(
         TreeError: The files have errors. It holds all of them, with file, line and column.
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
         ValueError: *tick_limit* is not a positive number.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> import btcore
+        >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
+        >>> _ = Path("tree.xml").write_text(xml)
+        >>> btcore.load("tree.xml").tick_while_running()
+        <Status.SUCCESS: 2>
     """
     first, *others = _parse(parse_file, confined, path, *more)
     registry, given = _registry(nodes), _listed(resources)
@@ -93,6 +101,12 @@ def loads(
         TreeError: The texts have errors. It holds all of them, with line and column.
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
         ValueError: *tick_limit* is not a positive number.
+
+    Examples:
+        >>> import btcore
+        >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
+        >>> btcore.loads(xml).tick_while_running()
+        <Status.SUCCESS: 2>
     """
     first, *others = _parse(parse_text, confined, text, *more)
     registry, given = _registry(nodes), _listed(resources)
@@ -127,6 +141,15 @@ def make(
         TreeError: There is no such tree, or the registered documents have errors. It holds all of them.
         TypeError: *nodes* is not a Registry, or *resources* is not a list.
         ValueError: *tick_limit* is not a positive number.
+
+    Examples:
+        >>> import btcore
+        >>> nodes = btcore.Registry.standard()
+        >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
+        >>> nodes.add_trees(xml)
+        >>> first, second = btcore.make("Main", nodes=nodes), btcore.make("Main", nodes=nodes)
+        >>> first is second
+        False
     """
     registry, given = _registry(nodes), _listed(resources)
     documents = registry.documents
@@ -161,6 +184,21 @@ def required_resources(
     Raises:
         TreeError: The files have errors.
         TypeError: *nodes* is not a Registry.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> import btcore
+        >>> class Gripper:
+        ...     pass
+        >>> @btcore.action
+        ... def grasp(gripper: Gripper):
+        ...     pass
+        >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Grasp/></BehaviorTree></root>'
+        >>> _ = Path("grasp.xml").write_text(xml)
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(grasp)
+        >>> btcore.required_resources("grasp.xml", nodes=nodes) == [Gripper]
+        True
     """
     first, *others = _parse(parse_file, confined, path, *more)
     analysis = analyse_document(first, _registry(nodes), tree, format, packages, others)

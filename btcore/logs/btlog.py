@@ -102,6 +102,18 @@ class BtLog(Log):
 
     Raises:
         LogError: The extension is not `.btlog`, or the file cannot be written.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.logs import BtLog, read_log
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.Inverter(b.AlwaysFailure()))
+        >>> with BtLog(tree, "run.btlog"):
+        ...     tree.tick_while_running()
+        <Status.SUCCESS: 2>
+        >>> recording = read_log("run.btlog")
+        >>> [(change.uid, change.status.name) for change in recording.transitions]
+        [(1, 'RUNNING'), (2, 'FAILURE'), (2, 'IDLE'), (1, 'SUCCESS'), (1, 'IDLE')]
     """
 
     def __init__(self, tree: Tree, path: str | os.PathLike[str], *, idle: bool = True) -> None:

@@ -27,6 +27,16 @@ class ConsoleLog(Log):
         relative: Whether times are seconds since the start of the log instead of seconds since 1970.
         colours: Whether statuses are coloured; None for colours on a terminal, unless the environment
             variable `NO_COLOR` is set.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.logs import ConsoleLog
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess(name="door"), clock=btcore.SimClock())
+        >>> with ConsoleLog(tree, idle=False, relative=True):
+        ...     tree.tick_while_running()
+        [0.000]: door                      IDLE -> SUCCESS
+        <Status.SUCCESS: 2>
     """
 
     # Writing to a closed stream raises ValueError.

@@ -66,6 +66,20 @@ def find_divergence(first: list[Step], second: list[Step], tolerance: int | None
         first: The transitions of the first run.
         second: The transitions of the second run.
         tolerance: The largest difference (ns) between the times of a transition; None to ignore times.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.logs import find_divergence, open_log, read_log, steps
+        >>> b = btcore.Builder()
+        >>> for name, leaf in ("a", b.AlwaysSuccess()), ("b", b.AlwaysFailure()):
+        ...     tree = b.build(b.Inverter(leaf))
+        ...     with open_log(tree, f"{name}.btlog"):
+        ...         tree.tick_while_running()
+        <Status.FAILURE: 3>
+        <Status.SUCCESS: 2>
+        >>> difference = find_divergence(steps(read_log("a.btlog")), steps(read_log("b.btlog")))
+        >>> difference.common
+        1
     """
     for common, (step, other) in enumerate(zip_longest(first, second)):
         if step is None or other is None or step[1:] != other[1:]:

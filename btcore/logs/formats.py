@@ -51,6 +51,15 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
 
     Raises:
         LogError: The extension is unknown, or the file cannot be written.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.logs import open_log, read_log
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess())
+        >>> with open_log(tree, "any.btlog"):
+        ...     tree.tick_while_running()
+        <Status.SUCCESS: 2>
     """
     if path == CONSOLE:
         return ConsoleLog(tree)
@@ -71,6 +80,20 @@ def read_log(path: str | os.PathLike[str]) -> Recording:
 
     Raises:
         LogError: The extension is unknown, or the file cannot be read or is not a log.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.logs import open_log, read_log
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess(name="door"))
+        >>> with open_log(tree, "door.btlog"):
+        ...     tree.tick_while_running()
+        <Status.SUCCESS: 2>
+        >>> recording = read_log("door.btlog")
+        >>> [node.path for node in recording.nodes.values()]
+        ['door']
+        >>> [change.status.name for change in recording.transitions]
+        ['SUCCESS', 'IDLE']
     """
     file = Path(path)
     name, mark, number = file.name.rpartition("#")

@@ -206,6 +206,17 @@ class SqliteLog(Log):
 
     Raises:
         LogError: The extension is wrong, or the database cannot be written.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.logs import SqliteLog, sessions
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess())
+        >>> with SqliteLog(tree, "runs.db3"):
+        ...     tree.tick_while_running()
+        <Status.SUCCESS: 2>
+        >>> [(session.number, session.transitions) for session in sessions("runs.db3")]
+        [(1, 2)]
     """
 
     write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError, sqlite3.Error)
@@ -303,6 +314,17 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
 
     Raises:
         LogError: The file cannot be read, is not a log, or does not contain the session.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.logs import SqliteLog, read_sqlite
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess(name="door"))
+        >>> with SqliteLog(tree, "runs.db3"):
+        ...     tree.tick_while_running()
+        <Status.SUCCESS: 2>
+        >>> read_sqlite("runs.db3").nodes[1].path
+        'door'
     """
     path = Path(path)
     with _opened(path) as (base, damage):

@@ -45,6 +45,17 @@ class TreeObserver(AttachedObserver):
     Attributes:
         path_to_uid: The UID of each node by path.
         uid_to_path: The path of each node by UID.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.logs import TreeObserver
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess(name="door"))
+        >>> with TreeObserver(tree) as observer:
+        ...     tree.tick_while_running()
+        <Status.SUCCESS: 2>
+        >>> observer.get_statistics("door").success_count
+        1
     """
 
     def __init__(self, tree: Tree) -> None:
@@ -159,6 +170,17 @@ def recorded_statistics(recording: Recording) -> list[RecordedStatistics]:
     """Return the statistics of all nodes in pre-order.
 
     A node that returns its result in the tick in which it starts is never RUNNING: it has no runs.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.logs import open_log, read_log, recorded_statistics
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess(name="door"))
+        >>> with open_log(tree, "run.btlog"):
+        ...     tree.tick_while_running()
+        <Status.SUCCESS: 2>
+        >>> [(node.path, node.success) for node in recorded_statistics(read_log("run.btlog"))]
+        [('door', 1)]
     """
     statistics = {
         uid: RecordedStatistics(recording.nodes[uid], path) for uid, path in recording.keys().items()

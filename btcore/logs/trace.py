@@ -35,6 +35,15 @@ class TraceLog(Log):
 
     Raises:
         LogError: The file cannot be written.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.logs import TraceLog
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess())
+        >>> with TraceLog(tree, "trace.json"):
+        ...     tree.tick_while_running()
+        <Status.SUCCESS: 2>
     """
 
     def __init__(self, tree: Tree, path: str | os.PathLike[str]) -> None:

@@ -23,13 +23,27 @@ class LoopNode(DecoratorNode):
     (its elements are removed), a list, or a text like the literal. An entry that was never written is an
     error.
 
-    Derive a class for elements of another type, and declare the type in the annotation of the port:
-
-        class LoopPose(LoopNode):
-            value: Out[Pose]
+    Derive a class for elements of another type, and declare the type in the annotation of the port.
 
     Attributes:
         element: The type of the elements.
+
+    Examples:
+        >>> from dataclasses import dataclass
+        >>> import btcore
+        >>> @dataclass
+        ... class Pose:
+        ...     x: float
+        >>> class LoopPose(btcore.LoopNode):
+        ...     value: btcore.Out[Pose]
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(LoopPose)
+        >>> b = btcore.Builder(nodes)
+        >>> board = btcore.Blackboard()
+        >>> board["poses"] = [Pose(1.0), Pose(2.0)]
+        >>> tree = b.build(b.LoopPose(b.AlwaysSuccess(), queue="{poses}", value="{pose}"), blackboard=board)
+        >>> tree.tick_while_running(), board["pose"]
+        (<Status.SUCCESS: 2>, Pose(x=2.0))
     """
 
     node_symbol: ClassVar[str] = "↺"

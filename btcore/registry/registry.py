@@ -33,6 +33,16 @@ class Registry:
     Attributes:
         types: The types of ports and entries, with their converters.
         substitutions: The substitution rules by pattern, see `substitute`.
+
+    Examples:
+        >>> import btcore
+        >>> @btcore.action
+        ... def greet():
+        ...     print("hello")
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(greet)
+        >>> "Greet" in nodes, "Sequence" in nodes
+        (True, True)
     """
 
     def __init__(self) -> None:

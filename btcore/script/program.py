@@ -45,6 +45,13 @@ def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program
 
     Raises:
         ScriptError: The script has a syntax error; the exception gives the column.
+
+    Examples:
+        >>> import btcore
+        >>> board = btcore.Blackboard()
+        >>> board["n"] = 3
+        >>> btcore.compile_script("n * 2 + 1").run(board)
+        7.0
     """
     return Program(text, Parser(text, _NO_ENUMS if enums is None else enums).statements())
 

@@ -24,6 +24,14 @@ def assert_ran(trace: Trace | Harness, *nodes: str) -> None:
     Raises:
         AssertionError: One of the nodes never ran.
         BtcoreError: The tree has no such node, or several nodes have this name.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import Harness, assert_ran
+        >>> b = btcore.Builder()
+        >>> harness = Harness.loads(b.xml(b.AlwaysSuccess(name="door")))
+        >>> _ = harness.run()
+        >>> assert_ran(harness, "door")
     """
     trace = _trace(trace)
     for node in nodes:
@@ -41,6 +49,15 @@ def assert_never_ran(trace: Trace | Harness, *nodes: str) -> None:
     Raises:
         AssertionError: One of the nodes ran.
         BtcoreError: The tree has no such node, or several nodes have this name.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import Harness, assert_never_ran
+        >>> b = btcore.Builder()
+        >>> main = b.Fallback(b.AlwaysSuccess(name="door"), b.AlwaysSuccess(name="window"))
+        >>> harness = Harness.loads(b.xml(main))
+        >>> _ = harness.run()
+        >>> assert_never_ran(harness, "window")
     """
     trace = _trace(trace)
     for node in nodes:
@@ -58,6 +75,15 @@ def assert_order(trace: Trace | Harness, *nodes: str) -> None:
     Raises:
         AssertionError: A node never ran, or the first starts were in another order.
         BtcoreError: The tree has no such node, or several nodes have this name.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import Harness, assert_order
+        >>> b = btcore.Builder()
+        >>> main = b.Sequence(b.AlwaysSuccess(name="door"), b.AlwaysSuccess(name="window"))
+        >>> harness = Harness.loads(b.xml(main))
+        >>> _ = harness.run()
+        >>> assert_order(harness, "door", "window")
     """
     trace = _trace(trace)
     paths = [trace.path(node) for node in nodes]
@@ -82,6 +108,15 @@ def assert_results(trace: Trace | Harness, node: str, results: Iterable[Status])
     Raises:
         AssertionError: The node returned other results.
         BtcoreError: The tree has no such node, or several nodes have this name.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore import Status
+        >>> from btcore.testing import Harness, assert_results
+        >>> b = btcore.Builder()
+        >>> harness = Harness.loads(b.xml(b.AlwaysSuccess(name="wait")))
+        >>> _ = harness.run()
+        >>> assert_results(harness, "wait", [Status.SUCCESS])
     """
     trace = _trace(trace)
     expected, actual = list(results), trace.results(node)
@@ -99,6 +134,14 @@ def assert_halted(trace: Trace | Harness, *nodes: str) -> None:
     Raises:
         AssertionError: One of the nodes was never halted while it was RUNNING.
         BtcoreError: The tree has no such node, or several nodes have this name.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import Harness, assert_halted
+        >>> b = btcore.Builder()
+        >>> harness = Harness.loads(b.xml(b.Timeout(b.Sleep(msec=900, name="drive"), msec=100)))
+        >>> _ = harness.run()
+        >>> assert_halted(harness, "drive")
     """
     trace = _trace(trace)
     for node in nodes:
@@ -117,6 +160,14 @@ def assert_never_running_together(trace: Trace | Harness, *nodes: str) -> None:
     Raises:
         AssertionError: Several of the nodes were RUNNING at the end of a tick.
         BtcoreError: The tree has no such node, or several nodes have this name.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import Harness, assert_never_running_together
+        >>> b = btcore.Builder()
+        >>> harness = Harness.loads(b.xml(b.Sequence(b.Sleep(msec=9, name="a"), b.Sleep(msec=9, name="b"))))
+        >>> _ = harness.run()
+        >>> assert_never_running_together(harness, "a", "b")
     """
     trace = _trace(trace)
     paths = {trace.path(node): node for node in nodes}
@@ -135,6 +186,14 @@ def assert_ended(trace: Trace | Harness, status: Status) -> None:
 
     Raises:
         AssertionError: The root returned another status, or was never ticked.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import Harness, assert_ended
+        >>> b = btcore.Builder()
+        >>> harness = Harness.loads(b.xml(b.AlwaysFailure()))
+        >>> _ = harness.run()
+        >>> assert_ended(harness, btcore.Status.FAILURE)
     """
     trace = _trace(trace)
     ticks = [step for step in trace if step.tick]

@@ -55,6 +55,17 @@ class Coverage:
 
     Attributes:
         trees: For each ID of a tree, the coverage of the nodes by path.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import Coverage
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.Fallback(b.AlwaysSuccess(name="door"), b.AlwaysSuccess(name="window")))
+        >>> coverage = Coverage()
+        >>> coverage.watch(tree)
+        >>> _ = tree.tick_once()
+        >>> coverage.nodes
+        0.6666666666666666
     """
 
     def __init__(self) -> None:

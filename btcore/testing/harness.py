@@ -39,6 +39,15 @@ class Harness:
 
     Raises:
         ValueError: The tree uses the system's clock.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import Harness
+        >>> b = btcore.Builder()
+        >>> xml = b.xml(b.Sequence(b.Sleep(msec=500, name="wait"), b.AlwaysSuccess(name="done")))
+        >>> harness = Harness.loads(xml)
+        >>> harness.tick(), harness.result("wait"), harness.run(), harness.result("done")
+        (<Status.RUNNING: 1>, <Status.RUNNING: 1>, <Status.SUCCESS: 2>, <Status.SUCCESS: 2>)
     """
 
     def __init__(self, tree: Tree) -> None:

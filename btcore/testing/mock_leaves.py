@@ -34,6 +34,15 @@ class Outcomes:
 
     Raises:
         ValueError: There is no entry, or an entry is invalid.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import Outcomes, with_mock_leaves
+        >>> nodes = with_mock_leaves(btcore.Registry.standard())
+        >>> b = btcore.Builder(nodes)
+        >>> tree = b.build(b.Sequence(b.Act(), b.Ask()), clock=btcore.SimClock())
+        >>> [status.name for status in Outcomes("RRS", "F").drive(tree, ticks=3)]
+        ['RUNNING', 'RUNNING', 'FAILURE']
     """
 
     def __init__(self, *entries: str) -> None:
@@ -150,6 +159,18 @@ def with_mock_leaves(nodes: Registry) -> Registry:
     The copy also has the mock action `<Act>` and the mock condition `<Ask>`. Mock leaves succeed until an
     `Outcomes` is attached to the tree, which they then follow. The resources of replaced
     leaves are not required, and their output ports are not written.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import with_mock_leaves
+        >>> @btcore.action
+        ... def grasp():
+        ...     raise OSError("no gripper")
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(grasp)
+        >>> b = btcore.Builder(with_mock_leaves(nodes))
+        >>> b.build(b.Grasp()).tick_once()
+        <Status.SUCCESS: 2>
     """
     copy = nodes.copy()
     for ID, leaf in (("Act", MockAction), ("Ask", MockCondition)):

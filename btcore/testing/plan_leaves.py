@@ -74,6 +74,17 @@ class PlanAction(StatefulAction):
         starts: The number of starts.
         segment: The results of the current start.
         calls: The number of ticks since the start.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import CallLog, PlanAction
+        >>> calls = CallLog()
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(PlanAction)
+        >>> b = btcore.Builder(nodes)
+        >>> tree = b.build(b.PlanAction(plan="RRS", name="drive"), resources=[calls])
+        >>> [tree.tick_once().name for _ in range(3)], calls.take()
+        (['RUNNING', 'RUNNING', 'SUCCESS'], ['drive:start', 'drive:running', 'drive:running'])
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("starts", "segment", "calls")
@@ -116,6 +127,16 @@ class PlanCondition(Condition):
     Attributes:
         journal: The log of the calls.
         ticks: The number of ticks.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import CallLog, PlanCondition
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(PlanCondition)
+        >>> b = btcore.Builder(nodes)
+        >>> tree = b.build(b.PlanCondition(plan="SF"), resources=[CallLog()])
+        >>> [tree.tick_once().name for _ in range(3)]
+        ['SUCCESS', 'FAILURE', 'SUCCESS']
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
@@ -139,6 +160,16 @@ class PlanSync(SyncAction):
     Attributes:
         journal: The log of the calls.
         ticks: The number of ticks.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import CallLog, PlanSync
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(PlanSync)
+        >>> b = btcore.Builder(nodes)
+        >>> tree = b.build(b.PlanSync(plan="SF"), resources=[CallLog()])
+        >>> [tree.tick_once().name for _ in range(3)]
+        ['SUCCESS', 'FAILURE', 'SUCCESS']
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)

@@ -198,6 +198,16 @@ def trees(
 
     Raises:
         InvalidArgument: A tag is unknown, or a port needs a strategy in *ports*. Raised by the first draw.
+
+    Examples:
+        >>> from hypothesis import given
+        >>> from btcore import Status
+        >>> from btcore.testing import outcomes, trees
+        >>> @given(tree=trees(max_nodes=5), plan=outcomes())
+        ... def test_halt(tree, plan):
+        ...     plan.drive(tree, ticks=2)
+        ...     tree.halt()
+        ...     assert not any(node.status is Status.RUNNING for node in tree)
     """
     known = with_mock_leaves(nodes if nodes is not None else Registry.standard())
 

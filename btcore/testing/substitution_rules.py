@@ -47,6 +47,15 @@ class TestNodeConfig:
 
     Raises:
         ValueError: *return_status* is IDLE.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import TestNodeConfig
+        >>> nodes = btcore.Registry.standard()
+        >>> b = btcore.Builder(nodes)
+        >>> nodes.substitute("door", TestNodeConfig(return_status=btcore.Status.FAILURE))
+        >>> b.build(b.AlwaysSuccess(name="door")).tick_once()
+        <Status.FAILURE: 3>
     """
 
     __test__: ClassVar[bool] = False
@@ -185,6 +194,15 @@ def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
     Raises:
         SubstitutionError: The rules are invalid; none of them is added.
         OSError: The file cannot be read.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import load_substitution_rules
+        >>> nodes = btcore.Registry.standard()
+        >>> load_substitution_rules(nodes, '{"SubstitutionRules": {"door": "AlwaysFailure"}}')
+        >>> b = btcore.Builder(nodes)
+        >>> b.build(b.AlwaysSuccess(name="door")).tick_once()
+        <Status.FAILURE: 3>
     """
     text = read_file(rules).decode() if isinstance(rules, Path) else rules
     try:

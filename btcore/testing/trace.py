@@ -119,6 +119,16 @@ class Trace(Observer):
     Attributes:
         steps: The steps so far.
         unsubscribe: Ends the recording.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.testing import Trace
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.Inverter(b.AlwaysSuccess(name="door")))
+        >>> trace = Trace(tree)
+        >>> _ = tree.tick_once()
+        >>> trace[-1].results
+        {'Inverter::1': (<Status.FAILURE: 3>,), 'door': (<Status.SUCCESS: 2>,)}
     """
 
     def __init__(self, tree: Tree) -> None:

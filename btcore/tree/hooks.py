@@ -79,6 +79,17 @@ class Hooks:
     Args:
         nodes: The nodes of the tree.
         context: The objects that the tree's nodes share.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.tree.hooks import Hook, HookMode, HookPosition
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess(name="door"))
+        >>> hook = Hook(tree.root.uid, HookPosition.PRE, HookMode.REPLACE, btcore.Status.FAILURE)
+        >>> tree.hooks.insert(hook)
+        True
+        >>> tree.tick_once()
+        <Status.FAILURE: 3>
     """
 
     def __init__(self, nodes: Sequence[TreeNode], context: TreeContext) -> None:

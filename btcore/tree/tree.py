@@ -36,6 +36,13 @@ class Subtree:
         path: The path of the SubTree node; "" for the main tree.
         blackboard: The scope of the instance.
         nodes: The nodes of the instance in pre-order, with its SubTree nodes but without their content.
+
+    Examples:
+        >>> import btcore
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.SubTree(ID="Charge"), Charge=b.AlwaysSuccess())
+        >>> [(subtree.id, subtree.path) for subtree in tree.subtrees]
+        [('Main', ''), ('Charge', 'Charge::1')]
     """
 
     def __init__(self, id: str, path: str, blackboard: Blackboard) -> None:
@@ -70,6 +77,18 @@ class Tree:
             None = no limit. A tick that repeats nodes for longer raises NodeExecutionError. The time at a
             breakpoint does not count. A single node that takes too long is not interrupted.
         context: The objects that the tree's nodes share.
+
+    Examples:
+        >>> import btcore
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.Sequence(b.AlwaysSuccess(name="door"), b.AlwaysFailure(name="window")))
+        >>> tree.tick_once(), tree.ticks, tree.node("window").id
+        (<Status.FAILURE: 3>, 1, 'AlwaysFailure')
+        >>> tree.draw()
+        Main  1 tick
+        └── → Sequence  (✘ FAILURE)
+            ├── ⊤ door  AlwaysSuccess  (✔ SUCCESS)
+            └── ⊥ window  AlwaysFailure  (✘ FAILURE)
     """
 
     def __init__(

@@ -68,6 +68,12 @@ class TypeRegistry:
 
     Attributes:
         enums: The enum names that scripts and enum ports may use, with their numbers.
+
+    Examples:
+        >>> from btcore import values
+        >>> types = values.TypeRegistry()
+        >>> types.of(int).name, types.of(list[float]).from_text("1;2.5")
+        ('int', [1.0, 2.5])
     """
 
     def __init__(self) -> None:
@@ -195,6 +201,11 @@ def type_of(value: object) -> ValueType:
 
     Raises:
         BlackboardError: An integer has more than 64 bits.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.type_of(3).name, values.type_of("3").name
+        ('int', 'std::string')
     """
     cls = type(value)
     if cls is int:
@@ -216,7 +227,14 @@ def type_of(value: object) -> ValueType:
 
 
 def to_builtin_number(value: object) -> object:
-    """Return *value*, converted to int or float if it is a number of another library, such as numpy."""
+    """Return *value*, converted to int or float if it is a number of another library, such as numpy.
+
+    Examples:
+        >>> import numpy as np
+        >>> from btcore import values
+        >>> values.to_builtin_number(np.float32(0.5))
+        0.5
+    """
     # Not one isinstance() with a tuple: mypyc compiles each of these calls to one comparison.
     if isinstance(value, float) or isinstance(value, str) or isinstance(value, int):  # noqa: SIM101
         return value
@@ -230,7 +248,13 @@ def to_builtin_number(value: object) -> object:
 
 
 def parse_constant(text: str) -> object:
-    """Return the constant that *text* stands for in format 4: an int, a float, or else the text itself."""
+    """Return the constant that *text* stands for in format 4: an int, a float, or else the text itself.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.parse_constant("3"), values.parse_constant("3.5"), values.parse_constant("door")
+        (3, 3.5, 'door')
+    """
     number = whole_int(text)
     if number is not None:
         return number
@@ -246,6 +270,11 @@ def to_text(value: object) -> str:
 
     Raises:
         ConversionError: The value is None, or has no text form.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.to_text(True), values.to_text(0.5), values.to_text([1, 2])
+        ('true', '0.500000', 'json:[1,2]')
     """
     if value is None:
         raise ConversionError("None has no text form")

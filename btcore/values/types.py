@@ -50,6 +50,11 @@ class ValueType:
         converts: Whether a text is converted when it is written to an entry of this type. False for enums,
             which are looked up when they are read.
         python_type: The class of the values.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.INT.from_text("42"), values.BOOL.to_text(True), values.VECTOR_DOUBLE.from_text("1;2")
+        (42, 'true', [1.0, 2.0])
     """
 
     def __init__(self, name: str, python_type: type, strong: bool = True, converts: bool = True) -> None:
@@ -136,7 +141,13 @@ def mismatch(value: object, wanted: ValueType) -> ConversionError:
 
 
 def number_of(value: object) -> int | float | None:
-    """Return *value* as a number (bools and enum members are integers), or None if it is not a number."""
+    """Return *value* as a number (bools and enum members are integers), or None if it is not a number.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.number_of(True), values.number_of("3")
+        (True, None)
+    """
     if isinstance(value, (int, float)):
         return value
     if isinstance(value, Enum) and isinstance(value.value, int):
@@ -158,6 +169,11 @@ def as_double(number: int | float) -> float:
 
     Raises:
         ConversionError: The number is an integer of more than 53 bits.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.as_double(3)
+        3.0
     """
     if isinstance(number, float):
         return number
@@ -171,6 +187,11 @@ def as_bool(number: int | float) -> bool:
 
     Raises:
         ConversionError: The number is an integer except 0 and 1, or a negative float.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.as_bool(0.5), values.as_bool(0)
+        (True, False)
     """
     if isinstance(number, float):
         if number < 0.0:
@@ -192,6 +213,11 @@ def as_int(number: int | float, low: int, high: int, name: str = "int64_t") -> i
 
     Raises:
         ConversionError: The number is not an integer from *low* to *high*.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.as_int(3.0, 0, 255, "uint8_t")
+        3
     """
     if isinstance(number, float):
         if -_SMALL_REAL < number < _SMALL_REAL:
@@ -210,7 +236,13 @@ def as_int(number: int | float, low: int, high: int, name: str = "int64_t") -> i
 
 
 class IntegerType(ValueType):
-    """Integers from *low* to *high*."""
+    """Integers from *low* to *high*.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.UINT8.from_text("255"), values.UINT8.low, values.UINT8.high
+        (255, 0, 255)
+    """
 
     def __init__(self, name: str, low: int, high: int) -> None:
         super().__init__(name, int)
@@ -360,12 +392,24 @@ class AnyType(ValueType):
 
 
 def number_text(number: int | float) -> str:
-    """Return *number* as BehaviorTree.CPP writes it: `%d` or `%f`."""
+    """Return *number* as BehaviorTree.CPP writes it: `%d` or `%f`.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.number_text(3), values.number_text(0.5)
+        ('3', '0.500000')
+    """
     return real_text(number) if isinstance(number, float) else str(int(number))
 
 
 def real_text(value: float) -> str:
-    """Return *value* as C's `%f` writes it; a NaN with a sign bit is `-nan`."""
+    """Return *value* as C's `%f` writes it; a NaN with a sign bit is `-nan`.
+
+    Examples:
+        >>> from btcore import values
+        >>> values.real_text(0.5), values.real_text(float("nan"))
+        ('0.500000', 'nan')
+    """
     if value != value and math.copysign(1.0, value) < 0:
         return "-nan"
     return f"{value:f}"
@@ -376,6 +420,12 @@ class VectorType(ValueType):
 
     Attributes:
         item: The type of the elements.
+
+    Examples:
+        >>> from btcore import values
+        >>> numbers = values.VectorType(values.INT)
+        >>> numbers.from_text("1;2;3")
+        [1, 2, 3]
     """
 
     def __init__(self, item: ValueType) -> None:
@@ -495,6 +545,16 @@ class EnumType(ConvertibleType):
     Args:
         from_text: The converter that replaces the names of the members, if any.
         to_text: The converter to text, if any.
+
+    Examples:
+        >>> from enum import Enum
+        >>> from btcore import values
+        >>> class Color(Enum):
+        ...     RED = 1
+        ...     GREEN = 2
+        >>> color = values.EnumType(Color, "Color")
+        >>> color.from_text("GREEN"), color.from_text("1"), color.to_text(Color.RED)
+        (<Color.GREEN: 2>, <Color.RED: 1>, 'RED')
     """
 
     def __init__(

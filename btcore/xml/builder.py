@@ -59,7 +59,13 @@ class NodeSpec:
 
 
 def blackboard_key(name: str) -> str:
-    """Return the port text for the entry *name*: `blackboard_key("goal")` is `"{goal}"`."""
+    """Return the port text for the entry *name*: `blackboard_key("goal")` is `"{goal}"`.
+
+    Examples:
+        >>> from btcore import blackboard_key
+        >>> blackboard_key("goal")
+        '{goal}'
+    """
     return f"{{{name}}}"
 
 
@@ -70,6 +76,22 @@ class Builder:
     Values are converted to text. Append an underscore to names that are Python keywords (`if_`,
     `else_`). `b.SubTree("Dock", goal="{home}")` calls a tree; `node` creates a spec from a
     registered function or class. An ID that is not registered raises UnknownNodeError.
+
+    Examples:
+        >>> import btcore
+        >>> b = btcore.Builder()
+        >>> bump = b.Fallback(b.AlwaysFailure(name="free"), b.Sleep(msec=500), name="bump")
+        >>> print(b.xml(bump), end="")
+        <root BTCPP_format="4" main_tree_to_execute="Main">
+            <BehaviorTree ID="Main">
+                <Fallback name="bump">
+                    <AlwaysFailure name="free"/>
+                    <Sleep msec="500"/>
+                </Fallback>
+            </BehaviorTree>
+        </root>
+        >>> b.build(bump, clock=btcore.SimClock()).tick_while_running()
+        <Status.SUCCESS: 2>
     """
 
     def __init__(self, nodes: Registry | None = None) -> None:

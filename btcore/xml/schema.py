@@ -82,6 +82,13 @@ def write_schema(registry: Registry, format: int = 4) -> str:
     Args:
         registry: The registered nodes.
         format: The format of the trees, 3 or 4.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.xml.schema import write_schema
+        >>> schema = write_schema(btcore.Registry.standard())
+        >>> "Sequence" in schema
+        True
     """
     manifests = registry.manifests_of(format)
     root = etree.Element(f"{{{_XS}}}schema", elementFormDefault="qualified", nsmap={"xs": _XS})

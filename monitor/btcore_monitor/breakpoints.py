@@ -99,6 +99,14 @@ def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
 
     Raises:
         BreakpointError: No node matches. The message suggests a similar name.
+
+    Examples:
+        >>> from btcore_monitor.breakpoints import find_nodes
+        >>> from btcore_monitor.events import ObservedNode, ObservedTree
+        >>> door = ObservedNode(1, "door", "AlwaysSuccess", "action", "door")
+        >>> tree = ObservedTree("0" * 32, "Main", (door,))
+        >>> [node.path for node in find_nodes(tree, "d*")]
+        ['door']
     """
     # Equality first: a name may itself contain a character of the pattern syntax.
     nodes = [node for node in tree.nodes if pattern in (node.path, node.name)]
@@ -129,6 +137,19 @@ class BreakpointClient(Closeable):
     Raises:
         BreakpointError: The address is invalid, or no robot answers there. All methods raise this exception
             if a request fails, for example because the robot does not allow control.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore_monitor.breakpoints import BreakpointClient
+        >>> from btcore_monitor.serve import serve
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.AlwaysSuccess(name="door"))
+        >>> with serve(tree, groot2=0, allow_control=True) as publisher:
+        ...     with BreakpointClient(publisher.address) as robot:
+        ...         _ = robot.inject("door", "FAILURE")
+        ...         status = tree.tick_once()
+        >>> status
+        <Status.FAILURE: 3>
     """
 
     def __init__(

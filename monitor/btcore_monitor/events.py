@@ -35,7 +35,13 @@ STATUS_NAMES: Final = ("IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED")
 
 
 def kind_from_children(count: int) -> Kind:
-    """Return the family of a node without a model, inferred from its *count* of children."""
+    """Return the family of a node without a model, inferred from its *count* of children.
+
+    Examples:
+        >>> from btcore_monitor.events import kind_from_children
+        >>> [kind_from_children(count) for count in range(3)]
+        ['action', 'decorator', 'control']
+    """
     if not count:
         return "action"
     return "decorator" if count == 1 else "control"
@@ -79,6 +85,13 @@ class ObservedTree:
         subtrees: The tree's ID by the path of each subtree instance (`""`: main), in order of creation.
         xml: The full tree as the robot sent it, or empty if the robot sent another format.
         by_uid: The nodes by uid.
+
+    Examples:
+        >>> from btcore_monitor.events import ObservedNode, ObservedTree
+        >>> root = ObservedNode(1, "round", "Sequence", "control", "round")
+        >>> tree = ObservedTree("0" * 32, "Main", (root,))
+        >>> tree.root.path, tree.by_uid[1].id
+        ('round', 'Sequence')
     """
 
     tree_id: str

@@ -88,7 +88,14 @@ class Schedule(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Pose2D:
-    """A pose on the floor: position *x*, *y* (m) and heading *yaw* (rad, in (-π, π])."""
+    """A pose on the floor: position *x*, *y* (m) and heading *yaw* (rad, in (-π, π]).
+
+    Examples:
+        >>> from btcore_robot.robot import Pose2D
+        >>> pose = Pose2D(1.0, 2.0, yaw=0.5)
+        >>> pose.x, pose.yaw
+        (1.0, 0.5)
+    """
 
     x: float
     y: float
@@ -141,6 +148,14 @@ class LaserScan:
     Attributes:
         angle_min: The angle of the first ray (rad).
         angle_increment: The angle between two rays (rad).
+
+    Examples:
+        >>> import numpy as np
+        >>> from btcore_robot.robot import LaserScan
+        >>> ranges = np.array([1.0, 2.0, np.inf], dtype=np.float32)
+        >>> scan = LaserScan(ranges, 0, -0.5, 0.5, 0.05, 10.0, "laser")
+        >>> float(scan.ranges.min())
+        1.0
     """
 
     ranges: NDArray[np.float32]

@@ -119,6 +119,16 @@ class SimulatedTime(_Tasks):
 
     Args:
         start: The first time (ns).
+
+    Examples:
+        >>> from btcore_robot.robot import Phase
+        >>> from btcore_robot.schedule import SimulatedTime
+        >>> time = SimulatedTime()
+        >>> end = time.every(10.0, Phase.CONTROLLER, lambda now: print(now))
+        >>> time.run_next()
+        100000000
+        >>> time.run_next()
+        200000000
     """
 
     def __init__(self, start: int = 0, pace: Pace | None = None) -> None:

@@ -105,6 +105,14 @@ class TransformTree:
 
     Between two stamps, positions are interpolated linearly and rotations along the shorter arc. Setting a
     frame with another parent moves it to that parent and discards its previous poses.
+
+    Examples:
+        >>> from btcore_robot.robot import TransformStamped
+        >>> from btcore_robot.transforms import TransformTree
+        >>> tree = TransformTree()
+        >>> tree.set_static(TransformStamped("laser", "base", (0.2, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0), 0))
+        >>> tree.lookup("base", "laser").position
+        (0.2, 0.0, 0.1)
     """
 
     def __init__(self) -> None:

@@ -77,6 +77,11 @@ def parse_event(text: str) -> Event:
 
     Raises:
         SimError: *text* has another form, an unknown kind, or a distance that is too small.
+
+    Examples:
+        >>> from btcore_sim.events import parse_event
+        >>> parse_event("box:10@1.5").distance
+        1.5
     """
     match = _FORM.fullmatch(text.strip())
     if match is None:

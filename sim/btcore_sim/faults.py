@@ -57,6 +57,11 @@ def parse_fault(text: str) -> Fault:
 
     Raises:
         SimError: *text* has another form, an unknown part, or an end before its start.
+
+    Examples:
+        >>> from btcore_sim.faults import parse_fault
+        >>> parse_fault("laser:10-20").part
+        'laser'
     """
     match = _FORM.fullmatch(text.strip())
     if match is None:

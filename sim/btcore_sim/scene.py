@@ -168,7 +168,13 @@ class Scene:
 
 
 def scene_names() -> list[str]:
-    """Return the names of the worlds that are part of the package, sorted."""
+    """Return the names of the worlds that are part of the package, sorted.
+
+    Examples:
+        >>> from btcore_sim.scene import scene_names
+        >>> "house" in scene_names()
+        True
+    """
     return sorted(path.stem for path in SCENES.glob("*.json"))
 
 
@@ -183,6 +189,11 @@ def load_scene(name: str) -> Scene:
 
     Raises:
         SimError: The world is unknown, or the file is missing or invalid.
+
+    Examples:
+        >>> from btcore_sim.scene import load_scene
+        >>> sorted(load_scene("house").waypoints)
+        ['recharge', 'start', 'wp1', 'wp2', 'wp3']
     """
     if name.endswith(".json") or Path(name).name != name:
         path = Path(name)

@@ -54,6 +54,18 @@ class World:
 
     Raises:
         SimError: The window cannot be opened.
+
+    Examples:
+        >>> import threading
+        >>> from btcore_sim.scene import load_scene
+        >>> from btcore_sim.simulated_robot import SimulatedRobot
+        >>> from btcore_sim.world import World
+        >>> world = World(load_scene("arena"))
+        >>> robot = SimulatedRobot(world, camera=None)
+        >>> _ = world.wait_until(100_000_000, threading.Event())
+        >>> world.now()
+        100000000
+        >>> world.close()
     """
 
     def __init__(self, scene: Scene, *, seed: int = 0, fast: bool = True, gui: bool = False) -> None:

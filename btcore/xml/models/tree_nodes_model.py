@@ -101,6 +101,23 @@ def write_models(manifests: Iterable[Manifest], format: int = 4) -> str:
     Args:
         manifests: The nodes.
         format: 4, or 3 for Groot 1, where ports are sorted by direction and name.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.xml.models.tree_nodes_model import write_models
+        >>> @btcore.action
+        ... def go(place: btcore.In[str]):
+        ...     pass
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(go)
+        >>> print(write_models([nodes.get("Go")]), end="")
+        <root BTCPP_format="4">
+            <TreeNodesModel>
+                <Action ID="Go">
+                    <input_port name="place" type="std::string"/>
+                </Action>
+            </TreeNodesModel>
+        </root>
     """
     root = '<root BTCPP_format="4">' if format == 4 else "<root>"
     return "\n".join([root, *model_lines(manifests, format), "</root>"]) + "\n"

@@ -22,6 +22,21 @@ def tree_to_xml(tree: Tree, metadata: bool = True, builtin_models: bool = True) 
         tree: The tree.
         metadata: Whether to write the `_uid` of each node and the `_fullpath` of each SubTree.
         builtin_models: Whether the TreeNodesModel includes the built-in nodes.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.xml.render.tree_xml import tree_to_xml
+        >>> b = btcore.Builder()
+        >>> print(tree_to_xml(b.build(b.Inverter(b.AlwaysSuccess())), builtin_models=False), end="")
+        <root BTCPP_format="4">
+            <BehaviorTree ID="Main" _fullpath="">
+                <Inverter name="Inverter" _uid="1">
+                    <AlwaysSuccess name="AlwaysSuccess" _uid="2"/>
+                </Inverter>
+            </BehaviorTree>
+            <TreeNodesModel>
+            </TreeNodesModel>
+        </root>
     """
     instances = {subtree.path: subtree for subtree in tree.subtrees}
     lines = ['<root BTCPP_format="4">']

@@ -69,6 +69,17 @@ def serve(
         PortInUseError: Another program uses a port.
         ServeError: The ports or the interface are invalid, or the tree could be controlled over the network
             without keys.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore_monitor.serve import serve
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.Sleep(msec=20))
+        >>> with serve(tree, groot2=0) as publisher:
+        ...     tree.tick_while_running()
+        <Status.SUCCESS: 2>
+        >>> publisher.address.startswith("tcp://127.0.0.1:")
+        True
     """
     if watch_port is not None and keys is None:
         raise ServeError("a port for watching without keys has no effect, because there are no keys")

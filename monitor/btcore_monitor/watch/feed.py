@@ -79,6 +79,18 @@ class Feed(Closeable):
 
     Every method that returns events raises
     `ConnectionRefusedByRobotError` if the robot refuses the keys.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore_monitor.events import TreeSeen
+        >>> from btcore_monitor.serve import serve
+        >>> from btcore_monitor.watch.feed import Feed
+        >>> b = btcore.Builder()
+        >>> with serve(b.build(b.AlwaysSuccess(name="door")), groot2=0) as publisher:
+        ...     with Feed(publisher.address) as feed:
+        ...         event = next(event for event in feed if isinstance(event, TreeSeen))
+        >>> event.tree.name
+        'Main'
     """
 
     def __init__(

@@ -179,6 +179,14 @@ class OccupancyMap(Grid):
     Raises:
         MapError: The cells are not two-dimensional, there are no cells, or the resolution is not a positive
             number.
+
+    Examples:
+        >>> import numpy as np
+        >>> from btcore_robot.navigation.occupancy_map import OccupancyMap
+        >>> cells = np.zeros((20, 30), dtype=np.int8)
+        >>> room = OccupancyMap(cells, resolution=0.05, origin=(0.0, 0.0))
+        >>> room.cells.shape
+        (20, 30)
     """
 
     cells: NDArray[np.int8]

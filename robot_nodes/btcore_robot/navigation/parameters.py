@@ -254,6 +254,13 @@ def load_parameters(path: Path) -> NavigationParameters:
 
     Raises:
         ParameterError: The file can't be read, or a value has the wrong type or is out of range.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from btcore_robot.navigation.parameters import load_parameters
+        >>> _ = Path("nav2.yaml").write_text("{amcl: {ros__parameters: {max_particles: 1000}}}")
+        >>> load_parameters(Path("nav2.yaml")).amcl.max_particles
+        1000
     """
     servers = read_settings(path)
     everywhere = servers.pop(EVERY_SERVER, {})
