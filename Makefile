@@ -119,10 +119,10 @@ compiled: .venv-compiled/ready
 	@echo '· the tests of the engine, on the compiled build'
 	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(CORES) --dist worksteal $(ENGINE_TESTS)
 
-accept: .venv/ready
+accept: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/pure_install.py
+	@.venv/bin/python tests/acceptance/installs.py dist/btcore-*-cp*.whl
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)

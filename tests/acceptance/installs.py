@@ -1,0 +1,136 @@
+"""Wheels are complete, and run a bundled tree in a fresh environment without a compiler.
+
+`python tests/acceptance/installs.py WHEEL` makes a wheel for each way in which compiling can fail, and
+expects the complete pure build, without compiled files. It installs a pure wheel and the compiled wheel WHEEL
+in new environments, and runs a tree there. It prints what it finds, and exits with 1 if something is wrong.
+Each pure wheel takes some 15 s of processor time, and each installation 4 s.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import venv
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("btcore", "monitor", "robot_nodes", "sim", "trees", "benchmarks")
+FILES = ("setup.py", "pyproject.toml", "README.md", "LICENSE")
+
+# A compiler that quickly compiles an empty file in place of the first file, and fails after that.
+HALFWAY = """
+import pathlib, subprocess, sys
+folder = pathlib.Path(__file__).parent
+made, empty = folder / "made", folder / "empty.c"
+arguments = sys.argv[1:]
+if "-c" in arguments:
+    if made.exists():
+        sys.exit("this compiler has had enough")
+    made.touch()
+    empty.touch()
+    arguments = [str(empty) if one.endswith(".c") else one for one in arguments]
+sys.exit(subprocess.call(["cc", *arguments]))
+"""
+
+
+def wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
+    """Return the wheel that pip builds from a copy of the checkout, in *environment*."""
+    checkout, dist = folder / name, folder / f"{name}-dist"
+    for package in PACKAGES:
+        unwanted = shutil.ignore_patterns("__pycache__", "*.so")
+        shutil.copytree(ROOT / package, checkout / package, ignore=unwanted)
+    for file in FILES:
+        shutil.copy2(ROOT / file, checkout)
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", dist, checkout]
+    subprocess.run(command, env=os.environ | environment, check=True, capture_output=True)
+    return next(dist.iterdir())
+
+
+def misses(made: Path) -> list[str]:
+    """Return how the wheel *made* differs from a complete pure build."""
+    with zipfile.ZipFile(made) as archive:
+        names = archive.namelist()
+    found = [f"{name} is compiled" for name in names if name.endswith((".so", ".pyd"))]
+    if not made.name.endswith("-py3-none-any.whl"):
+        found.append(f"the wheel is called {made.name}")
+    if "btcore/engine/node.py" not in names:
+        found.append("the source is not in it")
+    return found
+
+
+def installed(made: Path, build: str, folder: Path) -> list[str]:
+    """Return what is wrong after installing the wheel *made* in a new environment.
+
+    Args:
+        made: The wheel.
+        build: The build that must be active, "pure" or "compiled".
+        folder: The folder for the environment.
+    """
+    environment, empty = folder / build, folder / "no programs"
+    empty.mkdir(exist_ok=True)
+    without_programs = {name: text for name, text in os.environ.items() if name not in ("CC", "PYTHONPATH")}
+    without_programs["PATH"] = str(empty)
+    venv.create(environment, symlinks=os.name != "nt")
+    programs = environment / ("Scripts" if os.name == "nt" else "bin")
+
+    def output(*command: str | Path) -> str:
+        done = subprocess.run(
+            command, env=without_programs, cwd=empty, capture_output=True, encoding="utf-8", check=False
+        )
+        if done.returncode:
+            raise SystemExit(f"{Path(command[0]).name} failed with the {build} wheel:\n{done.stderr}")
+        return done.stdout
+
+    install = ["install", "--quiet", "--disable-pip-version-check", "--only-binary=:all:", made.resolve()]
+    output(sys.executable, "-m", "pip", "--python", environment, *install)
+    found = []
+    if f"({build} build, " not in (version := output(programs / "btcore", "--version")):
+        found.append(f"the version is {version.strip()}")
+    # The leaves of the tree need a robot; here they follow a plan.
+    tree = next(environment.rglob("btcore/trees/bumpgo.xml"))
+    plans = ["--plan", "IsObstacle=FSF", "--plan", "Forward=RS"]
+    report = json.loads(output(programs / "btcore", "run", "bumpgo", "--model", tree, *plans, "--json"))
+    if report["status"] != "SUCCESS":
+        found.append(f"the tree returned {report['status']}")
+    return found
+
+
+def main() -> int:
+    """Build and install the wheels, and return 1 if there is a miss, otherwise 0."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("compiled", metavar="WHEEL", type=Path, help="the compiled wheel, as in dist/")
+    compiled = parser.parse_args().compiled
+    missed = 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        compiler = folder / "compiler.py"
+        compiler.write_text(HALFWAY, encoding="utf-8")
+        cases = {
+            "pure build requested": {"BTCORE_PURE": "1"},
+            "no compiler": {"CC": str(folder / "absent")},
+            "a compiler that fails halfway": {"CC": f"{sys.executable} {compiler}"},
+        }
+        for number, (case, environment) in enumerate(cases.items()):
+            pure = wheel(str(number), folder, environment)
+            found = misses(pure)
+            print(f"installing: {case:32} {'; '.join(found[:3]) or 'the pure build, whole'}", flush=True)
+            missed += len(found)
+        for build, made in {"pure": pure, "compiled": compiled}.items():
+            found = installed(made, build, folder)
+            print(
+                f"without a compiler: {f'the {build} wheel':24} {'; '.join(found) or 'runs a tree'}",
+                flush=True,
+            )
+            missed += len(found)
+        if not (folder / "made").exists():
+            print("miss: the compiler that fails halfway was never called")
+            missed += 1
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
