@@ -391,9 +391,7 @@ def test_hundreds_of_random_requests_are_answered_with_the_tree(sample, window):
             socket.connect(f"tcp://127.0.0.1:{publisher.groot1 + 1}")
 
             @given(st.lists(st.binary(max_size=40), min_size=1, max_size=4))
-            @settings(
-                max_examples=600, deadline=None, database=None, suppress_health_check=list(HealthCheck)
-            )
+            @settings(max_examples=600, deadline=None, database=None, suppress_health_check=list(HealthCheck))
             def noise(frames: list[bytes]) -> None:
                 socket.send_multipart(frames)
                 assert socket.poll(5_000), "no reply within 5 s"
