@@ -506,4 +506,4 @@ def test_robot_and_publisher_survive_a_thousand_random_requests(endless, control
         stop.set()
         ticking.join(10)
     assert after > before
-    assert min(answers.values()) > 300
+    assert min(answers.values()) > 100
