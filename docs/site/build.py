@@ -101,7 +101,8 @@ def main() -> int:
     config = (DOCS / "site" / "zensical.toml").read_text(encoding="utf-8")
     (OUT / "zensical.toml").write_text(config, encoding="utf-8")
     zensical = Path(sys.executable).with_name("zensical")
-    built = subprocess.run([zensical, "build", "--strict"], cwd=OUT, check=False)
+    # --clean: the cache does not notice changed docstrings.
+    built = subprocess.run([zensical, "build", "--strict", "--clean"], cwd=OUT, check=False)
     if built.returncode != 0:
         return built.returncode
     make_self_contained(OUT / "site")
