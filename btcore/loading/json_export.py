@@ -1,8 +1,9 @@
 """Blackboards as JSON, in the form of BehaviorTree.CPP's ExportTreeToJSON() (src/json_export.cpp).
 
 A tree is `{subtree path: {key: value}}`; the ID of the main tree stands for its empty path. Integers,
-bools and enums become numbers, lists become arrays, and a dataclass becomes an object with `__type`. Other
-values, and entries that were never written, become null.
+bools and members of enums become numbers (a member without a number becomes its name), lists become arrays,
+and a dataclass becomes an object with `__type`. Other values, and entries that were never written, become
+null.
 """
 
 import json
@@ -15,7 +16,7 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.errors import BlackboardError, ConversionError
 from btcore.suggestions import join_names, nearest_name
 from btcore.tree.tree import Subtree, Tree
-from btcore.values import TypeRegistry
+from btcore.values import BOOL, EnumType, TypeRegistry, ValueType
 
 __all__ = ["export_blackboard", "export_tree", "import_blackboard", "import_tree"]
 
@@ -95,7 +96,9 @@ def import_blackboard(board: Blackboard, data: Mapping[str, Any], types: TypeReg
         if value is None:
             continue
         try:
-            board.set(key, _imported(value, types))
+            imported = _imported(value, types)
+            entry = board.find(key)
+            board.set(key, imported if entry is None else _typed(imported, entry.declared))
         except (BlackboardError, ConversionError) as error:
             raise BlackboardError(f"[{key}] can't be imported: {error}") from error
 
@@ -105,13 +108,13 @@ def _name(tree: Tree, subtree: Subtree) -> str:
 
 
 def _exported(value: object) -> Any:
-    # BehaviorTree.CPP exports bools as numbers. An IntEnum is an int, too.
+    # BehaviorTree.CPP exports bools as numbers. An IntEnum is an int, too, and a StrEnum a str.
     if isinstance(value, int):
         return int(value)
+    if isinstance(value, Enum):
+        return value.value if isinstance(value.value, int) else value.name
     if value is None or isinstance(value, (str, float)):
         return value
-    if isinstance(value, Enum):
-        return value.value if isinstance(value.value, (int, str)) else value.name
     if isinstance(value, (list, tuple)):
         return [_exported(item) for item in value]
     if is_dataclass(value) and not isinstance(value, type):
@@ -121,6 +124,8 @@ def _exported(value: object) -> Any:
 
 
 def _imported(value: Any, types: TypeRegistry) -> object:
+    if isinstance(value, list):
+        return [_imported(item, types) for item in value]
     if not isinstance(value, dict):
         return value
     name = value.get(TYPE)
@@ -129,3 +134,10 @@ def _imported(value: Any, types: TypeRegistry) -> object:
         problem = f"the object has no '{TYPE}'" if name is None else f"unknown type '{name}'"
         raise ConversionError(f"{problem}; register types with add_type(…)")
     return kind.from_text("json:" + json.dumps(value))
+
+
+def _typed(value: object, declared: ValueType) -> object:
+    """Return the bool or the enum member that *value* stands for, if the entry has such a type."""
+    if (declared is BOOL or isinstance(declared, EnumType)) and isinstance(value, (int, str)):
+        return value if declared.accepts(value) else declared.from_text(str(value))
+    return value

@@ -70,6 +70,33 @@ def test_exported_data_can_be_imported_from_a_file() -> None:
     assert json.dumps(export_tree(fresh), sort_keys=True) == json.dumps(json.loads(text), sort_keys=True)
 
 
+def test_bools_enums_and_lists_of_dataclasses_are_restored_for_ports_of_these_types() -> None:
+    class Mood(Enum):
+        CALM = "c"
+
+    nodes = Registry.standard()
+    nodes.add_type(Pose, name="Pose")
+    read: list[object] = []
+
+    @action
+    def use(on: In[bool], color: In[Color], mood: In[Mood], route: In[list[Pose]]) -> bool:
+        read[:] = [on, color, mood, route]
+        return True
+
+    nodes.add(use)
+    xml = """<root BTCPP_format="4"><BehaviorTree ID="Main">
+        <Use on="{on}" color="{color}" mood="{mood}" route="{route}"/></BehaviorTree></root>"""
+    values = {"on": True, "color": Color.RED, "mood": Mood.CALM, "route": [Pose(1.0, 2.0)]}
+    tree = btcore.loads(xml, nodes=nodes)
+    for key, value in values.items():
+        tree.blackboard[key] = value
+    text = json.dumps(export_tree(tree))
+    fresh = btcore.loads(xml, nodes=nodes)
+    import_tree(fresh, json.loads(text))
+    fresh.tick_once()
+    assert read == list(values.values())
+
+
 def test_entry_never_written_is_exported_as_null_and_stays_null() -> None:
     tree = new_tree()
     assert export_blackboard(tree.blackboard) == {"goal": None}
