@@ -1,6 +1,7 @@
 """Checks of the imports between packages and folders, read from the source code."""
 
 import ast
+import re
 import sys
 from functools import cache
 from pathlib import Path
@@ -259,3 +260,39 @@ def test_built_in_nodes_import_only_the_public_api() -> None:
 
 def test_no_module_has_a_generic_name() -> None:
     assert [module for module in SOURCES if GENERIC_NAMES & set(module.split("."))] == []
+
+
+# --- the tables in docs/architecture.md
+
+PAGE = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+
+
+def names_in(cell: str) -> set[str]:
+    """Return the words in backticks."""
+    return set(re.findall(r"`([^`]*)`", cell))
+
+
+def test_documented_layers_are_the_checked_layers() -> None:
+    rows = re.findall(r"^\| (\d+) \| (.*?) \|", PAGE, re.MULTILINE)
+    assert [int(number) for number, _ in rows] == list(range(1, len(LAYERS) + 1))
+    documented = [names_in(cell) for _, cell in rows]
+    assert documented == [{name or "__init__" for name in names} for names in LAYERS]
+
+
+def test_documented_imports_of_the_packages_are_those_of_the_source() -> None:
+    rows = re.findall(r"^\| `(btcore\w*)` \| `(\w+)/` \|(.*?)\|", PAGE, re.MULTILINE)
+    assert {package: folder for package, folder, _ in rows} == {
+        package: package if parent == "." else parent for package, parent in PARENTS.items()
+    }
+    found: dict[str, set[str]] = {package: set() for package in PARENTS}
+    for module in SOURCES:
+        package = module.partition(".")[0]
+        reached = {name.partition(".")[0] for name in imports(module, for_types=True)}
+        found[package] |= reached & PARENTS.keys() - {package}
+    assert {package: names_in(cell) for package, _, cell in rows} == found
+
+
+def test_documented_generic_names_are_refused() -> None:
+    sentence = re.search(r"No module is called ([\w, ]+), because", PAGE)
+    assert sentence is not None
+    assert set(re.split(r", | or ", sentence[1])) <= GENERIC_NAMES
