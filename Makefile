@@ -29,7 +29,7 @@ RECORDED ?= 600
 ATTACKS ?= --pairs 3 --seconds 10
 KILLS ?= 100
 
-.PHONY: help setup demo test check lint lint-and-pure pure compiled vulkan accept docs bench clean
+.PHONY: help setup demo test check lint lint-and-pure pure compiled vulkan accept docs dist bench clean
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
@@ -37,6 +37,7 @@ help:
 	@echo 'make check   style, types and the closest tests of the changed files, or of FILES="…", in 20 s'
 	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
 	@echo 'make docs    the documentation site, in out/docs/site'
+	@echo 'make dist    the files of a release for this machine, in dist'
 	@echo 'make lint    style and types only'
 	@echo 'make bench   the benchmarks on both builds, in ratios beside their targets'
 	@echo 'make clean   everything that the other targets made'
@@ -55,15 +56,19 @@ setup: .venv/ready
 
 .venv-compiled/ready: $(ENGINE) .venv/ready
 	@echo '· building the wheel, and installing the compiled engine into .venv-compiled'
-	@rm -rf build dist
-	@BTCORE_COMPILED=1 .venv/bin/python $(PIP) wheel --no-deps --wheel-dir dist .
+	@rm -rf build out/wheel
+	@BTCORE_COMPILED=1 .venv/bin/python $(PIP) wheel --no-deps --wheel-dir out/wheel .
 	@test -x .venv-compiled/bin/python || $(PYTHON) -m venv .venv-compiled
-	@.venv-compiled/bin/python $(PIP) install --force-reinstall --no-deps dist/btcore-*.whl
-	@.venv-compiled/bin/python $(PIP) install "$$(echo dist/btcore-*.whl)[test]"
+	@.venv-compiled/bin/python $(PIP) install --force-reinstall --no-deps out/wheel/btcore-*.whl
+	@.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[test]"
 	@touch $@
 
 .venv-compiled/bench: .venv-compiled/ready
-	@.venv-compiled/bin/python $(PIP) install "$$(echo dist/btcore-*.whl)[bench]"
+	@.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[bench]"
+	@touch $@
+
+.venv/release: .venv/ready
+	@.venv/bin/python $(PIP) install --editable '.[release]'
 	@touch $@
 
 # Software Vulkan draws the monitor's pictures where there is no graphics card.
@@ -122,7 +127,7 @@ compiled: .venv-compiled/ready
 accept: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/installs.py dist/btcore-*-cp*.whl
+	@.venv/bin/python tests/acceptance/installs.py out/wheel/btcore-*.whl
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
@@ -131,6 +136,15 @@ accept: .venv/ready .venv-compiled/ready
 
 docs: .venv/ready
 	@.venv/bin/python docs/site/build.py
+
+# Both wheels are built from the sdist, which proves that the sdist is complete.
+dist: .venv/release
+	@rm -rf dist
+	@echo '· building the sdist and the pure wheel'
+	@BTCORE_PURE=1 .venv/bin/python -m build --quiet
+	@echo '· building the compiled wheel'
+	@BTCORE_COMPILED=1 .venv/bin/python $(PIP) wheel --no-deps --wheel-dir dist dist/btcore-*.tar.gz
+	@.venv/bin/twine check --strict dist/*
 
 bench: .venv/ready .venv-compiled/bench
 	@mkdir -p out

@@ -7,8 +7,10 @@ the source beside it.
 """
 
 import os
+import re
 import sys
 import sysconfig
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -130,6 +132,18 @@ def warn(reason: str) -> None:
     print(f"warning: {reason}: installing the pure build of btcore", file=sys.stderr)
 
 
+def readme_with_absolute_links() -> str:
+    """Return README.md for PyPI, where links to files and pictures of the repository must be absolute."""
+    project = tomllib.loads((HERE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    repository = project["urls"]["Repository"]
+
+    def absolute(link: re.Match[str]) -> str:
+        return f"{link[0]}{repository}/{'raw' if link[1] else 'blob'}/main/"
+
+    text = (HERE / "README.md").read_text(encoding="utf-8")
+    return re.sub(r"(!?)\[[^\]]*\]\((?![a-z]+:|#)", absolute, text)
+
+
 # --- commands
 
 
@@ -223,6 +237,8 @@ if __name__ == "__main__":
     if env_flag("BTCORE_PURE") and must_compile():
         sys.exit("BTCORE_PURE=1 and BTCORE_COMPILED=1 contradict each other: set one of them")
     setup(
+        long_description=readme_with_absolute_links(),
+        long_description_content_type="text/markdown",
         ext_modules=extensions(),
         cmdclass={
             "build": Build,

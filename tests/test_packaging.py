@@ -1,5 +1,7 @@
 """The packaging metadata match the files of the repository."""
 
+import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -98,3 +100,12 @@ def test_version_comes_from_the_git_tag(tmp_path: Path) -> None:
     assert version() == "1.2.0"
     git("commit", "--allow-empty", "--message", "second")
     assert version().startswith("1.2.1.dev1+g")
+
+
+def test_links_of_the_readme_are_absolute_on_pypi() -> None:
+    text = runpy.run_path(str(ROOT / "setup.py"))["readme_with_absolute_links"]()
+    links = re.findall(r"""\]\(([^)\s]+)|(?:src|srcset|href)=["']([^"']+)""", text)
+    assert [link for link in map("".join, links) if not link.startswith(("https://", "#"))] == []
+    repository = PROJECT["project"]["urls"]["Repository"]
+    assert f"({repository}/raw/main/docs/images/monitor.png)" in text
+    assert f"({repository}/blob/main/docs/guides/installing.md)" in text

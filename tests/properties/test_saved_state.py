@@ -1,5 +1,6 @@
 """The declared state of the nodes is complete: a restored tree has the same future as the saved tree."""
 
+import inspect
 from collections import deque
 from collections.abc import Iterator
 
@@ -241,7 +242,7 @@ def attributes(node: TreeNode) -> dict[str, str]:
     """Return the attributes of *node* and their values as texts, also for compiled classes."""
     names = set(getattr(node, "__dict__", ()))
     for cls in type(node).__mro__:
-        names |= {*vars(cls).get("__annotations__", ()), *vars(cls).get("__mypyc_attrs__", ())}
+        names |= {*inspect.get_annotations(cls), *vars(cls).get("__mypyc_attrs__", ())}
     return {name: text_of(getattr(node, name)) for name in names if hasattr(node, name)}
 
 
