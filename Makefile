@@ -67,8 +67,9 @@ setup: .venv/ready
 	@.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[bench]"
 	@touch $@
 
-.venv/release: .venv/ready
-	@.venv/bin/python $(PIP) install --editable '.[release]'
+.venv-release/ready:
+	@$(PYTHON) -m venv .venv-release
+	@.venv-release/bin/python $(PIP) install build twine
 	@touch $@
 
 # Software Vulkan draws the monitor's pictures where there is no graphics card.
@@ -138,13 +139,13 @@ docs: .venv/ready
 	@.venv/bin/python docs/site/build.py
 
 # Both wheels are built from the sdist, which proves that the sdist is complete.
-dist: .venv/release
+dist: .venv-release/ready
 	@rm -rf dist
 	@echo '· building the sdist and the pure wheel'
-	@BTCORE_PURE=1 .venv/bin/python -m build --quiet
+	@BTCORE_PURE=1 .venv-release/bin/python -m build --quiet
 	@echo '· building the compiled wheel'
-	@BTCORE_COMPILED=1 .venv/bin/python $(PIP) wheel --no-deps --wheel-dir dist dist/btcore-*.tar.gz
-	@.venv/bin/twine check --strict dist/*
+	@BTCORE_COMPILED=1 .venv-release/bin/python $(PIP) wheel --no-deps --wheel-dir dist dist/btcore-*.tar.gz
+	@.venv-release/bin/twine check --strict dist/*
 
 bench: .venv/ready .venv-compiled/bench
 	@mkdir -p out
@@ -155,5 +156,5 @@ bench: .venv/ready .venv-compiled/bench
 		--beside out/bench-pure.json --plot out/performance.png
 
 clean:
-	rm -rf .venv .venv-compiled build dist out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-compiled .venv-release build dist out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

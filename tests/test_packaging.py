@@ -17,6 +17,14 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PARENTS = PROJECT["tool"]["setuptools"]["packages"]["find"]["where"]
 PACKAGES = {"btcore", "btcore_monitor", "btcore_robot", "btcore_scene", "btcore_sim"}
 
+PYTHONS = [
+    classifier.rpartition(" ")[2]
+    for classifier in PROJECT["project"]["classifiers"]
+    if classifier.startswith("Programming Language :: Python :: 3.")
+]
+WORKFLOWS = {
+    path.name: path.read_text(encoding="utf-8") for path in sorted((ROOT / ".github/workflows").glob("*.yml"))
+}
 PRINT_VERSION = """
 import sys
 sys.path.insert(0, sys.argv[1])
@@ -58,9 +66,25 @@ def test_wheels_are_built_for_every_python_and_tested_as_compiled_builds() -> No
     assert wheels["test-environment"]["BTCORE_EXPECT"] == "compiled"
     tested = [Path(part.removeprefix("{project}/")) for part in wheels["test-command"].split()[1:]]
     assert [path for path in tested if not (ROOT / path).exists()] == []
-    assert {"x86_64", "aarch64"} == set(wheels["linux"]["archs"])
-    least = PROJECT["project"]["requires-python"].removeprefix(">=").replace(".", "")
-    assert wheels["build"][0] == f"cp{least}-*"
+    assert wheels["build"] == [f"cp{version.replace('.', '')}-*" for version in PYTHONS]
+    assert PROJECT["project"]["requires-python"] == f">={PYTHONS[0]}"
+
+
+def test_workflows_test_every_python_in_folders_that_exist() -> None:
+    workflow = WORKFLOWS["tests.yml"]
+    matrices = re.findall(r"python: \[(.*)\]", workflow)
+    assert [re.findall(r"[\d.]+", matrix) for matrix in matrices] == [PYTHONS, PYTHONS]
+    folders = re.findall(r"\btests/\S+", workflow)
+    assert {"tests/btcore/engine", "tests/conformance"} <= set(folders)
+    assert [folder for folder in folders if not (ROOT / folder).exists()] == []
+
+
+@pytest.mark.parametrize("name", WORKFLOWS)
+def test_workflows_pin_actions_and_have_no_permissions_by_default(name: str) -> None:
+    assert "\npermissions: {}\n" in WORKFLOWS[name]
+    actions = re.findall(r"uses: (.*)", WORKFLOWS[name])
+    assert actions
+    assert [action for action in actions if not re.fullmatch(r"\S+@[0-9a-f]{40} # v[\d.]+", action)] == []
 
 
 def test_version_is_the_installed_version_and_is_looked_up_when_used(tmp_path: Path) -> None:
@@ -107,5 +131,5 @@ def test_links_of_the_readme_are_absolute_on_pypi() -> None:
     links = re.findall(r"""\]\(([^)\s]+)|(?:src|srcset|href)=["']([^"']+)""", text)
     assert [link for link in map("".join, links) if not link.startswith(("https://", "#"))] == []
     repository = PROJECT["project"]["urls"]["Repository"]
-    assert f"({repository}/raw/main/docs/images/monitor.png)" in text
-    assert f"({repository}/blob/main/docs/guides/installing.md)" in text
+    assert f"({repository}/raw/main/" + "docs/images/monitor.png)" in text
+    assert f"({repository}/blob/main/" + "docs/guides/installing.md)" in text
