@@ -149,6 +149,7 @@ class SetBlackboard3(SetBlackboard):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
     builtin_id: ClassVar[str] = "SetBlackboard"
+    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
 
     def nothing_to_copy(self, key: str) -> Status:
         """Remove the value of the destination, as the entry to copy has no value. Return SUCCESS."""

@@ -182,6 +182,8 @@ class NonblockingSequence(ControlNode):
 class PersistentSequence(ControlNode):
     """A Sequence that keeps the index of its current child on the blackboard and so resumes after a halt."""
 
+    may_return = frozenset({SUCCESS, FAILURE})
+
     current_child_idx: Annotated[InOut[int], "The index of the current child."]
 
     def tick(self) -> Status:
