@@ -15,7 +15,9 @@ import tomllib
 from pathlib import Path
 
 from api_pages import write_api_pages
+from command_pages import write_command_pages
 from links import link_problems
+from node_pages import write_node_pages
 
 from btcore.diagnostic_codes import ALL_CODES
 
@@ -98,6 +100,8 @@ def main() -> int:
     """Build and check the site. Return the exit code: 0 if there is no problem."""
     copy_pages(OUT / "pages")
     write_api_pages(OUT / "pages" / "reference" / "api")
+    write_node_pages(OUT / "pages" / "reference" / "nodes")
+    write_command_pages(OUT / "pages" / "reference" / "commands")
     config = (DOCS / "site" / "zensical.toml").read_text(encoding="utf-8")
     (OUT / "zensical.toml").write_text(config, encoding="utf-8")
     zensical = Path(sys.executable).with_name("zensical")

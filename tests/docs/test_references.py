@@ -7,6 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 URL = re.compile(r"https?://\S+")
+GENERATED = re.compile(r"\.\./(api|commands|nodes)/")
 REFERENCE = re.compile(r"(?<!\})[\w./-]*[\w-]\.md\b")
 FILE_TYPES = {".cfg", ".in", ".json", ".md", ".py", ".toml", ".ts", ".xml", ".yaml", ".yml", ""}
 # Folders of generated or installed files. Hidden folders are excluded, too, except those of the CI.
@@ -28,13 +29,15 @@ def text_files() -> Iterator[Path]:
 def missing_references(text: str, folder: Path) -> list[str]:
     """Return line and name of each reference in *text* to a Markdown file that does not exist.
 
-    A reference is relative to *folder*, to the repository or to docs/. Web addresses are ignored.
+    A reference is relative to *folder*, to the repository or to docs/. Web addresses and the pages that
+    docs/site/build.py writes are ignored.
     """
     return [
         f"{number}: {name}"
         for number, line in enumerate(text.splitlines(), 1)
         for name in REFERENCE.findall(URL.sub("", line))
-        if not any((start / name).is_file() for start in (folder, ROOT, ROOT / "docs"))
+        if not GENERATED.match(name)
+        and not any((start / name).is_file() for start in (folder, ROOT, ROOT / "docs"))
     ]
 
 
