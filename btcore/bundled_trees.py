@@ -9,7 +9,7 @@ from btcore.suggestions import join_names, nearest_name
 
 def folder() -> Path:
     """Return the folder of the bundled trees: in the package if installed, next to it in a checkout."""
-    package = Path(btcore.__file__).parent
+    package = Path(btcore.__file__).resolve().parent  # a colcon workspace may contain a link to the package
     installed = package / "trees"
     return installed if installed.is_dir() else package.parent / "trees"
 

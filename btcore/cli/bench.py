@@ -112,7 +112,7 @@ def bench(
 
 def folder() -> Path:
     """Return the folder of the benchmarks: in the package if installed, beside it in a checkout."""
-    package = Path(btcore.__file__).parent
+    package = Path(btcore.__file__).resolve().parent  # as for the bundled trees
     installed = package / "benchmarks"
     return installed if installed.is_dir() else package.parent / "benchmarks"
 
