@@ -94,8 +94,9 @@ class StatefulAction(LeafNode):
     """
 
     may_complete_on_start: ClassVar[bool] = False
-    """Whether `on_start` may complete the action at once; if so, `btcore validate` does not treat the
-    action as asynchronous.
+    """Whether `on_start` may complete the action at once.
+
+    If so, `btcore validate` does not treat the action as asynchronous.
     """
 
     @classmethod

@@ -49,13 +49,76 @@ class _Form:
 
 if TYPE_CHECKING:
     In = Annotated[T, PortMark(Direction.IN)]
-    """An input port: reading it returns the blackboard entry or the literal in the XML."""
+    """The annotation of an input port: `In[float]`.
+
+    The value is the blackboard entry if the XML contains `{key}`, or else the literal, converted to the type.
+    The attribute of a class returns the value whenever it is read; the parameter of a function is the value.
+    A port without a default is mandatory in the XML.
+
+    Examples:
+        >>> import btcore
+        >>> @btcore.condition
+        ... def battery_ok(level: btcore.In[float], minimum: btcore.In[float] = 0.2) -> bool:
+        ...     return level > minimum
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(battery_ok)
+        >>> b = btcore.Builder(nodes)
+        >>> board = btcore.Blackboard()
+        >>> board["battery"] = 0.8
+        >>> b.build(b.BatteryOk(level="{battery}"), blackboard=board).tick_once()
+        <Status.SUCCESS: 2>
+    """
     Out = Annotated[T, PortMark(Direction.OUT)]
-    """An output port of a class: assigning it writes the blackboard entry."""
+    """The annotation of an output port of a class: `Out[float]`. Assigning it writes the blackboard entry.
+
+    Examples:
+        >>> import btcore
+        >>> class Measure(btcore.SyncAction):
+        ...     distance: btcore.Out[float]
+        ...     def tick(self):
+        ...         self.distance = 1.5
+        ...         return btcore.Status.SUCCESS
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(Measure)
+        >>> b = btcore.Builder(nodes)
+        >>> tree = b.build(b.Measure(distance="{ahead}"))
+        >>> tree.tick_once(), tree.blackboard["ahead"]
+        (<Status.SUCCESS: 2>, 1.5)
+    """
     InOut = Annotated[T, PortMark(Direction.INOUT)]
-    """A port of a class that is both read and assigned."""
+    """The annotation of a port of a class that is both read and assigned: `InOut[int]`.
+
+    Examples:
+        >>> import btcore
+        >>> class Count(btcore.SyncAction):
+        ...     n: btcore.InOut[int]
+        ...     def tick(self):
+        ...         self.n += 1
+        ...         return btcore.Status.SUCCESS
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(Count)
+        >>> b = btcore.Builder(nodes)
+        >>> board = btcore.Blackboard()
+        >>> board["rounds"] = 1
+        >>> b.build(b.Count(n="{rounds}"), blackboard=board).tick_once(), board["rounds"]
+        (<Status.SUCCESS: 2>, 2)
+    """
     Put = Annotated[Callable[[T], None], PortMark(Direction.OUT, put=True)]
-    """An output port of a function: a callable that writes the blackboard entry."""
+    """The annotation of an output port of a function: `Put[float]`. Calling it writes the entry.
+
+    Examples:
+        >>> import btcore
+        >>> @btcore.action
+        ... def measure(distance: btcore.Put[float]) -> bool:
+        ...     distance(1.5)
+        ...     return True
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(measure)
+        >>> b = btcore.Builder(nodes)
+        >>> tree = b.build(b.Measure(distance="{ahead}"))
+        >>> tree.tick_once(), tree.blackboard["ahead"]
+        (<Status.SUCCESS: 2>, 1.5)
+    """
 else:
     In = _Form("In", Annotated[T, PortMark(Direction.IN)])
     Out = _Form("Out", Annotated[T, PortMark(Direction.OUT)])

@@ -50,10 +50,10 @@ def public_names(module: griffe.Module) -> list[str]:
 
 
 def summary(described: griffe.Object | griffe.Alias) -> str:
-    """Return the first sentence of a docstring, without its last full stop."""
+    """Return the first paragraph of a docstring, without its last full stop."""
     docstring = described.docstring
     assert docstring is not None, f"{described.path} has no docstring"
-    return docstring.value.split("\n\n")[0].replace("\n", " ").replace("|", "\\|").removesuffix(".")
+    return docstring.value.split("\n\n")[0].replace("\n", " ").removesuffix(".")
 
 
 def load_packages() -> griffe.ModulesCollection:
@@ -65,31 +65,77 @@ def load_packages() -> griffe.ModulesCollection:
     return loader.modules_collection
 
 
+def constants(described: griffe.Object, title: str) -> list[str]:
+    """Return a section with a table of the constants that have no docstrings: mkdocstrings hides them."""
+    assert described.docstring is not None
+    public = public_names(described) if described.is_module else list(described.members)
+    listed = re.findall(r"^ {4}(\w+):", described.docstring.value, re.MULTILINE)
+    found = [described.members[name] for name in public if name.isupper() and name not in listed]
+    rows = [f"| `{it.name}` | `{it.value}` |" for it in found if it.docstring is None]
+    return ["", f"## {title}", "", "| name | value |", "|---|---|", *rows] if rows else []
+
+
+def inherited(cls: griffe.Class, public: dict[str, str]) -> list[str]:
+    """Return sections with the members that *cls* inherits; *public* are the public classes by path."""
+    lines: list[str] = []
+    seen = set(cls.members)
+    for base in cls.mro():
+        members = {
+            name: it
+            for name, it in base.members.items()
+            if not name.startswith("_") and not it.is_alias and it.docstring is not None and name not in seen
+        }
+        seen |= set(base.members)
+        if members and base.path in public:
+            target = public[base.path]
+            lines += ["", f"## Inherited from {base.name}", ""]
+            lines += [f"- [`{name}`][{target}.{name}] – {summary(it)}" for name, it in members.items()]
+    return lines
+
+
 def write_api_pages(folder: Path) -> None:
     """Write the pages, their index and their navigation into *folder*."""
     source = load_packages()
     index = ["# Python API", "", "Every public name, with its parameters, units and errors.", ""]
-    navigation = ["- [Python API](index.md)", "- btcore"]
+    navigation = ["- [Python API](index.md)"]
+    grouped = {name for names in GROUPS.values() for name in names}
+    classes = {source[f"btcore.{name}"].canonical_path: f"btcore.{name}" for name in grouped}
 
-    def add(name: str, level: int) -> None:
-        title = name.removeprefix("btcore.") if level else name
+    def add(name: str, package: str) -> None:
+        title = name.removeprefix(f"{package}.")
+        described = source[name].final_target if source[name].is_alias else source[name]
         # Some file systems do not distinguish the pages of Condition and condition.
         suffix = "_function" if title.islower() and title.title() in grouped else ""
-        page = f"{title}{suffix}.md"
-        (folder / page).write_text(f"---\ntitle: {title}\n---\n\n::: {name}\n", encoding="utf-8")
-        index.append(f"| [`{title}`]({page}) | {summary(source[name])} |")
-        navigation.append(f"{'    ' * level}- [{title}]({page})")
+        page = f"{title if title in grouped else name}{suffix}.md"
+        text = ["---", f"title: {title}", "---", "", f"::: {name}"]
+        if described.is_module:
+            text += constants(described, "Constants")
+            for part in map(described.members.get, public_names(described)):
+                if part is not None and part.is_class and any("Enum" in str(base) for base in part.bases):
+                    text += constants(part, f"Members of {part.name}")
+        elif described.is_class:
+            text += inherited(described, classes)
+        elif described.is_attribute:
+            text += ["    options:", "      show_attribute_values: false"]
+        (folder / page).write_text("\n".join([*text, ""]), encoding="utf-8")
+        index.append(f"- [`{title}`]({page}) – {summary(described)}")
+        navigation.append(f"    - [{title}]({page})")
 
-    grouped = {name for names in GROUPS.values() for name in names}
     folder.mkdir(parents=True)
+    navigation.append("- btcore")
     for group, names in GROUPS.items():
-        index += [f"## {group}", "", "| name | |", "|---|---|"]
+        index += [f"## {group}", ""]
         for name in names:
-            add(f"btcore.{name}", 1)
+            add(f"btcore.{name}", "btcore")
         index.append("")
-    index += ["## Other modules", "", "| module | |", "|---|---|"]
-    for name in public_modules():
-        if name != "btcore" and name.removeprefix("btcore.") not in grouped:
-            add(name, 0)
+    modules = [name for name in public_modules() if name.removeprefix("btcore.") not in grouped | {"btcore"}]
+    for package in dict.fromkeys(name.partition(".")[0] for name in modules):
+        heading = "Other modules of btcore" if package == "btcore" else package
+        index += [f"## {heading}", ""]
+        navigation.append(f"- {heading}")
+        for name in modules:
+            if name.partition(".")[0] == package:
+                add(name, package)
+        index.append("")
     (folder / "index.md").write_text("\n".join([*index, ""]), encoding="utf-8")
     (folder / "navigation").write_text("\n".join([*navigation, ""]), encoding="utf-8")

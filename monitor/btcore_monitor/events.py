@@ -18,12 +18,18 @@ KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 """All families, in the order of BehaviorTree.CPP's enum NodeType, whose ACTION is 1."""
 
 ConnectionState = Literal["waiting", "connected", "lost", "ended"]
-"""The connection to the robot: `waiting` for the first contact, `connected`, `lost` (no contact for
-some time), or `ended` (the robot has reported the end of its run)."""
+"""The state of the connection to the robot.
+
+It is `waiting` for the first contact, `connected`, `lost` (no contact for some time), or `ended` (the robot
+has reported the end of its run).
+"""
 
 Topic = Literal["transitions", "ticks", "exceptions", "blackboard", "messages"]
-"""Data that a robot may send in addition to its tree: transitions of statuses, ticks of the root with their
-duration, exceptions of nodes, and blackboards; or messages of any kind."""
+"""Data that a robot may send in addition to its tree.
+
+They are transitions of statuses, ticks of the root with their duration, exceptions of nodes, and blackboards;
+or messages of any kind.
+"""
 
 IDLE: Final = 0
 RUNNING: Final = 1
