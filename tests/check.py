@@ -73,7 +73,7 @@ def tests_of(file: str) -> list[str]:
         return [*tests_of_source(file), *[RECORDED_TESTS][: file.startswith(RECORDED)]]
     if path.is_relative_to("docs/site"):
         return [SITE_TESTS]
-    if path.is_relative_to("docs") and path.suffix == ".md":
+    if path.suffix == ".md" and path.parts[0] in ("docs", path.name) and path.name != "README.md":
         return [*(f"{test}[{file}]" for test in PAGE_TESTS), *tests_with_name(path)]
     if path.is_relative_to("trees"):
         return list(dict.fromkeys([TREE_TESTS, *tests_with_name(path)]))

@@ -1,8 +1,8 @@
 """Build the documentation site: `make docs` runs this script.
 
-The pages of docs/ are copied to out/docs/pages, the reference pages are generated beside them, and Zensical
-builds the site in out/docs/site. Any problem that Zensical reports, such as a missing page or anchor, fails
-the build.
+The pages of docs/ and of the root folder are copied to out/docs/pages, the reference pages are generated
+beside them, and Zensical builds the site in out/docs/site. Any problem that Zensical reports, such as a
+missing page or anchor, fails the build.
 """
 
 import json
@@ -25,19 +25,22 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 OUT = ROOT / "out" / "docs"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+# Pages of the repository's root folder, where GitHub expects them. README.md is the entrance on GitHub.
+ROOT_PAGES = sorted(set(ROOT.glob("*.md")) - {ROOT / "README.md"})
 FENCE = re.compile(r"^( *(?:`{3,}|~{3,}) *)(\w+) +(.*)$", re.MULTILINE)
 FILE_NAME = re.compile(r"[\w.]+\.\w+")
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:)([^)#\s]+)")
 
 
 def copy_pages(pages: Path) -> None:
-    """Copy the pages and pictures of docs/ and the changelog to the folder *pages*."""
+    """Copy the pages and pictures of docs/ and the root folder's pages to the folder *pages*."""
     shutil.rmtree(pages, ignore_errors=True)
     shutil.copytree(DOCS, pages, ignore=shutil.ignore_patterns("*.py", "__pycache__", "zensical.toml"))
     (pages / "site" / "navigation.md").rename(pages / "navigation")
     for page in pages.rglob("*.md"):
         page.write_text(for_site(DOCS / page.relative_to(pages)), encoding="utf-8")
-    (pages / "CHANGELOG.md").write_text(for_site(ROOT / "CHANGELOG.md"), encoding="utf-8")
+    for page in ROOT_PAGES:
+        (pages / page.name).write_text(for_site(page), encoding="utf-8")
 
 
 def for_site(page: Path) -> str:
@@ -56,10 +59,11 @@ def with_site_links(page: Path) -> str:
 
     def replaced(link: re.Match[str]) -> str:
         target = (page.parent / link[1]).resolve()
-        if target == ROOT / "CHANGELOG.md":
-            return os.path.relpath(DOCS / "CHANGELOG.md", page.parent)
+        folder = DOCS if page.parent == ROOT else page.parent
+        if target in ROOT_PAGES:
+            return os.path.relpath(DOCS / target.name, folder)
         if target.is_relative_to(DOCS):
-            return os.path.relpath(target, DOCS if page.parent == ROOT else page.parent)
+            return os.path.relpath(target, folder)
         return f"{PROJECT['urls']['Repository']}/blob/main/{target.relative_to(ROOT).as_posix()}"
 
     return LINK.sub(replaced, page.read_text(encoding="utf-8"))
