@@ -5,7 +5,8 @@ The words after a block's fence determine its kind:
 - ``python``: a part of the page's program, which runs from top to bottom; where it defines tests, pytest
   runs it, with the plugin of btcore.
 - ``python NAME.py``, ``xml NAME.xml``, ``json NAME.json``, ``yaml NAME.yaml``: a file, written before
-  anything runs. The program, a command or another file uses it.
+  anything runs. The program, a command or another file uses it. A later block with the same name replaces
+  the file for the commands below it.
 - ``console``: commands for a shell, after ``$``, run after the program. The text below a command is its
   output, in which ``…`` matches any text; a command with nothing below it must succeed.
 - ``xml E101``: an example of docs/reference/errors.md, which tests/btcore/xml/test_error_codes.py runs.
@@ -37,6 +38,7 @@ NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 BOOK_NEEDS = ("numpy", "cv2", "yaml", "pybullet")
 NEEDS = {
     "batch": ("numpy",),
+    "bump_and_go": BOOK_NEEDS,
     "monitor_your_robot": ("zmq", "msgpack", "rerun"),
     "recording": ("zmq", "msgpack", "rerun"),
     "protocols": ("zmq", "msgpack"),
@@ -90,11 +92,13 @@ def program(page: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def files(page: str) -> dict[str, str]:
-    """The files that *page* shows, by name."""
-    named = [(met[2], block.text) for block in blocks(page) if (met := FILE.fullmatch(block.info))]
-    assert len(named) == len(dict(named)), "two blocks have the name of one file"
-    return dict(named)
+def files(page: str, before: int = sys.maxsize) -> dict[str, list[str]]:
+    """The files that *page* shows, by name: their contents above line *before*, in order."""
+    found: dict[str, list[str]] = {}
+    for block in blocks(page):
+        if (met := FILE.fullmatch(block.info)) and block.line < before:
+            found.setdefault(met[2], []).append(block.text)
+    return found
 
 
 def commands(page: str) -> list[tuple[int, str, str]]:
@@ -148,8 +152,8 @@ def run(page: str, name: str, folder: Path) -> subprocess.CompletedProcess[str]:
     script.write_text(source, encoding="utf-8")
     empty = folder / "empty"
     empty.mkdir()
-    for file, text in files(page).items():
-        (empty / file).write_text(text, encoding="utf-8")
+    for file, texts in files(page).items():
+        (empty / file).write_text(texts[0], encoding="utf-8")
     by_pytest = [
         "-m",
         "pytest",
@@ -174,7 +178,12 @@ def run(page: str, name: str, folder: Path) -> subprocess.CompletedProcess[str]:
 def run_commands(page: str, folder: Path) -> list[str]:
     """Run the commands of *page* in the folder of its program; return the unexpected results."""
     wrong = []
+    written = dict.fromkeys(files(page), 1)
     for line, command, shown in commands(page):
+        for file, texts in files(page, before=line).items():
+            if len(texts) > written[file]:
+                (folder / "empty" / file).write_text(texts[-1], encoding="utf-8")
+                written[file] = len(texts)
         done = subprocess.run(
             ["bash", "-c", command],
             cwd=folder / "empty",
@@ -230,7 +239,8 @@ def unknown(page: str, name: str = "") -> list[str]:
         met = FILE.fullmatch(block.info)
         if met is not None:
             others = [one.text for one in blocks(page) if one is not block]
-            known = any(met[2] in other or f"import {Path(met[2]).stem}" in other for other in others)
+            used = re.compile(rf"{re.escape(met[2])}|(import|from) {Path(met[2]).stem}\b")
+            known = any(used.search(other) for other in others)
         else:
             known = KINDS.fullmatch(block.info) is not None
             known = known and (
@@ -269,6 +279,14 @@ def test_files_are_written_before_anything_runs(tmp_path: Path) -> None:
     assert run(page, "page", tmp_path).stdout == "<a/>\n"
     assert run_commands(page, tmp_path) == []
     assert unknown(page) == []
+
+
+def test_a_later_file_replaces_an_earlier_file_for_the_commands_below_it(tmp_path: Path) -> None:
+    first, later = "```xml a.xml\n<a/>\n```\n", "```xml a.xml\n<b/>\n```\n"
+    page = f"{first}```console\n$ cat a.xml; echo c > a.xml\n<a/>\n$ cat a.xml\nc\n```\n{later}"
+    page += "```console\n$ cat a.xml\n<b/>\n```\n"
+    run(page, "page", tmp_path)
+    assert run_commands(page, tmp_path) == []
 
 
 @pytest.mark.parametrize(
