@@ -121,7 +121,8 @@ def sweep(
       1    an episode was not successful
       2    an error in the tree or on the command line
       3    a leaf raised an exception in an episode
-      130  interrupted
+      130  interrupted by Ctrl-C
+      143  terminated by SIGTERM
     """
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers and --scheduler cannot be used together.")

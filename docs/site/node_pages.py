@@ -143,7 +143,7 @@ class NodePage:
 
     def _example(self) -> list[str]:
         newest = self.examples[self.formats[0]]
-        lines = ["## Example\n", f"![{_described(newest)}]({self.id}.svg)\n"]
+        lines = ["## Example\n", f"![{_described(newest)}]({self.id}.svg#light)\n"]
         for format in self.formats:
             lines.append(f'=== "XML, format {format}"\n')
             lines += _indented(["```xml", *self.examples[format].xml.splitlines(), "```"])
