@@ -11,7 +11,8 @@ These tests belong to a file:
 - a page of the documentation, an example or a benchmark: its parametrised tests;
 - any other file: the tests that contain its name, first the tests with this name.
 
-After START_LIMIT no further test is started. pytest reports these tests as skipped.
+At most AT_MOST of these test files are run, and no test is started after START_LIMIT. pytest reports tests
+that were not started as skipped.
 """
 
 import ast
@@ -45,6 +46,7 @@ PAGE_TESTS = (
 )
 # Tests that contain the names of files, but do not test their content.
 INCIDENTAL = {"tests/docs/test_docs.py", "tests/test_check.py"}
+AT_MOST = 40  # test files, because pytest would need the time to import more
 START_LIMIT = 12.0  # s after the start of this script
 MANY = 3  # test files; more are tested in several processes
 
@@ -233,6 +235,8 @@ def main(arguments: list[str]) -> int:
                 failed.append(f"style (`ruff {command[0]}`)")
     else:
         print("· style: skipped, no Python file")
+    left_out = tests[AT_MOST:]
+    del tests[AT_MOST:]
     if tests:
         print("· tests: pytest", *tests)
         # One test at a time is sent to a process, in the order of the files.
@@ -243,6 +247,9 @@ def main(arguments: list[str]) -> int:
             failed.append("tests")
     else:
         print("· tests: skipped, none belongs to these files")
+    if left_out:
+        count = counted(left_out, "test file")
+        print(f"· tests: {count} left out, too many for a quick check; `make test` runs all")
     if mypy is not None:
         print("· types of all packages")
         print(mypy.communicate()[0], end="")

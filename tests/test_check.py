@@ -169,3 +169,12 @@ def test_no_test_is_started_after_the_time_limit(project: Path) -> None:
     assert done.returncode == 0
     assert "1 skipped" in done.stdout
     assert "not started" in done.stdout
+
+
+def test_many_test_files_are_limited(project: Path) -> None:
+    for number in range(42):
+        (project / f"tests/test_{number}.py").write_text(TEST, encoding="utf-8")
+    code, output = run(project)
+    assert code == 0
+    assert "40 passed" in output
+    assert "· tests: 2 test files left out, too many for a quick check; `make test` runs all" in output
