@@ -347,4 +347,6 @@ def _kind(annotation: Any, types: TypeRegistry) -> ValueType:
     if typing.get_origin(annotation) is np.ndarray:
         dtype = typing.get_args(typing.get_args(annotation)[1])
         return _OF_DTYPE.get(dtype[0] if dtype else None, ANY)
-    return ANY if annotation is np.ndarray else types.of(annotation)
+    if typing.get_origin(annotation) is NDArray:  # from numpy 2.5 on, NDArray is not replaced by its value
+        return _OF_DTYPE.get(typing.get_args(annotation)[0], ANY)
+    return ANY if annotation is np.ndarray or annotation is NDArray else types.of(annotation)

@@ -338,7 +338,8 @@ def save_map(map: OccupancyMap, path: Path) -> None:
         image = np.select([cells == 0, cells == 100], [_WHITE, _BLACK], _GREY).astype(np.uint8)
     else:
         mode = "raw"
-        image = np.where((cells >= 0) & (cells <= 100), cells, _RAW_UNKNOWN).astype(np.uint8)
+        is_known = (cells >= 0) & (cells <= 100)
+        image = np.where(is_known, cells.astype(np.uint8), _RAW_UNKNOWN).astype(np.uint8)
     image_file = path.with_suffix(".pgm")
     contents = {
         image_file: b"P5\n%d %d\n255\n" % (map.width, map.height) + image.tobytes(),
