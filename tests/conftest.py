@@ -12,6 +12,25 @@ from types import FrameType, ModuleType
 
 import pytest
 
+if importlib.util.find_spec("pybullet") is None:
+    # The tests of the simulated robot, and of what it does.
+    collect_ignore = [
+        "sim",
+        "robot_nodes/navigation/mapping/test_exploration.py",
+        "robot_nodes/navigation/test_controller_in_the_arena.py",
+        "robot_nodes/navigation/test_localiser_in_the_house.py",
+        "robot_nodes/navigation/test_navigating_runs.py",
+        "robot_nodes/navigation/test_scene.py",
+        "robot_nodes/navigation/test_stack.py",
+        "robot_nodes/test_book_bumpgo_fsm.py",
+        "robot_nodes/test_book_commands.py",
+        "robot_nodes/test_boxes.py",
+        "robot_nodes/test_bumpgo.py",
+        "robot_nodes/test_exercise_trees.py",
+        "robot_nodes/test_keyboard.py",
+        "robot_nodes/test_third_party_trees.py",
+    ]
+
 TIME_LIMIT = float(os.environ.get("BTCORE_TEST_TIME_LIMIT", "300"))
 """The time limit (s) of each test, and of its fixtures before and after it."""
 REPEAT_EVERY = 10.0  # s; the test may have caught the exception

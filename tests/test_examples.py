@@ -27,6 +27,8 @@ def test_every_example_is_run() -> None:
 
 @pytest.mark.parametrize("name", sorted(EXPECTED_OUTPUT))
 def test_example_prints_the_expected_lines(name: str) -> None:
+    if name == "04_bump_and_go.py":
+        pytest.importorskip("pybullet")
     path = EXAMPLES / name
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 60
     done = subprocess.run(

@@ -38,7 +38,10 @@ def test_test_that_hangs_fails_and_the_run_goes_on(tmp_path: Path) -> None:
     shutil.copy(Path(__file__).with_name("conftest.py"), tmp_path)
     (tmp_path / "test_it.py").write_text(HANGING, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-n2", "--dist", "worksteal", "-p", "no:cacheprovider"],
+        [
+            *(sys.executable, "-m", "pytest", "-q", "-n2", "--dist", "worksteal", "-p", "no:cacheprovider"),
+            *("-W", "ignore:This process:DeprecationWarning"),  # a fork with threads, from Python 3.12 on
+        ],
         cwd=tmp_path,
         env=os.environ | {"BTCORE_TEST_TIME_LIMIT": "1"},
         capture_output=True,

@@ -64,6 +64,7 @@ def tree_file(tmp_path: Path) -> str:
 
 
 def test_a_run_is_the_same_with_and_without_publisher_and_recording(tmp_path):
+    pytest.importorskip("pybullet")
     plain = report(run(*BUMPGO, "--duration", "12"))
     published = run(*BUMPGO, "--duration", "12", "--publish", "groot2", "--port", "0")
     recording = tmp_path / "run.rrd"
@@ -77,6 +78,7 @@ def test_a_run_is_the_same_with_and_without_publisher_and_recording(tmp_path):
 
 
 def test_a_viewer_that_waited_gets_every_transition_of_a_thousand_ticks(free_port):
+    pytest.importorskip("pybullet")
     options = [*BUMPGO, "--duration", "100", "--publish", "groot2", "--port", str(free_port)]
     with Feed(f":{free_port}") as feed:
         process = subprocess.Popen(
@@ -102,6 +104,7 @@ def test_a_viewer_that_waited_gets_every_transition_of_a_thousand_ticks(free_por
 
 
 def test_display_options_apply_to_the_recording(tmp_path):
+    pytest.importorskip("pybullet")
     recording = tmp_path / "run.rrd"
     look = ["--find", "IsObstacle", "--palette", "colour-blind", "--log-level", "warn"]
     done = run(*BUMPGO, "--duration", "1", "--save", str(recording), *look)
@@ -119,6 +122,7 @@ def test_display_options_apply_to_the_recording(tmp_path):
 
 
 def test_a_recording_on_a_full_disk_ends_with_an_error_and_the_exit_code_4(tmp_path):
+    pytest.importorskip("pybullet")
     resource = pytest.importorskip("resource", reason="Windows cannot limit the size of files")
     recording, limit = tmp_path / "run.rrd", 1 << 18  # afterwards a write fails as on a full disk
     done = subprocess.run(

@@ -137,6 +137,7 @@ def _cpu_seconds(pid: int) -> float:
 
 
 def test_a_thousand_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tmp_path):
+    pytest.importorskip("pybullet")
     path = tmp_path / "bumpgo.rrd"
     command = ["run", "bumpgo", "--fast", "--duration", "100", "--seed", "3", "--json", "--save", str(path)]
     result = subprocess.run(

@@ -12,6 +12,8 @@ from btcore_monitor.events import ConnectionChanged, SceneMoving, SceneStatic
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.feed import Feed
 
+pytest.importorskip("pybullet")
+
 PATROL = ["patrolling", "--world", "house", "--seed", "1", "--json", "--camera", "160x120@5"]
 
 
