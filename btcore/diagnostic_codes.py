@@ -46,7 +46,7 @@ class DiagnosticCode(str):
 
         None if the documentation's address is unknown, because btcore is imported without being installed.
         """
-        site = _documentation_site()
+        site = documentation_site()
         if site is None:
             return None
         heading = f"{self} · {self.summary}".lower()
@@ -55,7 +55,7 @@ class DiagnosticCode(str):
 
 
 @cache
-def _documentation_site() -> str | None:
+def documentation_site() -> str | None:
     """Return the documentation's address in the metadata of the installed package; None = not installed."""
     from importlib.metadata import PackageNotFoundError, metadata  # slow to import
 

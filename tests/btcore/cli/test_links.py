@@ -1,4 +1,4 @@
-"""At a terminal, the code of a message links to its description; pipes and files contain no links."""
+"""At a terminal, the codes of messages and the names of nodes are links; pipes and files have no links."""
 
 import os
 import sys
@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from btcore.cli import terminal
-from btcore.diagnostic_codes import UNKNOWN_NODE
+from btcore.cli import nodes, terminal
+from btcore.diagnostic_codes import UNKNOWN_NODE, documentation_site
 from btcore.errors import Diagnostic
 
 pty = pytest.importorskip("pty", reason="pseudo terminals need POSIX", exc_type=ImportError)
@@ -40,6 +40,18 @@ def test_the_code_is_a_link_at_a_terminal(monkeypatch: pytest.MonkeyPatch) -> No
     assert target.endswith(f";{UNKNOWN_NODE.url}")
     assert "E101" in label
     assert text.endswith(f"{START};{END} unknown node <Move>\r\n")
+
+
+def test_the_name_of_a_node_is_a_link_at_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    reading, writing = pty.openpty()
+    with os.fdopen(writing, "w", encoding="utf-8") as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        nodes.nodes.main(["Delay"], standalone_mode=False)
+        text = os.read(reading, 10_000).decode()
+    os.close(reading)
+    target, _, label = text.split(START)[1].partition(END)
+    assert target.endswith(f";{documentation_site()}reference/nodes/Delay.html")
+    assert "Delay" in label
 
 
 @pytest.mark.parametrize(("name", "value"), [("NO_COLOR", "1"), ("TERM", "dumb"), ("TERM", "unknown")])

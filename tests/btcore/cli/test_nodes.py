@@ -9,6 +9,7 @@ import pytest
 from click.testing import Result
 
 from btcore import Registry
+from btcore.diagnostic_codes import documentation_site
 
 Cli = Callable[..., Result]
 
@@ -55,6 +56,12 @@ def test_json_describes_a_port(cli: Cli) -> None:
     assert delay["type"] == "DECORATOR"
     assert delay["ports"]["delay_msec"]["direction"] == "input"
     assert delay["ports"]["delay_msec"]["type"] == "unsigned int"
+
+
+def test_json_has_the_address_of_a_nodes_page(cli: Cli, library: Path) -> None:
+    palette = json.loads(cli("nodes", "--json", "--plugin", library).stdout)
+    assert palette["Delay"]["url"] == f"{documentation_site()}reference/nodes/Delay.html"
+    assert palette["Greet"]["url"] is None
 
 
 def test_nodes_of_a_model_are_exported_with_their_metadata(cli: Cli, tmp_path: Path) -> None:
