@@ -49,6 +49,7 @@ class MonitorExtension(RunExtension):
         click.Option(
             ["--port"],
             type=click.IntRange(0, 65533),
+            metavar="PORT",
             help=f"The first port; 0 chooses free ports.  [default: {DEFAULT_PORT}, for Groot 1 "
             f"{PUBLISH_PORT}; Groot 1 beside Groot 2 is {_GROOT1_OFFSET} further; a free port for --monitor "
             "and --save alone]",

@@ -34,7 +34,9 @@ if TYPE_CHECKING:
     help="Make a map, and save it at the end.",
 )
 @click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed."
+)
 @click.option("--fast", is_flag=True, help="Run as fast as possible, not in real time; only with --keys.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line of stdout.")
 @click.pass_context

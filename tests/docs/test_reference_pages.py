@@ -98,6 +98,14 @@ def test_every_option_of_a_command_is_on_its_page(pages: Path) -> None:
     assert "Environment variable: `BTCORE_MAX_FILE_SIZE`." in index
 
 
+def test_the_value_of_an_option_has_a_name(pages: Path) -> None:
+    unnamed = re.compile(r"<code>-[^<]* (INTEGER|FLOAT|TEXT|PATH|FILENAME)[ <]")
+    found = [
+        page.name for page in (pages / "commands").glob("*.md") if unnamed.search(page.read_text("utf-8"))
+    ]
+    assert found == []
+
+
 def test_every_built_in_node_has_an_example() -> None:
     built_in = {(id, format) for format in (3, 4) for id in Registry.standard().manifests_of(format)}
     assert built_in - set(CASES) == set()

@@ -32,7 +32,9 @@ Settings = Mapping[str, Any]
 
 _WORLD_OPTIONS = [
     click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time."),
-    click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed."),
+    click.option(
+        "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed."
+    ),
     click.option("--fast", is_flag=True, help="Run as fast as possible instead of in real time."),
     click.option(
         "--picture",
