@@ -44,7 +44,7 @@ def write_command_pages(folder: Path) -> None:
         group = isinstance(page.command, click.Group)
         entry = page.name.removeprefix("btcore ") if group or not indent else page.name.split()[-1]
         if group:
-            navigation += [f"{indent}- {entry}", f"{indent}    - [{entry}]({page.file})"]
+            navigation += [f"{indent}- {entry}", f"{indent}    - [overview]({page.file})"]
         else:
             navigation.append(f"{indent}- [{entry}]({page.file})")
     (folder / "index.md").write_text(

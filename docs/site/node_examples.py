@@ -132,7 +132,7 @@ class NodeExample:
             lines.append(f"| time | {' | '.join(times)} |")
         for node, depth in _with_depth(tree.root):
             cells = [_cell(step, names[node.uid]) for step in steps]
-            label = f"`{node.id}`" if node.type is not NodeType.SUBTREE else f"`{node.id}` {node.name}"
+            label = f"`{node.id}`" if node.type is not NodeType.SUBTREE else f"`{node.id}`&nbsp;{node.name}"
             lines.append(f"| {'&nbsp;' * 3 * depth}{label} | {' | '.join(cells)} |")
         for key in entries:
             # An entry of a subtree often repeats the entry to which it is remapped.

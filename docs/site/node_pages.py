@@ -250,10 +250,10 @@ def _ports(heading: str, manifest: Manifest) -> list[str]:
     """Return a table of the ports."""
     if not manifest.ports:
         return []
-    lines = [heading, "", "| port | direction | type | default | |", "|---|---|---|---|---|"]
+    lines = [heading, "", "| port | type | |", "|---|---|---|"]
     for port in manifest.ports.values():
-        cells = (f"`{port.name}`", DIRECTIONS[port.direction], f"`{_type(port)}`", _default(port))
-        lines.append(f"| {' | '.join(cells)} | {_cell(port.description)} |")
+        kind = f"{DIRECTIONS[port.direction]} `{_type(port)}`{_default(port)}"
+        lines.append(f"| `{port.name}` | {kind} | {_cell(port.description)} |")
     return [*lines, ""]
 
 
@@ -262,11 +262,13 @@ def _type(port: Port) -> str:
 
 
 def _default(port: Port) -> str:
+    """Return what applies if the XML does not set a port."""
     if port.default is None:
-        return "optional" if port.optional else "required" if port.reads else ""
+        return ", optional" if port.optional else ", required" if port.reads else ""
     if port.default == "":
-        return "empty"
-    return f"`{float(port.default):g}`" if port.type is DOUBLE else f"`{port.default}`"
+        return ", empty by default" if port.reads else ""
+    value = f"{float(port.default):g}" if port.type is DOUBLE else port.default
+    return f", default `{value}`"
 
 
 def _paragraphs(manifest: Manifest) -> list[str]:
