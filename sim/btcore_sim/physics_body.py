@@ -83,7 +83,8 @@ class PhysicsBody:
 
     def joint_positions(self, joints: Sequence[int]) -> list[float]:
         """Return the positions (rad or m) of the joints with the indices *joints*."""
-        states = pybullet.getJointStates(self.body_id, joints, physicsClientId=self._client)
+        # For an empty sequence PyBullet returns None.
+        states = pybullet.getJointStates(self.body_id, joints, physicsClientId=self._client) or ()
         return [state[0] for state in states]
 
     def place(self) -> Pose3D:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,19 @@ def test_a_minimal_description_gives_a_robot_without_optional_parts(tmp_path: Pa
     names = {frame.child for frame in body.frames()}
     assert {"base_link", "base_laser_link", "head_2_link"} <= names
     assert not [name for name in names if "sonar" in name or "camera" in name]
+
+
+def test_a_robot_without_joints_except_its_wheels_has_fixed_frames(tmp_path: Path, robot_at: Any):
+    urdf = TIAGO.with_name("tiago.urdf").read_text()
+    (tmp_path / "rigid.urdf").write_text(re.sub(r'type="(revolute|prismatic)"', 'type="fixed"', urdf))
+
+    def rigid(data: dict[str, Any]) -> None:
+        data["urdf"] = "rigid.urdf"
+        for part in ("head", "torso"):
+            del data[part]
+
+    body = robot_at(description=load_description(write(tmp_path, rigid)))
+    assert {"base_link", "base_laser_link", "head_2_link"} <= {frame.child for frame in body.frames()}
 
 
 def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Path, robot_at: Any):
