@@ -4,11 +4,14 @@ The words after a block's fence determine its kind:
 
 - ``python``: a part of the page's program, which runs from top to bottom; where it defines tests, pytest
   runs it, with the plugin of btcore.
-- ``python NAME.py``, ``xml NAME.xml``, ``json NAME.json``, ``yaml NAME.yaml``: a file, written before
-  anything runs. The program, a command or another file uses it. A later block with the same name replaces
-  the file for the commands below it.
+- ``python NAME.py``, ``xml NAME.xml``, ``json NAME.json`` etc.: a file, written before anything runs. The
+  program, a command or another file uses it. A later block with the same name replaces the file for the
+  commands below it.
 - ``console``: commands for a shell, after ``$``, run after the program. The text below a command is its
   output, in which ``…`` matches any text; a command with nothing below it must succeed.
+- ``diff``: a change of a file of the repository, as printed by ``git diff --no-prefix``. The page's folder is
+  then a copy of the repository, not empty, and all changes are applied to the copy before anything runs. The
+  numbers in ``@@ … @@`` may be outdated.
 - ``xml E101``: an example of docs/reference/errors.md, which tests/btcore/xml/test_error_codes.py runs.
 - ``text``, ``toml``, ``cpp``: to be read.
 
@@ -27,6 +30,7 @@ from typing import NamedTuple
 import pytest
 
 import btcore
+from btcore import builds
 
 ROOT = Path(__file__).parent.parent.parent
 HOME = Path(btcore.__file__).parent.parent
@@ -43,6 +47,10 @@ NEEDS = {
     "recording": ("zmq", "msgpack", "rerun"),
     "protocols": ("zmq", "msgpack"),
     "security": ("zmq", "msgpack"),
+    "add_a_node": (*BOOK_NEEDS, "zmq", "msgpack"),
+    "add_a_wire_message": ("zmq", "msgpack"),
+    "add_a_robot": BOOK_NEEDS,
+    "add_a_world": BOOK_NEEDS,
     "your_robot": ("numpy", "cv2", "scipy", "yaml", "zmq", "msgpack"),
     "mapping": BOOK_NEEDS,
     "navigation": BOOK_NEEDS,
@@ -51,8 +59,10 @@ NEEDS = {
     "type_checkers": ("mypy",),
 }
 FENCE = re.compile(r"( *)(`{3,}|~{3,}) *(.*?) *$")
-FILE = re.compile(r"(python|xml|json|yaml) ([\w.]+\.(?:py|xml|json|yaml))")
-KINDS = re.compile(r"python|console|text|toml|cpp|xml [EWC]\d{3}|[a-z]+ unrun: .{8,}")
+FILE = re.compile(r"(python|xml|json|yaml) ([\w.]+\.(?:py|xml|urdf|json|yaml))")
+# What a page with changes of the repository may change, import or test.
+COPIED = ("btcore", "docs", "monitor", "robot_nodes", "sim", "tests", "trees", "pyproject.toml")
+KINDS = re.compile(r"python|console|diff|text|toml|cpp|xml [EWC]\d{3}|[a-z]+ unrun: .{8,}")
 
 
 class Block(NamedTuple):
@@ -115,6 +125,34 @@ def commands(page: str) -> list[tuple[int, str, str]]:
     return found
 
 
+def changes(page: str) -> list[str]:
+    """Return the patches in *page*, one per file of the repository."""
+    return [block.text for block in blocks(page) if block.info == "diff"]
+
+
+def patch_copy(patches: list[str], folder: Path) -> None:
+    """Copy the sources of the repository to *folder*, and apply *patches* to the copy."""
+    for name in COPIED:
+        if (ROOT / name).is_dir():
+            unused = shutil.ignore_patterns("*.so", "*.pyd", "*.png", ".*")
+            shutil.copytree(ROOT / name, folder / name, ignore=unused)
+        else:
+            shutil.copy(ROOT / name, folder)
+    # Without this variable git would look for a repository in the folders above.
+    apart = {**os.environ, "GIT_CEILING_DIRECTORIES": str(folder.parent.resolve())}
+    for patch in patches:
+        done = subprocess.run(
+            ["git", "apply", "-p0", "--recount", "-"],
+            cwd=folder,
+            env=apart,
+            input=patch,
+            capture_output=True,
+            encoding="utf-8",
+            check=False,
+        )
+        assert done.returncode == 0, f"a change of the page cannot be applied:\n{done.stderr}\n{patch}"
+
+
 def output_matches(shown: str, output: str) -> bool:
     """Whether *output* is *shown*, in which … matches any text, and alone on a line any lines."""
     lines = [
@@ -125,18 +163,22 @@ def output_matches(shown: str, output: str) -> bool:
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """The variables of a program or a command: this build of btcore, and its command."""
+    """The variables of a program or a command: this build of btcore, or the patched copy, and its command."""
     tools = folder / "tools"
     tools.mkdir(exist_ok=True)
     for name, module in (("btcore", "-m btcore"), ("python", "")):
         (tools / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {module} "$@"\n', encoding="utf-8")
         (tools / name).chmod(0o755)
+    copy = folder / "empty"
+    patched = (copy / "btcore").is_dir()
+    root = copy if patched else ROOT
+    sources = [copy if patched else HOME, *(root / part for part in ("", "monitor", "robot_nodes", "sim"))]
     return {
         **os.environ,
         # Unbuffered, the output on stdout and stderr is interleaved as in a terminal.
         "PYTHONUNBUFFERED": "1",
         "PATH": os.pathsep.join([str(tools), os.environ["PATH"]]),
-        "PYTHONPATH": os.pathsep.join([str(HOME), str(ROOT)]),
+        "PYTHONPATH": os.pathsep.join(map(str, sources)),
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
         "PYTHONWARNINGS": "error",
         "NO_COLOR": "1",
@@ -152,6 +194,8 @@ def run(page: str, name: str, folder: Path) -> subprocess.CompletedProcess[str]:
     script.write_text(source, encoding="utf-8")
     empty = folder / "empty"
     empty.mkdir()
+    if patches := changes(page):
+        patch_copy(patches, empty)
     for file, texts in files(page).items():
         (empty / file).write_text(texts[0], encoding="utf-8")
     by_pytest = [
@@ -205,6 +249,8 @@ def test_the_examples_of_a_page_run(page: Path, tmp_path: Path) -> None:
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} is not installed")
     text = page.read_text(encoding="utf-8")
+    if changes(text) and builds.active_build() == "compiled":
+        pytest.skip("the patched copy is not compiled; the tests of the pure build run it")
     done = run(text, page.stem, tmp_path)
     assert done.returncode == 0, f"{page}\n{done.stdout}\n{done.stderr}"
     wrong = run_commands(text, tmp_path)
@@ -325,3 +371,33 @@ def test_tests_in_a_page_are_run_with_the_fixtures_of_btcore(tmp_path: Path) -> 
     assert "1 passed" in run(page.format(0), "good", tmp_path).stdout
     shutil.rmtree(tmp_path / "empty")
     assert "1 failed" in run(page.format(1), "bad", tmp_path).stdout
+
+
+DIFF = """\
+```diff
+--- btcore/status.py
++++ btcore/status.py
+@@ -1,2 +1,2 @@
+-{}
++CHANGED = True
+
+```
+"""
+
+
+def test_changes_are_applied_to_a_copy_of_the_repository(tmp_path: Path) -> None:
+    source = ROOT / "btcore" / "status.py"
+    before = source.read_text(encoding="utf-8")
+    page = DIFF.format(before.splitlines()[0])
+    page += "```python\nfrom btcore.status import CHANGED\nprint(CHANGED)\n```\n"
+    page += "```console\n$ head -n 1 btcore/status.py\nCHANGED = True\n```\n"
+    done = run(page, "page", tmp_path)
+    assert (done.stdout, done.stderr) == ("True\n", "")
+    assert run_commands(page, tmp_path) == []
+    assert unknown(page) == []
+    assert source.read_text(encoding="utf-8") == before
+
+
+def test_changes_that_do_not_fit_the_repository_fail(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=r"btcore/status\.py: patch does not apply"):
+        run(DIFF.format("Something else."), "page", tmp_path)
