@@ -245,10 +245,12 @@ class ConversionError(BtcoreError, ValueError):
 
 
 class ScriptError(BtcoreError):
-    """A script cannot be parsed or run; *column* counts characters in *text* from 1 (0 = unknown).
+    """A script cannot be parsed or run.
 
     Attributes:
         message: The description of the error, without the script.
+        text: The script.
+        column: The place of the error in *text*, counted in characters from 1; 0 = unknown.
         width: The number of invalid characters.
 
     Examples:

@@ -9,9 +9,10 @@ from btcore.status import IDLE, Status
 
 
 class Step(NamedTuple):
-    """A transition for comparisons: time *since* the first transition of the run (ns), path, statuses.
+    """A transition, for comparisons.
 
     Attributes:
+        since: The time (ns) since the first transition of the run.
         path: The path of the node.
         previous: The status before the transition.
         status: The status after the transition.

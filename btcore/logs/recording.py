@@ -21,9 +21,10 @@ _TYPES: Final[dict[str, NodeType]] = {
 
 
 class LoggedTransition(NamedTuple):
-    """A change of a node's status; *stamp* is in ns since 1970 (log files have a resolution of 1 µs).
+    """A change of a node's status.
 
     Attributes:
+        stamp: The time (ns since 1970); log files have a resolution of 1 µs.
         uid: The number of the node.
         previous: The status before the change.
         status: The status after the change.

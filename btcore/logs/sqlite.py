@@ -276,10 +276,11 @@ class ExtraDataCollector(Observer):
 
 
 class Session(NamedTuple):
-    """A run in a database; *date* is its start in local time (`2026-01-31 12:00:00`).
+    """A run in a database.
 
     Attributes:
         number: The number of the session in the database, from 1.
+        date: The start of the run in local time (`2026-01-31 12:00:00`).
         transitions: The number of transitions.
     """
 

@@ -70,6 +70,7 @@ class PlanAction(StatefulAction):
     `halted` are recorded.
 
     Attributes:
+        plan: The segments.
         journal: The log of the calls.
         starts: The number of starts.
         segment: The results of the current start.
@@ -125,6 +126,7 @@ class PlanCondition(Condition):
     """A condition that returns the results of `plan` in turn, and repeats them. `tick` is recorded.
 
     Attributes:
+        plan: The letters of the results.
         journal: The log of the calls.
         ticks: The number of ticks.
 
@@ -158,6 +160,7 @@ class PlanSync(SyncAction):
     """An action that returns the results of `plan` in turn, and repeats them. `tick` is recorded.
 
     Attributes:
+        plan: The letters of the results.
         journal: The log of the calls.
         ticks: The number of ticks.
 

@@ -16,9 +16,10 @@ from btcore.tree.tree import Tree
 
 @dataclass(frozen=True, slots=True)
 class StatusChange:
-    """A change of the stored status of the node at *path*.
+    """A change of the stored status of a node.
 
     Attributes:
+        path: The path of the node.
         previous: The status before the change.
         status: The status after the change.
     """
@@ -117,6 +118,7 @@ class Trace(Observer):
     """Records the steps of *tree* from now on, in order: `trace[-1]` is the last step.
 
     Attributes:
+        tree: The tree.
         steps: The steps so far.
         unsubscribe: Ends the recording.
 

@@ -146,16 +146,18 @@ SCENE_CHANNEL: Final = DataSource("btcore's scene channel")
 
 @dataclass(frozen=True, slots=True)
 class TreeSeen:
-    """The tree of a robot, which precedes all data about the tree. A new tree causes a new event.
+    """The tree of a robot, which precedes all data about the tree.
 
-    *statuses* maps every uid to its status at that moment. *numbered* is true if the robot numbers the
-    transitions, so that gaps are visible. *source* describes unavailable data. A second event with the same
-    tree ID means that the transitions between the two events are unknown.
+    A new tree causes a new event. A second event with the same tree ID means that the transitions between the
+    two events are unknown.
 
     Attributes:
         tree: The tree.
         t: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
+        statuses: The status of every uid at that moment.
+        numbered: Whether the robot numbers the transitions, so that gaps are visible.
+        source: The source of the data, which describes unavailable data.
     """
 
     tree: ObservedTree
@@ -168,14 +170,16 @@ class TreeSeen:
 
 @dataclass(frozen=True, slots=True)
 class StatusChanged:
-    """The status of the node *uid* changed from *previous* to *status*.
-
-    *number* counts the transitions of a tree from 1. *tick* is the number of the root's tick, or 0 if the
-    robot does not send it.
+    """The status of a node changed.
 
     Attributes:
+        number: The number of the transition in the tree, from 1.
         t: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
+        tick: The number of the root's tick, or 0 if the robot does not send it.
+        uid: The node.
+        previous: The status before the change.
+        status: The status after the change.
     """
 
     number: int
@@ -189,11 +193,13 @@ class StatusChanged:
 
 @dataclass(frozen=True, slots=True)
 class Ticked:
-    """The root was ticked for the *tick*-th time; it took *duration_ns* of wall time.
+    """The root was ticked.
 
     Attributes:
+        tick: The number of the tick, from 1.
         t: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
+        duration_ns: The duration of the tick (ns of wall time).
         status: The number of the root's status.
     """
 
@@ -247,11 +253,13 @@ class SceneMoving:
 
 @dataclass(frozen=True, slots=True)
 class ExceptionRaised:
-    """The node at *path* raised an exception. *message* is the whole error message.
+    """A node raised an exception.
 
     Attributes:
         t: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
+        path: The path of the node.
+        message: The whole error message.
     """
 
     t: int
@@ -270,13 +278,16 @@ class TransitionsLost:
 
 @dataclass(frozen=True, slots=True)
 class DataMissed:
-    """An unknown amount of data of *topic* was missed between the tree's times *since* and *t* (ns).
+    """An unknown amount of data was missed.
 
-    This event is for robots without transition numbers; for others see `TransitionsLost`. *reason* is
-    a phrase for users.
+    This event is for robots without transition numbers; for others see `TransitionsLost`.
 
     Attributes:
+        t: The end of the gap (ns of the tree's time).
         wall: The wall-clock time (ns since the epoch).
+        since: The beginning of the gap (ns of the tree's time).
+        topic: The kind of the missing data.
+        reason: A phrase for users.
     """
 
     t: int
@@ -288,11 +299,12 @@ class DataMissed:
 
 @dataclass(frozen=True, slots=True)
 class HooksFound:
-    """The robot has hooks of other clients, which may stop its tree. *warning* is a text for users.
+    """The robot has hooks of other clients, which may stop its tree.
 
     Attributes:
         t: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
+        warning: A text for users.
     """
 
     t: int
@@ -302,10 +314,11 @@ class HooksFound:
 
 @dataclass(frozen=True, slots=True)
 class ConnectionChanged:
-    """A change of the connection to the robot. *detail* is a description for users.
+    """A change of the connection to the robot.
 
     Attributes:
         state: The new state.
+        detail: A description for users.
     """
 
     state: ConnectionState

@@ -49,9 +49,11 @@ def float32(values: Iterable[float]) -> bytes:
 
 
 class Frame(NamedTuple):
-    """The pose of the frame *child* in the frame *parent*.
+    """The pose of a frame in another frame.
 
     Attributes:
+        child: The frame.
+        parent: The frame in which the pose is given.
         position: The origin of *child* in *parent* (m).
         quaternion: The rotation (x, y, z, w).
     """
@@ -64,13 +66,15 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape:
-    """A solid body. *position* (of its centre) and *quaternion* (its rotation) are in *frame*.
-
-    Without *color* the body is grey.
+    """A solid body.
 
     Attributes:
         name: A label, or None.
+        frame: The frame of *position* and *quaternion*; None = the root frame.
         kind: The kind of the body: box, cylinder or sphere.
+        position: The centre of the body (m).
+        quaternion: The rotation (x, y, z, w).
+        color: The colour (RGBA); None = grey.
     """
 
     name: str | None = None
@@ -91,10 +95,12 @@ class Box(Shape):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cylinder(Shape):
-    """A cylinder of *length* along its z axis.
+    """A cylinder along its z axis.
 
     Attributes:
+        kind: Always `cylinder`.
         radius: The radius (m).
+        length: The length (m).
     """
 
     kind: Literal["cylinder"] = field(default="cylinder", init=False)
@@ -119,6 +125,7 @@ class Laser:
     """A planar laser. Ray i points in the direction `angle_min + i * angle_increment` in *frame*.
 
     Attributes:
+        frame: The frame of the laser.
         angle_min: The angle of the first ray (rad).
         angle_increment: The angle between two rays (rad).
         range_min: The smallest range (m), if known.
@@ -149,11 +156,12 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Area:
-    """A rectangle on the floor to keep out of; *corners* are xmin, ymin, xmax, ymax.
+    """A rectangle on the floor to keep out of.
 
     Attributes:
         name: The label.
         frame: The frame of *corners*; None = the root frame.
+        corners: xmin, ymin, xmax and ymax (m).
     """
 
     name: str
@@ -163,13 +171,14 @@ class Area:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """A pinhole camera; *frame* has z ahead, x right, y down.
-
-    *focal* (fx, fy) and *center* (cx, cy) are in pixels; the default center is the middle of the picture.
+    """A pinhole camera.
 
     Attributes:
         name: The name of the camera, which its pictures refer to.
+        frame: The optical frame: z ahead, x right, y down.
         size: Width and height of the picture (pixels).
+        focal: The focal lengths fx and fy (pixels).
+        center: The optical centre cx, cy (pixels); None = the middle of the picture.
     """
 
     name: str
@@ -183,14 +192,16 @@ class Camera:
 class Grid:
     """Cells on the floor. A grid replaces the earlier grid of the same *name*.
 
-    *cells* has shape (rows, columns), the row with the lowest y first. The cells of an `occupancy` grid are
-    int8: -1 is unknown, 0 free, 100 occupied. The cells of a `costs` grid are uint8: Nav2's costs of 0–255.
-    *origin* is the lower left corner (x, y), *resolution* the edge length of a cell.
-
     Attributes:
-        kind: The meaning of the cells.
+        name: The name of the grid.
+        kind: `occupancy` or `costs`.
         frame: The frame of the grid; None = the root frame.
+        resolution: The edge length of a cell (m).
+        origin: The lower left corner (x, y; m).
         size: The number of columns and rows.
+        cells: The cells with shape (rows, columns), the row with the lowest y first. The cells of an
+            `occupancy` grid are int8: -1 is unknown, 0 free, 100 occupied. The cells of a `costs` grid are
+            uint8: Nav2's costs of 0–255.
     """
 
     name: str
@@ -204,10 +215,11 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scan:
-    """A sweep of the laser: a range (m) for each ray, +inf without an echo. The default *stamp* is now.
+    """A sweep of the laser.
 
     Attributes:
-        ranges: The ranges of the rays (m).
+        stamp: The time of the scan (ns); None = now.
+        ranges: The range of each ray (m); +inf = no echo.
     """
 
     stamp: int | None = None
@@ -216,13 +228,14 @@ class Scan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Poses:
-    """Poses on the floor. They replace the earlier poses of the same *name*; empty *rows* remove them.
-
-    *rows* are x, y and yaw of each pose. *kind* selects the drawing: the points of a path, a cloud of
-    particles, goals, the robot's estimated pose, or its pose by odometry alone.
+    """Poses on the floor. They replace the earlier poses of the same *name*.
 
     Attributes:
+        name: The name of the poses.
+        kind: The drawing: the points of a path, a cloud of particles, goals, the robot's estimated pose, or
+            its pose by odometry alone.
         frame: The frame of the poses; None = the root frame.
+        rows: x, y and yaw of each pose; empty = remove the poses.
     """
 
     name: str
@@ -233,11 +246,13 @@ class Poses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arrow:
-    """An arrow from *start* to *end*.
+    """An arrow.
 
     Attributes:
         name: The name of the arrow.
         frame: The frame of the points; None = the root frame.
+        start: The tail (m).
+        end: The tip (m).
         color: The colour (RGBA); None = the viewer's default.
     """
 
@@ -250,11 +265,13 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundingBox:
-    """The box around an object: *position* of the box's centre, and its full edge lengths *size*.
+    """The box around an object.
 
     Attributes:
         name: The label.
         frame: The frame of the box; None = the root frame.
+        position: The centre (m).
+        size: The full edge lengths (m).
         quaternion: The rotation (x, y, z, w); None = not rotated.
         color: The colour (RGBA); None = the viewer's default.
     """
@@ -271,12 +288,12 @@ class BoundingBox:
 class Picture:
     """A camera's picture. It replaces the earlier picture of the same *name*.
 
-    *data* is a JPEG file, or for `rgb8` uint8 of shape (height, width, 3).
-
     Attributes:
+        name: The name of the camera.
         stamp: The time of the picture (ns); None = now.
         size: Width and height (pixels).
         format: The encoding of *data*.
+        data: A JPEG file, or for `rgb8` uint8 of shape (height, width, 3).
     """
 
     name: str
@@ -288,12 +305,13 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detection:
-    """An object that was detected in the picture named *picture*.
-
-    *name* is the label of the object; *box* is left, top, width and height in pixels.
+    """An object that was detected in a picture.
 
     Attributes:
+        picture: The name of the picture.
+        name: The label of the object.
         stamp: The time of the detection (ns); None = now.
+        box: Left, top, width and height (pixels).
     """
 
     picture: str
@@ -304,19 +322,19 @@ class Detection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StaticScene:
-    """The part of a scene that does not change. *frame* is the root of all frames (by default `map`).
-
-    If *battery* (percent) is given, the viewer shows a plot of the battery level. *extra* has further data,
-    which are sent unchanged.
+    """The part of a scene that does not change.
 
     Attributes:
+        frame: The root of all frames, by default `map`.
         parts: The bodies of the robot and of the world.
         laser: The laser, if the robot has one.
         places: Named points, such as waypoints.
         footprint_radius: The radius (m) of the robot's footprint.
+        battery: The level of the battery (percent); if it is given, the viewer shows a plot of the level.
         cameras: The cameras.
         grids: Maps and costmaps.
         areas: Areas to keep out of.
+        extra: Further data, which are sent unchanged.
     """
 
     frame: str | None = None
@@ -335,18 +353,22 @@ class StaticScene:
 class MovingScene:
     """The part of a scene that moved or changed. Missing fields stay unchanged.
 
-    *arrows*, *boxes* and *detections* are complete: the viewer removes objects that they do not contain, and
-    None changes nothing. *velocity* is in m/s and rad/s, *battery* in percent. *collisions* and *grazes*
-    count the robot's contacts since the start of the run. *notes* are Markdown texts by label. *extra* has
-    further data, which are sent unchanged.
-
     Attributes:
         stamp: The time (ns); None = now.
         frames: The frames that moved.
+        velocity: The forward velocity (m/s) and the turning velocity (rad/s).
+        battery: The level of the battery (percent).
+        collisions: The number of collisions since the start of the run.
+        grazes: The number of grazing contacts since the start of the run.
         scan: The newest scan.
         pictures: The newest pictures.
         grids: The grids that changed.
         poses: The poses that changed.
+        notes: Markdown texts by label.
+        arrows: All arrows: the viewer removes others. None = no change.
+        boxes: All boxes: the viewer removes others. None = no change.
+        detections: All detections: the viewer removes others. None = no change.
+        extra: Further data, which are sent unchanged.
     """
 
     stamp: int | None = None

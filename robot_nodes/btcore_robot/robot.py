@@ -140,14 +140,16 @@ class Odometry:
 class LaserScan:
     """A scan of a planar laser, as `sensor_msgs/LaserScan`.
 
-    *ranges* (m) has the shape `(n,)` and the type float32. The ray with index *i* points at the angle
-    `angle_min + i * angle_increment` (rad) in *frame*. By REP 117 a ray without an echo within *range_max*
-    (m) is `+inf`, and an echo nearer than *range_min* (m) is `-inf`; NaN does not occur. *stamp* is the
-    time (ns) of the measurement.
-
     Attributes:
+        ranges: The ranges (m), float32 of shape `(n,)`. The ray with index *i* points at the angle `angle_min
+            + i * angle_increment` in *frame*. By REP 117 a ray without an echo within *range_max* is `+inf`,
+            and an echo nearer than *range_min* is `-inf`; NaN does not occur.
+        stamp: The time (ns) of the measurement.
         angle_min: The angle of the first ray (rad).
         angle_increment: The angle between two rays (rad).
+        range_min: The smallest range that is measured (m).
+        range_max: The greatest range that is measured (m).
+        frame: The frame of the laser.
 
     Examples:
         >>> import numpy as np
@@ -195,12 +197,15 @@ class CameraImage:
 
 @dataclass(frozen=True, slots=True)
 class SonarReading:
-    """A reading of a sonar: the *range* (m) of the nearest object in a cone of *fov* (rad) along x.
-
-    A reading without an echo within *range_max* is `+inf`, an echo nearer than *range_min* is `-inf`.
-    *stamp* is the time (ns) of the measurement.
+    """A reading of a sonar.
 
     Attributes:
+        range: The distance (m) of the nearest object in the cone. A reading without an echo within
+            *range_max* is `+inf`, an echo nearer than *range_min* is `-inf`.
+        stamp: The time (ns) of the measurement.
+        fov: The full angle of the cone (rad), whose axis is x.
+        range_min: The smallest range that is measured (m).
+        range_max: The greatest range that is measured (m).
         frame: The frame of the sonar.
     """
 
@@ -273,13 +278,14 @@ class BaseInfo:
 
 @dataclass(frozen=True, slots=True)
 class HeadInfo:
-    """The limits of the head's joints (rad) and their maximum *speed* (rad/s); signs as in `HeadPosition`.
+    """The limits of the head's joints; signs as in `HeadPosition`.
 
     Attributes:
-        pan_min: The smallest angle of the pan joint.
-        pan_max: The greatest angle of the pan joint.
-        tilt_min: The smallest angle of the tilt joint.
-        tilt_max: The greatest angle of the tilt joint.
+        pan_min: The smallest angle of the pan joint (rad).
+        pan_max: The greatest angle of the pan joint (rad).
+        tilt_min: The smallest angle of the tilt joint (rad).
+        tilt_max: The greatest angle of the tilt joint (rad).
+        speed: The maximum speed of the joints (rad/s).
     """
 
     pan_min: float
@@ -312,11 +318,12 @@ class CameraInfo:
 
 @dataclass(frozen=True, slots=True)
 class TorsoInfo:
-    """The limits (m) of the height of a lifting torso, and its maximum *speed* (m/s).
+    """The limits of a lifting torso.
 
     Attributes:
-        lift_min: The lowest height.
-        lift_max: The greatest height.
+        lift_min: The lowest height (m).
+        lift_max: The greatest height (m).
+        speed: The maximum speed (m/s).
     """
 
     lift_min: float

@@ -54,10 +54,13 @@ _PARKED = -2.0  # m: the height, below the floor, of a box that has not dropped 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event at *time* (ns) or later; a box drops *distance* (m) ahead and *offset* (m) to the left.
+    """An event of a run.
 
     Attributes:
         kind: The kind of the event.
+        time: The earliest time (ns).
+        distance: The distance ahead (m) at which a box drops.
+        offset: The distance to the left (m) at which a box drops.
     """
 
     kind: str

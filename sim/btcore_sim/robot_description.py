@@ -22,13 +22,16 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Wheels:
-    """The two driven wheels: joint names, *radius* and *separation* (m), motor *torque* (N·m).
-
-    *ground* names the links that touch only the floor (wheels and casters), *sliding* those without friction.
+    """The two driven wheels.
 
     Attributes:
         left: The joint of the left wheel.
         right: The joint of the right wheel.
+        radius: The radius (m).
+        separation: The distance between the wheels (m).
+        torque: The greatest torque of a motor (N·m).
+        ground: The links that touch only the floor (wheels and casters).
+        sliding: The links without friction.
     """
 
     left: str
@@ -68,12 +71,13 @@ class CameraMount:
 
 @dataclass(frozen=True, slots=True)
 class HeadJoints:
-    """The names of the joints that turn the head, and the greatest *torque* (N·m) of each motor.
+    """The joints that turn the head.
 
     Attributes:
         facts: The limits of the joints.
         pan: The joint that turns the head to the left and right.
         tilt: The joint that turns the head up and down.
+        torque: The greatest torque of each motor (N·m).
     """
 
     facts: HeadInfo
@@ -84,11 +88,12 @@ class HeadJoints:
 
 @dataclass(frozen=True, slots=True)
 class TorsoJoint:
-    """The name of the joint that lifts the torso, and the greatest *force* (N) of its motor.
+    """The joint that lifts the torso.
 
     Attributes:
         facts: The limits of the joint.
         joint: The name of the joint.
+        force: The greatest force of its motor (N).
     """
 
     facts: TorsoInfo
@@ -98,10 +103,14 @@ class TorsoJoint:
 
 @dataclass(frozen=True, slots=True)
 class SonarMount:
-    """A sonar on *link* at *position* (m), facing *yaw* (rad); *fov* (rad) is the full angle of its cone.
+    """A sonar and its place.
 
     Attributes:
         frame: The name of the sonar's frame.
+        link: The link on which the sonar is mounted.
+        position: The position on the link (m).
+        yaw: The direction (rad).
+        fov: The full angle of the cone (rad).
         range_min: The smallest range (m).
         range_max: The greatest range (m).
     """
@@ -117,14 +126,14 @@ class SonarMount:
 
 @dataclass(frozen=True, slots=True)
 class OdometryFacts:
-    """The rate (Hz) and the errors of the odometry. The errors are fractions; 0 is perfect.
-
-    *scale_sigma* is the standard deviation of each wheel's scale (assumed radius divided by true radius),
-    which is drawn once per run. *slip* is the fraction by which the wheels measure more turning than the base
-    makes, and *slip_sigma* is its standard deviation between readings.
+    """The rate and the errors of the odometry. The errors are fractions; 0 is perfect.
 
     Attributes:
         rate: The number of readings per second.
+        scale_sigma: The standard deviation of each wheel's scale (assumed radius divided by true radius),
+            which is drawn once per run.
+        slip: The fraction by which the wheels measure more turning than the base makes.
+        slip_sigma: The standard deviation of *slip* between readings.
     """
 
     rate: float
@@ -135,10 +144,13 @@ class OdometryFacts:
 
 @dataclass(frozen=True, slots=True)
 class FixedFrame:
-    """A frame fixed in *parent* at *position* (m), turned by *rpy* (roll, pitch and yaw, rad).
+    """A frame fixed in another frame.
 
     Attributes:
         name: The name of the frame.
+        parent: The other frame.
+        position: The position (m).
+        rpy: Roll, pitch and yaw (rad).
     """
 
     name: str
@@ -149,10 +161,13 @@ class FixedFrame:
 
 @dataclass(frozen=True, slots=True)
 class HeldJoint:
-    """A joint held at *position* (m or rad) with at most *force* (N or N·m) and *speed* (m/s or rad/s).
+    """A joint that is held at a position.
 
     Attributes:
         joint: The name of the joint.
+        position: The position (m or rad).
+        force: The greatest force (N or N·m).
+        speed: The greatest speed (m/s or rad/s).
     """
 
     joint: str
@@ -163,11 +178,12 @@ class HeldJoint:
 
 @dataclass(frozen=True, slots=True)
 class RobotDescription:
-    """The description of a robot. *height* (m) is the height of the base link above the floor.
+    """The description of a robot.
 
     Attributes:
         name: The name of the robot.
         urdf: The URDF file.
+        height: The height of the base link above the floor (m).
         wheels: The driven wheels.
         base: The limits of the base.
         odometry: The errors of the odometry.

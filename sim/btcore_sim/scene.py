@@ -49,14 +49,17 @@ _ORDER = "x and y from, then x and y to, and 'to' has to be greater"
 class SceneObject:
     """An upright box or cylinder.
 
-    *size* is the full extent (m) along the object's own x, y and z; a cylinder's first two values are its
-    diameter. *position* (m) is the middle of the underside, *mass* (kg) is 0 for an object that cannot be
-    pushed, *color* is RGBA (0–255). If *is_kinematic* is set, `World.move_kinematic_body` moves the object
-    (for example a person), and *position* and *yaw* are its initial pose.
-
     Attributes:
         name: The name of the object.
         kind: `box` or `cylinder`.
+        size: The full extent (m) along the object's own x, y and z; a cylinder's first two values are its
+            diameter.
+        position: The middle of the underside (m).
+        yaw: The heading (rad).
+        mass: The mass (kg); 0 = the object cannot be pushed.
+        color: The colour (RGBA, 0–255).
+        is_kinematic: Whether `World.move_kinematic_body` moves the object, for example a person; *position*
+            and *yaw* are then its initial pose.
     """
 
     name: str
@@ -109,16 +112,19 @@ class SceneObject:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """The description of a world: its objects (*things*), and the rule for the start pose.
-
-    The robot starts at *pose*. If *pose* is None, the start pose is drawn in *area*, with at least
-    *clearance* (m) between the robot's footprint and any object. *waypoints* maps names to positions x, y
-    (m). *floor* is the colour of the floor. *keepout* lists areas that robots must not enter. *physics_rate*
-    (Hz) is the rate of the physics steps.
+    """The description of a world: its objects, and the rule for the start pose.
 
     Attributes:
         name: The name of the world.
         description: A short description for listings.
+        things: The objects.
+        area: The area in which the start pose is drawn if *pose* is None.
+        clearance: The least distance (m) between the robot's footprint and any object at a drawn start pose.
+        pose: The start pose, or None.
+        floor: The colour of the floor (RGBA).
+        waypoints: The positions x, y (m) of the waypoints by name.
+        keepout: The areas that robots must not enter.
+        physics_rate: The rate of the physics steps (Hz).
     """
 
     name: str

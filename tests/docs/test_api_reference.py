@@ -138,6 +138,20 @@ def test_every_attribute_is_explained() -> None:
     assert [path for path, it in ATTRIBUTES if not is_explained(it)] == []
 
 
+def test_sections_of_attributes_are_complete() -> None:
+    missing = []
+    for path, it in ATTRIBUTES:
+        described = {
+            entry.name for kind in ("attributes", "parameters") for entry in sections(it.parent, kind)
+        }
+        has_section = any(True for _ in sections(it.parent, "attributes"))
+        inherited = it.parent.is_class and any(explains(base, it.name) for base in bases(it.parent))
+        elsewhere = it.docstring is not None or inherited or (it.parent.is_class and bool(overridden(it)))
+        if has_section and not elsewhere and it.name not in described and not is_run_only(it.parent):
+            missing.append(path)
+    assert missing == []
+
+
 def test_docstrings_list_the_parameters() -> None:
     missing = []
     for path, it in FUNCTIONS:

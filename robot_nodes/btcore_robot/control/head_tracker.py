@@ -123,6 +123,7 @@ class HeadTracker(LifecycleComponent):
 
     Attributes:
         robot: The robot.
+        colours: The colours of the objects.
         tuning: The tuning of the tracker.
     """
 

@@ -38,9 +38,11 @@ _CLOSE_ENOUGH = 1e-6  # rad or m: Nav2's value
 
 @dataclass(frozen=True, slots=True)
 class SpinGoal:
-    """Turn on the spot by *dist* (rad, + to the left). *time_allowance* is in s; 0 means no limit.
+    """Turn on the spot.
 
     Attributes:
+        dist: The angle (rad, + to the left).
+        time_allowance: The time limit (s); 0 = no limit.
         disable_collision_checks: Whether to turn even if the robot would touch an obstacle.
     """
 

@@ -59,6 +59,7 @@ class FollowPathGoal:
     The ids name Nav2's plug-ins; the controller ignores them, because it has a single plug-in of each kind.
 
     Attributes:
+        path: The path.
         controller_id: Ignored.
         goal_checker_id: Ignored.
         progress_checker_id: Ignored.
@@ -74,13 +75,14 @@ class FollowPathGoal:
 
 @dataclass(frozen=True, slots=True)
 class FollowPathFeedback:
-    """The remaining distance (m), the commanded *speed* (m/s) and the errors of position and heading.
-
-    *position_error* (m) is positive if the robot is to the left of the path. *heading_error* (rad) is
-    positive if the robot is turned to the left of the path's direction.
+    """The progress along a path.
 
     Attributes:
         distance_to_goal: The remaining distance (m).
+        speed: The commanded speed (m/s).
+        position_error: The distance from the path (m); positive if the robot is to the left of the path.
+        heading_error: The error of the heading (rad); positive if the robot is turned to the left of the
+            path's direction.
     """
 
     distance_to_goal: float = 0.0
@@ -183,6 +185,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         local_costmap: The costmap for collision checks.
 
     Attributes:
+        name: The name of the action.
         parameters: The parameters of the controller.
     """
 

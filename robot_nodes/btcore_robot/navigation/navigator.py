@@ -40,11 +40,13 @@ class NavigateGoal:
 
 @dataclass(frozen=True, slots=True)
 class NavigateFeedback:
-    """The progress of a goal: *navigation_time* in s, *distance_remaining* in m along the path.
+    """The progress of a goal.
 
     Attributes:
         current_pose: The estimated pose in the frame `map`, or None.
+        navigation_time: The time since the start (s).
         number_of_recoveries: The number of recoveries so far.
+        distance_remaining: The remaining distance along the path (m).
         number_of_poses_remaining: The number of poses of the goal that are not yet reached.
     """
 

@@ -225,12 +225,13 @@ def _position(pose: Pose2D) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ComputePathGoal:
-    """A request for a path through *goals* (map) from *start*, or from the robot's pose.
-
-    *through* stands for a request of ComputePathThroughPoses, which has error codes of its own.
+    """A request for a path.
 
     Attributes:
+        goals: The poses to pass, in the frame `map`.
+        start: The start of the path; None = the robot's pose.
         planner_id: The name of the planner's plug-in; "" = the default.
+        through: Whether the goal is a request of ComputePathThroughPoses, which has error codes of its own.
     """
 
     goals: tuple[Pose2D, ...]
@@ -247,7 +248,9 @@ class PlannerServer(ActionServer[ComputePathGoal, None, NavPath]):
     """The server of `ComputePathGoal`. It plans within a step, once *pose* returns a pose instead of None.
 
     Attributes:
+        name: The name of the action.
         planner: The planner.
+        pose: A function that returns the robot's pose, or None while the pose is unknown.
     """
 
     name = "compute_path"

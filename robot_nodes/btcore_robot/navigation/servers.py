@@ -54,10 +54,6 @@ class PoseSource(Protocol):
 class Servers:
     """The servers on the schedule of a robot.
 
-    *goal_tolerance* (m) is the distance at which GoalReached succeeds. *topics* stands in for ROS topics that
-    no sensor provides: it maps the name of a topic to the newest message, for instance the name of the
-    planner that PlannerSelector chooses, or the moved goal of GoalUpdater.
-
     Attributes:
         robot: The robot.
         transforms: The transform tree.
@@ -70,6 +66,9 @@ class Servers:
         back_up: The server of `BackUpGoal`.
         drive_on_heading: The server of `DriveOnHeadingGoal`.
         wait: The server of `WaitGoal`.
+        goal_tolerance: The distance (m) at which GoalReached succeeds.
+        topics: The newest message by name of the topic, for ROS topics that no sensor provides: for instance
+            the name of the planner that PlannerSelector chooses, or the moved goal of GoalUpdater.
         navigators: The servers of the navigators by name.
     """
 

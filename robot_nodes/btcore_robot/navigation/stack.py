@@ -67,6 +67,8 @@ class Navigation:
     contains the default trees.
 
     Attributes:
+        robot: The robot.
+        map: The map.
         parameters: The parameters of all servers.
         transforms: The transform tree, which contains the frame `map`.
         localiser: The estimator of the robot's pose.

@@ -127,6 +127,9 @@ class ObjectLocator(LifecycleComponent):
 
     Attributes:
         robot: The robot.
+        transforms: The transform tree.
+        frame: The frame of the results.
+        colours: The colours of the objects.
     """
 
     def __init__(

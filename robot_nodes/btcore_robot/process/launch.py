@@ -42,13 +42,15 @@ class LaunchError(RobotError):
 
 @dataclass(frozen=True, slots=True)
 class LaunchEntry:
-    """A program to start; *file* and *line* are its place in the launch file.
+    """A program to start.
 
     Attributes:
         program: The name of the program.
         name: The name of the process; None = the program's default.
         remap: The replaced topic names.
         parameters: The parameters, later values override earlier values.
+        file: The launch file.
+        line: The line in the launch file.
     """
 
     program: str

@@ -101,6 +101,7 @@ class Process:
     *options* may override.
 
     Attributes:
+        name: The name that *options* contains, or else the default name.
         context: The resources that the process shares with other processes.
         parameters: The parameters of the process.
         subscriptions: The subscriptions, in order of creation.

@@ -24,6 +24,7 @@ class Subscription(Generic[Message]):
     Attributes:
         topic: The topic.
         callback: The function that is called with each message.
+        lost: The number of dropped messages.
     """
 
     def __init__(
@@ -89,10 +90,11 @@ class Topic(Generic[Message]):
 
 
 class Publisher(Generic[Message]):
-    """A publisher on a topic. If it is *latched*, its last message is kept for later subscriptions.
+    """A publisher on a topic.
 
     Attributes:
         topic: The topic.
+        latched: Whether the last message is kept for later subscriptions.
     """
 
     def __init__(self, topic: Topic[Message], latched: bool) -> None:
