@@ -21,9 +21,11 @@ NS_PER_S: Final = 1_000_000_000
 class Clock(Protocol):
     """The interface of a clock.
 
+    Every object with these methods is a clock. A class cannot inherit from `Clock` in the compiled build.
+
     Examples:
         >>> import btcore
-        >>> class Ticks(btcore.Clock):
+        >>> class Ticks:
         ...     def __init__(self):
         ...         self.time = 0
         ...     def now(self):
