@@ -227,11 +227,15 @@ def main(arguments: list[str]) -> int:
     tests = all_tests_of(chosen)
     failed = []
     # mypy runs while the tests do.
-    mypy = subprocess.Popen([tool("mypy")], cwd=ROOT, stdout=subprocess.PIPE, text=True) if sources else None
+    mypy = (
+        subprocess.Popen([sys.executable, "-m", "mypy"], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        if sources
+        else None
+    )
     if python:
         print(f"· style of {counted(python, 'Python file')}")
         for command in (["check", "--quiet"], ["format", "--check"]):
-            if run([tool("ruff"), *command, *python]) != 0:
+            if run([sys.executable, "-m", "ruff", *command, *python]) != 0:
                 failed.append(f"style (`ruff {command[0]}`)")
     else:
         print("· style: skipped, no Python file")
@@ -264,11 +268,6 @@ def main(arguments: list[str]) -> int:
 def counted(items: list[str], noun: str) -> str:
     """Return the number of *items* with *noun*."""
     return f"{len(items)} {noun}{'s' * (len(items) != 1)}"
-
-
-def tool(name: str) -> str:
-    """Return the path of a program that is installed beside Python."""
-    return str(Path(sys.executable).with_name(name))
 
 
 def run(command: list[str], environment: dict[str, str] | None = None) -> int:
