@@ -82,7 +82,8 @@ class NodeLibraries:
         if not any(diagnostic.code == UNKNOWN_NODE for diagnostic in diagnostics):
             return []
         return [
-            f"the node library '{library.name}' cannot be loaded: {library.remedy}" for library in self.absent
+            f"the node library '{library.name}', which may provide a node, cannot be loaded: {library.remedy}"
+            for library in self.absent
         ]
 
 
