@@ -174,7 +174,7 @@ class Navigation:
         return self._outcomes
 
     def scene_static(self) -> StaticScene:
-        """Return the map and its keepout areas."""
+        """Return the map and its keep-out areas."""
         return self._scene.static()
 
     def scene_moving(self) -> MovingScene:
