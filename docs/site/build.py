@@ -28,6 +28,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 # Pages of the repository's root folder, where GitHub expects them. README.md is the entrance on GitHub.
 ROOT_PAGES = sorted(set(ROOT.glob("*.md")) - {ROOT / "README.md"})
 FENCE = re.compile(r"^( *(?:`{3,}|~{3,}) *)(\w+) +(.*)$", re.MULTILINE)
+EMPTY_BLOCK = re.compile(r"^```\w.*\n```\n", re.MULTILINE)
 FILE_NAME = re.compile(r"[\w.]+\.\w+")
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:)([^)#\s]+)")
 
@@ -44,8 +45,11 @@ def copy_pages(pages: Path) -> None:
 
 
 def for_site(page: Path) -> str:
-    """Return the text of *page* as Zensical expects it: its links, and the words after its fences."""
-    return FENCE.sub(with_title, with_site_links(page))
+    """Return the text of *page* as Zensical expects it: its links, and the words after its fences.
+
+    A block without text, such as the example of an empty document, is only for the tests.
+    """
+    return FENCE.sub(with_title, EMPTY_BLOCK.sub("", with_site_links(page)))
 
 
 def with_title(fence: re.Match[str]) -> str:

@@ -51,6 +51,12 @@ def test_fences_of_the_site_have_no_notes_for_tests_and_file_names_are_titles() 
     )
 
 
+def test_blocks_without_text_are_not_shown(tmp_path: Path) -> None:
+    page = tmp_path / "page"
+    page.write_text("# E001\n\n```xml E001\n```\n\n```xml\n<a/>\n```\n", encoding="utf-8")
+    assert build.for_site(page) == "# E001\n\n\n```xml\n<a/>\n```\n"
+
+
 def test_links_to_other_files_of_the_repository_lead_to_the_repository() -> None:
     public_api = build.with_site_links(ROOT / "docs/reference/public_api.md")
     assert "(../CHANGELOG.md)" in public_api
