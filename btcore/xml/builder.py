@@ -70,7 +70,7 @@ def blackboard_key(name: str) -> str:
 
 
 class Builder:
-    """Creates NodeSpecs (specs) of registered nodes: `b.Sequence(…)`, or `b["Sequence"](…)`.
+    """Creates specs (`NodeSpec`) of registered nodes: `b.Sequence(…)`, or `b["Sequence"](…)`.
 
     Positional arguments are children; keywords are ports, `name`, `_skipIf` and other attributes.
     Values are converted to text. Append an underscore to names that are Python keywords (`if_`,
