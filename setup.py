@@ -38,6 +38,7 @@ COLD_FILES = {
     "btcore/builds.py",
     "btcore/bundled_trees.py",
     "btcore/diagnostic_codes.py",
+    "btcore/documentation_site.py",
     "btcore/errors.py",
     "btcore/escaping.py",
     "btcore/flatbuffer.py",

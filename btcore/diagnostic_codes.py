@@ -4,8 +4,9 @@ docs/reference/errors.md describes the codes; a test compares the page with this
 """
 
 import re
-from functools import cache
 from typing import Final, Literal
+
+from btcore.documentation_site import documentation_url
 
 Severity = Literal["error", "warning", "same meaning", "new meaning", "manual step"]
 """The severity of a problem (error, warning), or the effect of a change in a conversion to format 4."""
@@ -46,25 +47,9 @@ class DiagnosticCode(str):
 
         None if the documentation's address is unknown, because btcore is imported without being installed.
         """
-        site = documentation_site()
-        if site is None:
-            return None
         heading = f"{self} · {self.summary}".lower()
         anchor = re.sub(r"[^\w -]", "", heading).replace(" ", "-")
-        return f"{site}reference/errors.html#{anchor}"
-
-
-@cache
-def documentation_site() -> str | None:
-    """Return the documentation's address in the metadata of the installed package; None = not installed."""
-    from importlib.metadata import PackageNotFoundError, metadata  # slow to import
-
-    try:
-        urls = metadata("btcore").get_all("Project-URL", [])
-    except PackageNotFoundError:
-        return None
-    label = "Documentation, "
-    return next((url.removeprefix(label) for url in urls if url.startswith(label)), None)
+        return documentation_url(f"reference/errors.html#{anchor}")
 
 
 # The document itself

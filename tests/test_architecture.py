@@ -25,6 +25,7 @@ LAYERS = (
         "status",
         "errors",
         "diagnostic_codes",
+        "documentation_site",
         "clock",
         "escaping",
         "names",

@@ -12,7 +12,7 @@ from btcore.blackboard.ports import Direction, Port
 from btcore.cli import node_libraries, terminal
 from btcore.cli.completion import complete_node_id
 from btcore.cli.tree_source import format_option
-from btcore.diagnostic_codes import documentation_site
+from btcore.documentation_site import documentation_url
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.suggestions import join_names, nearest_name
@@ -123,7 +123,6 @@ def _as_data(manifest: Manifest) -> dict[str, object]:
 
 def _url(manifest: Manifest) -> str | None:
     """Return the address of the node's page in the documentation, if there is a page and it is known."""
-    site = documentation_site()
-    if site is None or manifest.distribution not in _DOCUMENTED:
+    if manifest.distribution not in _DOCUMENTED:
         return None
-    return f"{site}reference/nodes/{manifest.id}.html"
+    return documentation_url(f"reference/nodes/{manifest.id}.html")

@@ -62,6 +62,8 @@ FENCE = re.compile(r"( *)(`{3,}|~{3,}) *(.*?) *$")
 FILE = re.compile(r"(python|xml|json|yaml) ([\w.]+\.(?:py|xml|urdf|json|yaml))")
 # What a page with changes of the repository may change, import or test.
 COPIED = ("btcore", "docs", "monitor", "robot_nodes", "sim", "tests", "trees", "pyproject.toml")
+# `btcore run` prints such a line every 10 s of real time.
+PROGRESS = re.compile(r"^\S+ +[A-Z]+  .* tick \d+  ×.*\n", re.MULTILINE)
 KINDS = re.compile(r"python|console|diff|text|toml|cpp|xml [EWC]\d{3}|[a-z]+ unrun: .{8,}")
 
 
@@ -238,7 +240,8 @@ def run_commands(page: str, folder: Path) -> list[str]:
             check=False,
             timeout=100,
         )
-        if not output_matches(shown, done.stdout) if shown else done.returncode != 0:
+        output = PROGRESS.sub("", done.stdout)
+        if not output_matches(shown, output) if shown else done.returncode != 0:
             wrong.append(f"line {line}: {command}\nends with {done.returncode} and prints\n{done.stdout}")
     return wrong
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from btcore.cli import nodes, terminal
-from btcore.diagnostic_codes import UNKNOWN_NODE, documentation_site
+from btcore.diagnostic_codes import UNKNOWN_NODE
+from btcore.documentation_site import documentation_url
 from btcore.errors import Diagnostic
 
 pty = pytest.importorskip("pty", reason="pseudo terminals need POSIX", exc_type=ImportError)
@@ -50,7 +51,7 @@ def test_the_name_of_a_node_is_a_link_at_a_terminal(monkeypatch: pytest.MonkeyPa
         text = os.read(reading, 10_000).decode()
     os.close(reading)
     target, _, label = text.split(START)[1].partition(END)
-    assert target.endswith(f";{documentation_site()}reference/nodes/Delay.html")
+    assert target.endswith(f";{documentation_url('reference/nodes/Delay.html')}")
     assert "Delay" in label
 
 

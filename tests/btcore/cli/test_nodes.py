@@ -9,7 +9,7 @@ import pytest
 from click.testing import Result
 
 from btcore import Registry
-from btcore.diagnostic_codes import documentation_site
+from btcore.documentation_site import documentation_url
 
 Cli = Callable[..., Result]
 
@@ -60,7 +60,7 @@ def test_json_describes_a_port(cli: Cli) -> None:
 
 def test_json_has_the_address_of_a_nodes_page(cli: Cli, library: Path) -> None:
     palette = json.loads(cli("nodes", "--json", "--plugin", library).stdout)
-    assert palette["Delay"]["url"] == f"{documentation_site()}reference/nodes/Delay.html"
+    assert palette["Delay"]["url"] == documentation_url("reference/nodes/Delay.html")
     assert palette["Greet"]["url"] is None
 
 

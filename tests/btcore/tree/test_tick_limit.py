@@ -113,8 +113,8 @@ def test_tick_limit_can_be_lifted_after_an_error() -> None:
         tree.tick_once()
     tree.tick_limit = None
     timer = threading.Timer(4 * LIMIT, tree.context.interrupt)
-    timer.start()
     began = time.monotonic()
+    timer.start()
     assert tree.tick_once() is Status.RUNNING
     assert time.monotonic() - began > LIMIT
 
