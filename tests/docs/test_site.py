@@ -10,6 +10,8 @@ pytest.importorskip("griffe")
 sys.path.insert(0, str(ROOT / "docs" / "site"))
 
 import build  # noqa: E402
+import field_defaults  # noqa: E402
+import griffe  # noqa: E402
 import links  # noqa: E402
 
 
@@ -65,3 +67,17 @@ def test_links_to_other_files_of_the_repository_lead_to_the_repository() -> None
     assert (
         f"({build.PROJECT['urls']['Repository']}/blob/main/tests/btcore/nodes/test_loops.py)" in conformance
     )
+
+
+def test_parameters_of_the_navigation_have_plain_defaults() -> None:
+    extensions = griffe.load_extensions(field_defaults.FieldDefaults)
+    folder = ROOT / "robot_nodes"
+    module = griffe.load(
+        "btcore_robot.navigation.parameters",
+        search_paths=[folder],
+        extensions=extensions,
+        allow_inspection=False,
+    )
+    assert isinstance(module, griffe.Module)
+    defaults = {it.name: str(it.default) for it in module["AmclParameters"].parameters}
+    assert (defaults["alpha1"], defaults["max_particles"]) == ("0.2", "2000")
