@@ -24,6 +24,7 @@ from btcore.cli.tree_source import (
     tree_option,
 )
 from btcore.clock import Clock, SimClock, SystemClock
+from btcore.diagnostic_codes import NODE_NOT_CREATED
 from btcore.errors import TreeError
 from btcore.registry.registry import Registry
 from btcore.run_extension import RunExtension
@@ -215,6 +216,12 @@ def create_session(
         for point in missing if wanted else ():
             error.add_note(
                 f"the extension '{point.name}', which may provide it, cannot be loaded: {point.remedy}"
+            )
+        own = [kind for kind in wanted if getattr(kind, "__module__", "builtins") != "builtins"]
+        if own and any(diagnostic.code == NODE_NOT_CREATED for diagnostic in error.diagnostics):
+            error.add_note(
+                "`btcore run` does not create objects of your own classes: derive the class from "
+                "btcore.TreeState, or write an extension that provides the object: see 'Your robot'"
             )
         raise
     initial_blackboard.write(tree, settings["entries"])

@@ -29,6 +29,9 @@ from btcore.registry.registration_checks import check_class, check_id, check_met
 from btcore.status import NodeType
 from btcore.values import TypeRegistry
 
+PLUGIN_FILE_PREFIX = "btcore_plugin_"
+"""The names of modules that are loaded from a plugin's file begin with this prefix."""
+
 
 class Manifest:
     """The registration of one node.
@@ -194,10 +197,8 @@ class Manifest:
                 "isinstance() does not support: use a class, or a Protocol marked @runtime_checkable"
             ) from None
         if value is UNSET:
-            message = (
-                f"<{self.id}> needs a {parameter.type_name} for its parameter '{parameter.name}': "
-                "pass it in resources=[…]"
-            )
+            message = f"<{self.id}> needs a {parameter.type_name} for its parameter '{parameter.name}': "
+            message += resources.namesake_hint(parameter) or "pass it in resources=[…]"
             if parameter.looks_like_port:
                 message += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
             raise NodeError(message)
@@ -237,6 +238,26 @@ class Resources(list[object]):
             self.append(state)
             return state
         return parameter.default
+
+    def namesake_hint(self, parameter: Parameter) -> str:
+        """Return why a resource whose class has the name of the parameter's type does not fit, or "".
+
+        A file that is both imported and loaded as a plugin exists as two modules, each with its own classes.
+        """
+        wanted = parameter.resource_type
+        for cls in map(type, self):
+            if isinstance(wanted, type) and cls.__qualname__ == wanted.__qualname__:
+                module = cls.__module__
+                if wanted.__module__ == f"{PLUGIN_FILE_PREFIX}{module}":
+                    return (
+                        f"resources contains a {cls.__qualname__} of the imported module '{module}', but "
+                        f'add_plugin loaded {module}.py a second time: write add_plugin("{module}")'
+                    )
+                return (
+                    f"resources contains a {cls.__qualname__} of the module '{module}', "
+                    f"but the leaf needs the class of '{wanted.__module__}'"
+                )
+        return ""
 
 
 def find_resource(resources: Sequence[object], wanted: Any, parameter: str) -> object:

@@ -15,14 +15,13 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
-from btcore.registry.manifest import Manifest, create_manifest
+from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
 from btcore.registry.substitution import SubstitutionRule, first_matching_rule
 from btcore.suggestions import did_you_mean
 from btcore.values import TypeRegistry
 from btcore.xml.read.document import Document, parse_file, parse_text
 
 ENTRY_POINTS = "btcore.nodes"
-_OF_FILE = "btcore_plugin_"
 
 
 class Registry:
@@ -390,7 +389,7 @@ class Registry:
         if isinstance(library, str) and not library.endswith(".py") and ":" in library:
             library, function = library.split(":", 1)
         module = library if isinstance(library, ModuleType) else _import(str(library), name)
-        name = name or module.__name__.removeprefix(_OF_FILE)
+        name = name or module.__name__.removeprefix(PLUGIN_FILE_PREFIX)
         register = getattr(module, function, None)
         if function != "register" and not callable(register):
             raise RegistrationError(f"plugin '{name}': {module.__name__} has no function '{function}'")
@@ -454,7 +453,7 @@ def _import_file(path: Path) -> ModuleType:
         raise RegistrationError(f"plugin '{path}' is not found: there is no such file")
     from importlib.util import module_from_spec, spec_from_file_location
 
-    name = f"{_OF_FILE}{path.stem}"
+    name = f"{PLUGIN_FILE_PREFIX}{path.stem}"
     spec = spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise RegistrationError(f"plugin '{path}' is not a Python file")
@@ -484,7 +483,7 @@ def _plugin_error(library: str, error: BaseException, doing: str = "it was impor
 
 def _distribution_of(thing: Any) -> str:
     module = getattr(thing, "__module__", None) or "?"
-    return module.partition(".")[0] if module != "__main__" else "__main__"
+    return module.removeprefix(PLUGIN_FILE_PREFIX).partition(".")[0]
 
 
 def _names_of_caller() -> dict[str, Any]:

@@ -137,8 +137,11 @@ class TypeRegistry:
         name = name or python_type.__qualname__
         other = self._by_name.get(name)
         if other is not None and other is not known:
+            owner = next((cls for cls, kind in self._by_class.items() if kind is other), None)
+            of = f", for {owner.__module__}.{owner.__qualname__}" if isinstance(owner, type) else ""
             raise RegistrationError(
-                f"a type called {name} is registered already; give {python_type!r} another name"
+                f"a type called {name} is registered already{of}; give {python_type.__module__}."
+                f'{python_type.__qualname__} another name: add_type({python_type.__name__}, …, name="…")'
             )
         if known is not None and known.name == name:
             # The same object, because the ports of leaves that are registered already refer to it.

@@ -72,6 +72,17 @@ def test_nodes_with_the_same_path_are_distinguished_by_uid(
     assert list(last_json(cli("run", tree, "--fast", "--json"))["nodes"]) == ["top", "a#2", "a#3"]
 
 
+def test_a_missing_object_of_an_own_class_is_explained(cli: Cli, tree_file: TreeFile, tmp_path: Path) -> None:
+    (tmp_path / "weighing.py").write_text(
+        "from btcore import action\n\n\nclass Scale: ...\n\n\n"
+        "@action\ndef weigh(scale: Scale) -> bool:\n    return True\n"
+    )
+    result = cli("run", tree_file("<Weigh/>"), "--plugin", tmp_path / "weighing.py")
+    assert result.exit_code == 2
+    assert "E118 <Weigh> needs a Scale" in result.stderr
+    assert "derive the class from btcore.TreeState" in result.stderr
+
+
 def test_duration_ends_the_run_with_0_and_halts_the_tree(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:

@@ -1,7 +1,9 @@
 """The tags that a tree may use: adding, replacing and removing nodes, and node libraries."""
 
 import enum
+import importlib
 import json
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -496,6 +498,60 @@ def test_user_registration_overrides_an_installed_plugin(library: Path) -> None:
     assert nodes.manifests["Linger"].cls is Linger
     assert [(old.distribution, new.cls) for old, new in nodes.overridden_nodes] == [("polite-robot", Linger)]
     assert "registered already" in refused(nodes.add, Linger)
+
+
+def test_a_resource_of_a_file_that_is_loaded_twice_is_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "weighing.py").write_text(
+        "from btcore import action\n\n\nclass Scale: ...\n\n\n"
+        "@action\ndef weigh(scale: Scale) -> bool:\n    return True\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    weighing = importlib.import_module("weighing")
+    nodes = Registry.standard()
+    nodes.add_plugin(tmp_path / "weighing.py")
+    text = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Weigh/></BehaviorTree></root>'
+    expected = (
+        "<Weigh> needs a Scale for its parameter 'scale': resources contains a Scale of the imported module "
+        "'weighing', but add_plugin loaded weighing.py a second time: write add_plugin(\"weighing\")"
+    )
+    with pytest.raises(btcore.TreeError, match=re.escape(expected)):
+        btcore.loads(text, nodes=nodes, resources=[weighing.Scale()])
+
+    class Scale: ...
+
+    expected = "resources contains a Scale of the module 'other', but the leaf needs the class of 'weighing'"
+    Scale.__module__, Scale.__qualname__ = "other", "Scale"
+    nodes = Registry.standard()
+    nodes.add_plugin("weighing")
+    with pytest.raises(btcore.TreeError, match=expected):
+        btcore.loads(text, nodes=nodes, resources=[Scale()])
+    assert btcore.loads(text, nodes=nodes, resources=[weighing.Scale()]).tick_once() is Status.SUCCESS
+
+
+def test_nodes_that_a_file_registers_itself_belong_to_the_file(tmp_path: Path) -> None:
+    (tmp_path / "gripping.py").write_text(
+        "from btcore import action\n\n\n@action\ndef grip() -> bool:\n    return True\n\n\n"
+        "def register(nodes):\n    nodes.add(grip)\n"
+    )
+    nodes = Registry.standard()
+    nodes.add_plugin(tmp_path / "gripping.py")
+    assert nodes.manifests["Grip"].distribution == "gripping"
+
+
+def test_two_types_with_the_same_name_are_refused() -> None:
+    class Pose: ...
+
+    first, Pose.__qualname__ = Pose, "Pose"
+    second = type("Pose", (), {})
+    nodes = Registry.standard()
+    nodes.add_type(first)
+    assert refused(nodes.add_type, second) == (
+        f"a type called Pose is registered already, for {__name__}.Pose; "
+        f'give {__name__}.Pose another name: add_type(Pose, …, name="…")'
+    )
+    nodes.add_type(second, name="OtherPose")
 
 
 def test_subtree_may_have_the_name_of_an_installed_node(library: Path) -> None:
