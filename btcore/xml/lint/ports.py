@@ -1,10 +1,11 @@
 """Check the attributes of nodes: missing ports, ignored attributes, texts that are probably misread.
 
-The codes are W202, W203, W210, W211 and W212, and in format 3 also E202.
+The codes are W202, W203, W210, W211 and W212, and for texts that are not checked at loading also E202.
 """
 
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Final
 
 from btcore.blackboard.ports import (
@@ -28,13 +29,14 @@ from btcore.engine.signature import PortAttribute
 from btcore.errors import ConversionError
 from btcore.names import is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
-from btcore.suggestions import join_names
-from btcore.values import IntegerType, RealType, ValueType, VectorType
+from btcore.suggestions import join_names, nearest_name
+from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorType
 from btcore.values.numbers import whole_float
 from btcore.xml.lint.possible_results import is_built_in
 from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.plan.plan import NodePlan
+from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
 from btcore.xml.read.document import Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
@@ -44,13 +46,29 @@ _HALF_A_POINTER: Final = re.compile(r"\{(?P<open>[A-Za-z_@][\w.]*)|\$?\{?(?P<clo
 
 
 def check_ignored_attributes(node: NodePlan, document: Document, reporter: LintReporter) -> None:
-    """Warn about attributes that are ignored, except for names that begin with an underscore."""
+    """Warn about ignored attributes.
+
+    Editors keep their own data in attributes that begin with an underscore. Such a name is reported only if
+    it resembles the name of a condition or a script.
+    """
     for key in node.attributes:
-        if key[0] != "_" and key not in ("ID", "name"):
+        if key[0] == "_":
+            near = _similar_attribute(key, node.call is not None)
+            if near is not None:
+                message = f"the attribute '{key}' of {node_label(node)} is ignored: unknown name"
+                hint = f"did you mean '{near}'?"
+                reporter.warn(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
+        elif key not in ("ID", "name"):
             reason = port_name_error(key)
             message = f"the attribute '{key}' of {node_label(node)} is ignored: invalid port name ({reason})"
             hint = "rename the port, here and in the code that registers it"
             reporter.warn(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
+
+
+@lru_cache(maxsize=64)  # every node of a file that btcore or Groot wrote may have the same attributes
+def _similar_attribute(key: str, is_subtree: bool) -> str | None:
+    """Return the name of the condition, script or option of a SubTree that *key* probably means."""
+    return nearest_name(key, sorted(SCRIPT_ATTRIBUTES | ({"_autoremap"} if is_subtree else set())))
 
 
 def check_missing_ports(node: NodePlan, document: Document, reporter: LintReporter) -> None:
@@ -104,8 +122,9 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
         intended = intended_key(text)
         error = _conversion_error(port, text, format)
         if error is not None:
-            # The planner reports it in format 4; in format 3 it accepts every literal.
-            if format == 3 and port.reads and node.manifest and not is_stub(node.manifest.cls):
+            # The planner reports it in format 4, except for statuses; in format 3 it accepts every literal.
+            reported = format == 4 and port.checks_text
+            if not reported and port.reads and node.manifest and not is_stub(node.manifest.cls):
                 message = f"the {label} has the type {port.type.name}: {error}"
                 key = intended or (text if is_port_name(text) else "")
                 hint = f"to use the blackboard entry, write {{{key}}}" if key else ""
@@ -136,7 +155,7 @@ def _conversion_error(port: Port, text: str, format: int) -> ConversionError | N
     try:
         port.type.from_text(text, format)
     except ConversionError as error:
-        return error if port.checks_text else None
+        return error if port.checks_text or port.type is NODE_STATUS else None
     return None
 
 

@@ -41,7 +41,7 @@ class NodePalette:
             return f"use <{successor}>, which replaces it"
         other = 7 - self._format
         if self._registry.get(name, other) is not None:
-            return f'<{name}> belongs to format {other}: load the document as one (BTCPP_format="{other}")'
+            return f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
         if declared_in is not None:
             model = f"--model {declared_in or 'FILE'}"
             return (

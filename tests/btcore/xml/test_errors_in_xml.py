@@ -60,7 +60,7 @@ CASES = {
         t.xml:3:5: E101 unknown node <Script>
            3 |      <Script code="a := 1"/>
              |      ^^^^^^^
-              <Script> belongs to format 4: load the document as one (BTCPP_format="4")
+              <Script> belongs to format 4: write <root BTCPP_format="4">
         """,
     ),
     "a node that only a model declares": (

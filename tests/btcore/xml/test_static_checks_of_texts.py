@@ -45,6 +45,24 @@ CASES = {
               write start="…" result="{…}"
         """,
     ),
+    "a misspelt condition": (
+        '<AlwaysSuccess _skipif="true" _uid="7" _description="waits"/>',
+        """
+        t.xml:3:20: W212 the attribute '_skipif' of <AlwaysSuccess> is ignored: unknown name
+           3 |      <AlwaysSuccess _skipif="true" _uid="7" _description="waits"/>
+             |                     ^^^^^^^
+              did you mean '_skipIf'?
+        """,
+    ),
+    "a misspelt status": (
+        '<Precondition if="true" else="FAILED"><AlwaysSuccess/></Precondition>',
+        """
+        t.xml:3:35: E202 the port 'else' of <Precondition> has the type BT::NodeStatus: 'FAILED' is not a status; use IDLE, RUNNING, SUCCESS, FAILURE or SKIPPED
+           3 |      <Precondition if="true" else="FAILED"><AlwaysSuccess/></Precondition>
+             |                                    ^^^^^^
+              to use the blackboard entry, write {FAILED}
+        """,  # noqa: E501
+    ),
     "a built-in node without its port": (
         "<Sleep/>",
         """
