@@ -25,7 +25,13 @@ from btcore.engine.port_attributes import PORT_PLACEHOLDER
 from btcore.engine.signature import Parameter, bind_class, class_ports, function_parameters
 from btcore.errors import NodeError, RegistrationError
 from btcore.registry.forgotten_awaits import check_awaits
-from btcore.registry.registration_checks import check_class, check_id, check_methods, check_ports
+from btcore.registry.registration_checks import (
+    check_class,
+    check_id,
+    check_methods,
+    check_outputs_are_called,
+    check_ports,
+)
 from btcore.status import NodeType
 from btcore.values import TypeRegistry
 
@@ -347,6 +353,8 @@ def create_manifest(
             "or make it a plain generator"
         )
     parameters = function_parameters(thing, types, names)
+    outputs = [item.name for item in parameters if item.port is not None and not item.port.reads]
+    check_outputs_are_called(ID, thing, outputs)
     ports = [parameter.port for parameter in parameters if parameter.port is not None]
     check_ports(ID, ports, format)
     return Manifest(ID, leaf_class(thing), ports, parameters, distribution, thing)

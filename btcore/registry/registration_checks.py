@@ -1,8 +1,10 @@
 """Checks at registration: names, ports, defaults and methods that would make every tree fail."""
 
+import dis
 from collections.abc import Sequence
-from inspect import isabstract
-from typing import Final
+from inspect import isabstract, unwrap
+from types import CodeType
+from typing import Any, Final
 
 from btcore.blackboard.ports import UNSET, Port, remapped_key
 from btcore.engine.coroutine import CoroutineAction
@@ -95,3 +97,20 @@ def check_methods(ID: str, cls: type[TreeNode]) -> None:
             raise RegistrationError(
                 f"<{ID}>: {cls.__qualname__} is a {kind}, but does not implement {method}(self)"
             )
+
+
+def check_outputs_are_called(ID: str, function: Any, outputs: Sequence[str]) -> None:
+    """Raise RegistrationError if *function* assigns to a parameter that it must call to write the output."""
+    code = getattr(unwrap(function), "__code__", None)
+    if not outputs or not isinstance(code, CodeType):
+        return
+    for instruction in dis.get_instructions(code):
+        if instruction.opname.startswith(("STORE_FAST", "STORE_DEREF")):
+            # Python 3.13 joins two instructions: STORE_FAST_LOAD_FAST assigns to the first name only.
+            names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
+            for name in names[:1] if instruction.opname == "STORE_FAST_LOAD_FAST" else names:
+                if name in outputs:
+                    raise RegistrationError(
+                        f"<{ID}>: {function.__qualname__} assigns to its output '{name}', which writes "
+                        f"nothing: call it with the value, {name}(…)"
+                    )

@@ -17,6 +17,7 @@ from btcore import (
     Condition,
     In,
     Port,
+    Put,
     RegistrationError,
     Registry,
     SimClock,
@@ -538,6 +539,25 @@ def test_nodes_that_a_file_registers_itself_belong_to_the_file(tmp_path: Path) -
     nodes = Registry.standard()
     nodes.add_plugin(tmp_path / "gripping.py")
     assert nodes.manifests["Grip"].distribution == "gripping"
+
+
+def test_an_output_of_a_function_that_is_assigned_instead_of_called_is_refused() -> None:
+    async def weigh(weight: Put[float]) -> bool:
+        weight = 3.0  # type: ignore[assignment]  # noqa: F841
+        return True
+
+    nodes = Registry.standard()
+    assert refused(nodes.add, action(weigh)).endswith(
+        "weigh assigns to its output 'weight', which writes nothing: call it with the value, weight(…)"
+    )
+
+    @action
+    def count(number: In[int], result: Put[int]) -> bool:
+        number += 1
+        result(number)
+        return True
+
+    nodes.add(count)
 
 
 def test_two_types_with_the_same_name_are_refused() -> None:
