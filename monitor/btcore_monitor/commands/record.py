@@ -104,7 +104,8 @@ def record(
     if not files.written:
         raise click.ClickException(f"no tree was seen at {address}, so nothing is recorded")
     log = files.log
-    lost = f"; {log.gaps} gaps are marked in them" if log.gaps else ""
+    gaps = "1 gap is" if log.gaps == 1 else f"{log.gaps} gaps are"
+    lost = f"; {gaps} marked in them" if log.gaps else ""
     count = f"{log.transitions} transitions in " if log.paths else ""
     _print(f"{count}{join_names(map(str, files.written), most=20)}{lost}")
 
