@@ -82,7 +82,7 @@ class NodeLibraries:
         if not any(diagnostic.code == UNKNOWN_NODE for diagnostic in diagnostics):
             return []
         return [
-            f"the node library '{library.name}', which may provide a node, cannot be loaded: {library.remedy}"
+            f"the node library '{library.name}' was not searched; it cannot be loaded: {library.remedy}"
             for library in self.absent
         ]
 
