@@ -100,17 +100,23 @@ def check_methods(ID: str, cls: type[TreeNode]) -> None:
 
 
 def check_outputs_are_called(ID: str, function: Any, outputs: Sequence[str]) -> None:
-    """Raise RegistrationError if *function* assigns to a parameter that it must call to write the output."""
+    """Raise RegistrationError if *function* assigns to a parameter that it must call to write the output.
+
+    A function that has used the parameter before it assigns to the name is accepted.
+    """
     code = getattr(unwrap(function), "__code__", None)
-    if not outputs or not isinstance(code, CodeType):
+    unused = set(outputs)
+    if not unused or not isinstance(code, CodeType):
         return
     for instruction in dis.get_instructions(code):
-        if instruction.opname.startswith(("STORE_FAST", "STORE_DEREF")):
-            # Python 3.13 joins two instructions: STORE_FAST_LOAD_FAST assigns to the first name only.
-            names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
-            for name in names[:1] if instruction.opname == "STORE_FAST_LOAD_FAST" else names:
-                if name in outputs:
-                    raise RegistrationError(
-                        f"<{ID}>: {function.__qualname__} assigns to its output '{name}', which writes "
-                        f"nothing: call it with the value, {name}(…)"
-                    )
+        # Python 3.13 joins two instructions: STORE_FAST_LOAD_FAST has the names of both.
+        names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
+        if unused.isdisjoint(name for name in names if isinstance(name, str)):
+            continue
+        if instruction.opname.startswith(("STORE_FAST", "STORE_DEREF")) and names[0] in unused:
+            raise RegistrationError(
+                f"<{ID}>: {function.__qualname__} assigns to its output '{names[0]}', which writes "
+                f"nothing: call it with the value, {names[0]}(…)"
+            )
+        if instruction.opname != "MAKE_CELL":
+            unused.difference_update(names)

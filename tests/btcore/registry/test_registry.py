@@ -679,3 +679,15 @@ def test_single_enum_name_is_registered_with_its_number() -> None:
         nodes.add_enum("GREEN")  # type: ignore[call-overload]
     with pytest.raises(RegistrationError, match="the number 1 needs a name"):
         nodes.add_enum({"GREEN": 2}, 1)  # type: ignore[call-overload]
+
+
+def test_an_output_of_a_function_may_be_renamed() -> None:
+    def weigh(weight: Put[float]) -> bool:
+        write = weight
+        weight = 3.0  # type: ignore[assignment]
+        write(weight)  # type: ignore[arg-type]
+        return True
+
+    nodes = Registry.standard()
+    nodes.add(action(weigh))
+    assert "Weigh" in nodes.manifests
