@@ -11,6 +11,8 @@ unexport PYTHONDONTWRITEBYTECODE
 PYTHON ?= $(shell for name in python3 python3.13 python3.12 python3.11 python; do \
 	if $$name -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then echo $$name; break; fi; done)
 CORES ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
+# Many tests wait for processes and sockets.
+TEST_PROCESSES = $(shell expr $(CORES) + 1)
 PIP := -m pip --disable-pip-version-check --quiet
 ENGINE := $(shell find btcore trees benchmarks -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
 ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs tests/fuzz tests/regressions/btcore
@@ -119,11 +121,11 @@ lint: .venv/ready
 
 pure: .venv/ready vulkan
 	@echo '· every test, on the pure build'
-	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(CORES) --dist worksteal
+	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(TEST_PROCESSES) --dist worksteal
 
 compiled: .venv-compiled/ready
 	@echo '· the tests of the engine, on the compiled build'
-	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(CORES) --dist worksteal $(ENGINE_TESTS)
+	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(ENGINE_TESTS)
 
 accept: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)

@@ -168,7 +168,7 @@ def environment(folder: Path) -> dict[str, str]:
     """The variables of a program or a command: this build of btcore, or the patched copy, and its command."""
     tools = folder / "tools"
     tools.mkdir(exist_ok=True)
-    for name, module in (("btcore", "-m btcore"), ("python", "")):
+    for name, module in (("btcore", "-m btcore"), ("pytest", "-m pytest"), ("python", "")):
         (tools / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {module} "$@"\n', encoding="utf-8")
         (tools / name).chmod(0o755)
     copy = folder / "empty"
