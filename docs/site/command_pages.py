@@ -77,7 +77,7 @@ class CommandPage:
     def __init__(self, command: click.Command, context: click.Context) -> None:
         self.command = command
         self.context = context
-        self.name = " ".join(word for word in _names(context))
+        self.name = " ".join(_names(context))
         self.file = f"{'-'.join(self.name.split()[1:])}.md"
 
     def text(self) -> str:
@@ -109,7 +109,8 @@ class CommandPage:
                 Path(file).write_text(text.lstrip(), encoding="utf-8")
             for line in example.get("before", ()):
                 _record(line, 0)
-            for line, code in zip(example["run"], example.get("codes", [0] * 9), strict=False):
+            codes = example.get("codes", [0] * len(example["run"]))
+            for line, code in zip(example["run"], codes, strict=True):
                 lines += ["```console", f"$ btcore {line}", *_record(line, code).splitlines(), "```", ""]
         return lines
 

@@ -177,13 +177,14 @@ def _with_depth(node: btcore.TreeNode, depth: int = 0) -> Iterator[tuple[btcore.
 def _cell(step: TraceStep, path: str) -> str:
     """Return the results of the node at *path* in *step*."""
     results = step.results.get(path, ())
-    words = [_status(result.name, results.count(result)) for result in dict.fromkeys(results)]
+    words = [status(result.name, results.count(result)) for result in dict.fromkeys(results)]
     if path in step.halted:
-        words.append(_status("halted"))
+        words.append(status("halted"))
     return " ".join(words) or "–"
 
 
-def _status(name: str, times: int = 1) -> str:
+def status(name: str, times: int = 1) -> str:
+    """Return the name of a status as a coloured label, and how often it was returned if more than once."""
     return f'<span class="status {name.lower()}">{name}{f" ×{times}" if times > 1 else ""}</span>'
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from mentions import PAGES, links_to_mentions
-from node_examples import NodeExample, all_nodes, changed_meanings, example
+from node_examples import NodeExample, all_nodes, changed_meanings, example, status
 
 from btcore import Registry
 from btcore.blackboard.ports import Direction, Port
@@ -40,11 +40,6 @@ GUIDES: Final = {
     GROUPS[2]: ("guides/navigation", "Navigation"),
 }
 DIRECTIONS: Final = {Direction.IN: "input", Direction.OUT: "output", Direction.INOUT: "input and output"}
-
-
-def status(name: str) -> str:
-    """Return the name of a status as a coloured label."""
-    return f'<span class="status {name.lower()}">{name}</span>'
 
 
 INTRODUCTION: Final = f"""# Nodes
