@@ -4,7 +4,9 @@ import importlib.util
 import os
 import signal
 import sys
+import threading
 import time
+import traceback
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -50,7 +52,13 @@ def limit_time() -> Iterator[None]:
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        pytest.fail(f"the test has exceeded the time limit of {TIME_LIMIT:g} s")
+        stacks = [
+            f"{thread.name}:\n{''.join(traceback.format_stack(sys._current_frames().get(thread.ident or 0)))}"
+            for thread in threading.enumerate()
+            if thread is not threading.current_thread()  # its stack is pytest's traceback
+        ]
+        text = "\n".join([f"the test has exceeded the time limit of {TIME_LIMIT:g} s", *stacks])
+        pytest.fail(text)
 
     before = signal.signal(signal.SIGALRM, interrupt)
     signal.setitimer(signal.ITIMER_REAL, TIME_LIMIT, REPEAT_EVERY)

@@ -30,6 +30,7 @@ from btcore_monitor.log_writer import LogWriter
 from btcore_monitor.watch.feed import Feed
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire import scene_channel as wire
+from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.groot2 import RequestHeader
 from btcore_monitor.wire.hooks import encode_breakpoint_reached
 
@@ -412,12 +413,7 @@ class Robot(threading.Thread):
         scene = 0.0
         while not self.stopped.is_set():
             if self._requests.poll(5):
-                frames = self._requests.recv_multipart()
-                header = RequestHeader.decode(frames[0])
-                self.asked.append(chr(header.kind))
-                self._requests.send_multipart(
-                    groot2.encode_reply(header, TREE_ID, self.replies[chr(header.kind)])
-                )
+                self._answer()
             if self.notices:
                 for _ in range(50):
                     self._notices.send_multipart(self.notices)
@@ -431,6 +427,22 @@ class Robot(threading.Thread):
                 for message in self.messages[1:]:
                     self._scene.send_multipart([wire.STREAM, message])
         self._context.destroy(linger=0)
+
+    def _answer(self) -> None:
+        # The port may have been that of another test, whose client still sends what is no request. With
+        # poll(), that counts as a message, but recv() drops it and would wait for the next one.
+        try:
+            frames = self._requests.recv_multipart(zmq.NOBLOCK)
+        except zmq.Again:
+            return
+        try:
+            header = RequestHeader.decode(frames[0])
+        except ProtocolError as error:
+            self._requests.send(str(error).encode())
+            return
+        self.asked.append(chr(header.kind))
+        reply = groot2.encode_reply(header, TREE_ID, self.replies[chr(header.kind)])
+        self._requests.send_multipart(reply)
 
     @property
     def has_attacked(self) -> bool:
