@@ -25,7 +25,7 @@ HERE = Path(__file__).parent
 GROUP = "btcore"
 
 # The parent folders of the import packages, as in pyproject.toml.
-ROOTS = (".", "monitor", "robot_nodes", "sim")
+ROOTS = (".", "monitor", "robot_nodes", "ros2", "sim")
 # Data folders of btcore: beside the package in a checkout, inside the package in an installation.
 DATA = ("benchmarks", "trees")
 

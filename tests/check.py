@@ -32,6 +32,7 @@ PACKAGES = {
     "monitor/btcore_monitor": "tests/monitor",
     "monitor/btcore_scene": "tests/monitor",
     "robot_nodes/btcore_robot": "tests/robot_nodes",
+    "ros2/btcore_ros2": "tests/ros2",
     "sim/btcore_sim": "tests/sim",
 }
 # Built-in nodes and everything that they run on behave as in BehaviorTree.CPP.

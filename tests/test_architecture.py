@@ -16,6 +16,7 @@ PARENTS = {
     "btcore": ".",
     "btcore_monitor": "monitor",
     "btcore_robot": "robot_nodes",
+    "btcore_ros2": "ros2",
     "btcore_scene": "monitor",
     "btcore_sim": "sim",
 }
@@ -130,7 +131,7 @@ def layer(module: str) -> int:
     return places[0]
 
 
-@pytest.mark.parametrize("stranger", ["btcore_monitor", "btcore_robot", "btcore_scene", "btcore_sim"])
+@pytest.mark.parametrize("stranger", sorted(PARENTS.keys() - {"btcore"}))
 def test_engine_does_not_import_the_other_packages(stranger: str) -> None:
     assert violations("btcore", stranger) == []
 
@@ -215,12 +216,15 @@ def test_robot_servers_do_not_import_the_engine() -> None:
         assert {text.partition(" → ")[2] for text in found} <= FILES
 
 
-@pytest.mark.parametrize("package", ["btcore_monitor", "btcore_robot", "btcore_sim"])
+@pytest.mark.parametrize("package", ["btcore_monitor", "btcore_robot", "btcore_ros2", "btcore_sim"])
 def test_other_packages_do_not_import_the_command_line(package: str) -> None:
     assert violations(package, "btcore.cli") == []
 
 
-@pytest.mark.parametrize(("guest", "room"), [("rerun", "btcore_monitor.screen"), ("pybullet", "btcore_sim")])
+@pytest.mark.parametrize(
+    ("guest", "room"),
+    [("rerun", "btcore_monitor.screen"), ("pybullet", "btcore_sim"), ("rclpy", "btcore_ros2")],
+)
 def test_a_heavy_dependency_is_imported_in_one_package_only(guest: str, room: str) -> None:
     assert violations("", guest, but=(room,)) == []
 

@@ -15,7 +15,7 @@ import btcore
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PARENTS = PROJECT["tool"]["setuptools"]["packages"]["find"]["where"]
-PACKAGES = {"btcore", "btcore_monitor", "btcore_robot", "btcore_scene", "btcore_sim"}
+PACKAGES = {"btcore", "btcore_monitor", "btcore_robot", "btcore_ros2", "btcore_scene", "btcore_sim"}
 
 PYTHONS = [
     classifier.rpartition(" ")[2]

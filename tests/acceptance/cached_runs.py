@@ -40,7 +40,7 @@ class Case:
 def sources() -> str:
     """Return a digest of all files that a run depends on."""
     digest = sha256()
-    for room in ("btcore", "robot_nodes", "sim", "trees"):
+    for room in ("btcore", "robot_nodes", "ros2", "sim", "trees"):
         for path in sorted((ROOT / room).rglob("*")):
             if path.suffix in {".py", ".json", ".urdf", ".xml"}:
                 digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")

@@ -61,7 +61,7 @@ NEEDS = {
 FENCE = re.compile(r"( *)(`{3,}|~{3,}) *(.*?) *$")
 FILE = re.compile(r"(python|xml|json|yaml) ([\w.]+\.(?:py|xml|urdf|json|yaml))")
 # What a page with changes of the repository may change, import or test.
-COPIED = ("btcore", "docs", "monitor", "robot_nodes", "sim", "tests", "trees", "pyproject.toml")
+COPIED = ("btcore", "docs", "monitor", "robot_nodes", "ros2", "sim", "tests", "trees", "pyproject.toml")
 # `btcore run` prints such a line every 10 s of real time.
 PROGRESS = re.compile(r"^\S+ +[A-Z]+  .* tick \d+  ×.*\n", re.MULTILINE)
 KINDS = re.compile(r"python|console|diff|text|toml|cpp|xml [EWC]\d{3}|[a-z]+ unrun: .{8,}")
@@ -174,7 +174,10 @@ def environment(folder: Path) -> dict[str, str]:
     copy = folder / "empty"
     patched = (copy / "btcore").is_dir()
     root = copy if patched else ROOT
-    sources = [copy if patched else HOME, *(root / part for part in ("", "monitor", "robot_nodes", "sim"))]
+    sources = [
+        copy if patched else HOME,
+        *(root / part for part in ("", "monitor", "robot_nodes", "ros2", "sim")),
+    ]
     return {
         **os.environ,
         # Unbuffered, the output on stdout and stderr is interleaved as in a terminal.

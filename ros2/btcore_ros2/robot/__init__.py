@@ -1,0 +1,1 @@
+"""A `Robot` over topics, services and actions, described by a YAML file."""

@@ -1,0 +1,131 @@
+"""A ROS node for a tree: `RosSession` takes what has arrived, on the thread that ticks the tree."""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from btcore import SystemClock
+from btcore_robot.robot import NS_PER_S, Phase
+from btcore_robot.schedule import RealTime
+from btcore_ros2.errors import RosError
+
+FRESH_NS = 1_000_000
+"""How old (ns) the last `drain` may be before `refresh` drains again."""
+
+DRAIN_RATE = 200.0
+"""The rate (Hz) of `drain` while the tree waits for its next tick."""
+
+
+class RosClock(SystemClock):
+    """The monotonic clock of the machine. Waiting on it takes what arrives for the ROS node.
+
+    Attributes:
+        schedule: The periodic tasks that run while a caller waits on the clock.
+    """
+
+    def __init__(self, drain: Callable[[], None]) -> None:
+        self.schedule = RealTime()
+        self._drain = drain
+        self.schedule.every(DRAIN_RATE, Phase.SENSORS, lambda now: drain())
+
+    def wait_until(self, deadline: int, wake: threading.Event) -> bool:
+        """Wait until *deadline* and run the tasks that become due; see `RobotClock.wait_until`."""
+        woken = self.schedule.wait_until(deadline, wake)
+        self._drain()
+        return woken
+
+
+class RosSession:
+    """A ROS node in a context of its own, and the clock on which a tree waits while messages are taken.
+
+    There is no executor thread: `drain` takes what has arrived and calls the callbacks, on the thread of its
+    caller. Waiting on `clock` drains too, so that a tree that is run by `btcore run`, `tick_while_running` or
+    `run` needs no call. Leaves call `refresh`, which covers programs that call `tick_once` on their own.
+
+    Args:
+        name: The name of the ROS node.
+        arguments: Arguments in the form of `--ros-args`, for example `["-r", "scan:=/scan_raw"]`.
+        domain: The domain (0 to 101); None = that of the environment.
+
+    Attributes:
+        node: The ROS node.
+        clock: The clock for the tree.
+
+    Raises:
+        RosError: ROS 2 is not installed, or the arguments are invalid.
+    """
+
+    def __init__(
+        self, name: str = "btcore", *, arguments: Sequence[str] = (), domain: int | None = None
+    ) -> None:
+        try:
+            from rclpy.context import Context
+            from rclpy.executors import SingleThreadedExecutor
+            from rclpy.node import Node
+        except ModuleNotFoundError as missing:
+            raise RosError(
+                f"ROS 2 is not installed (no module '{missing.name}'): "
+                "pip install 'btcore[ros2]', or source the setup file of your ROS 2"
+            ) from missing
+        self.context = Context()
+        # Without signal handlers, which are installed by rclpy.init() only: a last stop command can be sent
+        # after Ctrl-C.
+        ros_arguments = ["--ros-args", *arguments] if arguments else []
+        self.context.init(args=ros_arguments, domain_id=domain)
+        self.node: Node = Node(name, context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self.clock = RosClock(self.drain)
+        self._after_drain: list[Callable[[], None]] = []
+        self._drained = 0
+
+    def drain(self) -> None:
+        """Take everything that has arrived, and call the callbacks; then call those of `after_drain`."""
+        for _ in range(100):
+            self._executor.spin_once(timeout_sec=0.0)
+        for callback in tuple(self._after_drain):
+            callback()
+        self._drained = time.monotonic_ns()
+
+    def refresh(self) -> None:
+        """Drain unless that happened within the last millisecond. Leaves call it at each tick."""
+        if time.monotonic_ns() - self._drained > FRESH_NS:
+            self.drain()
+
+    def after_drain(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Call *callback* after each drain, for work that goes on in the background.
+
+        Returns:
+            A function that ends the calls.
+        """
+        self._after_drain.append(callback)
+        return lambda: self._after_drain.remove(callback)
+
+    def wait_for(self, condition: Callable[[], Any], seconds: float) -> bool:
+        """Drain until *condition* returns a true value, at most for *seconds* (s, real time).
+
+        Returns:
+            Whether the condition was met.
+        """
+        end = time.monotonic_ns() + round(seconds * NS_PER_S)
+        self.drain()
+        while not condition():
+            if time.monotonic_ns() > end:
+                return False
+            time.sleep(0.001)
+            self.drain()
+        return True
+
+    def close(self) -> None:
+        """Destroy the ROS node and its context. Further calls have no effect."""
+        if self.context.ok():
+            self._executor.shutdown()
+            self.node.destroy_node()
+            self.context.try_shutdown()
+
+    def __enter__(self) -> "RosSession":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
