@@ -1,0 +1,44 @@
+"""Tools for tests of programs that use ROS 2."""
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from btcore_ros2.errors import RosError
+
+DOMAINS = range(1, 102)
+"""The domains that are safe on every platform, without the default domain 0."""
+
+_reserved: list[object] = []  # the open files, whose locks last until the process ends
+
+
+def isolate_ros() -> int:
+    """Confine this process to the loopback interface and to a domain that no other test of this machine uses.
+
+    Call it before the first import of rclpy. Processes that this process starts inherit both, by environment
+    variables. The domain is reserved until this process ends.
+
+    Returns:
+        The domain.
+
+    Raises:
+        RosError: All domains are reserved, or the platform is Windows.
+    """
+    if sys.platform == "win32":
+        raise RosError("domains cannot be reserved on Windows")
+    import fcntl
+
+    for domain in DOMAINS:
+        path = Path(tempfile.gettempdir(), f"btcore-ros-domain-{domain}.lock")
+        file = path.open("a")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            file.close()
+            continue
+        _reserved.append(file)
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        return domain
+    raise RosError(f"all domains from {DOMAINS[0]} to {DOMAINS[-1]} are used by other tests on this machine")
