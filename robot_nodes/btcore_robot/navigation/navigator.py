@@ -2,20 +2,20 @@
 
 import logging
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import btcore
 from btcore import BtcoreError, NodeExecutionError, Registry, Status, Tree
 from btcore_robot.navigation import nodes as nav2_nodes
-from btcore_robot.navigation.action import ActionServer, GoalHandle, GoalStatus
+from btcore_robot.navigation.action import ActionServer, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal, NavigateHandle
 from btcore_robot.navigation.nodes.action_node import RECOVERIES, BtActionNode
 from btcore_robot.navigation.nodes.goals import WaypointStatus
 from btcore_robot.navigation.path import NavPath, empty_path
 from btcore_robot.navigation.servers import Servers
-from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
+from btcore_robot.robot import NS_PER_S, GoalOutcome
 
 __all__ = ["NavigateFeedback", "NavigateGoal", "NavigateHandle", "Navigator"]
 
@@ -25,40 +25,6 @@ NAV2_PLUGIN = "nav2_"
 _ELSEWHERE = "the robot reached the goal by its estimated pose, but its scans contradict that pose"
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class NavigateGoal:
-    """A request to drive through the poses *goals* (in the frame map) to the last of them.
-
-    *behavior_tree* is the file of the tree to run; "" stands for the navigator's default tree.
-    """
-
-    goals: tuple[Pose2D, ...]
-    behavior_tree: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class NavigateFeedback:
-    """The progress of a goal.
-
-    Attributes:
-        current_pose: The estimated pose in the frame `map`, or None.
-        navigation_time: The time since the start (s).
-        number_of_recoveries: The number of recoveries so far.
-        distance_remaining: The remaining distance along the path (m).
-        number_of_poses_remaining: The number of poses of the goal that are not yet reached.
-    """
-
-    current_pose: Pose2D | None
-    navigation_time: float
-    number_of_recoveries: int
-    distance_remaining: float
-    number_of_poses_remaining: int
-
-
-NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, None]
-"""The handle of a `NavigateGoal`."""
 
 
 class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):

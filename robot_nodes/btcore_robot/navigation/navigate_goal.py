@@ -1,0 +1,42 @@
+"""The goals of the navigators: Nav2's actions NavigateToPose and NavigateThroughPoses."""
+
+from dataclasses import dataclass
+
+from btcore_robot.navigation.action import GoalHandle
+from btcore_robot.robot import Pose2D
+
+
+@dataclass(frozen=True, slots=True)
+class NavigateGoal:
+    """A request to drive through the poses *goals* (in the frame map) to the last of them.
+
+    *behavior_tree* is the file of the tree to run; "" stands for the navigator's default tree. *through*
+    chooses the server navigate_through_poses.
+    """
+
+    goals: tuple[Pose2D, ...]
+    behavior_tree: str = ""
+    through: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class NavigateFeedback:
+    """The progress of a goal.
+
+    Attributes:
+        current_pose: The estimated pose in the frame `map`, or None.
+        navigation_time: The time since the start (s).
+        number_of_recoveries: The number of recoveries so far.
+        distance_remaining: The remaining distance along the path (m).
+        number_of_poses_remaining: The number of poses of the goal that are not yet reached.
+    """
+
+    current_pose: Pose2D | None
+    navigation_time: float
+    number_of_recoveries: int
+    distance_remaining: float
+    number_of_poses_remaining: int
+
+
+NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, None]
+"""The handle of a `NavigateGoal`."""

@@ -1,0 +1,432 @@
+"""Conversions between our navigation's goals, poses and paths and the messages of ROS 2 and Nav2.
+
+`ACTIONS` holds a converter for each action of Nav2, which clients and servers share.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+from typing import Any, Final
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from nav_msgs.msg import Goals, Path
+from std_msgs.msg import Header
+
+from btcore_robot.navigation.behaviours import (
+    BackUpGoal,
+    BehaviourFeedback,
+    DriveOnHeadingGoal,
+    SpinGoal,
+    WaitGoal,
+)
+from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal
+from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal
+from btcore_robot.navigation.path import NavPath
+from btcore_robot.navigation.planner import ComputePathGoal
+from btcore_robot.robot import NS_PER_S, Pose2D
+from btcore_ros2.errors import RosError
+
+MAP: Final = "map"
+"""The frame of goals and planned paths."""
+
+
+def nav2_type(kind: str, name: str) -> Any:
+    """Return a message, service or action class of nav2_msgs.
+
+    Args:
+        kind: The part of the package: `msg`, `srv` or `action`.
+        name: The name of the class.
+
+    Raises:
+        RosError: The package is missing, or its release has no such class.
+    """
+    try:
+        package = import_module(f"nav2_msgs.{kind}")
+    except ModuleNotFoundError as missing:
+        raise RosError(
+            "the package nav2_msgs is missing: generate it (btcore ros2 messages FOLDER), "
+            "or source the setup file of a ROS 2 with Nav2"
+        ) from missing
+    try:
+        return getattr(package, name)
+    except AttributeError:
+        raise RosError(
+            f"the installed nav2_msgs has no {kind}/{name}: it belongs to another release"
+        ) from None
+
+
+def pose_to_message(pose: Pose2D) -> Pose:
+    """Return *pose* as a `geometry_msgs/Pose` on the floor."""
+    half = pose.yaw / 2.0
+    return Pose(
+        position=Point(x=pose.x, y=pose.y), orientation=Quaternion(z=math.sin(half), w=math.cos(half))
+    )
+
+
+def pose_to_stamped(pose: Pose2D, frame: str = MAP, stamp: Time | None = None) -> PoseStamped:
+    """Return *pose* as a `geometry_msgs/PoseStamped`.
+
+    Args:
+        pose: The pose.
+        frame: The name of its frame.
+        stamp: The stamp; None = zero, which stands for the newest transform.
+    """
+    return PoseStamped(header=_header(frame, stamp), pose=pose_to_message(pose))
+
+
+def pose_from_message(message: Pose) -> Pose2D:
+    """Return the position and heading on the floor of a `geometry_msgs/Pose`.
+
+    Raises:
+        RosError: A number is not finite.
+    """
+    point, turn = message.position, message.orientation
+    yaw = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+    if not (math.isfinite(point.x) and math.isfinite(point.y) and math.isfinite(yaw)):
+        raise RosError("the numbers of a pose must be finite")
+    return Pose2D(point.x, point.y, yaw)
+
+
+def pose_from_stamped(message: PoseStamped, frame: str = MAP, default: str = "") -> Pose2D:
+    """Return the pose of a `geometry_msgs/PoseStamped`.
+
+    Args:
+        message: The message.
+        frame: The name of the frame that the pose must have.
+        default: The frame of a message that names no frame; "" = *frame*.
+
+    Raises:
+        RosError: The pose is in another frame, or a number is not finite.
+    """
+    found = (message.header.frame_id or default).strip("/")
+    if found not in ("", frame):
+        raise RosError(f"a pose is in the frame '{found}', but it must be in '{frame}'")
+    return pose_from_message(message.pose)
+
+
+def poses_to_goals(poses: Iterable[Pose2D], frame: str = MAP, stamp: Time | None = None) -> Goals:
+    """Return *poses* as a `nav_msgs/Goals` in *frame*, with *stamp* (None = zero)."""
+    header = _header(frame, stamp)
+    return Goals(
+        header=header, goals=[PoseStamped(header=header, pose=pose_to_message(pose)) for pose in poses]
+    )
+
+
+def poses_from_goals(message: Goals, frame: str = MAP) -> tuple[Pose2D, ...]:
+    """Return the poses of a `nav_msgs/Goals`.
+
+    Raises:
+        RosError: A pose is not in *frame*, or a number is not finite.
+    """
+    default = message.header.frame_id
+    return tuple(pose_from_stamped(goal, frame, default) for goal in message.goals)
+
+
+def path_to_message(path: NavPath, stamp: Time | None = None) -> Path:
+    """Return *path* as a `nav_msgs/Path`.
+
+    Args:
+        path: The path.
+        stamp: The stamp; None = zero, which stands for the newest transform. The stamp of *path* itself may
+            belong to another clock.
+    """
+    header = _header(path.frame, stamp)
+    return Path(
+        header=header,
+        poses=[
+            PoseStamped(header=header, pose=pose_to_message(Pose2D(x, y, yaw)))
+            for x, y, yaw in path.poses.tolist()
+        ],
+    )
+
+
+def path_from_message(message: Path, stamp: int | None = None) -> NavPath:
+    """Return a `nav_msgs/Path`; without a frame it is in the frame of its first pose, or in `map`.
+
+    Args:
+        message: The message.
+        stamp: The time of planning (ns); None = the stamp of the message.
+
+    Raises:
+        RosError: The poses are in different frames, or a number is not finite.
+    """
+    frame = message.header.frame_id or (message.poses[0].header.frame_id if message.poses else "") or MAP
+    poses = [pose_from_stamped(pose, frame) for pose in message.poses]
+    array = np.array([(pose.x, pose.y, pose.yaw) for pose in poses], dtype=np.float64).reshape(-1, 3)
+    return NavPath(array, time_to_ns(message.header.stamp) if stamp is None else stamp, frame)
+
+
+def time_to_ns(message: Time | Duration) -> int:
+    """Return a time or duration in ns."""
+    return int(message.sec) * NS_PER_S + int(message.nanosec)
+
+
+def seconds_to_duration(seconds: float) -> Duration:
+    """Return *seconds* (s) as a `builtin_interfaces/Duration`."""
+    sec, nanosec = divmod(round(seconds * NS_PER_S), NS_PER_S)
+    return Duration(sec=sec, nanosec=nanosec)
+
+
+def duration_to_seconds(message: Duration) -> float:
+    """Return a duration in s."""
+    return time_to_ns(message) / NS_PER_S
+
+
+def _header(frame: str, stamp: Time | None) -> Header:
+    return Header(frame_id=frame) if stamp is None else Header(frame_id=frame, stamp=stamp)
+
+
+class ActionConverter:
+    """The conversions of an action of Nav2.
+
+    Goals, feedback and results are copied field by field into messages that the caller has created, because
+    releases of Nav2 differ: a field that the message class lacks is left out. Error code and message of a
+    result are the same in all actions and are left to the caller.
+
+    Attributes:
+        name: The name under which Nav2 serves the action.
+        type_name: The name of the class in `nav2_msgs.action`.
+        goal_type: The class of our goal.
+    """
+
+    name: str
+    type_name: str
+    goal_type: type
+
+    @property
+    def type(self) -> Any:
+        """The class in `nav2_msgs.action`. Raises RosError if it is missing."""
+        return nav2_type("action", self.type_name)
+
+    def write_goal(self, goal: Any, message: Any) -> None:
+        """Copy *goal* into the goal message. Raises RosError for a goal that the message can't express."""
+        raise NotImplementedError
+
+    def read_goal(self, message: Any) -> Any:
+        """Return the goal of a goal message. Raises RosError for an invalid message."""
+        raise NotImplementedError
+
+    def write_feedback(self, feedback: Any, message: Any) -> None:
+        """Copy *feedback* into the feedback message."""
+
+    def read_feedback(self, message: Any) -> Any:
+        """Return the feedback of a feedback message, or None."""
+        return None
+
+    def write_result(self, value: Any, message: Any) -> None:
+        """Copy the value of a result into the result message."""
+
+    def read_result(self, message: Any) -> Any:
+        """Return the value of a result message, or None."""
+        return None
+
+
+class _ComputePath(ActionConverter):
+    goal_type = ComputePathGoal
+
+    def __init__(self, name: str, type_name: str, *, through: bool) -> None:
+        self.name, self.type_name, self.through = name, type_name, through
+
+    def write_goal(self, goal: ComputePathGoal, message: Any) -> None:
+        if self.through:
+            message.goals = poses_to_goals(goal.goals)
+        else:
+            *viapoints, last = goal.goals
+            message.goal = pose_to_stamped(last)
+            if viapoints and not hasattr(message, "viapoints"):
+                raise RosError("Nav2 of this release plans without viapoints: use ComputePathThroughPoses")
+            if viapoints:
+                message.viapoints = [pose_to_stamped(pose) for pose in viapoints]
+        if goal.start is not None:
+            message.start = pose_to_stamped(goal.start)
+        message.use_start = goal.start is not None
+        message.planner_id = goal.planner_id
+
+    def read_goal(self, message: Any) -> ComputePathGoal:
+        if self.through:
+            goals = poses_from_goals(message.goals)
+        else:
+            viapoints = map(pose_from_stamped, getattr(message, "viapoints", ()))
+            goals = (*viapoints, pose_from_stamped(message.goal))
+        start = pose_from_stamped(message.start) if message.use_start else None
+        return ComputePathGoal(goals, start, message.planner_id, self.through)
+
+    def write_result(self, value: NavPath | None, message: Any) -> None:
+        if value is not None:
+            message.path = path_to_message(value)
+
+    def read_result(self, message: Any) -> NavPath:
+        return path_from_message(message.path)
+
+
+class _FollowPath(ActionConverter):
+    name, type_name, goal_type = "follow_path", "FollowPath", FollowPathGoal
+
+    def write_goal(self, goal: FollowPathGoal, message: Any) -> None:
+        message.path = path_to_message(goal.path)
+        message.controller_id = goal.controller_id
+        message.goal_checker_id = goal.goal_checker_id
+        message.progress_checker_id = goal.progress_checker_id
+        if hasattr(message, "path_handler_id"):
+            message.path_handler_id = goal.path_handler_id
+
+    def read_goal(self, message: Any) -> FollowPathGoal:
+        return FollowPathGoal(
+            path_from_message(message.path),
+            message.controller_id,
+            message.goal_checker_id,
+            message.progress_checker_id,
+            getattr(message, "path_handler_id", ""),
+        )
+
+    def write_feedback(self, feedback: FollowPathFeedback, message: Any) -> None:
+        if hasattr(message, "tracking_feedback"):
+            tracking = message.tracking_feedback
+            tracking.remaining_path_length = feedback.distance_to_goal
+            tracking.position_tracking_error = feedback.position_error
+            tracking.heading_tracking_error = feedback.heading_error
+        else:
+            message.distance_to_goal = feedback.distance_to_goal
+            message.speed = feedback.speed
+
+    def read_feedback(self, message: Any) -> FollowPathFeedback:
+        tracking = getattr(message, "tracking_feedback", None)
+        if tracking is None:
+            return FollowPathFeedback(message.distance_to_goal, message.speed)
+        return FollowPathFeedback(
+            tracking.remaining_path_length,
+            0.0,
+            tracking.position_tracking_error,
+            tracking.heading_tracking_error,
+        )
+
+
+class _Spin(ActionConverter):
+    name, type_name, goal_type = "spin", "Spin", SpinGoal
+
+    def write_goal(self, goal: SpinGoal, message: Any) -> None:
+        message.target_yaw = goal.dist
+        message.time_allowance = seconds_to_duration(goal.time_allowance)
+        message.disable_collision_checks = goal.disable_collision_checks
+
+    def read_goal(self, message: Any) -> SpinGoal:
+        allowance = duration_to_seconds(message.time_allowance)
+        return SpinGoal(message.target_yaw, allowance, message.disable_collision_checks)
+
+    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
+        message.angular_distance_traveled = feedback.travelled
+
+    def read_feedback(self, message: Any) -> BehaviourFeedback:
+        return BehaviourFeedback(message.angular_distance_traveled)
+
+
+class _Straight(ActionConverter):
+    def __init__(
+        self, name: str, type_name: str, goal_type: type[BackUpGoal] | type[DriveOnHeadingGoal]
+    ) -> None:
+        self.name, self.type_name, self.goal_type = name, type_name, goal_type
+
+    def write_goal(self, goal: BackUpGoal | DriveOnHeadingGoal, message: Any) -> None:
+        message.target = Point(x=goal.dist)
+        message.speed = goal.speed
+        message.time_allowance = seconds_to_duration(goal.time_allowance)
+        message.disable_collision_checks = goal.disable_collision_checks
+
+    def read_goal(self, message: Any) -> BackUpGoal | DriveOnHeadingGoal:
+        if message.target.y != 0.0 or message.target.z != 0.0:
+            raise RosError(f"{self.name}: the target must be on the x axis, but its y or z is not 0")
+        goal: BackUpGoal | DriveOnHeadingGoal = self.goal_type(
+            message.target.x,
+            message.speed,
+            duration_to_seconds(message.time_allowance),
+            message.disable_collision_checks,
+        )
+        return goal
+
+    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
+        message.distance_traveled = feedback.travelled
+
+    def read_feedback(self, message: Any) -> BehaviourFeedback:
+        return BehaviourFeedback(message.distance_traveled)
+
+
+class _Wait(ActionConverter):
+    name, type_name, goal_type = "wait", "Wait", WaitGoal
+
+    def write_goal(self, goal: WaitGoal, message: Any) -> None:
+        message.time = seconds_to_duration(goal.duration)
+
+    def read_goal(self, message: Any) -> WaitGoal:
+        return WaitGoal(duration_to_seconds(message.time))
+
+    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
+        message.time_left = seconds_to_duration(feedback.travelled)
+
+    def read_feedback(self, message: Any) -> BehaviourFeedback:
+        return BehaviourFeedback(duration_to_seconds(message.time_left))
+
+
+class _Navigate(ActionConverter):
+    goal_type = NavigateGoal
+
+    def __init__(self, name: str, type_name: str, *, through: bool) -> None:
+        self.name, self.type_name, self.through = name, type_name, through
+
+    def write_goal(self, goal: NavigateGoal, message: Any) -> None:
+        if self.through:
+            message.poses = poses_to_goals(goal.goals)
+        else:
+            message.pose = pose_to_stamped(goal.goals[-1])
+        message.behavior_tree = goal.behavior_tree
+
+    def read_goal(self, message: Any) -> NavigateGoal:
+        goals: Sequence[Pose2D] = (
+            poses_from_goals(message.poses) if self.through else (pose_from_stamped(message.pose),)
+        )
+        return NavigateGoal(tuple(goals), message.behavior_tree, self.through)
+
+    def write_feedback(self, feedback: NavigateFeedback, message: Any) -> None:
+        if feedback.current_pose is not None:
+            message.current_pose = pose_to_stamped(feedback.current_pose)
+        message.navigation_time = seconds_to_duration(feedback.navigation_time)
+        message.number_of_recoveries = feedback.number_of_recoveries
+        message.distance_remaining = feedback.distance_remaining
+        if self.through:
+            message.number_of_poses_remaining = feedback.number_of_poses_remaining
+
+    def read_feedback(self, message: Any) -> NavigateFeedback:
+        return NavigateFeedback(
+            pose_from_message(message.current_pose.pose) if message.current_pose.header.frame_id else None,
+            duration_to_seconds(message.navigation_time),
+            message.number_of_recoveries,
+            message.distance_remaining,
+            message.number_of_poses_remaining if self.through else 1,
+        )
+
+
+ACTIONS: Final[dict[str, ActionConverter]] = {
+    converter.name: converter
+    for converter in (
+        _ComputePath("compute_path_to_pose", "ComputePathToPose", through=False),
+        _ComputePath("compute_path_through_poses", "ComputePathThroughPoses", through=True),
+        _FollowPath(),
+        _Spin(),
+        _Straight("backup", "BackUp", BackUpGoal),
+        _Straight("drive_on_heading", "DriveOnHeading", DriveOnHeadingGoal),
+        _Wait(),
+        _Navigate("navigate_to_pose", "NavigateToPose", through=False),
+        _Navigate("navigate_through_poses", "NavigateThroughPoses", through=True),
+    )
+}
+"""The converters of Nav2's actions, by the name under which Nav2 serves the action."""
+
+
+def action_of(goal: object) -> ActionConverter:
+    """Return the converter for *goal*. Raises RosError for an object that is not a goal of Nav2's actions."""
+    through = getattr(goal, "through", None)
+    for converter in ACTIONS.values():
+        if type(goal) is converter.goal_type and getattr(converter, "through", None) == through:
+            return converter
+    raise RosError(f"Nav2 has no action for a goal of the type {type(goal).__name__}")

@@ -1,0 +1,127 @@
+"""Goals, feedback and results are the same after a conversion to messages and back."""
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("nav2_msgs")
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.serialization import deserialize_message, serialize_message
+
+from btcore_robot.navigation.behaviours import (
+    BackUpGoal,
+    BehaviourFeedback,
+    DriveOnHeadingGoal,
+    SpinGoal,
+    WaitGoal,
+)
+from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal
+from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal
+from btcore_robot.navigation.path import NavPath
+from btcore_robot.navigation.planner import ComputePathGoal
+from btcore_robot.robot import Pose2D
+from btcore_ros2.errors import RosError
+from btcore_ros2.nav2.conversions import (
+    ACTIONS,
+    action_of,
+    nav2_type,
+    path_from_message,
+    path_to_message,
+    pose_from_stamped,
+    pose_to_stamped,
+)
+
+HERE, THERE = Pose2D(0.5, -1.5, 0.25), Pose2D(4.0, 2.0, -0.5)
+PATH = NavPath(np.array([[0.0, 0.0, 0.5], [1.0, 0.5, -0.25]]), 0)
+
+GOALS = [
+    ComputePathGoal((THERE,)),
+    ComputePathGoal((THERE,), HERE, "GridBased"),
+    ComputePathGoal((HERE, THERE), None, "GridBased", through=True),
+    FollowPathGoal(PATH, "FollowPath", "precise", "patient"),
+    SpinGoal(-0.5, 3.25, True),
+    BackUpGoal(0.5, 0.25, 2.5, True),
+    DriveOnHeadingGoal(0.5, 0.25, 2.5),
+    WaitGoal(1.5),
+    NavigateGoal((THERE,), "tree.xml"),
+    NavigateGoal((HERE, THERE), "", through=True),
+]
+
+
+def transmit(message):
+    """Return what a receiver gets."""
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def is_close(first: Pose2D, second: Pose2D) -> bool:
+    return math.dist((first.x, first.y, first.yaw), (second.x, second.y, second.yaw)) < 1e-12
+
+
+@pytest.mark.parametrize("goal", GOALS, ids=lambda goal: type(goal).__name__)
+def test_goals_survive_the_transmission(goal):
+    converter = action_of(goal)
+    message = converter.type.Goal()
+    converter.write_goal(goal, message)
+    back = converter.read_goal(transmit(message))
+    if isinstance(goal, FollowPathGoal):
+        assert np.allclose(back.path.poses, PATH.poses)
+        assert (back.controller_id, back.goal_checker_id) == ("FollowPath", "precise")
+    elif isinstance(goal, ComputePathGoal | NavigateGoal):
+        assert all(map(is_close, back.goals, goal.goals))
+        assert len(back.goals) == len(goal.goals)
+        assert back.through is goal.through
+    else:
+        assert back == goal
+
+
+@pytest.mark.parametrize(
+    ("action", "feedback"),
+    [
+        ("follow_path", FollowPathFeedback(1.5, 0.25)),
+        ("spin", BehaviourFeedback(0.5)),
+        ("backup", BehaviourFeedback(0.5)),
+        ("drive_on_heading", BehaviourFeedback(0.5)),
+        ("wait", BehaviourFeedback(0.5)),
+        ("navigate_to_pose", NavigateFeedback(None, 2.5, 3, 1.5, 1)),
+        ("navigate_through_poses", NavigateFeedback(Pose2D(1.0, 2.0, 0.0), 2.5, 3, 1.5, 2)),
+    ],
+)
+def test_feedback_survives_the_transmission(action, feedback):
+    converter = ACTIONS[action]
+    message = converter.type.Feedback()
+    converter.write_feedback(feedback, message)
+    assert converter.read_feedback(transmit(message)) == feedback
+
+
+def test_a_planned_path_survives_the_transmission():
+    converter = ACTIONS["compute_path_to_pose"]
+    message = converter.type.Result()
+    converter.write_result(PATH, message)
+    back = converter.read_result(transmit(message))
+    assert np.allclose(back.poses, PATH.poses)
+    assert back.frame == "map"
+
+
+def test_the_frame_of_a_path_is_kept():
+    path = NavPath(PATH.poses, 7, "odom")
+    assert path_from_message(path_to_message(path), 7).frame == "odom"
+
+
+def test_a_pose_in_another_frame_is_refused():
+    with pytest.raises(RosError, match="in the frame 'odom', but it must be in 'map'"):
+        pose_from_stamped(pose_to_stamped(HERE, "odom"))
+
+
+def test_a_pose_that_is_not_finite_is_refused():
+    message = PoseStamped()
+    message.pose.position.x = math.nan
+    with pytest.raises(RosError, match="finite"):
+        pose_from_stamped(message)
+
+
+def test_a_class_of_another_release_is_reported():
+    with pytest.raises(RosError, match="no srv/ClearCostmapAroundPose: it belongs to another release"):
+        nav2_type("srv", "ClearCostmapAroundPose")
