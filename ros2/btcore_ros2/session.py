@@ -2,6 +2,7 @@
 
 import threading
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -47,6 +48,9 @@ class RosSession:
         name: The name of the ROS node.
         arguments: Arguments in the form of `--ros-args`, for example `["-r", "scan:=/scan_raw"]`.
         domain: The domain (0 to 101); None = that of the environment.
+        use_executor: Whether `drain` uses rclpy's executor, which is slower: 0.3 ms instead of 0.05 ms for
+            ten subscriptions without a message. The default uses parts of rclpy that are not documented; if
+            the installed version lacks them, the executor is used, with a warning.
 
     Attributes:
         node: The ROS node.
@@ -57,7 +61,12 @@ class RosSession:
     """
 
     def __init__(
-        self, name: str = "btcore", *, arguments: Sequence[str] = (), domain: int | None = None
+        self,
+        name: str = "btcore",
+        *,
+        arguments: Sequence[str] = (),
+        domain: int | None = None,
+        use_executor: bool = False,
     ) -> None:
         try:
             from rclpy.context import Context
@@ -76,16 +85,27 @@ class RosSession:
         self.node: Node = Node(name, context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
+        self._take = _take_function(self.node, self._executor, use_executor)
+        self._draining = False
         self.clock = RosClock(self.drain)
         self._after_drain: list[Callable[[], None]] = []
         self._drained = 0
 
     def drain(self) -> None:
-        """Take everything that has arrived, and call the callbacks; then call those of `after_drain`."""
-        for _ in range(100):
-            self._executor.spin_once(timeout_sec=0.0)
-        for callback in tuple(self._after_drain):
-            callback()
+        """Take what has arrived, and call the callbacks; then call those of `after_drain`.
+
+        A call within a callback has no effect. An exception in a callback is raised here; what has not been
+        taken then is taken by the next call.
+        """
+        if self._draining:
+            return
+        self._draining = True
+        try:
+            self._take()
+            for callback in tuple(self._after_drain):
+                callback()
+        finally:
+            self._draining = False
         self._drained = time.monotonic_ns()
 
     def refresh(self) -> None:
@@ -129,3 +149,20 @@ class RosSession:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _take_function(node: Any, executor: Any, use_executor: bool) -> Callable[[], None]:
+    """Return the function that takes what has arrived for *node*, which was added to *executor*."""
+    from btcore_ros2.direct_take import DirectTake, missing_parts
+    from btcore_ros2.executor_take import ExecutorTake
+
+    if use_executor:
+        return ExecutorTake(executor).take
+    if missing := missing_parts():
+        warnings.warn(
+            f"this version of rclpy lacks {', '.join(missing)}: taking messages uses rclpy's executor, "
+            "which is slower (RosSession(use_executor=True) hides this warning)",
+            stacklevel=3,
+        )
+        return ExecutorTake(executor).take
+    return DirectTake(node, executor).take
