@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from btcore.errors import BtcoreError as BtcoreError
     from btcore.errors import ConversionError as ConversionError
     from btcore.errors import Diagnostic as Diagnostic
+    from btcore.errors import LiteralProblem as LiteralProblem
     from btcore.errors import NodeError as NodeError
     from btcore.errors import NodeExecutionError as NodeExecutionError
     from btcore.errors import PortError as PortError
@@ -85,6 +86,7 @@ _HOMES = {
         "BtcoreError",
         "ConversionError",
         "Diagnostic",
+        "LiteralProblem",
         "NodeError",
         "NodeExecutionError",
         "PortError",

@@ -124,6 +124,7 @@ UNCONNECTED_OUTPUT: Final = DiagnosticCode("W211", "warning", "output port witho
 IGNORED_ATTRIBUTE: Final = DiagnosticCode("W212", "warning", "ignored attribute")
 TEXT_FOR_UNTYPED_ENTRY: Final = DiagnosticCode("W213", "warning", "text for an entry without a type")
 BASE_CLASS_READ: Final = DiagnosticCode("W214", "warning", "entry of a base class")
+UNCHECKED_LITERAL: Final = DiagnosticCode("W215", "warning", "literal not checked")
 
 # Conversion: written differently, with the same meaning
 FORMAT_SET: Final = DiagnosticCode("C101", "same meaning", "format attribute set")

@@ -65,6 +65,37 @@ class Diagnostic(NamedTuple):
         return text
 
 
+class LiteralProblem(NamedTuple):
+    """A literal in the text of a port that is invalid, found by `TreeNode.check_literals`.
+
+    Attributes:
+        port: The name of the port.
+        message: What is wrong.
+        hint: How to correct the problem, or "".
+        start: The number of the first invalid character in the text, from 1; 0 = the whole text.
+        width: The number of invalid characters.
+        is_unchecked: Whether the literal could not be checked, which is a warning (W215) instead of an error.
+
+    Examples:
+        >>> import btcore
+        >>> class Goto(btcore.SyncAction):
+        ...     room: btcore.In[str]
+        ...     @classmethod
+        ...     def check_literals(cls, literals):
+        ...         if literals.get("room", "kitchen") not in ("kitchen", "hall"):
+        ...             yield btcore.LiteralProblem("room", "unknown room", "rooms: kitchen and hall")
+        >>> [problem.message for problem in Goto.check_literals({"room": "cellar"})]
+        ['unknown room']
+    """
+
+    port: str
+    message: str
+    hint: str = ""
+    start: int = 0
+    width: int = 0
+    is_unchecked: bool = False
+
+
 def excerpt(source: str, line: int, column: int, width: int = 1, room: int = 100) -> str:
     """Return a line of text with carets below the marked characters. Control characters are escaped.
 

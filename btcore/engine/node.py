@@ -4,7 +4,7 @@ A parent calls `execute_tick`. A class of nodes implements `tick`. The order wit
 BehaviorTree.CPP (src/tree_node.cpp): pre-conditions, tick, post-conditions, stored status.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, Final, NoReturn, SupportsIndex
 
 from mypy_extensions import mypyc_attr
@@ -14,7 +14,7 @@ from btcore.engine.conditions import ConditionScripts
 from btcore.engine.context import TreeContext
 from btcore.engine.instrumentation import Instrumentation, TickCounts
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import BlackboardError, ConversionError, NodeError, NodeExecutionError
+from btcore.errors import BlackboardError, ConversionError, LiteralProblem, NodeError, NodeExecutionError
 from btcore.status import (
     ANY_RESULT,
     FAILURE,
@@ -158,6 +158,19 @@ class TreeNode:
             literals: The values of the input ports that are given as literals, by name.
         """
         return UNKNOWN_RESULTS
+
+    @classmethod
+    def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
+        """Return the problems of literals beyond the types of the ports, for `btcore validate`.
+
+        A class overrides this method if the texts of a port must fit something else, such as the text of
+        another port or a file. Each problem must be certain: such a node raises when it is created or ticked.
+
+        Args:
+            literals: The texts of the ports that are literals, by name; also defaults. The texts convert to
+                the types of the ports.
+        """
+        return ()
 
     # --- identity
 

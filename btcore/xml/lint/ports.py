@@ -1,6 +1,6 @@
 """Check the attributes of nodes: missing ports, ignored attributes, texts that are probably misread.
 
-The codes are W202, W203, W210, W211 and W212, and for texts that are not checked at loading also E202.
+The codes are W202, W203, W210, W211, W212 and W215, and for texts that are not checked at loading also E202.
 """
 
 import re
@@ -23,6 +23,7 @@ from btcore.diagnostic_codes import (
     INCOMPLETE_POINTER,
     INCONVERTIBLE_TEXT,
     PARTIAL_NUMBER,
+    UNCHECKED_LITERAL,
     UNCONNECTED_OUTPUT,
 )
 from btcore.engine.signature import PortAttribute
@@ -148,6 +149,30 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
             message = f"'{key}' of {node_label(node)} is the text '{text}', not an entry"
             hint = f"to use the entry, write {{{intended}}}"
             reporter.warn(INCOMPLETE_POINTER, message, document, node, key, hint)
+
+
+def check_literals_of_class(node: NodePlan, document: Document, reporter: LintReporter) -> None:
+    """Report the problems that the class of *node* finds in literals; see `TreeNode.check_literals`."""
+    if node.manifest is None or node.call is not None:
+        return
+    literals = {
+        bound.name: bound.text
+        for bound in node.bindings
+        if bound.key is None and not bound.error and bound.port.reads
+    }
+    for problem in node.manifest.cls.check_literals(literals):
+        code = UNCHECKED_LITERAL if problem.is_unchecked else INCONVERTIBLE_TEXT
+        message = f"the port '{problem.port}' of {node_label(node)}: {problem.message}"
+        reporter.warn(
+            code,
+            message,
+            document,
+            node,
+            problem.port,
+            problem.hint,
+            within=problem.start,
+            width=problem.width,
+        )
 
 
 def _conversion_error(port: Port, text: str, format: int) -> ConversionError | None:

@@ -17,7 +17,12 @@ from btcore.xml.lint.dry_run import DryRun
 from btcore.xml.lint.endless_ticks import EndlessTickCheck
 from btcore.xml.lint.entry_types import check_value_types
 from btcore.xml.lint.loose_text import check_stray_text
-from btcore.xml.lint.ports import check_ignored_attributes, check_missing_ports, check_port_literals
+from btcore.xml.lint.ports import (
+    check_ignored_attributes,
+    check_literals_of_class,
+    check_missing_ports,
+    check_port_literals,
+)
 from btcore.xml.lint.possible_results import ResultAnalysis
 from btcore.xml.lint.reporter import LintReporter
 from btcore.xml.lint.scripts import check_script_results
@@ -119,6 +124,7 @@ def _check_nodes(
             check_child_count(node, document, reporter)
             check_ignored_attributes(node, document, reporter)
             check_port_literals(node, document, planner.dialect.format, reporter)
+            check_literals_of_class(node, document, reporter)
             check_missing_ports(node, document, reporter)
             check_script_results(node, document, enums, reporter)
             check_reachable_children(node, document, results, reporter)

@@ -1,6 +1,6 @@
 """Warnings about texts: missing ports, numbers read in part, missing braces, scripts that raise."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from textwrap import dedent
 
 import pytest
@@ -303,3 +303,55 @@ def test_keys_are_checked_after_an_error_too(check: Check) -> None:
         "E202",
         "W201",
     ]
+
+
+# --- E202 and W215 of the class of a leaf
+
+
+class Fetch(btcore.SyncAction):
+    """A leaf whose ports depend on each other."""
+
+    room: btcore.In[str] = "hall"
+    item: btcore.In[str]
+
+    @classmethod
+    def check_literals(cls, literals: Mapping[str, str]) -> Iterator[btcore.LiteralProblem]:
+        room, item = literals.get("room"), literals.get("item", "")
+        if room == "attic":
+            yield btcore.LiteralProblem("room", "the attic is not installed", "install it", is_unchecked=True)
+        elif room is not None and "?" in item:
+            start = item.index("?") + 1
+            yield btcore.LiteralProblem("item", f"invalid in the {room}", "remove it", start, width=2)
+
+    def tick(self) -> bool:
+        return bool(self.item)
+
+
+def test_problem_found_by_the_class_points_to_a_part_of_the_text(check: Check, palette: Registry) -> None:
+    palette.add(Fetch)
+    assert check('<Fetch item="a &lt; ??"/>') == dedented(
+        """
+        t.xml:3:25: E202 the port 'item' of <Fetch>: invalid in the hall
+           3 |      <Fetch item="a &lt; ??"/>
+             |                          ^^
+              remove it
+        """
+    )
+
+
+def test_literal_that_cannot_be_checked_is_a_warning(check: Check, palette: Registry) -> None:
+    palette.add(Fetch)
+    assert check('<Fetch room="attic" item="??"/>') == dedented(
+        """
+        t.xml:3:18: W215 the port 'room' of <Fetch>: the attic is not installed
+           3 |      <Fetch room="attic" item="??"/>
+             |                   ^^^^^
+              install it
+        """
+    )
+
+
+@pytest.mark.parametrize("body", ['<Fetch room="{room}" item="??"/>', '<Fetch item="{item?}"/>'])
+def test_entries_are_not_literals(check: Check, palette: Registry, body: str) -> None:
+    palette.add(Fetch)
+    assert check(body, given=["room", "item?"]) == ""
