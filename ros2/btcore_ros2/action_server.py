@@ -1,0 +1,201 @@
+"""Action servers on the thread of a session: goals are taken, answered and cancelled between two ticks.
+
+rclpy executes each goal in a callback that returns the result. A tree lasts for many ticks on the thread
+that also drains the session, so a callback cannot wait for its end. Here, a goal is an object: the program
+takes it when it is ready to work on it, looks whether it is cancelled, and ends it.
+"""
+
+import functools
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+from btcore_ros2.session import RosSession
+
+Goal = TypeVar("Goal")
+Result = TypeVar("Result")
+Feedback = TypeVar("Feedback")
+
+DELIVERY_S = 0.2
+"""The time (s) that `close` leaves to clients to request the results of goals that it ends."""
+
+
+class RosGoal(Generic[Goal, Result, Feedback]):
+    """An accepted goal. A goal that has ended keeps its status: ending it again has no effect.
+
+    Attributes:
+        request: The goal message.
+    """
+
+    def __init__(self, handle: Any, end: Callable[[Any, str, Result | None], None]) -> None:
+        self._handle = handle
+        self._end = end
+        self.request: Goal = handle.request
+
+    @property
+    def cancel_requested(self) -> bool:
+        """Whether a client has cancelled the goal, and the goal has not ended."""
+        return bool(self._handle.is_cancel_requested)
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the goal has not ended."""
+        return bool(self._handle.is_active)
+
+    def publish_feedback(self, message: Feedback) -> None:
+        """Send feedback to the clients."""
+        if self.is_active:
+            self._handle.publish_feedback(message)
+
+    def succeed(self, result: Result | None = None) -> None:
+        """End the goal as SUCCEEDED; without *result* with an empty result message."""
+        self._end(self, "succeed", result)
+
+    def abort(self, result: Result | None = None) -> None:
+        """End the goal as ABORTED; without *result* with an empty result message."""
+        self._end(self, "abort", result)
+
+    def canceled(self, result: Result | None = None) -> None:
+        """End the goal as CANCELED, or as ABORTED if no client has cancelled it, as for a replaced goal.
+
+        Args:
+            result: The result message; None = an empty message.
+        """
+        self._end(self, "canceled" if self.cancel_requested else "abort", result)
+
+
+class RosActionServer(Generic[Goal, Result, Feedback]):
+    """An action server whose goals are accepted and cancelled while the session drains.
+
+    Accepted goals wait in `waiting`, with the status ACCEPTED, until `take` returns them. A waiting goal that
+    is cancelled ends as CANCELED without being taken. A goal that was taken ends by its methods. Several
+    goals may be in progress.
+
+    Args:
+        session: The session whose `drain` serves the clients.
+        action_type: The class of the action, such as `nav2_msgs.action.Spin`.
+        name: The name of the action.
+        reject_reason: Called with the message of a new goal. It returns why the goal is rejected, or "" to
+            accept it. The reason is logged, since a rejection contains no text.
+
+    Attributes:
+        name: The name of the action.
+        waiting: The goals that were accepted and not taken, in order of arrival.
+    """
+
+    def __init__(
+        self,
+        session: RosSession,
+        action_type: Any,
+        name: str,
+        *,
+        reject_reason: Callable[[Goal], str] = lambda goal: "",
+    ) -> None:
+        from rclpy.action import CancelResponse
+
+        self.name = name
+        self.waiting: deque[RosGoal[Goal, Result, Feedback]] = deque()
+        self._session = session
+        self._action_type = action_type
+        self._reject_reason = reject_reason
+        self._is_closed = False
+        self._taken: list[RosGoal[Goal, Result, Feedback]] = []
+        self._server = _server_class()(
+            session.node,
+            action_type,
+            name,
+            execute_callback=lambda handle: None,  # not used: see DeferredServer
+            goal_callback=self._on_request,
+            handle_accepted_callback=lambda handle: self.waiting.append(RosGoal(handle, self._end)),
+            cancel_callback=lambda handle: CancelResponse.ACCEPT,
+        )
+        self._stop_watching = session.after_drain(self._end_cancelled)
+
+    def take(self) -> RosGoal[Goal, Result, Feedback] | None:
+        """Return the first waiting goal, which becomes EXECUTING, or None."""
+        self._end_cancelled()
+        if not self.waiting:
+            return None
+        goal = self.waiting.popleft()
+        self._start(goal)
+        return goal
+
+    def take_newest(self) -> RosGoal[Goal, Result, Feedback] | None:
+        """Return the last waiting goal, which becomes EXECUTING, or None; abort the other waiting goals."""
+        goal = None
+        while (newer := self.take()) is not None:
+            if goal is not None:
+                goal.abort()
+            goal = newer
+        return goal
+
+    def close(self) -> None:
+        """Abort the goals that have not ended, and destroy the server. Further calls have no effect."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        open_goals = [*self._taken, *self.waiting]
+        for goal in self.waiting:
+            self._start(goal)
+        self.waiting.clear()
+        for goal in open_goals:
+            goal.canceled()
+        self._stop_watching()
+        if open_goals and self._session.context.ok():
+            self._session.wait_for(lambda: False, DELIVERY_S)
+        self._server.destroy()
+
+    def _end(self, goal: RosGoal[Goal, Result, Feedback], how: str, result: Result | None) -> None:
+        """End *goal* with the method *how* of its handle, and send its result."""
+        if goal in self._taken:
+            self._taken.remove(goal)
+        if goal.is_active:
+            answer = result if result is not None else self._action_type.Result()
+            self._server.finish(goal._handle, getattr(goal._handle, how), answer)
+
+    def _on_request(self, request: Goal) -> Any:
+        from rclpy.action import GoalResponse
+
+        reason = self._reject_reason(request)
+        if reason:
+            self._session.node.get_logger().warning(f"goal of {self.name} rejected: {reason}")
+        return GoalResponse.REJECT if reason else GoalResponse.ACCEPT
+
+    def _start(self, goal: RosGoal[Goal, Result, Feedback]) -> None:
+        goal._handle.execute()
+        self._taken.append(goal)
+
+    def _end_cancelled(self) -> None:
+        """End the waiting goals that are cancelled."""
+        for goal in [goal for goal in self.waiting if goal.cancel_requested]:
+            self.waiting.remove(goal)
+            goal.canceled()
+
+
+@functools.cache
+def _server_class() -> Any:
+    """Return the subclass of rclpy's action server; a function, since rclpy is imported when it is used."""
+    from rclpy.action import ActionServer
+
+    class DeferredServer(ActionServer):  # type: ignore[misc]
+        """An action server that sends the result of a goal when `finish` is called."""
+
+        def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
+            """Do nothing, instead of calling a callback that returns the result."""
+
+        def finish(self, handle: Any, end: Callable[[], None], result: object) -> None:
+            """Call *end*, which sets the status of the goal, and send *result* to the clients."""
+
+            def execute(_: object) -> object:
+                end()
+                return result
+
+            # Not documented, but the only part of rclpy that sends results. With a callback that is not a
+            # coroutine function, the coroutine ends at its first step.
+            try:
+                self._execute_goal(execute, handle).send(None)
+            except StopIteration:
+                return
+            raise AssertionError("rclpy did not send the result of a goal")
+
+    return DeferredServer
