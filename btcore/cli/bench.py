@@ -40,7 +40,8 @@ class BenchmarkError(Exception):
         match = _MISSING.search(str(self))
         if match is None:
             return ""
-        return f"the module '{match[1]}' is not installed; install it with: pip install 'btcore[all,bench]'"
+        extras = "ros2,bench" if match[1] == "rclpy" else "all,bench"  # ROS 2 needs its own environment
+        return f"the module '{match[1]}' is not installed; install it with: pip install 'btcore[{extras}]'"
 
 
 @click.command(short_help="Run the benchmarks and compare them with their targets.")
