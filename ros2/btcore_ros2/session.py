@@ -1,5 +1,6 @@
 """A ROS node for a tree: `RosSession` takes what has arrived, on the thread that ticks the tree."""
 
+import os
 import threading
 import time
 import warnings
@@ -16,6 +17,10 @@ FRESH_NS = 1_000_000
 
 DRAIN_RATE = 200.0
 """The rate (Hz) of `drain` while the tree waits for its next tick."""
+
+
+MAX_DOMAIN = 232
+"""The last domain of DDS. Those above 101 may share ports with other programs on Linux."""
 
 
 class RosClock(SystemClock):
@@ -57,7 +62,7 @@ class RosSession:
         clock: The clock for the tree.
 
     Raises:
-        RosError: ROS 2 is not installed, or the arguments are invalid.
+        RosError: ROS 2 is not installed, the arguments are invalid, or there is no such domain.
     """
 
     def __init__(
@@ -71,18 +76,24 @@ class RosSession:
         try:
             from rclpy.context import Context
             from rclpy.executors import SingleThreadedExecutor
+            from rclpy.impl.implementation_singleton import rclpy_implementation
             from rclpy.node import Node
         except ModuleNotFoundError as missing:
             raise RosError(
                 f"ROS 2 is not installed (no module '{missing.name}'): "
                 "pip install 'btcore[ros2]', or source the setup file of your ROS 2"
             ) from missing
+        _check_domain(str(domain) if domain is not None else os.environ.get("ROS_DOMAIN_ID") or "0")
         self.context = Context()
         # Without signal handlers, which are installed by rclpy.init() only: a last stop command can be sent
         # after Ctrl-C.
         ros_arguments = ["--ros-args", *arguments] if arguments else []
-        self.context.init(args=ros_arguments, domain_id=domain)
-        self.node: Node = Node(name, context=self.context)
+        try:
+            self.context.init(args=ros_arguments, domain_id=domain)
+            self.node: Node = Node(name, context=self.context)
+        except rclpy_implementation.RCLError as error:
+            reason, _, _ = str(error).partition(", at /")  # then places in the source of rcl
+            raise RosError(f"ROS 2 cannot start: {reason}") from error
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._take = _take_function(self.node, self._executor, use_executor)
@@ -149,6 +160,12 @@ class RosSession:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _check_domain(domain: str) -> None:
+    """Raise a RosError for a domain that does not exist: Fast DDS would end the process."""
+    if not (domain.isdecimal() and int(domain) <= MAX_DOMAIN):
+        raise RosError(f"ROS_DOMAIN_ID: there is no domain {domain}, only 0 to {MAX_DOMAIN}")
 
 
 def _take_function(node: Any, executor: Any, use_executor: bool) -> Callable[[], None]:

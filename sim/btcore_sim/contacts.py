@@ -63,6 +63,10 @@ class ContactCounter:
         """The number of contacts that are not collisions."""
         return len(self.events) - self.collisions
 
+    def reset(self) -> None:
+        """Forget all contacts. A contact that lasts is not counted again."""
+        self.events.clear()
+
     def before_step(self, now: int) -> None:
         """Record the velocities of all bodies that may touch in the coming step."""
         self._moving.clear()

@@ -110,18 +110,19 @@ def parse_event(text: str) -> Event:
     return Event(kind, float(match["time"]) * 1e9, distance, float(match["offset"] or 0.0))
 
 
-def with_boxes(scene: Scene, events: Sequence[Event]) -> Scene:
+def with_boxes(scene: Scene, events: Sequence[Event], spare: int = 0) -> Scene:
     """Return a copy of the scene with a box for every `box` event, parked below the floor.
 
     Args:
         scene: The scene; it is not modified.
         events: The events of the run; events of other kinds are ignored.
+        spare: The number of further boxes, for events that are triggered during the run.
     """
     x, y = ((scene.area[0] + scene.area[2]) / 2, (scene.area[1] + scene.area[3]) / 2)
     size, place = (SIDE, SIDE, SIDE), (x, y, _PARKED)
     boxes = [
         SceneObject(f"{_NAME}{number}", "box", size, place, 0.0, 0.0, _COLOR, is_kinematic=True)
-        for number in range(sum(event.kind == "box" for event in events))
+        for number in range(sum(event.kind == "box" for event in events) + spare)
     ]
     return replace(scene, things=(*scene.things, *boxes))
 
@@ -164,8 +165,19 @@ class EventRunner:
         self._random = world.random("events")
         self._boxes = world.kinematic_bodies(_NAME)
         self._pending = sorted(events, key=lambda event: event.time)
-        if self._pending:
-            world.schedule.every(_RATE, Phase.PHYSICS, self._trigger_due)
+        world.schedule.every(_RATE, Phase.PHYSICS, self._trigger_due)
+
+    def trigger(self, kind: str) -> None:
+        """Trigger an event of *kind* as soon as its condition is met: the robot drives, and there is a place.
+
+        Raises:
+            SimError: All boxes of the run are used, or *kind* is unknown.
+        """
+        if kind not in KINDS:
+            raise SimError(f"unknown kind of event '{kind}': kinds are {', '.join(KINDS)}")
+        if kind == "box" and len(self._boxes) <= sum(event.kind == "box" for event in self._pending):
+            raise SimError("there is no further box: all boxes of this run have dropped or are about to drop")
+        self._pending.append(Event(kind, self._world.now()))
 
     def _trigger_due(self, now: int) -> None:
         for event in list(self._pending):

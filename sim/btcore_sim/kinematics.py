@@ -62,6 +62,8 @@ class Kinematics:
                 self._still.append((joint.child, joint.parent, joint.origin))
         self.joints = [joint.name for joint in self._moving]
         """The names of the moving joints, in the order in which `frames` expects their positions."""
+        self.moving_frames = frozenset(joint.child for joint in self._moving)
+        """The names of the frames whose poses in their parent frames change."""
         for fixed in (*description.frames, *_mounted(description)):
             self._still.append((fixed.name, fixed.parent, Transform(fixed.position, from_rpy(fixed.rpy))))
         self._check(description)
@@ -100,6 +102,29 @@ class Kinematics:
                 if parents[chain[-1]] in chain:
                     raise SimError(f"robot '{description.name}': frame '{child}' is fixed to itself")
                 chain.append(parents[chain[-1]])
+
+
+def complete_urdf(description: RobotDescription) -> str:
+    """Return the robot's URDF, completed by `base_footprint` and by the frames of the sensors.
+
+    Args:
+        description: The description of the robot, whose URDF contains neither.
+    """
+    tree = ElementTree.parse(description.urdf).getroot()
+    root, _ = _joints(description)
+    links = {link.get("name") for link in tree.iterfind("link")}
+    base = FixedFrame(root, FOOTPRINT, (0.0, 0.0, description.height), (0.0, 0.0, 0.0))
+    for frame in (base, *description.frames, *_mounted(description)):
+        for name in (frame.parent, frame.name):
+            if name not in links:
+                ElementTree.SubElement(tree, "link", name=name)
+                links.add(name)
+        joint = ElementTree.SubElement(tree, "joint", name=f"{frame.name}_joint", type="fixed")
+        ElementTree.SubElement(joint, "parent", link=frame.parent)
+        ElementTree.SubElement(joint, "child", link=frame.name)
+        xyz, rpy = (" ".join(map(repr, triple)) for triple in (frame.position, frame.rpy))
+        ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+    return ElementTree.tostring(tree, encoding="unicode")
 
 
 def from_rpy(rpy: Point) -> Quaternion:

@@ -15,6 +15,7 @@ from btcore_sim.errors import SimError
 
 if TYPE_CHECKING:
     from btcore_sim.events import EventRunner
+    from btcore_sim.run_metrics import RunMetrics
     from btcore_sim.simulated_robot import SimulatedRobot
 
 
@@ -101,7 +102,9 @@ class RobotExtension:
 
     def __init__(self) -> None:
         self._body: SimulatedRobot | None = None
-        self._events: EventRunner | None = None
+        self._metrics: RunMetrics | None = None
+        self.events: EventRunner | None = None
+        """The runner of events, if the world of the run has people, events or spare boxes."""
         self._report: dict[str, object] = {}
 
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
@@ -117,7 +120,8 @@ class RobotExtension:
         world does not fit another robot.
 
         Args:
-            settings: The values of the options.
+            settings: The values of the options. A program may add `spare_boxes`, the number of boxes for
+                events that it triggers by `events`.
             wanted: The types that the tree's leaves need.
             provided: The resources that other extensions provide.
 
@@ -135,7 +139,7 @@ class RobotExtension:
         resources: list[object] = []
         try:
             if robot:
-                self._body, self._events = _make(settings)
+                self._body, self.events = _make(settings)
                 places = self._body.world.scene.waypoints
                 waypoints = Waypoints({name: Pose2D(x, y, 0.0) for name, (x, y) in places.items()})
                 resources += [self._body, waypoints]
@@ -168,14 +172,12 @@ class RobotExtension:
             return
         from btcore_sim.run_metrics import RunMetrics, navigator_among
 
-        metrics = RunMetrics(body, navigator_among(resources))
+        self._metrics = RunMetrics(body, navigator_among(resources))
         try:
             yield
         finally:
             body.stop()
-            self._report = {"robot": {**_report(body), **metrics.figures()}}
-            if self._events is not None:
-                self._report["events"] = self._events.event_log
+            self._report = self.report()
             body.world.close()
             self._body = None
 
@@ -192,12 +194,17 @@ class RobotExtension:
         """Do nothing: an interrupted run is reported like any other."""
 
     def report(self) -> dict[str, object]:
-        """Return `{"robot": {"distance_m", "collisions", "grazes", "pose", …}}` of a run that has ended.
+        """Return `{"robot": {"distance_m", "collisions", "grazes", "pose", …}}`, also during the run.
 
         `RunMetrics.figures` documents the other values. With people or events the report also contains
         `"events"`, a list of the events with time (s) and place (m).
         """
-        return self._report
+        if self._body is None or self._metrics is None:
+            return self._report
+        report: dict[str, object] = {"robot": {**_report(self._body), **self._metrics.figures()}}
+        if self.events is not None:
+            report["events"] = self.events.event_log
+        return report
 
 
 def _map(settings: Mapping[str, Any]) -> object:
@@ -226,7 +233,9 @@ def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | N
     camera = parse_camera(settings.get("camera", "off"))
     faults = [parse_fault(text) for text in settings.get("fault", ())]
     events = [parse_event(text) for text in settings.get("event", ())]
-    scenario = Scenario(settings.get("people", 0), settings.get("obstacles", 0), events)
+    scenario = Scenario(
+        settings.get("people", 0), settings.get("obstacles", 0), events, settings.get("spare_boxes", 0)
+    )
     seed = settings.get("seed", 0)
     scene = load_scene(settings.get("world", "arena"))
     start = settings.get("start")

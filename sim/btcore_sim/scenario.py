@@ -21,11 +21,15 @@ _TRIES = 300  # attempts to draw a place
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """The numbers of *people* and *obstacles* that a run adds to its world, and the *events* of the run."""
+    """The numbers of *people* and *obstacles* that a run adds to its world, and the *events* of the run.
+
+    *spare_boxes* is the number of boxes for events that are triggered during the run.
+    """
 
     people: int = 0
     obstacles: int = 0
     events: Sequence[Event] = ()
+    spare_boxes: int = 0
 
     def scene(self, scene: Scene, seed: int) -> Scene:
         """Return the scene with people, obstacles and the boxes that events will drop.
@@ -41,7 +45,7 @@ class Scenario:
             scene = with_obstacles(scene, self.obstacles, random_generator(seed, "obstacles"))
         if self.people:
             scene = with_people(scene, self.people, random_generator(seed, "people"))
-        return with_boxes(scene, self.events) if self.events else scene
+        return with_boxes(scene, self.events, self.spare_boxes) if self.events or self.spare_boxes else scene
 
     def begin(self, world: World, robot: EventTarget, radius: float) -> EventRunner | None:
         """Let the people walk, and schedule the events.
@@ -52,9 +56,9 @@ class Scenario:
             radius: The robot's radius (m).
 
         Returns:
-            The runner of the events, or None without people and events.
+            The runner of the events, or None without people, events and spare boxes.
         """
-        if not (self.people or self.events):
+        if not (self.people or self.events or self.spare_boxes):
             return None
         floor = ClearanceMap.of(world.scene)
         people = PeopleSimulation(world, floor, robot.true_pose, radius)

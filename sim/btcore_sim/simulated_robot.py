@@ -186,6 +186,13 @@ class SimulatedRobot(Robot):
         """Return the transforms of links and sensors below `base_footprint`, from the joints' positions."""
         return self._kinematics.frames(self.model.joint_positions(self._joints), self.world.now())
 
+    def joint_positions(self) -> dict[str, float]:
+        """Return the positions (rad or m) of the moving joints of the URDF, including the wheels, by name."""
+        wheels = self.description.wheels
+        names = (*self._kinematics.joints, wheels.left, wheels.right)
+        positions = self.model.joint_positions([*self._joints, *self._wheels])
+        return dict(zip(names, positions, strict=True))
+
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
         """Command the velocity *v* (m/s) and *w* (rad/s); see `Robot.drive`.
 

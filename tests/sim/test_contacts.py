@@ -23,6 +23,15 @@ def test_scraping_along_a_wall_at_nine_degrees_is_a_graze(robot_at, steer, box):
     assert body.contacts.events[0].speed == pytest.approx(0.3 * math.sin(math.radians(9)), abs=0.01)
 
 
+def test_reset_forgets_contacts_and_does_not_count_a_lasting_one_again(robot_at, steer, box):
+    body = robot_at(box(1.1, 0.0, WALL))
+    steer(body, 4.0, (0.3, 0.0))
+    body.contacts.reset()
+    assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
+    steer(body, 1.0, (0.3, 0.0))
+    assert body.contacts.events == []
+
+
 def test_contact_with_the_floor_does_not_count(robot_at, steer):
     body = robot_at()
     steer(body, 2.0, (1.0, 1.0))

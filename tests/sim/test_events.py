@@ -49,8 +49,10 @@ def meet():
     """A robot in a world in which *events* happen."""
     worlds = []
 
-    def make(name: str, *events: str, seed: int = 1, people: int = 0) -> tuple[SimulatedRobot, EventRunner]:
-        scenario = Scenario(people, 0, [parse_event(text) for text in events])
+    def make(
+        name: str, *events: str, seed: int = 1, people: int = 0, spare_boxes: int = 0
+    ) -> tuple[SimulatedRobot, EventRunner]:
+        scenario = Scenario(people, 0, [parse_event(text) for text in events], spare_boxes)
         worlds.append(World(scenario.scene(load_scene(name), seed), seed=seed))
         body = SimulatedRobot(worlds[-1])
         begun = scenario.begin(worlds[-1], body, body.base.radius)
@@ -87,6 +89,19 @@ def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet):
     name = body.world.bodies[number].name
     assert frames[name][2] == pytest.approx([happened["x"], happened["y"], SIDE / 2], abs=1e-3)
     assert name in {part.frame for part in body.scene_static().parts}
+
+
+def test_a_triggered_box_drops_as_soon_as_the_robot_drives(meet):
+    body, events = meet("house", spare_boxes=1)
+    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    go(body, 0.5)
+    events.trigger("box")
+    with pytest.raises(SimError, match="no further box"):
+        events.trigger("box")
+    go(body, 0.2)
+    assert [(event["event"], event["t"]) for event in events.event_log] == [("box", 0.6)]
+    with pytest.raises(SimError, match="kinds are box, kidnap"):
+        events.trigger("rain")
 
 
 def test_driving_into_a_dropped_box_is_a_collision(meet):

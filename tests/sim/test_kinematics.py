@@ -4,13 +4,14 @@ import json
 import math
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from btcore_robot.rigid_transform import Transform
 from btcore_sim.errors import SimError
-from btcore_sim.kinematics import Kinematics, from_rpy
+from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf, from_rpy
 from btcore_sim.robot_description import TIAGO, load_description
 
 LEVEL = {"base_link", "base_laser_link", "torso_fixed_link"}
@@ -148,3 +149,18 @@ def test_turns_about_fixed_axes_are_applied_in_the_order_x_y_z():
     assert (turned * Transform((1.0, 0.0, 0.0))).position == pytest.approx((0.0, 0.0, -1.0))
     assert (turned * Transform((0.0, 0.0, 1.0))).position == pytest.approx((0.0, 1.0, 0.0))
     assert (turned * turned).rotation == pytest.approx(turned.rotation @ turned.rotation)
+
+
+def test_complete_urdf_has_a_link_for_each_frame():
+    description = load_description()
+    robot = ElementTree.fromstring(complete_urdf(description))
+    kinematics = Kinematics(description)
+    frames = kinematics.frames([0.0] * len(kinematics.joints), 0)
+    parents = {
+        str(joint.find("child").get("link")): joint.find("parent").get("link")
+        for joint in robot.iterfind("joint")
+    }
+    assert {frame.child: frame.parent for frame in frames}.items() <= parents.items()
+    assert {link.get("name") for link in robot.iterfind("link")} == {FOOTPRINT, *parents}
+    turning = robot.iterfind("joint[@type='revolute']/child")
+    assert {child.get("link") for child in turning} < kinematics.moving_frames

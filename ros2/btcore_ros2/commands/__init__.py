@@ -4,7 +4,7 @@ from importlib import import_module
 
 import click
 
-COMMANDS: dict[str, str] = {}
+COMMANDS: dict[str, str] = {"sim": "sim"}
 """The module of each command, relative to this package; it contains a click command of the same name."""
 
 

@@ -1,0 +1,66 @@
+"""`btcore ros2 sim`: the simulated robot as a ROS 2 robot."""
+
+import shlex
+from typing import Any
+
+import click
+
+from btcore.program_runner import (
+    FiniteRange,
+    RunCommand,
+    print_json,
+    print_result,
+    require_resources,
+    run_program,
+)
+from btcore_robot.robot import Phase, Robot
+from btcore_ros2.errors import RosError
+from btcore_ros2.session import RosSession
+
+SPARE_BOXES = 5
+"""The number of boxes that the service `sim/drop_box` can drop."""
+
+
+@click.command("sim", cls=RunCommand, short_help="Simulate a robot on the topics of ROS 2.")
+@click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line of stdout.")
+@click.pass_context
+def sim(ctx: click.Context, /, **settings: Any) -> int:
+    """Simulate a Tiago that publishes what the real robot publishes, and takes the same commands.
+
+    The topics are those of the real robot: scan_raw, mobile_base_controller/odom, cmd_vel and so on. Events
+    and the figures of the run are services below sim/. Ctrl-C ends the simulation.
+    """
+    try:
+        session = RosSession("simulation", arguments=shlex.split(settings.get("ros_args") or ""))
+    except (RosError, ValueError) as error:
+        raise click.UsageError(str(error)) from error
+    with session:
+        return _run(ctx, session, {**settings, "fast": False, "spare_boxes": SPARE_BOXES})
+
+
+def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> int:
+    gathered = require_resources(ctx, settings, (Robot,))
+    # Imported here: the simulator is installed, since there is a robot, and so is ROS 2.
+    from btcore_ros2.simulation.services import offer_services
+    from btcore_ros2.simulation.topics import DRAIN_RATE, RobotTopics
+    from btcore_sim.run_extension import RobotExtension
+    from btcore_sim.simulated_robot import SimulatedRobot
+
+    robot = next((robot for robot in gathered.resources if isinstance(robot, SimulatedRobot)), None)
+    extension = next(each for each in gathered.extensions if isinstance(each, RobotExtension))
+    if robot is None or extension.events is None:
+        raise click.UsageError("this command simulates its own robot: leave out the options of another robot")
+    RobotTopics(session, robot)
+    offer_services(session, robot, extension.events, extension.report)
+    robot.schedule.every(DRAIN_RATE, Phase.PHYSICS, lambda now: session.drain())
+    click.echo(f"the simulated {robot.description.name} is on ROS 2; Ctrl-C ends it", err=True)
+    done = run_program("Simulation", gathered, settings, lambda: None, clock=robot.clock)
+    if settings["as_json"]:
+        print_json({"time_s": round(done.seconds, 3), **done.report})
+    else:
+        print_result("simulation", done, {})
+    return done.code

@@ -1,0 +1,30 @@
+"""Fixtures: the simulated robot in a process of its own, and a ROS node that talks to it."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from tests.ros2.simulation.process import Client, Simulation
+
+
+@pytest.fixture(scope="module")
+def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Simulation]]:
+    """A function that starts a simulation with options; all end with the module."""
+    started: list[Simulation] = []
+
+    def begin(*arguments: str) -> Simulation:
+        started.append(Simulation(tmp_path_factory.mktemp("simulation"), *arguments))
+        return started[-1]
+
+    yield begin
+    for simulation in started:
+        simulation.interrupt()
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    """A ROS node in the domain of this worker."""
+    from btcore_ros2.session import RosSession
+
+    with RosSession("client") as session:
+        yield Client(session)

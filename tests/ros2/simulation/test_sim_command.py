@@ -1,0 +1,84 @@
+"""`btcore ros2 sim`: options, errors, and what it leaves out."""
+
+import threading
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("pybullet")
+
+from collections.abc import Callable
+
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Image
+
+from btcore_ros2.session import RosSession
+from btcore_ros2.simulation.topics import RobotTopics
+from btcore_sim.camera import CameraSettings
+from btcore_sim.scene import load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
+from tests.ros2.simulation.process import LIMIT, Simulation
+
+SECOND = 1_000_000_000
+
+
+def test_duration_and_options_of_the_simulator_apply(start: Callable[..., Simulation]) -> None:
+    arguments = (
+        "--world",
+        "aws_house",
+        "--battery",
+        "42",
+        "--duration",
+        "0.5",
+        "--ros-args",
+        "-r __ns:=/tiago",
+    )
+    simulation = start(*arguments)
+    assert simulation.process.wait(LIMIT) == 0
+    result = simulation.result()
+    assert result["time_s"] == 0.5
+    assert 41.0 < result["robot"]["battery_min"] < 42.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "environment", "message"),
+    [
+        (["--world", "hous"], {}, "house"),
+        (["--ros-args", "-r scan"], {}, "remap rule: '-r scan'"),
+        ([], {"ROS_DOMAIN_ID": "999"}, "no domain 999"),
+        ([], {"ROS_DOMAIN_ID": "mine"}, "no domain mine"),
+    ],
+)
+def test_a_mistake_of_the_user_is_a_message(
+    start: Callable[..., Simulation],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    environment: dict[str, str],
+    message: str,
+) -> None:
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    simulation = start("--duration", "1", *arguments)
+    assert simulation.process.wait(LIMIT) == 2
+    assert message in simulation.errors
+    assert "Traceback" not in simulation.errors
+
+
+def test_no_picture_is_rendered_without_a_subscriber(session: RosSession) -> None:
+    world = World(load_scene("arena"))
+    robot = SimulatedRobot(world, camera=CameraSettings(32, 24, 10.0))
+    topics = RobotTopics(session, robot)
+    image = "/head_front_camera/rgb/image_raw"
+    world.wait_until(SECOND, threading.Event())
+    assert robot.scene_moving().pictures == ()
+    assert topics.published()[image] == 0
+
+    pictures: list[Image] = []
+    session.node.create_subscription(Image, image, pictures.append, qos_profile_sensor_data)
+    assert session.wait_for(lambda: session.node.count_subscribers(image), LIMIT)
+    world.wait_until(2 * SECOND, threading.Event())
+    assert session.wait_for(lambda: pictures, LIMIT)
+    assert len(robot.scene_moving().pictures) == 1
+    assert topics.published()[image] == 10
+    world.close()
