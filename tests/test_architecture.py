@@ -160,6 +160,7 @@ MAP = "btcore_robot.navigation.occupancy_map"
 
 
 SHARED = (
+    "btcore_robot.command_multiplexer",
     "btcore_robot.robot",
     "btcore_robot.rigid_transform",
     "btcore_robot.schedule",

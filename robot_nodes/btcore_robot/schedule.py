@@ -98,16 +98,22 @@ class RealTime(_Tasks):
         """
         while not wake.is_set():
             due = self.next_due()
-            next_time = deadline if due is None else min(due, deadline)
-            remaining = next_time - time.monotonic_ns()
-            if remaining > 0 and wake.wait(remaining / NS_PER_S):
+            if self._rest(deadline if due is None else min(due, deadline), wake):
                 return True
-            now = time.monotonic_ns()
+            now = self.now()
             if due is not None and due <= min(now, deadline):
                 self.missed += self._run(now)
             elif now >= deadline:
                 return False
         return True
+
+    def _rest(self, moment: int, wake: threading.Event) -> bool:
+        """Wait until *moment* (ns) at the latest, and return whether *wake* was set.
+
+        A subclass that overrides `now` overrides this method too. It may return before *moment*.
+        """
+        remaining = moment - time.monotonic_ns()
+        return remaining > 0 and wake.wait(remaining / NS_PER_S)
 
 
 class SimulatedTime(_Tasks):

@@ -8,18 +8,27 @@ import click
 
 from btcore import Tree
 from btcore.run_extension import RunExtension
+from btcore_robot.robot import BaseInfo, Robot
 from btcore_ros2.errors import RosError
 from btcore_ros2.session import RosSession
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
+    from btcore_ros2.robot.ros_robot import RosRobot
+
 
 class RosExtension(RunExtension):
-    """Provides the `RosSession` that leaves require."""
+    """Provides the `RosSession` that leaves require, and with `--ros2` the robot."""
 
-    used_by = "leaf that uses ROS 2"
+    used_by = "leaf that uses ROS 2 or a robot"
     options: Sequence[click.Option] = (
+        click.Option(
+            ["--ros2", "ros2_robot"],
+            metavar="FILE.yaml",
+            help="Use a ROS 2 robot instead of the simulated robot: tiago, turtlebot3, turtlebot4, or a file "
+            "that describes its topics.",
+        ),
         click.Option(
             ["--ros-args"],
             metavar="ARGS",
@@ -29,25 +38,41 @@ class RosExtension(RunExtension):
 
     def __init__(self) -> None:
         self._session: RosSession | None = None
+        self._robot: RosRobot | None = None
 
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:
-        """Return the session if a leaf requires it; see `RunExtension.provide`."""
-        if RosSession not in wanted:
+        """Return the session if a leaf requires it, and the robot of `--ros2`; see `RunExtension.provide`."""
+        name = settings.get("ros2_robot")
+        drives = name is not None and any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
+        if RosSession not in wanted and not drives:
             return ()
         import shlex
 
+        # A tree without a robot must not import the modules of the robot.
+        from btcore_ros2.robot.description import load_robot
+        from btcore_ros2.robot.ros_robot import RosRobot
+
         try:
+            description = load_robot(str(name)) if drives else None
             self._session = RosSession(arguments=shlex.split(settings.get("ros_args") or ""))
+            resources: list[object] = []
+            if description is not None:
+                _check_rate(settings.get("rate"), description.base)
+                self._robot = RosRobot(self._session, description)
+                # Before the session, because the robot's clock may be that of a simulation.
+                resources.append(self._robot)
         except (RosError, ValueError) as error:
+            if self._session is not None:
+                self._session.close()
             raise click.UsageError(str(error)) from error
-        return (self._session,)
+        return (*resources, self._session)
 
     def attach(
         self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> "AbstractContextManager[object]":
-        """Close the session at the end of the run."""
+        """Stop the robot and close the session at the end of the run."""
         return self._closed()
 
     @contextmanager
@@ -55,5 +80,16 @@ class RosExtension(RunExtension):
         try:
             yield
         finally:
+            if self._robot is not None:
+                self._robot.close()
             if self._session is not None:
                 self._session.close()
+
+
+def _check_rate(rate: float | None, base: BaseInfo) -> None:
+    least = 1.0 / base.command_timeout
+    if rate is not None and rate < least:
+        raise RosError(
+            f"--rate {rate:g} is too slow for a tree that drives: a velocity command expires after "
+            f"{base.command_timeout:g} s, so the tree has to be ticked at least {least:g} times a second"
+        )

@@ -4,6 +4,7 @@ import logging
 import math
 from collections.abc import Sequence
 
+from btcore_robot.command_multiplexer import CommandMultiplexer
 from btcore_robot.robot import (
     CMD_VEL,
     BaseInfo,
@@ -30,7 +31,6 @@ from btcore_sim.battery import FULL, BatteryModel
 from btcore_sim.camera import Camera, CameraSettings
 from btcore_sim.contacts import ContactCounter
 from btcore_sim.differential_drive import (
-    CommandMultiplexer,
     DifferentialDrive,
     WheelErrorModel,
     WheelOdometry,

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from btcore_robot.command_multiplexer import CommandMultiplexer
 from btcore_robot.robot import BaseInfo, Odometry, Pose2D, Twist2D
 from btcore_sim.differential_drive import (
-    CommandMultiplexer,
     DifferentialDrive,
     WheelErrorModel,
     WheelOdometry,

@@ -1,0 +1,81 @@
+"""A clock that follows the topic `/clock`, for robots in a simulator."""
+
+import threading
+import time
+from typing import Any
+
+from btcore_robot.robot import NS_PER_S
+from btcore_robot.schedule import RealTime
+from btcore_ros2.errors import RosError
+from btcore_ros2.session import RosSession
+
+SILENCE = 3.0
+"""The time (s) without a message on `/clock` after which waiting on the clock raises an error."""
+POLL_INTERVAL_S = 0.001
+
+
+class SimTime(RealTime):
+    """The time of the topic `/clock`, and the periodic tasks on it; ROS's `use_sim_time`.
+
+    The time is 0 before the first message. Tasks run only while a thread waits in `wait_until`.
+
+    Args:
+        session: The ROS node.
+        topic: The topic of the clock.
+    """
+
+    def __init__(self, session: RosSession, topic: str = "/clock") -> None:
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from rosgraph_msgs.msg import Clock
+
+        self._session = session
+        self._now = 0
+        self._arrival = time.monotonic_ns()
+        self._jump = 0
+        # Initialised before the base class, which reads the time.
+        super().__init__()
+        qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._subscription = session.node.create_subscription(Clock, topic, self._receive, qos)
+
+    def now(self) -> int:
+        """Return the newest time (ns) of the topic. It never decreases."""
+        return self._now
+
+    @property
+    def started(self) -> bool:
+        """Whether a message has arrived."""
+        return self._now > 0
+
+    def _receive(self, message: Any) -> None:
+        now = message.clock.sec * NS_PER_S + message.clock.nanosec
+        self._arrival = time.monotonic_ns()
+        if now < self._now:
+            self._jump = max(self._jump, self._now - now)
+        else:
+            self._now = now
+
+    def check(self) -> None:
+        """Check that the time advances.
+
+        Raises:
+            RosError: The time jumped back, or the topic has stopped.
+        """
+        if self._jump:
+            raise RosError(
+                f"{self._subscription.topic_name} jumped back by {self._jump / NS_PER_S:.1f} s: "
+                "the simulation was reset; run the tree again"
+            )
+        age = (time.monotonic_ns() - self._arrival) / NS_PER_S
+        if age > SILENCE:
+            raise RosError(
+                f"{self._subscription.topic_name}: no message for {age:.1f} s: the simulation has stopped or "
+                "is paused, or the network is down"
+            )
+
+    def _rest(self, moment: int, wake: threading.Event) -> bool:
+        before = self._now
+        self._session.drain()
+        self.check()
+        if self._now >= moment or self._now > before:
+            return False
+        return wake.wait(POLL_INTERVAL_S)

@@ -1,0 +1,83 @@
+"""A ROS 2 robot in another process, and its description."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HERE = Path(__file__).parent
+
+DESCRIPTION = """\
+name: point
+start_timeout: 20
+base: {v_min: -0.3, v_max: 0.5, w_max: 1.0, v_rate: 1.0, w_rate: 2.0, command_timeout: 0.5, radius: 0.2}
+scan: {topic: /scan, timeout: 1.0, rate: 10, sigma: 0.01}
+odometry: {topic: /odom, timeout: 1.0}
+velocity: {type: Twist, topics: {/cmd_vel: 10, /key_vel: 90}}
+frames: {tf: /tf}
+joint_states: {topic: /joint_states}
+"""
+
+PARTS = """\
+head:
+  topic: /head_controller/joint_trajectory
+  joints: [head_1_joint, head_2_joint]
+  pan_limits: [-1.3, 1.3]
+  tilt_limits: [-1.0, 0.7]
+  speed: 3.0
+torso: {topic: /torso_controller/joint_trajectory, joint: torso_lift_joint, limits: [0.0, 0.35], speed: 0.3}
+camera: {image: {topic: /image}, info: /camera_info, depth: {topic: /depth}, near: 0.1, far: 8.0, rate: 10}
+sonars: [/sonar]
+"""
+
+
+class PointRobotProcess:
+    """A process of point_robot.py. `send` sets attributes of the robot, and returns its state."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, str(HERE / "point_robot.py"), json.dumps(settings)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline() == "ready\n"
+
+    def send(self, **values: Any) -> dict[str, Any]:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write(json.dumps(values) + "\n")
+        self.process.stdin.flush()
+        state: dict[str, Any] = json.loads(self.process.stdout.readline())
+        return state
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+
+@pytest.fixture
+def start_robot() -> Iterator[Callable[..., PointRobotProcess]]:
+    """A function that starts a robot with settings; it is killed at the end of the test."""
+    started: list[PointRobotProcess] = []
+
+    def start(**settings: Any) -> PointRobotProcess:
+        started.append(PointRobotProcess(**settings))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.close()
+
+
+@pytest.fixture(scope="module")
+def point_robot() -> Iterator[PointRobotProcess]:
+    """A robot for all tests of a module."""
+    process = PointRobotProcess()
+    yield process
+    process.close()

@@ -1,0 +1,89 @@
+"""A robot over topics follows the protocol; the robot runs in another process."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("tf2_msgs")
+
+from btcore_robot.robot import NS_PER_S, CameraInfo
+from btcore_robot.testing import (
+    check_camera,
+    check_frames,
+    check_info,
+    check_robot,
+    check_scan,
+    check_sonars,
+    is_standing,
+    wait,
+)
+from btcore_ros2.robot.description import RosRobotDescription, load_robot
+from btcore_ros2.robot.ros_robot import RosRobot
+from btcore_ros2.robot.sim_time import SimTime
+from btcore_ros2.session import RosSession
+from tests.ros2.robot.conftest import DESCRIPTION, PARTS, PointRobotProcess
+
+
+def describe(folder: Path, text: str = DESCRIPTION) -> RosRobotDescription:
+    path = folder / "point.yaml"
+    path.write_text(text)
+    return load_robot(path)
+
+
+def wait_for(robot: RosRobot, condition: Callable[[], object], seconds: float = 10.0) -> None:
+    """Wait on the robot's clock until *condition* returns a true value."""
+    end = robot.clock.now() + round(seconds * NS_PER_S)
+    while not condition():
+        assert robot.clock.now() < end, "the condition was not met in time"
+        wait(robot, 0.02)
+
+
+def test_check_robot(session: RosSession, point_robot: PointRobotProcess, tmp_path: Path) -> None:
+    robot = RosRobot(session, describe(tmp_path))
+
+    def at_rest() -> RosRobot:
+        robot.stop()
+        wait_for(robot, lambda: is_standing(robot.odometry().twist))
+        return robot
+
+    check_robot(at_rest)
+
+
+def test_head_torso_camera_and_sonar(
+    session: RosSession, point_robot: PointRobotProcess, tmp_path: Path
+) -> None:
+    robot = RosRobot(session, describe(tmp_path, DESCRIPTION + PARTS))
+    for check in (check_info, check_scan, check_frames):
+        check(robot)
+    robot.move_head(0.5, -2.0)
+    robot.lift(9.0)
+    assert robot.camera_info == CameraInfo(8, 6, 100.0, 100.0, 4.0, 3.0, 0.1, 8.0, 10.0, "camera_optical")
+    wait_for(robot, lambda: (head := robot.head()) and abs(head.pan - 0.5) + abs(head.tilt + 1.0) < 0.01)
+    wait_for(robot, lambda: abs((robot.torso_height() or 0.0) - 0.35) < 0.01)
+    wait_for(robot, lambda: (image := robot.camera()) and image.depth is not None)
+    image = robot.camera()
+    assert image is not None
+    assert image.depth is not None
+    assert image.rgb[0, 0].tolist() == [30, 20, 10]
+    assert image.depth[2, :2].tolist() == [np.inf, 1.5]
+    check_camera(robot)
+    assert [sonar.range for sonar in robot.sonars()] == [np.inf]
+    check_sonars(robot)
+
+
+def test_simulated_time(
+    session: RosSession, start_robot: Callable[..., PointRobotProcess], tmp_path: Path
+) -> None:
+    start_robot(sim_time=True, factor=2.0)
+    robot = RosRobot(session, describe(tmp_path))
+    assert isinstance(robot.clock, SimTime)
+    check_info(robot)
+    check_scan(robot)
+    check_frames(robot)
+    before, wall = robot.clock.now(), time.monotonic_ns()
+    wait(robot, 2.0)
+    assert robot.clock.now() - before > 1.5 * (time.monotonic_ns() - wall)
