@@ -126,7 +126,7 @@ def _required_features(wanted: Sequence[type]) -> tuple[bool, bool, bool]:
     """Return whether leaves require navigation, exploration and tracking."""
     names = {f"{kind.__module__}.{kind.__qualname__}" for kind in wanted}
     explores = Explorer in wanted or bool(names & {_EXPLORATION, _MAPPER})
-    navigates = PoseNavigator in wanted or bool(names & {_NAVIGATION, _SERVERS})
+    navigates = PoseNavigator in wanted or bool(names & {_NAVIGATION, _SERVERS, _NAVIGATION_SERVERS})
     # Locating objects in the map needs the robot's pose on it.
     navigates = navigates or (ObjectLocatorProtocol in wanted and not explores)
     return navigates, explores, HeadTrackerProtocol in wanted or _TRACKER in names
@@ -135,6 +135,7 @@ def _required_features(wanted: Sequence[type]) -> tuple[bool, bool, bool]:
 # Class names as strings: these modules need libraries that a tree without navigation must not import.
 _NAVIGATION = "btcore_robot.navigation.stack.Navigation"
 _SERVERS = "btcore_robot.navigation.servers.Servers"
+_NAVIGATION_SERVERS = "btcore_robot.navigation.navigation_servers.NavigationServers"
 _EXPLORATION = "btcore_robot.navigation.mapping.exploration.Exploration"
 _MAPPER = "btcore_robot.navigation.mapping.mapper.Mapper"
 _TRACKER = "btcore_robot.control.head_tracker.HeadTracker"

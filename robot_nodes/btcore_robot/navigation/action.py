@@ -47,7 +47,10 @@ class GoalHandle(Generic[Goal, Feedback, Value]):
         feedback: The last feedback, or None.
         result: The result, or None before the goal has ended.
         cancel_requested: Whether the client has cancelled the goal.
+        missing_acceptance: The reason to report if the goal is not accepted in time.
     """
+
+    missing_acceptance = "no server accepted the goal"
 
     def __init__(self, goal: Goal) -> None:
         self.goal = goal

@@ -1,20 +1,19 @@
 """The navigator: runs a behavior tree of Nav2's nodes for every goal, like Nav2's `bt_navigator`."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import btcore
-from btcore import BtcoreError, NodeExecutionError, Registry, Status, Tree
+from btcore import BtcoreError, Clock, NodeExecutionError, Registry, Status, Tree
 from btcore_robot.navigation import nodes as nav2_nodes
 from btcore_robot.navigation.action import ActionServer, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal, NavigateHandle
-from btcore_robot.navigation.nodes.action_node import RECOVERIES, BtActionNode
+from btcore_robot.navigation.navigation_servers import NavigationServers
+from btcore_robot.navigation.nodes.action_node import RECOVERIES, BtActionNode, BtServiceNode
 from btcore_robot.navigation.nodes.goals import WaypointStatus
 from btcore_robot.navigation.path import NavPath, empty_path
-from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import NS_PER_S, GoalOutcome
 
 __all__ = ["NavigateFeedback", "NavigateGoal", "NavigateHandle", "Navigator"]
@@ -35,8 +34,10 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
     halts the tree. If the tree succeeds while the scans contradict the robot's pose, the goal is aborted.
 
     Args:
-        servers: The servers of the robot; the nodes get them and the `Robot` as resources.
+        servers: The servers of the robot, which are a resource of the nodes.
         default_tree: The file of the tree for goals that name no other file.
+        clock: The clock of the trees.
+        resources: Further resources of the nodes, such as the `Robot`.
         through: Whether goals have several poses.
         plugins: Libraries with further nodes for the trees.
         on_end: A function that is called with the outcome of every goal.
@@ -50,9 +51,11 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
 
     def __init__(
         self,
-        servers: Servers,
+        servers: NavigationServers,
         default_tree: Path,
         *,
+        clock: Clock,
+        resources: Sequence[object] = (),
         through: bool = False,
         plugins: Iterable[str] = (),
         on_end: Callable[[GoalOutcome], None] | None = None,
@@ -66,13 +69,15 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         self.through = through
         self.tree: Tree | None = None
         """The tree of the last accepted goal."""
+        self._clock = clock
+        self._resources = resources
         self._nodes = _create_registry(plugins)
         self._on_end = on_end
         self._hold = hold
         self._give_up_reason = give_up_reason
         self._trees: dict[Path, Tree] = {}
         self._began = 0
-        self._earlier_goals: list[object] = []
+        self._earlier_goals: Sequence[object] = ()
 
     def start(self, handle: NavigateHandle, now: int, previous: NavigateHandle | None) -> None:
         """Write the goal to the blackboard of its tree."""
@@ -82,7 +87,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         if previous is not None:
             self._report_outcome(previous, now, GoalStatus.CANCELED)
         self._began = now
-        self._earlier_goals = [server.current for server in self._action_servers()]
+        self._earlier_goals = self.servers.last_goals()
         before = self.tree
         try:
             tree = self._load_tree(handle.goal.behavior_tree)
@@ -92,7 +97,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             return
         board = tree.blackboard
         # A tree in a recovery has stopped driving, and would notice the new goal only after the recovery.
-        continues = previous is not None and before is tree and not self._is_recovering()
+        continues = previous is not None and before is tree and not self.servers.is_recovering
         if before is not None and not continues:
             before.halt()
         if not continues:
@@ -124,7 +129,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             self._end(handle, Nav2ErrorCode.NAVIGATE_UNKNOWN, str(error), now)
             return
         handle.feedback = self._feedback(tree, now)
-        if status is Status.SUCCESS and self.servers.localiser.is_contradicted:
+        if status is Status.SUCCESS and self.servers.is_pose_contradicted:
             self._end(handle, Nav2ErrorCode.NAVIGATE_TF_ERROR, _ELSEWHERE, now)
         elif status is Status.SUCCESS:
             handle.succeed()
@@ -143,31 +148,22 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         """Restart the present goal: halt the tree and discard the path, so that a new path is planned."""
         if self.tree is not None and self.current is not None and not self.current.done:
             self.tree.halt()
-            self.tree.blackboard["path"] = empty_path(self.servers.now())
+            self.tree.blackboard["path"] = empty_path(self._clock.now())
 
     def _halt(self) -> None:
         if self.tree is not None:
             self.tree.halt()
 
-    def _action_servers(self) -> tuple[ActionServer[Any, Any, Any], ...]:
-        servers = self.servers
-        return servers.compute_path, servers.follow_path, *self._recovery_servers()
-
-    def _recovery_servers(self) -> tuple[ActionServer[Any, Any, Any], ...]:
-        servers = self.servers
-        return servers.spin, servers.back_up, servers.drive_on_heading, servers.wait
-
-    def _is_recovering(self) -> bool:
-        return any(server.busy for server in self._recovery_servers())
-
     def _load_tree(self, file: str) -> Tree:
         path = tree_file(file, self.default_tree)
         if path not in self._trees:
-            servers, robot = self.servers, self.servers.robot
-            tree = btcore.load(path, nodes=self._nodes, resources=[servers, robot], clock=robot.clock)
-            for node in tree.find(BtActionNode):
-                # No warning for a failure that a retry may resolve; the final reason is in the goal's result.
-                node.level = logging.INFO
+            given = [self.servers, *self._resources]
+            tree = btcore.load(path, nodes=self._nodes, resources=given, clock=self._clock)
+            # No warning for a failure that a retry may resolve; the final reason is in the goal's result.
+            for action in tree.find(BtActionNode):
+                action.level = logging.INFO
+            for service in tree.find(BtServiceNode):
+                service.level = logging.INFO
             self._trees[path] = tree
         return self._trees[path]
 
@@ -185,8 +181,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
 
     def _failure_reason(self) -> tuple[int, str]:
         """Return code and message of the first server whose last goal since the start was aborted."""
-        for server, earlier in zip(self._action_servers(), self._earlier_goals, strict=True):
-            current = server.current
+        for current, earlier in zip(self.servers.last_goals(), self._earlier_goals, strict=True):
             if current is None or current is earlier or current.status is not GoalStatus.ABORTED:
                 continue
             if current.result is not None:

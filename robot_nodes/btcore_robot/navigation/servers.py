@@ -1,10 +1,11 @@
-"""The servers of a robot, as a resource for Nav2's tree nodes."""
+"""The servers of a robot in this process, as a resource for Nav2's tree nodes."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
-from btcore_robot.navigation.action import GoalHandle
+from btcore_robot.navigation.action import ActionServer, GoalHandle
 from btcore_robot.navigation.behaviours import (
     BackUpBehaviour,
     DriveOnHeadingBehaviour,
@@ -12,10 +13,25 @@ from btcore_robot.navigation.behaviours import (
     WaitBehaviour,
 )
 from btcore_robot.navigation.controller import ControllerServer
-from btcore_robot.navigation.costmap import GlobalCostmap, LocalCostmap
+from btcore_robot.navigation.costmap import INSCRIBED, LETHAL, UNKNOWN, GlobalCostmap, LocalCostmap
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.navigation_servers import (
+    AnyGoalHandle,
+    Battery,
+    CheckPath,
+    ClearCostmap,
+    ClearedArea,
+    GetCosts,
+    Message,
+    NavigationServers,
+    PathCheck,
+    ReinitializeLocalization,
+    SmoothedPath,
+    SmoothPathGoal,
+)
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.planner import PlannerServer
-from btcore_robot.robot import Pose2D, Robot
+from btcore_robot.robot import Odometry, Pose2D, Robot
 from btcore_robot.transforms import TransformTree
 
 MAP_FRAME, ODOM_FRAME, BASE_FRAME = "map", "odom", "base_footprint"
@@ -51,8 +67,10 @@ class PoseSource(Protocol):
 
 
 @dataclass(slots=True)
-class Servers:
+class Servers(NavigationServers):
     """The servers on the schedule of a robot.
+
+    Names of servers and services are ignored: there is one of each kind.
 
     Attributes:
         robot: The robot.
@@ -85,8 +103,8 @@ class Servers:
     wait: WaitBehaviour
     goal_tolerance: float = 0.25
     topics: dict[str, object] = field(default_factory=dict)
-    navigators: dict[str, Any] = field(default_factory=dict)
-    """The servers `navigate_to_pose` and `navigate_through_poses`; `goal_to` is the class of goals."""
+    navigators: dict[str, ActionServer[Any, Any, Any]] = field(default_factory=dict)
+    """The servers `navigate_to_pose` and `navigate_through_poses`."""
 
     def now(self) -> int:
         """Return the time (ns) on the robot's clock."""
@@ -115,6 +133,147 @@ class Servers:
         here = self.pose()
         return path.remaining(here.x, here.y) if here is not None else 0.0
 
+    def send_goal(self, goal: object, action: str, server_name: str = "") -> AnyGoalHandle:
+        """Send a goal; see `NavigationServers.send_goal`."""
+        if isinstance(goal, SmoothPathGoal):
+            # This planner's paths are smooth already.
+            return _succeeded(goal, SmoothedPath(goal.path, 0.0, True))
+        server = self._server(action)
+        if server is None:
+            return _aborted(
+                goal, Nav2ErrorCode.SEND_GOAL_FAILURE, f"this navigation has no server of {action}"
+            )
+        return server.send_goal(goal)
 
-AnyGoalHandle = GoalHandle[Any, Any, Any]
-"""A handle of any kind of goal."""
+    def cancel_goals(self, action: str, server_name: str = "") -> AnyGoalHandle:
+        """Cancel the current goal of a server; see `NavigationServers.cancel_goals`."""
+        server = self._server(action)
+        current = server.current if server is not None else None
+        if current is not None:
+            current.cancel()
+        return _succeeded(action)
+
+    def request(self, request: object, service_name: str = "") -> AnyGoalHandle:
+        """Carry out a request; see `NavigationServers.request`. The handle has ended when it is returned."""
+        match request:
+            case ClearCostmap():
+                return self._clear(request, service_name)
+            case CheckPath():
+                collisions = self._collisions(request)
+                if request.stop_at_first_collision:
+                    collisions = collisions[:1]
+                return _succeeded(request, PathCheck(not collisions, collisions))
+            case GetCosts():
+                return _succeeded(
+                    request, tuple(self._cost(pose, request.use_footprint) for pose in request.poses)
+                )
+            case ReinitializeLocalization():
+                self.localiser.reinitialise_global_localisation()
+                return _succeeded(request)
+        return _aborted(request, 0, f"this navigation has no service for {type(request).__name__}")
+
+    def odometry(self) -> Odometry:
+        """Return the newest odometry."""
+        return self.robot.odometry()
+
+    def battery(self, topic: str) -> Battery:
+        """Return the robot's charge; the battery is being charged if *topic* has the message `charging`."""
+        state = self.robot.battery()
+        charging = self.topics.get(topic) == "charging"
+        return Battery(state.level / 100.0 if state is not None else None, None, charging)
+
+    def latest(self, topic: str, kind: type[Message]) -> Message | None:
+        """Return the newest message in `topics`; see `NavigationServers.latest`."""
+        return cast("Message | None", self.topics.get(topic))
+
+    def can_transform(self, target: str, source: str) -> bool:
+        """Return whether the transform from the frame *source* to the frame *target* is available."""
+        return self.transforms.can_transform(target, source)
+
+    def last_goals(self) -> Sequence[AnyGoalHandle | None]:
+        """Return the last goal of planner, controller, and each recovery behaviour, in this order."""
+        servers: Sequence[ActionServer[Any, Any, Any]]
+        servers = (self.compute_path, self.follow_path, *self._recoveries())
+        return [server.current for server in servers]
+
+    @property
+    def is_recovering(self) -> bool:
+        """Whether a recovery behaviour has a goal that has not ended."""
+        return any(server.busy for server in self._recoveries())
+
+    @property
+    def is_pose_contradicted(self) -> bool:
+        """Whether the last scans contradict the robot's pose."""
+        return self.localiser.is_contradicted
+
+    def _recoveries(self) -> tuple[ActionServer[Any, Any, Any], ...]:
+        return self.spin, self.back_up, self.drive_on_heading, self.wait
+
+    def _server(self, action: str) -> ActionServer[Any, Any, Any] | None:
+        match action:
+            case "compute_path_to_pose" | "compute_path_through_poses":
+                return self.compute_path
+            case "follow_path":
+                return self.follow_path
+            case "spin":
+                return self.spin
+            case "backup":
+                return self.back_up
+            case "drive_on_heading":
+                return self.drive_on_heading
+            case "wait":
+                return self.wait
+        return self.navigators.get(action)
+
+    def _clear(self, request: ClearCostmap, service_name: str) -> AnyGoalHandle:
+        costmap = self.costmap(service_name)
+        if request.area is ClearedArea.ENTIRE:
+            costmap.clear()
+            return _succeeded(request)
+        if request.area is ClearedArea.AROUND_POSE:
+            costmap, centre = self.global_costmap, request.pose
+        elif costmap is self.local_costmap:
+            # The local costmap is in the odometry frame; the global costmap is in the frame map.
+            centre = self.robot.odometry().pose
+        else:
+            centre = self.pose()
+        if centre is None:
+            return _aborted(request, 0, "the robot's pose is unknown")
+        if request.area is ClearedArea.EXCEPT_REGION:
+            costmap.clear_except(centre, request.reset_distance)
+        else:
+            costmap.clear_around(centre, request.reset_distance)
+        return _succeeded(request)
+
+    def _collisions(self, request: CheckPath) -> tuple[Pose2D, ...]:
+        """Return the poses of the path ahead of the robot at which the robot would be in collision."""
+        path, reach = request.path, request.max_lookahead_distance
+        here = self.pose()
+        start = path.nearest(here.x, here.y) if here is not None else 0
+        ahead = path.poses[start:]
+        if reach >= 0.0:
+            along = path.distances()[start:]
+            ahead = ahead[along - along[0] <= reach]
+        costs = self.global_costmap.costs_at(ahead[:, :2])
+        # The robot's circle is in collision where its centre is within its radius of an obstacle: cost 253.
+        blocked = (costs >= min(request.max_cost, INSCRIBED)) & (costs != UNKNOWN)
+        if request.unknown_is_obstacle:
+            blocked |= costs == UNKNOWN
+        return tuple(Pose2D(float(x), float(y), float(yaw)) for x, y, yaw in ahead[blocked])
+
+    def _cost(self, pose: Pose2D, footprint: bool) -> float:
+        cost = self.global_costmap.cost(pose.x, pose.y)
+        # The inscribed cost marks centres from which the robot's circle touches an obstacle.
+        return float(LETHAL if footprint and cost == INSCRIBED else cost)
+
+
+def _succeeded(request: object, value: object = None) -> AnyGoalHandle:
+    handle: AnyGoalHandle = GoalHandle(request)
+    handle.succeed(value)
+    return handle
+
+
+def _aborted(request: object, code: int, message: str) -> AnyGoalHandle:
+    handle: AnyGoalHandle = GoalHandle(request)
+    handle.abort(int(code), message)
+    return handle

@@ -135,6 +135,8 @@ class Navigation:
             return Navigator(
                 self.servers,
                 _existing_tree(file, trees / TREES / default),
+                clock=robot.clock,
+                resources=[robot],
                 through=through,
                 plugins=named.plugin_lib_names,
                 on_end=self._outcomes.append,
@@ -147,7 +149,6 @@ class Navigation:
         self.servers.navigators = {
             "navigate_to_pose": self.navigate_to_pose,
             "navigate_through_poses": self.navigate_through_poses,
-            "goal_to": NavigateGoal,
         }
         self._scene = NavigationScene(self.servers)
         self._scan_seen = {ODOM_FRAME: -1, MAP_FRAME: -1}

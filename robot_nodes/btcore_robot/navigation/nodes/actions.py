@@ -1,13 +1,15 @@
 """Nav2's action nodes: path planning, path following, recovery behaviours and navigation."""
 
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated
 
 from btcore import Direction, In, Out
 from btcore_robot.leaves.pose_types import Poses
-from btcore_robot.navigation.action import ActionServer, GoalStatus
+from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
 from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal
+from btcore_robot.navigation.navigate_goal import NavigateGoal
+from btcore_robot.navigation.navigation_servers import AnyGoalHandle
 from btcore_robot.navigation.nodes.action_node import BtActionNode, count_recovery
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
@@ -21,7 +23,6 @@ from btcore_robot.navigation.nodes.port_access import (
 )
 from btcore_robot.navigation.path import NavPath, empty_path
 from btcore_robot.navigation.planner import ComputePathGoal
-from btcore_robot.navigation.servers import AnyGoalHandle
 from btcore_robot.robot import Pose2D
 
 ALL_GOALS = -1
@@ -37,10 +38,6 @@ class _PlanningNode(BtActionNode):
     planner_id: Annotated[In[str], "Planner plug-in: GridBased or empty."] = ""
 
     provided_ports = path_port("Path created by the planner; empty when there is none.", Direction.OUT)
-
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the planner server."""
-        return self.servers.compute_path
 
     def on_completion(self, handle: AnyGoalHandle) -> None:
         """Write the planned path, or an empty path."""
@@ -63,6 +60,8 @@ class _PlanningNode(BtActionNode):
 class ComputePathToPose(_PlanningNode):
     """Plan a path to *goal*, through *viapoints* if there are any."""
 
+    action = "compute_path_to_pose"
+
     goal: Annotated[In[Pose2D], "Destination to plan to."]
     start: Annotated[In[Pose2D], "Start pose of the path; by default the robot's pose."] = OPTIONAL
     use_start: Annotated[In[bool], "False: ignore start and plan from the robot's pose."] = OPTIONAL
@@ -78,6 +77,8 @@ class ComputePathToPose(_PlanningNode):
 
 class ComputePathThroughPoses(_PlanningNode):
     """Plan a path through *goals*, in order."""
+
+    action = "compute_path_through_poses"
 
     goals: Annotated[In[Poses], "Destinations to plan through, in order."]
     start: Annotated[In[Pose2D], "Start pose of the path; by default the robot's pose."] = OPTIONAL
@@ -103,6 +104,8 @@ class ComputePathThroughPoses(_PlanningNode):
 class FollowPath(BtActionNode):
     """Follow *path*. A new path or plug-in is taken over without a stop while the robot drives."""
 
+    action = "follow_path"
+
     controller_id: Annotated[In[str], "Controller plug-in: FollowPath or empty."] = ""
     goal_checker_id: Annotated[In[str], "Goal checker plug-in."] = ""
     progress_checker_id: Annotated[In[str], "Progress checker plug-in."] = ""
@@ -112,10 +115,6 @@ class FollowPath(BtActionNode):
     ] = OPTIONAL
 
     provided_ports = path_port("Path to follow.")
-
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the controller server."""
-        return self.servers.follow_path
 
     def make_goal(self) -> FollowPathGoal:
         """Return a goal with the current path and plug-ins."""
@@ -137,8 +136,7 @@ class FollowPath(BtActionNode):
         if not len(goal.path):
             goal = replace(goal, path=handle.goal.path)
         if goal != handle.goal:
-            self.handle = self.servers.follow_path.send_goal(goal)
-            self.sent = self.now()
+            self.send(goal)
 
     def on_completion(self, handle: AnyGoalHandle) -> None:
         """Reset the tracking feedback, because no path is followed any more."""
@@ -162,14 +160,12 @@ class _RecoveryAction(BtActionNode):
 class Spin(_RecoveryAction):
     """Turn on the spot by *spin_dist* (rad, positive to the left)."""
 
+    action = "spin"
+
     spin_dist: Annotated[In[float], "Spin distance (rad), positive to the left."] = 1.57
     time_allowance: Allowance = 10.0
     is_recovery: Annotated[In[bool], "True if the spin counts as a recovery."] = True
     disable_collision_checks: Unchecked = False
-
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the spin server."""
-        return self.servers.spin
 
     def behaviour(self) -> SpinGoal:
         """Return the goal of the turn."""
@@ -179,14 +175,12 @@ class Spin(_RecoveryAction):
 class BackUp(_RecoveryAction):
     """Drive backwards by *backup_dist* (m) at *backup_speed* (m/s), both positive."""
 
+    action = "backup"
+
     backup_dist: Annotated[In[float], "Distance to back up (m)."] = 0.15
     backup_speed: Annotated[In[float], "Speed at which to back up (m/s)."] = 0.025
     time_allowance: Allowance = 10.0
     disable_collision_checks: Unchecked = False
-
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the back-up server."""
-        return self.servers.back_up
 
     def behaviour(self) -> BackUpGoal:
         """Return the goal of backing up."""
@@ -198,14 +192,12 @@ class BackUp(_RecoveryAction):
 class DriveOnHeading(BtActionNode):
     """Drive straight ahead by *dist_to_travel* (m) at *speed* (m/s)."""
 
+    action = "drive_on_heading"
+
     dist_to_travel: Annotated[In[float], "Distance to travel (m)."] = 0.15
     speed: Annotated[In[float], "Speed at which to travel (m/s)."] = 0.025
     time_allowance: Allowance = 10.0
     disable_collision_checks: Unchecked = False
-
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the drive-on-heading server."""
-        return self.servers.drive_on_heading
 
     def make_goal(self) -> DriveOnHeadingGoal:
         """Return the goal of driving straight ahead."""
@@ -217,11 +209,9 @@ class DriveOnHeading(BtActionNode):
 class Wait(_RecoveryAction):
     """Wait for *wait_duration* (s); its sign is ignored."""
 
-    wait_duration: Annotated[In[float], "Wait time (s)."] = 1.0
+    action = "wait"
 
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the wait server."""
-        return self.servers.wait
+    wait_duration: Annotated[In[float], "Wait time (s)."] = 1.0
 
     def behaviour(self) -> WaitGoal:
         """Return the goal of waiting."""
@@ -231,30 +221,24 @@ class Wait(_RecoveryAction):
 class NavigateToPose(BtActionNode):
     """Navigate to *goal* by the navigator's default tree or by *behavior_tree*."""
 
+    action = "navigate_to_pose"
+
     goal: Annotated[In[Pose2D], "Destination to plan to."]
     behavior_tree: Annotated[In[str], "Behavior tree file to run; empty: the navigator's default."] = ""
 
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the navigator server."""
-        navigator: ActionServer[Any, Any, Any] = self.servers.navigators["navigate_to_pose"]
-        return navigator
-
-    def make_goal(self) -> object:
+    def make_goal(self) -> NavigateGoal:
         """Return the navigator's goal object for *goal*."""
-        return self.servers.navigators["goal_to"]((self.goal,), self.behavior_tree)
+        return NavigateGoal((self.goal,), self.behavior_tree)
 
 
 class NavigateThroughPoses(BtActionNode):
     """Navigate through *goals* by the navigator's default tree or by *behavior_tree*."""
 
+    action = "navigate_through_poses"
+
     goals: Annotated[In[Poses], "Destinations to plan through, in order."]
     behavior_tree: Annotated[In[str], "Behavior tree file to run; empty: the navigator's default."] = ""
 
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the navigator server."""
-        navigator: ActionServer[Any, Any, Any] = self.servers.navigators["navigate_through_poses"]
-        return navigator
-
-    def make_goal(self) -> object:
+    def make_goal(self) -> NavigateGoal:
         """Return the navigator's goal object for *goals*."""
-        return self.servers.navigators["goal_to"](poses_input(self, "goals"), self.behavior_tree)
+        return NavigateGoal(poses_input(self, "goals"), self.behavior_tree, through=True)

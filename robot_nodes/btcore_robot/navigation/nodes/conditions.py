@@ -11,6 +11,7 @@ from btcore_robot.navigation.error_codes import (
     PLANNER_RECOVERY_HELPS,
     SMOOTHER_RECOVERY_HELPS,
 )
+from btcore_robot.navigation.navigation_servers import NavigationServers
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     Goal,
@@ -25,7 +26,6 @@ from btcore_robot.navigation.nodes.port_access import (
     pose_input,
 )
 from btcore_robot.navigation.path import NavPath, NearestPoseSearch
-from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import NS_PER_S, Odometry, Pose2D
 
 MAX_DECELERATION = -10.0
@@ -49,7 +49,7 @@ class GoalReached(Condition):
 
     state_fields = ()
 
-    def __init__(self, servers: Servers) -> None:
+    def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
 
     def tick(self) -> bool:
@@ -104,13 +104,15 @@ class IsStuck(Condition):
 
     state_fields = ("history",)
 
-    def __init__(self, servers: Servers) -> None:
-        self.robot = servers.robot
+    def __init__(self, servers: NavigationServers) -> None:
+        self.servers = servers
         self.history: deque[Odometry] = deque(maxlen=10)
 
     def tick(self) -> bool:
         """Compare the last two odometry readings with different stamps, once there are three readings."""
-        newest = self.robot.odometry()
+        newest = self.servers.odometry()
+        if newest is None:
+            return False
         if not self.history or newest.stamp > self.history[-1].stamp:
             self.history.append(newest)
         if len(self.history) < 3:
@@ -124,35 +126,39 @@ class IsBatteryLow(Condition):
     """SUCCESS when the battery's charge is *min_battery* or less (a fraction 0–1, as in `BatteryState`)."""
 
     min_battery: Annotated[In[float], "Minimum battery charge (fraction 0–1)."]
-    battery_topic: Annotated[In[str], "Battery topic; not used: the robot reports its battery."] = (
+    battery_topic: Annotated[In[str], "Battery topic; navigation in this process ignores it."] = (
         "/battery_status"
     )
-    is_voltage: Annotated[In[bool], "True if min_battery is a voltage; not supported: FAILURE."] = False
+    is_voltage: Annotated[In[bool], "True if min_battery is a voltage; FAILURE if it is unknown."] = False
 
     state_fields = ()
 
-    def __init__(self, servers: Servers) -> None:
-        self.robot = servers.robot
+    def __init__(self, servers: NavigationServers) -> None:
+        self.servers = servers
 
     def tick(self) -> bool:
-        """Compare the charge with the limit; return False if the robot reports no charge."""
-        battery = self.robot.battery()
-        return battery is not None and not self.is_voltage and battery.level / 100.0 <= self.min_battery
+        """Compare the charge or the voltage with the limit; return False if it is unknown."""
+        battery = self.servers.battery(self.battery_topic)
+        if battery is None:
+            return False
+        value = battery.voltage if self.is_voltage else battery.fraction
+        return value is not None and value <= self.min_battery
 
 
 class IsBatteryCharging(Condition):
-    """SUCCESS while the last message of *battery_topic* is `charging`."""
+    """SUCCESS while the battery is charged; in this process, while *battery_topic* contains `charging`."""
 
     battery_topic: Annotated[In[str], "Battery topic."] = "/battery_status"
 
     state_fields = ()
 
-    def __init__(self, servers: Servers) -> None:
-        self.topics = servers.topics
+    def __init__(self, servers: NavigationServers) -> None:
+        self.servers = servers
 
     def tick(self) -> bool:
-        """Compare the last message of the topic."""
-        return self.topics.get(self.battery_topic) == "charging"
+        """Return whether the battery is charged; False if that is unknown."""
+        battery = self.servers.battery(self.battery_topic)
+        return battery is not None and battery.charging
 
 
 class DistanceTraveled(Condition):
@@ -164,7 +170,7 @@ class DistanceTraveled(Condition):
 
     state_fields = ("start",)
 
-    def __init__(self, servers: Servers) -> None:
+    def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
         self.start: Pose2D | None = None
 
@@ -235,8 +241,8 @@ class TransformAvailable(Condition):
 
     state_fields = ("was_available",)
 
-    def __init__(self, servers: Servers) -> None:
-        self.transforms = servers.transforms
+    def __init__(self, servers: NavigationServers) -> None:
+        self.servers = servers
         self.was_available = False
 
     def tick(self) -> bool:
@@ -247,7 +253,7 @@ class TransformAvailable(Condition):
         """
         if not (self.parent and self.child):
             raise NodeError("<TransformAvailable> needs the names of two frames: child and parent")
-        self.was_available = self.was_available or self.transforms.can_transform(self.parent, self.child)
+        self.was_available = self.was_available or self.servers.can_transform(self.parent, self.child)
         return self.was_available
 
 
@@ -277,7 +283,7 @@ class IsGoalNearby(Condition):
 
     state_fields = ("search",)
 
-    def __init__(self, servers: Servers) -> None:
+    def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
         self.search = NearestPoseSearch()
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from btcore import DecoratorNode, In, NodeError, Out, Status
 from btcore_robot.leaves.pose_types import Poses
+from btcore_robot.navigation.navigation_servers import NavigationServers
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     Goal,
@@ -22,7 +23,6 @@ from btcore_robot.navigation.nodes.port_access import (
     write_outputs,
 )
 from btcore_robot.navigation.path import NavPath
-from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import NS_PER_S, Pose2D
 
 RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
@@ -66,7 +66,7 @@ class DistanceController(DecoratorNode):
 
     state_fields = ("start",)
 
-    def __init__(self, servers: Servers) -> None:
+    def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
         self.start: Pose2D | None = None
 
@@ -106,7 +106,7 @@ class SpeedController(DecoratorNode):
 
     state_fields = ("goal_changed", "period", "previous_goals", "since", "speeds")
 
-    def __init__(self, servers: Servers) -> None:
+    def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
         self.since = 0
         self.period = 0.0
@@ -138,7 +138,9 @@ class SpeedController(DecoratorNode):
 
     def speed(self) -> float:
         """Return the mean speed (m/s) that odometry reported over the last *filter_duration*."""
-        newest = self.servers.robot.odometry()
+        newest = self.servers.odometry()
+        if newest is None:
+            return 0.0
         if not self.speeds or newest.stamp > self.speeds[-1][0]:
             self.speeds.append((newest.stamp, newest.twist.v))
         oldest = newest.stamp - self.filter_duration * NS_PER_S
@@ -189,20 +191,26 @@ class GoalUpdater(DecoratorNode):
 
     state_fields = ("several", "single")
 
-    def __init__(self, servers: Servers) -> None:
-        self.topics = servers.topics
+    def __init__(self, servers: NavigationServers) -> None:
+        self.servers = servers
         self.single = NewestSource()
         self.several = NewestSource()
+        self.topic_values()
 
     def tick(self) -> Status:
         """Write the newest goals and tick the child."""
-        goal = self.single.select(pose_input(self, "input_goal"), self.topics.get("goal_update"))
-        goals = self.several.select(list(poses_input(self, "input_goals")), self.topics.get("goals_update"))
+        newest_goal, newest_goals = self.topic_values()
+        goal = self.single.select(pose_input(self, "input_goal"), newest_goal)
+        goals = self.several.select(list(poses_input(self, "input_goals")), newest_goals)
         if goal is not None:
             write_outputs(self, output_goal=goal)
         if goals:
             write_outputs(self, output_goals=goals)
         return self.child.execute_tick()
+
+    def topic_values(self) -> tuple[Pose2D | None, list[Pose2D] | None]:
+        """Return the newest messages of the topics; the first call subscribes to them."""
+        return self.servers.latest("goal_update", Pose2D), self.servers.latest("goals_update", list)
 
 
 class NewestSource:

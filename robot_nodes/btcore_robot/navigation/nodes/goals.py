@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 from btcore import In, Out, SyncAction, TreeNode
 from btcore_robot.leaves.pose_types import Poses
-from btcore_robot.navigation.costmap import LETHAL, UNKNOWN
-from btcore_robot.navigation.nodes.action_node import ServerName, ServersAction, ServerTimeout
+from btcore_robot.navigation.costmap import UNKNOWN
+from btcore_robot.navigation.navigation_servers import AnyGoalHandle, GetCosts
+from btcore_robot.navigation.nodes.action_node import BtServiceNode, ServersAction, ServiceName
 from btcore_robot.navigation.nodes.port_access import OPTIONAL, optional_input, poses_input, write_outputs
-from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Pose2D
 
 
@@ -62,43 +62,70 @@ class RemovePassedGoals(ServersAction):
         return True
 
 
-class RemoveInCollisionGoals(ServersAction):
-    """Remove the goals at which the robot would be in collision according to the global costmap."""
+class _CostCheck(BtServiceNode):
+    """Base of the nodes that request costs of the global costmap."""
 
-    input_goals: InGoals
     cost_threshold: Threshold = 254.0
     use_footprint: Annotated[In[bool], "Whether to check the robot's footprint."] = True
     consider_unknown_as_obstacle: UnknownCounts = False
+    service_name: ServiceName = ""
+
+    def poses(self) -> tuple[Pose2D, ...]:
+        """Return the poses to check."""
+        raise NotImplementedError
+
+    def send(self) -> AnyGoalHandle:
+        """Request the costs at the poses."""
+        return self.servers.request(GetCosts(self.poses(), self.use_footprint), self.service_name)
+
+    def is_occupied(self, cost: float) -> bool:
+        """Return whether a pose of *cost* is occupied."""
+        return self.consider_unknown_as_obstacle if cost == UNKNOWN else cost >= self.cost_threshold
+
+
+class RemoveInCollisionGoals(_CostCheck):
+    """Remove the goals at which the robot would be in collision according to the global costmap.
+
+    The goals stay as they are when the service fails.
+    """
+
+    input_goals: InGoals
     input_waypoint_statuses: InStatuses = OPTIONAL
-    service_name: ServerName = ""
-    server_timeout: ServerTimeout = 20
     output_goals: OutGoals = OPTIONAL
     output_waypoint_statuses: OutStatuses = OPTIONAL
 
-    def tick(self) -> bool:
-        """Check every goal and write the goals without a collision."""
-        criteria = self.cost_threshold, self.use_footprint, self.consider_unknown_as_obstacle
-        goals = poses_input(self, "input_goals")
-        occupied = [goal for goal in goals if is_occupied(self.servers, goal, *criteria)]
+    checked: tuple[Pose2D, ...] = ()
+
+    def poses(self) -> tuple[Pose2D, ...]:
+        """Return the goals."""
+        self.checked = poses_input(self, "input_goals")
+        return self.checked
+
+    def on_response(self, value: Any) -> bool:
+        """Write the goals without a collision."""
+        goals = self.checked
+        occupied = [goal for goal, cost in zip(goals, value, strict=True) if self.is_occupied(cost)]
         write_outputs(self, output_goals=[goal for goal in goals if goal not in occupied])
         update_waypoint_statuses(self, occupied, WaypointState.SKIPPED)
         return True
 
+    def on_failure(self) -> None:
+        """Write all goals."""
+        write_outputs(self, output_goals=list(self.checked))
 
-class CheckPoseOccupancy(ServersAction):
+
+class CheckPoseOccupancy(_CostCheck):
     """SUCCESS when *pose* is occupied according to the global costmap."""
 
     pose: Annotated[In[Pose2D], "Pose to check."]
-    cost_threshold: Threshold = 254.0
-    use_footprint: Annotated[In[bool], "Whether to check the robot's footprint."] = True
-    consider_unknown_as_obstacle: UnknownCounts = False
-    service_name: ServerName = ""
-    server_timeout: ServerTimeout = 20
 
-    def tick(self) -> bool:
-        """Check the cost at the pose."""
-        criteria = self.cost_threshold, self.use_footprint, self.consider_unknown_as_obstacle
-        return is_occupied(self.servers, self.pose, *criteria)
+    def poses(self) -> tuple[Pose2D, ...]:
+        """Return the pose."""
+        return (self.pose,)
+
+    def on_response(self, value: Any) -> bool:
+        """Return whether the pose is occupied."""
+        return self.is_occupied(value[0])
 
 
 class AppendGoalPoseToGoals(SyncAction):
@@ -154,20 +181,3 @@ def update_waypoint_statuses(node: TreeNode, goals: list[Pose2D], state: Waypoin
                 updated[index] = replace(status, state=state)
                 break
     write_outputs(node, output_waypoint_statuses=updated)
-
-
-def is_occupied(servers: Servers, pose: Pose2D, threshold: float, footprint: bool, unknown: bool) -> bool:
-    """Return whether the global costmap's cost at *pose* reaches *threshold*.
-
-    Args:
-        servers: The navigation servers with the global costmap.
-        pose: The pose to check, in the frame map.
-        threshold: The cost (0–254) from which on the pose is occupied.
-        footprint: Whether to check the robot's circle in place of its centre.
-        unknown: The result for a pose of unknown cost.
-    """
-    cost = servers.global_costmap.cost(pose.x, pose.y)
-    if cost == UNKNOWN:
-        return unknown
-    # The inscribed cost, LETHAL - 1, marks centres from which the robot's circle touches an obstacle.
-    return cost >= (min(threshold, LETHAL - 1) if footprint else threshold)

@@ -1,31 +1,37 @@
 """Nav2's nodes that check and edit paths on the blackboard."""
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
-from btcore import Condition, In, Out, SyncAction
+from btcore import In, NodeType, Out, Status, SyncAction
 from btcore_robot.leaves.pose_types import Poses
-from btcore_robot.navigation.costmap import LETHAL, UNKNOWN
+from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.navigation_servers import (
+    AnyGoalHandle,
+    CheckPath,
+    NavigationServers,
+    SmoothedPath,
+    SmoothPathGoal,
+)
 from btcore_robot.navigation.nodes.action_node import (
-    ErrorCode,
-    ErrorMsg,
-    ServerName,
+    BtActionNode,
+    BtServiceNode,
     ServersAction,
-    ServerTimeout,
+    ServiceName,
 )
 from btcore_robot.navigation.nodes.port_access import (
     OPTIONAL,
     optional_input,
     path_input,
     path_port,
+    plugin_input,
     pose_input,
     write_outputs,
 )
 from btcore_robot.navigation.path import NavPath, NearestPoseSearch, empty_path
-from btcore_robot.navigation.servers import Servers
 from btcore_robot.robot import Pose2D
 
 InPath = Annotated[In[NavPath], "Original path."]
@@ -84,7 +90,7 @@ class TruncatePathLocal(SyncAction):
 
     state_fields = ("search",)
 
-    def __init__(self, servers: Servers) -> None:
+    def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
         self.search = NearestPoseSearch()
 
@@ -106,115 +112,123 @@ class TruncatePathLocal(SyncAction):
         return True
 
 
-class ValidatePath(ServersAction):
+class _PathValidation(BtServiceNode):
+    """Base of the nodes that request whether a path is valid."""
+
+    provided_ports = path_port("Path to check.")
+
+    def on_start(self) -> Status:
+        """Send the request; return FAILURE for a missing or empty path."""
+        if path_input(self, "path") is None:
+            self.on_failure()
+            return Status.FAILURE
+        return super().on_start()
+
+    def on_response(self, value: Any) -> bool:
+        """Return whether the path is valid."""
+        return bool(value.valid)
+
+
+class ValidatePath(_PathValidation):
     """SUCCESS while *path* is free of collisions according to the global costmap."""
 
     max_cost: MaxCost = 254
     consider_unknown_as_obstacle: UnknownCounts = False
-    layer_name: Annotated[In[str], "Costmap layer to check; not used: all layers are checked."] = ""
-    footprint: Annotated[In[str], "Footprint to check; not used: the robot's circle is checked."] = ""
+    layer_name: Annotated[In[str], "Costmap layer to check; navigation in this process checks all."] = ""
+    footprint: Annotated[
+        In[str], "Footprint to check; navigation in this process checks the robot's circle."
+    ] = ""
     stop_at_first_collision: Annotated[In[bool], "Whether to report the first collision only."] = True
     max_lookahead_distance: Annotated[
         In[float], "Maximum distance (m) ahead of the robot to check; -1: to the end of the path."
     ] = -1.0
-    service_name: ServerName = ""
-    server_timeout: ServerTimeout = 20
+    service_name: ServiceName = ""
     collision_poses: Annotated[Out[Poses], "Poses of the path that are in collision."] = OPTIONAL
 
-    provided_ports = path_port("Path to check.")
+    def send(self) -> AnyGoalHandle:
+        """Request a check of the path from the robot's pose on."""
+        request = CheckPath(
+            path_input(self, "path") or empty_path(self.now()),
+            self.max_cost,
+            self.consider_unknown_as_obstacle,
+            self.layer_name,
+            self.footprint,
+            self.stop_at_first_collision,
+            self.max_lookahead_distance,
+        )
+        return self.servers.request(request, self.service_name)
 
-    def tick(self) -> bool:
-        """Check the path from the robot's pose on; return FAILURE for a missing or empty path."""
-        path = path_input(self, "path")
-        reach = self.max_lookahead_distance
-        collisions: list[Pose2D] = []
-        if path is not None:
-            collisions = blocked_poses(
-                self.servers, path, self.max_cost, self.consider_unknown_as_obstacle, reach
-            )
-        write_outputs(self, collision_poses=collisions[:1] if self.stop_at_first_collision else collisions)
-        return path is not None and not collisions
+    def on_response(self, value: Any) -> bool:
+        """Write the poses in collision."""
+        write_outputs(self, collision_poses=list(value.collisions))
+        return bool(value.valid)
+
+    def on_failure(self) -> None:
+        """Write an empty list."""
+        write_outputs(self, collision_poses=[])
 
 
-class IsPathValid(Condition):
-    """The predecessor of ValidatePath in Nav2 up to the release humble: SUCCESS while *path* is valid."""
+class IsPathValid(_PathValidation):
+    """The predecessor of ValidatePath in Nav2 up to the release kilted: SUCCESS while *path* is valid."""
+
+    node_type = NodeType.CONDITION
 
     max_cost: MaxCost = 254
     consider_unknown_as_obstacle: UnknownCounts = False
-    server_timeout: ServerTimeout = 20
 
-    provided_ports = path_port("Path to check.")
-
-    state_fields = ()
-
-    def __init__(self, servers: Servers) -> None:
-        self.servers = servers
-
-    def tick(self) -> bool:
-        """Check the path from the robot's pose on."""
-        path, unknown = path_input(self, "path"), self.consider_unknown_as_obstacle
-        return path is not None and not blocked_poses(self.servers, path, self.max_cost, unknown)
+    def send(self) -> AnyGoalHandle:
+        """Request a check of the path from the robot's pose on."""
+        path = path_input(self, "path") or empty_path(self.now())
+        return self.servers.request(CheckPath(path, self.max_cost, self.consider_unknown_as_obstacle))
 
 
-def blocked_poses(
-    servers: Servers, path: NavPath, max_cost: int, unknown: bool, reach: float = -1.0
-) -> list[Pose2D]:
-    """Return the poses of *path* ahead of the robot at which the robot would be in collision.
+class SmoothPath(BtActionNode):
+    """Smooth a path. FAILURE without a path.
 
-    Args:
-        servers: The navigation servers with the robot's pose and the global costmap.
-        path: The path to check, in the frame map.
-        max_cost: The cost (0–254) from which on a pose is a collision.
-        unknown: Whether unknown cost is a collision.
-        reach: The distance (m) along the path to check; negative: to the end.
+    Navigation in this process writes the path unchanged, because its planner's paths are smooth already.
     """
-    here = servers.pose()
-    start = path.nearest(here.x, here.y) if here is not None else 0
-    ahead = path.poses[start:]
-    if reach >= 0.0:
-        along = path.distances()[start:]
-        ahead = ahead[along - along[0] <= reach]
-    costs = servers.global_costmap.costs_at(ahead[:, :2])
-    # The robot's circle is in collision where its centre is within its radius of an obstacle: cost 253.
-    blocked = (costs >= min(max_cost, LETHAL - 1)) & (costs != UNKNOWN)
-    if unknown:
-        blocked |= costs == UNKNOWN
-    return [Pose2D(float(x), float(y), float(yaw)) for x, y, yaw in ahead[blocked]]
 
-
-class SmoothPath(SyncAction):
-    """Write the path unchanged, because this planner's paths are smooth already. FAILURE without a path."""
+    action = "smooth_path"
+    may_complete_on_start = True
 
     unsmoothed_path: InPath
-    max_smoothing_duration: Annotated[In[float], "Maximum smoothing duration (s); not used."] = 3.0
-    check_for_collisions: Annotated[In[bool], "Whether to check the result for collisions; not used."] = False
-    smoother_id: Annotated[In[str], "Smoother plug-in; not used."] = ""
-    server_name: ServerName = ""
-    server_timeout: ServerTimeout = 20
+    max_smoothing_duration: Annotated[In[float], "Maximum smoothing duration (s)."] = 3.0
+    check_for_collisions: Annotated[In[bool], "Whether to check the result for collisions."] = False
+    smoother_id: Annotated[In[str], "Smoother plug-in."] = ""
     smoothed_path: OutPath = OPTIONAL
     smoothing_duration: Annotated[Out[float], "Time (s) taken to smooth the path."] = OPTIONAL
     was_completed: Annotated[Out[bool], "True if smoothing was not interrupted."] = OPTIONAL
-    error_code_id: ErrorCode = OPTIONAL
-    error_msg: ErrorMsg = OPTIONAL
 
-    def tick(self) -> bool:
-        """Write the path and the outputs of a completed smoothing."""
+    def tick(self) -> Status:
+        """Start or continue to smooth the path. A completed node starts again."""
+        return self.on_running() if self.status is Status.RUNNING else self.on_start()
+
+    def on_start(self) -> Status:
+        """Send the goal; return FAILURE without a path."""
+        if path_input(self, "unsmoothed_path") is None:
+            self.report(int(Nav2ErrorCode.SMOOTH_INVALID_PATH), "there is no path to smooth")
+            write_outputs(self, was_completed=False)
+            return Status.FAILURE
+        return super().on_start()
+
+    def make_goal(self) -> SmoothPathGoal:
+        """Return a goal with the path."""
         path = path_input(self, "unsmoothed_path")
-        if path is None:
-            code = int(Nav2ErrorCode.SMOOTH_INVALID_PATH)
-            write_outputs(
-                self, error_code_id=code, error_msg="there is no path to smooth", was_completed=False
-            )
-            return False
-        write_outputs(
-            self,
-            smoothed_path=path,
-            smoothing_duration=0.0,
-            was_completed=True,
-            error_code_id=0,
-            error_msg="",
+        assert path is not None, "checked by on_start"
+        return SmoothPathGoal(
+            path,
+            plugin_input(self, "smoother_id"),
+            self.max_smoothing_duration,
+            self.check_for_collisions,
         )
-        return True
+
+    def on_completion(self, handle: AnyGoalHandle) -> None:
+        """Write the smooth path."""
+        smoothed = handle.result.value if handle.result is not None else None
+        if isinstance(smoothed, SmoothedPath):
+            write_outputs(self, smoothing_duration=smoothed.duration, was_completed=smoothed.was_completed)
+            if handle.status is GoalStatus.SUCCEEDED:
+                write_outputs(self, smoothed_path=smoothed.path)
 
 
 class GetPoseFromPath(SyncAction):

@@ -1,162 +1,141 @@
 """Nav2's nodes for short server requests: clear a costmap, cancel a goal, select a plug-in."""
 
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from btcore import Direction, In, Port, StatefulAction, Status, SyncAction
 from btcore.values import STRING
-from btcore_robot.navigation.action import ActionServer
+from btcore_robot.navigation.navigation_servers import (
+    AnyGoalHandle,
+    ClearCostmap,
+    ClearedArea,
+    NavigationServers,
+    ReinitializeLocalization,
+)
 from btcore_robot.navigation.nodes.action_node import (
     NS_PER_MS,
+    BtServiceNode,
     ServerName,
-    ServersAction,
-    ServerTimeout,
+    ServiceName,
     count_recovery,
 )
-from btcore_robot.navigation.nodes.port_access import OPTIONAL, write_outputs
-from btcore_robot.navigation.servers import Servers
+from btcore_robot.navigation.nodes.port_access import OPTIONAL, optional_input, write_outputs
 from btcore_robot.robot import Pose2D
 
-ServiceName = Annotated[In[str], "Service name; the costmap is selected by 'local' or 'global' in it."]
-Plugins = Annotated[In[list[str]], "Layers to clear; not used: all layers are cleared."]
+Plugins = Annotated[In[list[str]], "Layers to clear; navigation in this process clears all layers."]
 Side = Annotated[In[float], "Side length (m) of the square."]
 
 
-class ClearEntireCostmap(ServersAction):
+class _Clear(BtServiceNode):
+    """Base of the nodes that clear a costmap. Each start counts as a recovery."""
+
+    area: ClassVar[ClearedArea]
+
+    service_name: ServiceName = ""
+    plugins: Plugins = OPTIONAL
+
+    def send(self) -> AnyGoalHandle:
+        """Count the recovery and send the request."""
+        count_recovery(self.blackboard)
+        plugins = optional_input(self, "plugins")
+        request = self.request(tuple(plugins) if isinstance(plugins, list) else ())
+        return self.servers.request(request, self.service_name)
+
+    def request(self, plugins: tuple[str, ...]) -> ClearCostmap:
+        """Return the request to clear the layers *plugins*."""
+        return ClearCostmap(self.area, plugins=plugins)
+
+
+class ClearEntireCostmap(_Clear):
     """Clear every obstacle of a costmap that is not on the map. Counts as a recovery."""
 
-    service_name: ServiceName = ""
-    server_timeout: ServerTimeout = 20
-    plugins: Plugins = OPTIONAL
-
-    def tick(self) -> bool:
-        """Clear the costmap."""
-        count_recovery(self.blackboard)
-        self.servers.costmap(self.service_name).clear()
-        return True
+    area = ClearedArea.ENTIRE
 
 
-class _ClearPart(ServersAction):
-    """Clear part of a costmap. FAILURE while the robot's pose is unknown."""
+class _ClearPart(_Clear):
+    """Base of the nodes that clear part of a costmap. FAILURE while the robot's pose is unknown."""
 
     reset_distance: Side = 1.0
-    service_name: ServiceName = ""
-    server_timeout: ServerTimeout = 20
-    plugins: Plugins = OPTIONAL
 
-    def centre(self) -> Pose2D | None:
-        """Return the robot's pose in the costmap's frame, or None while the pose is unknown."""
-        if self.servers.costmap(self.service_name) is self.servers.local_costmap:
-            # The local costmap is in the odometry frame; the global costmap is in the frame map.
-            return self.servers.robot.odometry().pose
-        return self.servers.pose()
+    def request(self, plugins: tuple[str, ...]) -> ClearCostmap:
+        """Return the request with the side length of the square."""
+        return ClearCostmap(self.area, self.reset_distance, plugins=plugins)
 
 
 class ClearCostmapExceptRegion(_ClearPart):
     """Clear the obstacles of a costmap outside a square around the robot."""
 
-    def tick(self) -> bool:
-        """Clear the costmap."""
-        count_recovery(self.blackboard)
-        here = self.centre()
-        if here is None:
-            return False
-        self.servers.costmap(self.service_name).clear_except(here, self.reset_distance)
-        return True
+    area = ClearedArea.EXCEPT_REGION
 
 
 class ClearCostmapAroundRobot(_ClearPart):
     """Clear the obstacles of a costmap inside a square around the robot."""
 
-    def tick(self) -> bool:
-        """Clear the costmap."""
-        count_recovery(self.blackboard)
-        here = self.centre()
-        if here is None:
-            return False
-        self.servers.costmap(self.service_name).clear_around(here, self.reset_distance)
-        return True
+    area = ClearedArea.AROUND_ROBOT
 
 
 class ClearCostmapAroundPose(_ClearPart):
     """Clear the obstacles of the global costmap inside a square around *pose*."""
 
+    area = ClearedArea.AROUND_POSE
+
     pose: Annotated[In[Pose2D], "Centre of the square, in the frame map."]
 
-    def tick(self) -> bool:
-        """Clear the costmap."""
-        count_recovery(self.blackboard)
-        self.servers.global_costmap.clear_around(self.pose, self.reset_distance)
-        return True
+    def request(self, plugins: tuple[str, ...]) -> ClearCostmap:
+        """Return the request with the centre of the square."""
+        return ClearCostmap(self.area, self.reset_distance, self.pose, plugins)
 
 
-class _Cancel(ServersAction):
-    """Cancel the current goal of a server. Always SUCCESS."""
+class _Cancel(BtServiceNode):
+    """Cancel the goals of a server. SUCCESS also if there are none."""
+
+    action: ClassVar[str] = ""
+    """Nav2's default name of the action."""
 
     server_name: ServerName = ""
-    server_timeout: ServerTimeout = 20
 
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the server whose goal is cancelled."""
-        raise NotImplementedError
-
-    def tick(self) -> bool:
-        """Cancel the server's current goal, if any."""
-        current = self.server().current
-        if current is not None:
-            current.cancel()
-        return True
+    def send(self) -> AnyGoalHandle:
+        """Send the request."""
+        return self.servers.cancel_goals(self.action, self.server_name)
 
 
 class CancelControl(_Cancel):
     """Cancel the controller's path following."""
 
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the controller server."""
-        return self.servers.follow_path
+    action = "follow_path"
 
 
 class CancelBackUp(_Cancel):
     """Cancel backing up."""
 
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the back-up server."""
-        return self.servers.back_up
+    action = "backup"
 
 
 class CancelDriveOnHeading(_Cancel):
     """Cancel driving on a heading."""
 
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the drive-on-heading server."""
-        return self.servers.drive_on_heading
+    action = "drive_on_heading"
 
 
 class CancelSpin(_Cancel):
     """Cancel the spin behaviour."""
 
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the spin server."""
-        return self.servers.spin
+    action = "spin"
 
 
 class CancelWait(_Cancel):
     """Cancel the wait behaviour."""
 
-    def server(self) -> ActionServer[Any, Any, Any]:
-        """Return the wait server."""
-        return self.servers.wait
+    action = "wait"
 
 
-class ReinitializeGlobalLocalization(ServersAction):
+class ReinitializeGlobalLocalization(BtServiceNode):
     """Request global localisation: the localiser searches for the robot on the whole map."""
 
-    service_name: Annotated[In[str], "Service name; not used here."] = ""
-    server_timeout: ServerTimeout = 20
+    service_name: ServiceName = ""
 
-    def tick(self) -> bool:
-        """Request global localisation."""
-        self.servers.localiser.reinitialise_global_localisation()
-        return True
+    def send(self) -> AnyGoalHandle:
+        """Send the request."""
+        return self.servers.request(ReinitializeLocalization(), self.service_name)
 
 
 class CheckStopStatus(StatefulAction):
@@ -167,8 +146,8 @@ class CheckStopStatus(StatefulAction):
 
     state_fields = ("since",)
 
-    def __init__(self, servers: Servers) -> None:
-        self.robot = servers.robot
+    def __init__(self, servers: NavigationServers) -> None:
+        self.servers = servers
         self.since = 0
 
     def on_start(self) -> Status:
@@ -178,7 +157,11 @@ class CheckStopStatus(StatefulAction):
 
     def on_running(self) -> Status:
         """Check the velocity and the time."""
-        twist = self.robot.odometry().twist
+        odometry = self.servers.odometry()
+        if odometry is None:
+            self.since = self.now()
+            return Status.RUNNING
+        twist = odometry.twist
         if max(abs(twist.v), abs(twist.w)) > self.velocity_threshold:
             return Status.FAILURE
         stood = self.now() - self.since
@@ -209,13 +192,17 @@ class _Selector(SyncAction):
 
     state_fields = ()
 
-    def __init__(self, servers: Servers) -> None:
-        self.topics = servers.topics
+    def __init__(self, servers: NavigationServers) -> None:
+        self.servers = servers
+        topic = optional_input(self, "topic_name")
+        if isinstance(topic, str):
+            # Subscribes, so that a latched message arrives before the first tick.
+            servers.latest(topic, str)
 
     def tick(self) -> bool:
         """Write the selected plug-in."""
         topic, default = str(self.get_input("topic_name")), str(self.get_input(f"default_{self.kind}"))
-        selected = str(self.topics.get(topic) or default)
+        selected = str(self.servers.latest(topic, str) or default)
         if selected:
             write_outputs(self, **{f"selected_{self.kind}": selected})
         return bool(selected)
