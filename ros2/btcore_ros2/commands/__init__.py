@@ -4,7 +4,10 @@ from importlib import import_module
 
 import click
 
-COMMANDS: dict[str, str] = {"sim": "sim"}
+COMMANDS: dict[str, str] = {
+    "messages": "messages",
+    "sim": "sim",
+}
 """The module of each command, relative to this package; it contains a click command of the same name."""
 
 
