@@ -29,6 +29,7 @@ class NavigateFeedback:
         number_of_recoveries: The number of recoveries so far.
         distance_remaining: The remaining distance along the path (m).
         number_of_poses_remaining: The number of poses of the goal that are not yet reached.
+        estimated_time_remaining: The remaining time (s) at the present speed; 0 if it is unknown.
     """
 
     current_pose: Pose2D | None
@@ -36,6 +37,7 @@ class NavigateFeedback:
     number_of_recoveries: int
     distance_remaining: float
     number_of_poses_remaining: int
+    estimated_time_remaining: float = 0.0
 
 
 NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, None]

@@ -21,6 +21,11 @@ __all__ = ["NavigateFeedback", "NavigateGoal", "NavigateHandle", "Navigator"]
 NAV2_PLUGIN = "nav2_"
 """The prefix of Nav2's own plug-ins, whose nodes are built in."""
 
+MIN_SPEED = 0.01
+"""The speed (m/s) from which on the remaining time is estimated, as in Nav2."""
+MIN_REMAINING = 0.1
+"""The remaining distance (m) from which on the remaining time is estimated, as in Nav2."""
+
 _ELSEWHERE = "the robot reached the goal by its estimated pose, but its scans contradict that pose"
 
 log = logging.getLogger(__name__)
@@ -171,12 +176,16 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         path = _entry(tree, "path")
         recoveries = _entry(tree, RECOVERIES)
         goals = _entry(tree, "goals")
+        remaining = self.servers.remaining(path) if isinstance(path, NavPath) and len(path) else 0.0
+        odometry = self.servers.odometry()
+        speed = abs(odometry.twist.v) if odometry is not None else 0.0
         return NavigateFeedback(
             self.servers.pose(),
             (now - self._began) / NS_PER_S,
             recoveries if isinstance(recoveries, int) else 0,
-            self.servers.remaining(path) if isinstance(path, NavPath) and len(path) else 0.0,
+            remaining,
             len(goals) if isinstance(goals, list) else 0,
+            remaining / speed if speed > MIN_SPEED and remaining > MIN_REMAINING else 0.0,
         )
 
     def _failure_reason(self) -> tuple[int, str]:

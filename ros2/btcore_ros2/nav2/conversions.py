@@ -23,6 +23,7 @@ from btcore_robot.navigation.behaviours import (
 )
 from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal
 from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal
+from btcore_robot.navigation.navigation_servers import SmoothedPath, SmoothPathGoal
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.planner import ComputePathGoal
 from btcore_robot.robot import NS_PER_S, Pose2D
@@ -303,6 +304,34 @@ class _FollowPath(ActionConverter):
         )
 
 
+class _SmoothPath(ActionConverter):
+    name, type_name, goal_type = "smooth_path", "SmoothPath", SmoothPathGoal
+
+    def write_goal(self, goal: SmoothPathGoal, message: Any) -> None:
+        message.path = path_to_message(goal.path)
+        message.smoother_id = goal.smoother_id
+        message.max_smoothing_duration = seconds_to_duration(goal.max_duration)
+        message.check_for_collisions = goal.check_for_collisions
+
+    def read_goal(self, message: Any) -> SmoothPathGoal:
+        return SmoothPathGoal(
+            path_from_message(message.path),
+            message.smoother_id,
+            duration_to_seconds(message.max_smoothing_duration),
+            message.check_for_collisions,
+        )
+
+    def write_result(self, value: SmoothedPath | None, message: Any) -> None:
+        if value is not None:
+            message.path = path_to_message(value.path)
+            message.smoothing_duration = seconds_to_duration(value.duration)
+            message.was_completed = value.was_completed
+
+    def read_result(self, message: Any) -> SmoothedPath:
+        duration = duration_to_seconds(message.smoothing_duration)
+        return SmoothedPath(path_from_message(message.path), duration, message.was_completed)
+
+
 class _Spin(ActionConverter):
     name, type_name, goal_type = "spin", "Spin", SpinGoal
 
@@ -391,6 +420,7 @@ class _Navigate(ActionConverter):
         if feedback.current_pose is not None:
             message.current_pose = pose_to_stamped(feedback.current_pose)
         message.navigation_time = seconds_to_duration(feedback.navigation_time)
+        message.estimated_time_remaining = seconds_to_duration(feedback.estimated_time_remaining)
         message.number_of_recoveries = feedback.number_of_recoveries
         message.distance_remaining = feedback.distance_remaining
         if self.through:
@@ -403,6 +433,7 @@ class _Navigate(ActionConverter):
             message.number_of_recoveries,
             message.distance_remaining,
             message.number_of_poses_remaining if self.through else 1,
+            duration_to_seconds(message.estimated_time_remaining),
         )
 
 
@@ -412,6 +443,7 @@ ACTIONS: Final[dict[str, ActionConverter]] = {
         _ComputePath("compute_path_to_pose", "ComputePathToPose", through=False),
         _ComputePath("compute_path_through_poses", "ComputePathThroughPoses", through=True),
         _FollowPath(),
+        _SmoothPath(),
         _Spin(),
         _Straight("backup", "BackUp", BackUpGoal),
         _Straight("drive_on_heading", "DriveOnHeading", DriveOnHeadingGoal),

@@ -85,7 +85,7 @@ def test_goals_survive_the_transmission(goal):
         ("backup", BehaviourFeedback(0.5)),
         ("drive_on_heading", BehaviourFeedback(0.5)),
         ("wait", BehaviourFeedback(0.5)),
-        ("navigate_to_pose", NavigateFeedback(None, 2.5, 3, 1.5, 1)),
+        ("navigate_to_pose", NavigateFeedback(None, 2.5, 3, 1.5, 1, 6.25)),
         ("navigate_through_poses", NavigateFeedback(Pose2D(1.0, 2.0, 0.0), 2.5, 3, 1.5, 2)),
     ],
 )

@@ -1,0 +1,128 @@
+"""An action server of our navigation, offered under the name and the types of Nav2's action."""
+
+from collections.abc import Callable
+from typing import Any
+
+from btcore_robot.navigation.action import ActionServer, GoalHandle, GoalStatus
+from btcore_robot.robot import NS_PER_S
+from btcore_ros2.action_server import DELIVERY_S, RosActionServer, RosGoal
+from btcore_ros2.errors import RosError
+from btcore_ros2.nav2.conversions import ActionConverter
+from btcore_ros2.session import RosSession
+
+FEEDBACK_PERIOD_NS = NS_PER_S // 10
+"""The time (ns) between two messages of feedback."""
+
+
+class ServedAction:
+    """Passes goals of ROS 2 clients to *server*, and its feedback and results back.
+
+    Call `step` before each step of *server*. A newer goal replaces the goal in progress, as in Nav2: the
+    previous goal is aborted, unless its client has cancelled it.
+
+    Args:
+        session: The session.
+        converter: The converter of the action.
+        server: The server.
+        name: The name of the action; "" = that of *converter*.
+        reject_reason: Called with a goal message; it returns why the goal is rejected, or "".
+        refusal: Called with a goal; it returns why an accepted goal is aborted at once, or "". The goal in
+            progress continues.
+        adapt_code: Returns the error code of the action for an error code of *server*.
+    """
+
+    def __init__(
+        self,
+        session: RosSession,
+        converter: ActionConverter,
+        server: ActionServer[Any, Any, Any],
+        name: str = "",
+        *,
+        reject_reason: Callable[[Any], str] = lambda message: "",
+        refusal: Callable[[Any], str] = lambda goal: "",
+        adapt_code: Callable[[int], int] = lambda code: code,
+    ) -> None:
+        self._session = session
+        self._converter = converter
+        self._server = server
+        self._refusal = refusal
+        self._adapt_code = adapt_code
+        self._type = converter.type
+        self._ros: RosActionServer[Any, Any, Any] = RosActionServer(
+            session, self._type, name or converter.name, reject_reason=reject_reason
+        )
+        self._goals: list[tuple[RosGoal[Any, Any, Any], GoalHandle[Any, Any, Any]]] = []
+        self._next_feedback = 0
+
+    @property
+    def is_active(self) -> bool:
+        """Whether a goal waits or is in progress."""
+        return bool(self._goals or self._ros.waiting)
+
+    def step(self, now: int) -> None:
+        """Pass on goals, cancellations, feedback and results that are new at *now* (ns)."""
+        while (ros := self._ros.take()) is not None:
+            self._start(ros)
+        for ros, handle in self._goals:
+            if ros.cancel_requested and not handle.cancel_requested:
+                handle.cancel()
+        self._goals = [(ros, handle) for ros, handle in self._goals if not self._end(ros, handle)]
+        if self._goals and now >= self._next_feedback:
+            self._next_feedback = now + FEEDBACK_PERIOD_NS
+            self._send_feedback(*self._goals[-1])
+
+    def cancel_all(self) -> None:
+        """Cancel all goals; the next step of the server stops its work."""
+        for _, handle in self._goals:
+            handle.cancel()
+
+    def close(self) -> None:
+        """Send the results of goals that have ended, abort the others, and destroy the server."""
+        ended = [self._end(ros, handle) for ros, handle in self._goals]
+        if any(ended) and self._session.context.ok():
+            # Clients request a result only when they have received the acceptance.
+            self._session.wait_for(lambda: False, DELIVERY_S)
+        self._ros.close()
+
+    def _start(self, ros: RosGoal[Any, Any, Any]) -> None:
+        try:
+            goal = self._converter.read_goal(ros.request)
+        except RosError as error:
+            ros.abort(self._result(self._type.Result.UNKNOWN, str(error)))
+            return
+        reason = self._refusal(goal)
+        if reason:
+            ros.abort(self._result(self._type.Result.UNKNOWN, reason))
+            return
+        self._goals.append((ros, self._server.send_goal(goal)))
+
+    def _send_feedback(self, ros: RosGoal[Any, Any, Any], handle: GoalHandle[Any, Any, Any]) -> None:
+        if handle.feedback is not None:
+            message = self._type.Feedback()
+            self._converter.write_feedback(handle.feedback, message)
+            ros.publish_feedback(message)
+
+    def _end(self, ros: RosGoal[Any, Any, Any], handle: GoalHandle[Any, Any, Any]) -> bool:
+        """Send the result if *handle* has ended, and return whether it has."""
+        if not handle.done:
+            return False
+        self._send_feedback(ros, handle)
+        outcome = handle.result
+        code = self._adapt_code(outcome.code) if outcome is not None and outcome.code else 0
+        result = self._result(code, outcome.message if outcome is not None else "")
+        if outcome is not None:
+            self._converter.write_result(outcome.value, result)
+        if handle.status is GoalStatus.SUCCEEDED:
+            ros.succeed(result)
+        elif handle.status is GoalStatus.CANCELED:
+            ros.canceled(result)
+        else:
+            ros.abort(result)
+        return True
+
+    def _result(self, code: int, message: str) -> Any:
+        result = self._type.Result()
+        result.error_code = code
+        if hasattr(result, "error_msg"):
+            result.error_msg = message
+        return result
