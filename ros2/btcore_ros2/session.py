@@ -22,6 +22,9 @@ DRAIN_RATE = 200.0
 MAX_DOMAIN = 232
 """The last domain of DDS. Those above 101 may share ports with other programs on Linux."""
 
+CLOSE_S = 1.0
+"""How long (s) `close` waits for unfinished work, such as a cancellation that was not acknowledged."""
+
 
 class RosClock(SystemClock):
     """The monotonic clock of the machine. Waiting on it takes what arrives for the ROS node.
@@ -60,6 +63,8 @@ class RosSession:
     Attributes:
         node: The ROS node.
         clock: The clock for the tree.
+        shared: ROS entities that several leaves use, by type and name.
+        unfinished: The work that `close` waits for, at most `CLOSE_S`. Each object removes itself.
 
     Raises:
         RosError: ROS 2 is not installed, the arguments are invalid, or there is no such domain.
@@ -99,6 +104,8 @@ class RosSession:
         self._take = _take_function(self.node, self._executor, use_executor)
         self._draining = False
         self.clock = RosClock(self.drain)
+        self.shared: dict[tuple[Any, ...], Any] = {}
+        self.unfinished: set[object] = set()
         self._after_drain: list[Callable[[], None]] = []
         self._drained = 0
 
@@ -151,6 +158,7 @@ class RosSession:
     def close(self) -> None:
         """Destroy the ROS node and its context. Further calls have no effect."""
         if self.context.ok():
+            self.wait_for(lambda: not self.unfinished, CLOSE_S)
             self._executor.shutdown()
             self.node.destroy_node()
             self.context.try_shutdown()

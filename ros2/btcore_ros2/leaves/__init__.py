@@ -1,6 +1,19 @@
 """Leaves that use ROS 2: base classes and decorators, and leaves that need no code."""
 
 from btcore import Registry
+from btcore_ros2.leaves.action import ActionErrorCode, RosAction
+from btcore_ros2.leaves.service import RosService, ServiceErrorCode
+from btcore_ros2.leaves.topics import RosPublisher, RosSubscriber
+
+__all__ = [
+    "ActionErrorCode",
+    "RosAction",
+    "RosPublisher",
+    "RosService",
+    "RosSubscriber",
+    "ServiceErrorCode",
+    "register",
+]
 
 
 def register(nodes: Registry) -> None:

@@ -1,0 +1,266 @@
+"""The base class of leaves that send a goal to an action server."""
+
+import enum
+import logging
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
+
+from btcore import In, NodeError, StatefulAction, Status
+from btcore.clock import NS_PER_MS
+from btcore.status import PossibleResults
+from btcore_robot.navigation.action import GoalStatus
+from btcore_ros2.interfaces import interface_name
+from btcore_ros2.leaves.endpoint import Endpoint, interface_of
+from btcore_ros2.leaves.goal import RosGoal
+from btcore_ros2.leaves.results import completed
+from btcore_ros2.leaves.visible_names import hint_for_action
+from btcore_ros2.session import RosSession
+
+log = logging.getLogger(__name__)
+
+
+class ActionErrorCode(enum.Enum):
+    """Why a goal failed. The names are those of BehaviorTree.ROS2's `ActionNodeErrorCode`."""
+
+    SERVER_UNREACHABLE = enum.auto()
+    """No server offers the action, or the server disappeared while it worked on the goal."""
+    SEND_GOAL_TIMEOUT = enum.auto()
+    """The server has neither accepted nor rejected the goal in time."""
+    GOAL_REJECTED_BY_SERVER = enum.auto()
+    """The server rejected the goal."""
+    ACTION_ABORTED = enum.auto()
+    """The server aborted the goal."""
+    ACTION_CANCELLED = enum.auto()
+    """The goal was cancelled, but not by this leaf."""
+    INVALID_GOAL = enum.auto()
+    """`make_goal` returned None."""
+
+
+class RosAction(StatefulAction):
+    """Send a goal to an action server: RUNNING while the server works, then the result of a callback.
+
+    A subclass sets `action_type`, a default for the port `action_name`, and implements `make_goal`. It may
+    override `on_feedback`, `on_result` and `on_failure`. The callbacks run during ticks of the leaf.
+
+    When the leaf is halted, the goal is cancelled. The halt does not wait for the server: the cancellation is
+    followed up in the background, and its outcome is logged. To clean up, override `on_halted` and call
+    `super().on_halted()`.
+
+    The server has no time limit for its work. Set a limit with the decorator `<Timeout>`. If the server
+    process disappears, the goal fails with SERVER_UNREACHABLE: immediately after a clean shutdown, and up to
+    20 s after a crash, because DDS detects a crash by missing signs of life.
+
+    Args:
+        session: The session, a resource of the tree.
+
+    Attributes:
+        last_result: The result message of the last goal, also of an aborted goal; None before.
+        error_message: The description of the last failure; "" if the last goal did not fail.
+
+    Examples:
+        >>> from btcore import In
+        >>> from btcore_ros2.leaves import RosAction
+        >>> class Count(RosAction):
+        ...     action_name = "fibonacci"
+        ...     action_type = "test_msgs/action/Fibonacci"
+        ...     order: In[int]
+        ...     def make_goal(self):
+        ...         return self.action_type.Goal(order=self.order)
+    """
+
+    action_name: Annotated[In[str], "Action server name."] = ""
+
+    action_type: Any = None
+    """The class of the action, or its name, such as `nav2_msgs/action/NavigateToPose`.
+
+    With a name, the file of the leaf needs no import of ROS 2.
+    """
+    server_timeout: int = 1000
+    """The time (ms) that the server has to accept or reject the goal."""
+    wait_for_server_timeout: int = 500
+    """The time (ms), after the client was created, in which the server must appear.
+
+    Meanwhile the leaf is RUNNING. Afterwards, a missing server is a failure at once.
+    """
+
+    last_result: Any = None
+    error_message: str = ""
+
+    state_fields: ClassVar[tuple[str, ...] | None] = None  # the goal belongs to the server
+
+    _goal: RosGoal | None = None
+    _unsent: Any = None
+    _sent = 0
+    _logged = ""
+
+    def __init__(self, session: RosSession) -> None:
+        self.session = session
+        self.action_type = interface_of(self, "action_type", "action")
+        self._endpoint = Endpoint(self, session, "action_name", ("action", self.action_type), self._connect)
+
+    def _connect(self, name: str) -> Any:
+        from rclpy.action import ActionClient
+
+        return ActionClient(self.session.node, self.action_type, name)
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """Return that the leaf can fail in its first tick, and ends later otherwise."""
+        return PossibleResults(cls.may_return & {Status.FAILURE}, cls.may_return, True)
+
+    # --- for subclasses
+
+    def make_goal(self) -> Any:
+        """Return the goal message, or None to fail with INVALID_GOAL. Called when the leaf starts."""
+        raise NodeError(f"{type(self).__name__} has no make_goal()")
+
+    def on_feedback(self, feedback: Any) -> Any:
+        """Process a message of feedback. Called for each message, in order.
+
+        Args:
+            feedback: The feedback message.
+
+        Returns:
+            RUNNING or None to continue. SUCCESS (True) or FAILURE (False) cancel the goal, and are the result
+            of the leaf.
+        """
+        return Status.RUNNING
+
+    def on_result(self, result: Any) -> Any:
+        """Process the result of a goal that succeeded.
+
+        Args:
+            result: The result message.
+
+        Returns:
+            SUCCESS (True) or FAILURE (False), the result of the leaf.
+        """
+        return Status.SUCCESS
+
+    def on_failure(self, error: ActionErrorCode) -> Any:
+        """Process a failure. `error_message` describes it, and is logged already.
+
+        Args:
+            error: The kind of failure.
+
+        Returns:
+            SUCCESS (True) or FAILURE (False), the result of the leaf.
+        """
+        return Status.FAILURE
+
+    # --- the engine
+
+    def on_start(self) -> Any:
+        """Create the goal, and send it if the server is ready."""
+        self.session.refresh()
+        self._goal = None
+        self._endpoint.get()
+        message = self.make_goal()
+        if message is None:
+            return self._fail(ActionErrorCode.INVALID_GOAL, "make_goal() returned None: no goal was sent")
+        if not isinstance(message, self.action_type.Goal):
+            raise NodeError(
+                f"make_goal() must return a {self.action_type.__name__}.Goal or None, "
+                f"not a {type(message).__name__}"
+            )
+        self._unsent = message
+        return self._send()
+
+    def on_running(self) -> Any:
+        """Process the answers of the server that have arrived since the last tick."""
+        self.session.refresh()
+        goal = self._goal
+        if goal is None:
+            return self._send()
+        server = self._endpoint.name
+        if goal.accepted is None and not goal.lost:
+            if self.now() - self._sent <= self.server_timeout * NS_PER_MS:
+                return Status.RUNNING
+            goal.cancel()
+            return self._fail(
+                ActionErrorCode.SEND_GOAL_TIMEOUT,
+                f"the action server '{server}' did not answer the goal within {self.server_timeout} ms: "
+                "check that it runs and is not blocked, or increase server_timeout",
+            )
+        if goal.accepted is False:
+            return self._fail(
+                ActionErrorCode.GOAL_REJECTED_BY_SERVER,
+                f"the action server '{server}' rejected the goal: its log may contain the reason",
+            )
+        while goal.feedback:
+            status = self.on_feedback(goal.feedback.popleft())
+            if status is not None and status is not Status.RUNNING:
+                goal.cancel()
+                return self._end(completed(status, "on_feedback()", "RUNNING, SUCCESS or FAILURE"))
+        if not goal.done:
+            return Status.RUNNING
+        self.last_result = goal.result
+        if goal.lost:
+            return self._fail(
+                ActionErrorCode.SERVER_UNREACHABLE,
+                f"the action server '{server}' disappeared while it worked on the goal: its process ended or "
+                "was started again, or the network failed",
+            )
+        if goal.status is GoalStatus.ABORTED:
+            return self._fail(
+                ActionErrorCode.ACTION_ABORTED,
+                f"the action server '{server}' aborted the goal{_reason(goal.result)}",
+            )
+        if goal.status is GoalStatus.CANCELED:
+            return self._fail(
+                ActionErrorCode.ACTION_CANCELLED,
+                f"the goal on '{server}' was cancelled by its server or by another client",
+            )
+        self.error_message = self._logged = ""
+        return self._end(completed(self.on_result(goal.result), "on_result()"))
+
+    def on_halted(self) -> None:
+        """Cancel the goal, without waiting for the server."""
+        goal = self._goal
+        self._end(Status.FAILURE)
+        if goal is not None:
+            goal.cancel()
+
+    def _send(self) -> Any:
+        """Send the goal if the server is ready, or wait for the server."""
+        client = self._endpoint.get()
+        name = self._endpoint.name
+        now = self.now()
+        if not client.server_is_ready():
+            limit = self._endpoint.created + self.wait_for_server_timeout * NS_PER_MS
+            if now < limit:
+                self.wake_at(limit)
+                return Status.RUNNING
+            kind = interface_name(self.action_type)
+            return self._fail(
+                ActionErrorCode.SERVER_UNREACHABLE,
+                f"no action server '{name}' ({kind}): {hint_for_action(self.session.node, name, kind)}",
+            )
+        message, self._unsent = self._unsent, None
+        self._sent = now
+        self._goal = RosGoal(self.session, client, name, message, self.path, self.wake_up)
+        self.wake_at(now + self.server_timeout * NS_PER_MS + 1)
+        return Status.RUNNING
+
+    def _fail(self, code: ActionErrorCode, message: str) -> Status:
+        self.error_message = message
+        if message != self._logged:
+            self._logged = message
+            log.warning("%s: %s: %s", self.path, code.name, message)
+        return self._end(completed(self.on_failure(code), "on_failure()"))
+
+    def _end(self, status: Status) -> Status:
+        self.cancel_wake_up()
+        self._goal = self._unsent = None
+        return status
+
+
+def _reason(result: Any) -> str:
+    """Return the error code and message of a result, which Nav2's results contain."""
+    code = getattr(result, "error_code", 0)
+    text = getattr(result, "error_msg", "")
+    parts = [f"error_code {code}" if code else "", str(text)]
+    reason = ", ".join(part for part in parts if part)
+    return f": {reason}" if reason else ": its log may contain the reason"

@@ -1,0 +1,209 @@
+"""A goal on an action server: sent, watched and cancelled without waiting."""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final
+
+from btcore_robot.navigation.action import ENDED, GoalStatus
+from btcore_robot.robot import NS_PER_S
+from btcore_ros2.session import RosSession
+
+CHECK_NS: Final = NS_PER_S
+"""The time (ns) between two checks whether the server still exists."""
+
+FOLLOW_UP_S: Final = 30
+"""How long (s) a cancelled goal is watched for its outcome."""
+
+FEEDBACK_LIMIT: Final = 1000
+"""How many messages of feedback are kept for the leaf; older messages are dropped."""
+
+CANCEL_REJECTED: Final = 1  # of action_msgs/srv/CancelGoal
+GOAL_ENDED: Final = 3
+
+log = logging.getLogger(__name__)
+
+
+def _do_nothing() -> None:
+    pass
+
+
+class RosGoal:
+    """A goal that was sent to an action server.
+
+    The goal makes progress whenever the session takes messages. It is watched until it has ended. After
+    `cancel`, this happens in the background: a goal that the server has not accepted yet is cancelled when it
+    is accepted. The outcome of the cancellation is logged once.
+
+    Args:
+        session: The session.
+        client: The `rclpy.action.ActionClient`, whose server is ready.
+        server: The name of the action.
+        message: The goal message.
+        sender: The path of the leaf, for the log.
+        on_progress: Called when the server has accepted, rejected or ended the goal, and when the server has
+            disappeared.
+
+    Attributes:
+        accepted: Whether the server has accepted the goal; None before its answer.
+        status: The state of the goal.
+        feedback: The messages of feedback that the leaf has not taken yet, oldest first.
+        result: The result message, or None before the goal has ended.
+        lost: Whether the server has disappeared, or no longer knows the goal.
+        cancel_requested: Whether `cancel` was called.
+    """
+
+    def __init__(
+        self,
+        session: RosSession,
+        client: Any,
+        server: str,
+        message: Any,
+        sender: str,
+        on_progress: Callable[[], None],
+    ) -> None:
+        self.accepted: bool | None = None
+        self.status = GoalStatus.UNKNOWN
+        self.feedback: deque[Any] = deque(maxlen=FEEDBACK_LIMIT)
+        self.result: Any = None
+        self.lost = False
+        self.cancel_requested = False
+        self._session = session
+        self._client = client
+        self._server = server
+        self._sender = sender
+        self._on_progress = on_progress
+        self._handle: Any = None
+        self._results: list[Any] = []
+        self._cancellation: Any = None
+        self._server_count = 0
+        self._next_check = time.monotonic_ns() + CHECK_NS
+        self._follow_until = 0
+        self._acceptance = client.send_goal_async(message, feedback_callback=self._take_feedback)
+        self._ignore: Callable[[], None] = session.after_drain(self._advance)
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing more is expected: the goal was rejected, has ended, or its server disappeared."""
+        return self.accepted is False or self.status in ENDED or self.lost
+
+    def cancel(self) -> None:
+        """Request the server to end the goal, and return at once. The outcome is logged."""
+        if self.done or self.cancel_requested:
+            return
+        self.cancel_requested = True
+        self._session.unfinished.add(self)
+        self._on_progress = _do_nothing
+        self._follow_until = time.monotonic_ns() + FOLLOW_UP_S * NS_PER_S
+        if self._handle is not None:
+            self._send_cancellation()
+
+    def _take_feedback(self, message: Any) -> None:
+        if not self.cancel_requested:
+            self.feedback.append(message.feedback)
+
+    def _advance(self) -> None:
+        """Read the answers that have arrived."""
+        if self.accepted is None:
+            if self._acceptance.done():
+                self._accept(self._acceptance.result())
+        else:
+            self._read_results()
+        if not self.done and self._cancellation is not None and self._cancellation.done():
+            self._read_cancellation()
+        if not self.done:
+            self._check(time.monotonic_ns())
+
+    def _accept(self, handle: Any) -> None:
+        self.accepted = handle.accepted
+        if not handle.accepted:
+            self._finish()
+            return
+        self._handle = handle
+        self.status = GoalStatus.EXECUTING
+        self._results.append(handle.get_result_async())
+        self._server_count = self._count_servers()
+        if self.cancel_requested:
+            self._send_cancellation()
+        self._on_progress()
+
+    def _read_results(self) -> None:
+        for future in self._results:
+            if future.done():
+                answer = future.result()
+                status = GoalStatus(answer.status)
+                if status in ENDED:
+                    self.status = status
+                    self.result = answer.result
+                else:
+                    self.lost = True
+                self._finish()
+                return
+
+    def _send_cancellation(self) -> None:
+        self._cancellation = self._handle.cancel_goal_async()
+
+    def _read_cancellation(self) -> None:
+        answer = self._cancellation.result()
+        self._cancellation = None
+        if answer.goals_canceling:
+            self.status = GoalStatus.CANCELING
+            self._session.unfinished.discard(self)
+        elif answer.return_code != GOAL_ENDED:
+            log.warning(
+                "%s: the action server '%s' refused to cancel the goal, and continues to work on it",
+                self._sender,
+                self._server,
+            )
+            self._stop_watching()
+
+    def _check(self, now: int) -> None:
+        """Check from time to time whether the server still exists, and whether the cancelled goal has ended.
+
+        A server that was killed is visible for 20 s, until its DDS lease ends. If it was started again in the
+        meantime, the number of servers has changed: the new server answers that it does not know the goal.
+        """
+        if self.cancel_requested and now > self._follow_until:
+            state = "answered" if self._handle is None else "ended"
+            log.warning(
+                "%s: the goal was cancelled %d s ago, but the action server '%s' has not %s the goal; "
+                "it may still work on it",
+                self._sender,
+                FOLLOW_UP_S,
+                self._server,
+                state,
+            )
+            self._stop_watching()
+        elif now >= self._next_check:
+            self._next_check = now + CHECK_NS
+            if not self._client.server_is_ready():
+                self.lost = True
+                self._finish()
+            elif self._handle is not None:
+                count = self._count_servers()
+                if count != self._server_count:
+                    self._server_count = count
+                    self._results.append(self._handle.get_result_async())
+
+    def _count_servers(self) -> int:
+        name = self._session.node.resolve_service_name(self._server)
+        count: int = self._session.node.count_publishers(f"{name}/_action/status")
+        return count
+
+    def _finish(self) -> None:
+        if self.cancel_requested:
+            if self.lost:
+                outcome = "its server disappeared"
+            elif self.accepted is False:
+                outcome = "the server had rejected it"
+            else:
+                outcome = f"it ended as {self.status.name}"
+            log.info("%s: the goal on '%s' was cancelled: %s", self._sender, self._server, outcome)
+        self._stop_watching()
+        self._on_progress()
+
+    def _stop_watching(self) -> None:
+        self._ignore()
+        self._ignore = _do_nothing
+        self._session.unfinished.discard(self)

@@ -1,0 +1,212 @@
+"""The base class of leaves that call a service."""
+
+import enum
+import logging
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar
+
+from btcore import In, NodeError, StatefulAction, Status
+from btcore.clock import NS_PER_MS
+from btcore.status import PossibleResults
+from btcore_ros2.interfaces import interface_name
+from btcore_ros2.leaves.endpoint import Endpoint, interface_of
+from btcore_ros2.leaves.results import completed
+from btcore_ros2.leaves.visible_names import hint_for_service
+from btcore_ros2.session import RosSession
+
+log = logging.getLogger(__name__)
+
+
+class ServiceErrorCode(enum.Enum):
+    """Why a service call failed. The names are those of BehaviorTree.ROS2's `ServiceNodeErrorCode`."""
+
+    SERVICE_UNREACHABLE = enum.auto()
+    """No server offers the service."""
+    SERVICE_TIMEOUT = enum.auto()
+    """The server has not answered in time."""
+    INVALID_REQUEST = enum.auto()
+    """`make_request` returned None."""
+
+
+class RosService(StatefulAction):
+    """Call a service: RUNNING until the response arrives, then the result of a callback.
+
+    A subclass sets `service_type`, a default for the port `service_name`, and implements `make_request`. It
+    may override `on_response` and `on_failure`. The callbacks run during ticks of the leaf. When the leaf is
+    halted, a later response is ignored.
+
+    Args:
+        session: The session, a resource of the tree.
+
+    Attributes:
+        error_message: The description of the last failure; "" if the last call did not fail.
+
+    Examples:
+        >>> from btcore import In
+        >>> from btcore_ros2.leaves import RosService
+        >>> class EnableMotors(RosService):
+        ...     service_name = "enable_motors"
+        ...     service_type = "std_srvs/srv/SetBool"
+        ...     on: In[bool] = True
+        ...     def make_request(self):
+        ...         return self.service_type.Request(data=self.on)
+        ...     def on_response(self, response):
+        ...         return response.success
+    """
+
+    service_name: Annotated[In[str], "Service name."] = ""
+
+    service_type: Any = None
+    """The class of the service, or its name, such as `std_srvs/srv/Trigger`."""
+    server_timeout: int = 1000
+    """The time (ms) that the server has to answer."""
+    wait_for_server_timeout: int = 500
+    """The time (ms), after the client was created, in which the server must appear.
+
+    Meanwhile the leaf is RUNNING. Afterwards, a missing server is a failure at once.
+    """
+
+    error_message: str = ""
+
+    state_fields: ClassVar[tuple[str, ...] | None] = None  # the response belongs to the server
+
+    _client: Any = None
+    _response: Any = None
+    _unsent: Any = None
+    _sent = 0
+    _logged = ""
+    _stop_watching: Callable[[], None] | None = None
+
+    def __init__(self, session: RosSession) -> None:
+        self.session = session
+        self.service_type = interface_of(self, "service_type", "srv")
+        self._endpoint = Endpoint(
+            self, session, "service_name", ("service", self.service_type), self._connect
+        )
+
+    def _connect(self, name: str) -> Any:
+        return self.session.node.create_client(self.service_type, name)
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """Return that the leaf can fail in its first tick, and ends later otherwise."""
+        return PossibleResults(cls.may_return & {Status.FAILURE}, cls.may_return, True)
+
+    # --- for subclasses
+
+    def make_request(self) -> Any:
+        """Return the request, or None to fail with INVALID_REQUEST. Called when the leaf starts."""
+        raise NodeError(f"{type(self).__name__} has no make_request()")
+
+    def on_response(self, response: Any) -> Any:
+        """Process the response.
+
+        Args:
+            response: The response message.
+
+        Returns:
+            SUCCESS (True) or FAILURE (False), the result of the leaf.
+        """
+        return Status.SUCCESS
+
+    def on_failure(self, error: ServiceErrorCode) -> Any:
+        """Process a failure. `error_message` describes it, and is logged already.
+
+        Args:
+            error: The kind of failure.
+
+        Returns:
+            SUCCESS (True) or FAILURE (False), the result of the leaf.
+        """
+        return Status.FAILURE
+
+    # --- the engine
+
+    def on_start(self) -> Any:
+        """Create the request, and send it if the server is ready."""
+        self.session.refresh()
+        self._response = None
+        self._endpoint.get()
+        request = self.make_request()
+        if request is None:
+            return self._fail(
+                ServiceErrorCode.INVALID_REQUEST, "make_request() returned None: no request was sent"
+            )
+        if not isinstance(request, self.service_type.Request):
+            raise NodeError(
+                f"make_request() must return a {self.service_type.__name__}.Request or None, "
+                f"not a {type(request).__name__}"
+            )
+        self._unsent = request
+        return self._send()
+
+    def on_running(self) -> Any:
+        """Process the response, if it has arrived."""
+        self.session.refresh()
+        if self._response is None:
+            return self._send()
+        if self._response.done():
+            response = self._response.result()
+            self.error_message = self._logged = ""
+            self._end()
+            return completed(self.on_response(response), "on_response()")
+        if self.now() - self._sent <= self.server_timeout * NS_PER_MS:
+            return Status.RUNNING
+        return self._fail(
+            ServiceErrorCode.SERVICE_TIMEOUT,
+            f"the service '{self._endpoint.name}' did not answer within {self.server_timeout} ms: "
+            "check that its server runs and is not blocked, or increase server_timeout",
+        )
+
+    def on_halted(self) -> None:
+        """Ignore the response when it arrives."""
+        self._end()
+
+    def _send(self) -> Any:
+        """Send the request if the server is ready, or wait for the server."""
+        client = self._endpoint.get()
+        name = self._endpoint.name
+        now = self.now()
+        if not client.service_is_ready():
+            limit = self._endpoint.created + self.wait_for_server_timeout * NS_PER_MS
+            if now < limit:
+                self.wake_at(limit)
+                return Status.RUNNING
+            kind = interface_name(self.service_type)
+            return self._fail(
+                ServiceErrorCode.SERVICE_UNREACHABLE,
+                f"no service '{name}' ({kind}): {hint_for_service(self.session.node, name, kind)}",
+            )
+        request, self._unsent = self._unsent, None
+        self._sent = now
+        self._client = client
+        self._response = client.call_async(request)
+        self._stop_watching = self.session.after_drain(self._watch)
+        self.wake_at(now + self.server_timeout * NS_PER_MS + 1)
+        return Status.RUNNING
+
+    def _watch(self) -> None:
+        """Wake the tree when the response has arrived."""
+        if self._response.done() and self._stop_watching is not None:
+            self._stop_watching()
+            self._stop_watching = None
+            self.wake_up()
+
+    def _fail(self, code: ServiceErrorCode, message: str) -> Status:
+        self.error_message = message
+        if message != self._logged:
+            self._logged = message
+            log.warning("%s: %s: %s", self.path, code.name, message)
+        self._end()
+        return completed(self.on_failure(code), "on_failure()")
+
+    def _end(self) -> None:
+        self.cancel_wake_up()
+        if self._stop_watching is not None:
+            self._stop_watching()
+            self._stop_watching = None
+        if self._response is not None and not self._response.done():
+            self._client.remove_pending_request(self._response)
+        self._response = self._unsent = None

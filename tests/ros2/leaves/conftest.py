@@ -1,0 +1,6 @@
+"""The server of these tests is also that of the acceptance script."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "acceptance"))
