@@ -26,7 +26,7 @@ class PlainServer(Node):
         group = ReentrantCallbackGroup()
         self.create_service(SetBool, "set_bool", self.set_bool, callback_group=group)
         self.echo = self.create_publisher(String, "echo", 100)
-        self.create_subscription(String, "words", self.echo.publish, 100, callback_group=group)
+        self.create_subscription(String, "words", self.echo.publish, 100)  # one at a time: in order
         self.server = ActionServer(
             self,
             Fibonacci,

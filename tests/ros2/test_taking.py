@@ -186,9 +186,20 @@ def test_response_to_a_removed_request_is_ignored(session: RosSession, server: N
     assert not removed.done()
 
 
-def test_action_of_a_process_reports_feedback_and_result(session: RosSession, server: None) -> None:
+def fibonacci(session: RosSession) -> ActionClient:
+    """Return a client of the server's action, to which feedback arrives."""
     client = ActionClient(session.node, Fibonacci, "fibonacci")
     arrives(session, client.server_is_ready)
+    seen: list[Any] = []
+    while not seen:  # the server may be ready before its publisher of feedback has found the client
+        goal = client.send_goal_async(Fibonacci.Goal(order=1), feedback_callback=seen.append)
+        arrives(session, goal.done)
+        arrives(session, goal.result().get_result_async().done)
+    return client
+
+
+def test_action_of_a_process_reports_feedback_and_result(session: RosSession, server: None) -> None:
+    client = fibonacci(session)
     seen: list[Any] = []
     goal = client.send_goal_async(
         Fibonacci.Goal(order=5),
@@ -206,8 +217,7 @@ def test_action_of_a_process_reports_feedback_and_result(session: RosSession, se
 
 def test_feedback_that_waits_is_taken_before_the_result(server: None) -> None:
     with RosSession("test") as session:
-        client = ActionClient(session.node, Fibonacci, "fibonacci")
-        arrives(session, client.server_is_ready)
+        client = fibonacci(session)
         seen: list[Any] = []
         goal = client.send_goal_async(
             Fibonacci.Goal(order=3),
