@@ -2,17 +2,29 @@
 
 from btcore import Registry
 from btcore_ros2.leaves.action import ActionErrorCode, RosAction
+from btcore_ros2.leaves.decorators import (
+    RosCallError,
+    ros_action,
+    ros_publisher,
+    ros_service,
+    ros_subscriber,
+)
 from btcore_ros2.leaves.service import RosService, ServiceErrorCode
 from btcore_ros2.leaves.topics import RosPublisher, RosSubscriber
 
 __all__ = [
     "ActionErrorCode",
     "RosAction",
+    "RosCallError",
     "RosPublisher",
     "RosService",
     "RosSubscriber",
     "ServiceErrorCode",
     "register",
+    "ros_action",
+    "ros_publisher",
+    "ros_service",
+    "ros_subscriber",
 ]
 
 
