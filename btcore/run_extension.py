@@ -81,6 +81,18 @@ class RunExtension(Protocol):
         """
         return ()
 
+    def takes_over(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[type]:
+        """Return the types that only this extension provides, because of its options; most return ().
+
+        Called once, before `requires`. The other extensions do not see these types in *wanted*, so that they
+        do not create what would not be used, such as a simulated world.
+
+        Args:
+            settings: The options of the command.
+            wanted: The types that leaves declare as resources.
+        """
+        return ()
+
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:

@@ -112,6 +112,8 @@ def gather_resources(
 ) -> GatheredResources:
     """Return the resources that the extensions of a run provide.
 
+    Types that an extension takes over are wanted from this extension only.
+
     Extensions without requirements provide their resources first, then extensions with requirements; within
     both groups, extensions with `is_fallback` come last. Extensions that provide resources are attached
     before the other extensions, and detached after them.
@@ -124,7 +126,9 @@ def gather_resources(
     Raises:
         click.UsageError: An extension rejects an option.
     """
-    all_wanted = list(wanted)
+    taken = [tuple(extension.takes_over(settings, wanted)) for extension in extensions]
+    all_wanted = [kind for kind in wanted if not any(kind in types for types in taken)]
+    own = {id(extension): types for extension, types in zip(extensions, taken, strict=True)}
     ranked: list[tuple[bool, RunExtension]] = []
     # From the last to the first: an extension sees the requirements of those that come after it.
     for extension in reversed(extensions):
@@ -137,7 +141,7 @@ def gather_resources(
     providers: list[RunExtension] = []
     idle: list[RunExtension] = []
     for _, extension in ranked:
-        provided = extension.provide(settings, tuple(all_wanted), tuple(resources))
+        provided = extension.provide(settings, (*own[id(extension)], *all_wanted), tuple(resources))
         (providers if provided else idle).append(extension)
         resources += provided
     return GatheredResources(resources, [*providers, *idle], idle)

@@ -15,19 +15,28 @@ from btcore_ros2.session import RosSession
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
+    from btcore_ros2.nav2.client import Nav2Client
     from btcore_ros2.robot.ros_robot import RosRobot
+
+POSE_WAIT_S = 5.0
+"""How long (s) a run with `--nav2` waits for the robot's pose before its first tick."""
 
 
 class RosExtension(RunExtension):
-    """Provides the `RosSession` that leaves require, and with `--ros2` the robot."""
+    """Provides the `RosSession` that leaves require, with `--ros2` the robot, and with `--nav2` Nav2."""
 
-    used_by = "leaf that uses ROS 2 or a robot"
+    used_by = "leaf that uses ROS 2, a robot or Nav2"
     options: Sequence[click.Option] = (
         click.Option(
             ["--ros2", "ros2_robot"],
             metavar="FILE.yaml",
             help="Use a ROS 2 robot instead of the simulated robot: tiago, turtlebot3, turtlebot4, or a file "
             "that describes its topics.",
+        ),
+        click.Option(
+            ["--nav2"],
+            is_flag=True,
+            help="Let Nav2's tree nodes and Move use the servers of a running Nav2.",
         ),
         click.Option(
             ["--ros-args"],
@@ -39,14 +48,28 @@ class RosExtension(RunExtension):
     def __init__(self) -> None:
         self._session: RosSession | None = None
         self._robot: RosRobot | None = None
+        self._nav2: Nav2Client | None = None
+
+    def takes_over(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[type]:
+        """Return the types of the navigation if Nav2 is used; see `RunExtension.takes_over`."""
+        if not settings.get("nav2"):
+            return ()
+        from btcore_robot.leaves.navigate import PoseNavigator
+        from btcore_robot.navigation.navigation_servers import NavigationServers
+
+        return [kind for kind in wanted if kind in (NavigationServers, PoseNavigator)]
 
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:
-        """Return the session if a leaf requires it, and the robot of `--ros2`; see `RunExtension.provide`."""
+        """Return the session, the robot and the client of Nav2 as far as they are required.
+
+        See `RunExtension.provide`.
+        """
         name = settings.get("ros2_robot")
         drives = name is not None and any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
-        if RosSession not in wanted and not drives:
+        navigates = bool(self.takes_over(settings, wanted))
+        if RosSession not in wanted and not drives and not navigates:
             return ()
         import shlex
 
@@ -63,6 +86,11 @@ class RosExtension(RunExtension):
                 self._robot = RosRobot(self._session, description)
                 # Before the session, because the robot's clock may be that of a simulation.
                 resources.append(self._robot)
+            if navigates:
+                from btcore_ros2.nav2.client import Nav2Client
+
+                self._nav2 = Nav2Client(self._session)
+                resources.append(self._nav2)
         except (RosError, ValueError) as error:
             if self._session is not None:
                 self._session.close()
@@ -72,12 +100,18 @@ class RosExtension(RunExtension):
     def attach(
         self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> "AbstractContextManager[object]":
-        """Stop the robot and close the session at the end of the run."""
-        return self._closed()
+        """Wait for the robot's pose; stop the robot and close the session at the end of the run."""
+        return self._attached()
 
     @contextmanager
-    def _closed(self) -> Iterator[None]:
+    def _attached(self) -> Iterator[None]:
         try:
+            if self._session is not None and self._nav2 is not None:
+                found = self._session.wait_for(self._nav2.pose, POSE_WAIT_S)
+                if not found:
+                    from btcore_ros2.nav2.pose_listener import POSE_IS_UNKNOWN
+
+                    click.echo(f"warning: --nav2: {POSE_IS_UNKNOWN}", err=True)
             yield
         finally:
             if self._robot is not None:

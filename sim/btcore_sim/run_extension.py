@@ -107,6 +107,10 @@ class RobotExtension:
         """The runner of events, if the world of the run has people, events or spare boxes."""
         self._report: dict[str, object] = {}
 
+    def takes_over(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[type]:
+        """Return an empty sequence: other extensions may provide a robot, too."""
+        return ()
+
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
         """Return an empty sequence: the simulator needs no resources of other extensions."""
         return ()

@@ -48,9 +48,11 @@ class GoalHandle(Generic[Goal, Feedback, Value]):
         result: The result, or None before the goal has ended.
         cancel_requested: Whether the client has cancelled the goal.
         missing_acceptance: The reason to report if the goal is not accepted in time.
+        discovery_ns: The time (ns) for finding the server, in addition to the time for the acceptance.
     """
 
     missing_acceptance = "no server accepted the goal"
+    discovery_ns = 0
 
     def __init__(self, goal: Goal) -> None:
         self.goal = goal

@@ -64,6 +64,40 @@ def test_dependent_extensions_provide_last() -> None:
     assert [one.maker for one in found.resources if isinstance(one, Body)] == ["sim"]
 
 
+class ExclusiveProvider(Provider):
+    """Provides the body alone, with the option `real`."""
+
+    def takes_over(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[type]:
+        return (Body,) if settings.get("real") else ()
+
+    def provide(
+        self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object] = ()
+    ) -> Sequence[object]:
+        return [Body(self.name)] if Body in wanted and settings.get("real") else []
+
+
+class Observer(Provider):
+    """Records the types that it is asked for."""
+
+    def requires(self, wanted: Sequence[type]) -> Sequence[type]:
+        self.asked = tuple(wanted)
+        return (str,) if Body in wanted else ()
+
+    def provide(
+        self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object] = ()
+    ) -> Sequence[object]:
+        self.asked += tuple(wanted)
+        return ()
+
+
+@pytest.mark.parametrize("real", [True, False])
+def test_a_type_that_is_taken_over_is_wanted_from_no_other_extension(real: bool) -> None:
+    exclusive, observer = ExclusiveProvider("real"), Observer("other")
+    found = gather_resources([observer, exclusive], {"real": real}, [Body])
+    assert [one.maker for one in found.resources if isinstance(one, Body)] == ["real"] * real
+    assert (Body in observer.asked) is not real
+
+
 def test_extensions_of_the_project_follow_the_protocol() -> None:
     extensions: list[RunExtension] = [MonitorExtension(), NavigationExtension(), RobotExtension()]
     assert [one.is_fallback for one in extensions] == [False, False, True]
@@ -96,6 +130,9 @@ class WithoutAttach:
     is_fallback = False
 
     def requires(self, wanted: Any) -> Any:
+        return ()
+
+    def takes_over(self, settings: Any, wanted: Any) -> Any:
         return ()
 
     def provide(self, settings: Any, wanted: Any, provided: Any) -> Any:

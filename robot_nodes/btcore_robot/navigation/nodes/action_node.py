@@ -128,7 +128,8 @@ class BtActionNode(StatefulAction):
 
     def acceptance_timed_out(self) -> bool:
         """Return whether the server's time to accept the goal is over."""
-        return self.now() - self.sent > server_timeout_ns(self)
+        discovery_ns = self.handle.discovery_ns if self.handle is not None else 0
+        return self.now() - self.sent > server_timeout_ns(self) + discovery_ns
 
 
 class BtServiceNode(StatefulAction):
@@ -179,7 +180,7 @@ class BtServiceNode(StatefulAction):
         if handle is None:
             return Status.FAILURE
         if not handle.done:
-            if self.now() - self.sent <= server_timeout_ns(self):
+            if self.now() - self.sent <= server_timeout_ns(self) + handle.discovery_ns:
                 return Status.RUNNING
             handle.cancel()
             return self.fail(handle.missing_acceptance)

@@ -1,0 +1,113 @@
+"""Plain servers of Nav2 in another process, and trees of Nav2's nodes that use them."""
+
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import btcore
+from btcore import Registry, Status, Tree
+from btcore_robot.navigation import nodes as nav2_nodes
+from btcore_robot.robot import NS_PER_S
+
+LIMIT = 20.0  # s: for a machine that is much slower
+
+
+def start(*command: str) -> subprocess.Popen[str]:
+    """Start a Python program, and wait until it prints "ready"."""
+    process = subprocess.Popen(
+        [sys.executable, *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    return process
+
+
+@pytest.fixture(scope="module")
+def plain_nav2(request: pytest.FixtureRequest) -> Iterator[subprocess.Popen[str]]:
+    """The process of `plain_nav2.py`, with the arguments `PLAIN_NAV2` of the test module."""
+    arguments = getattr(request.module, "PLAIN_NAV2", ())
+    process = start(str(Path(__file__).parent / "plain_nav2.py"), *arguments)
+    yield process
+    process.communicate(timeout=LIMIT)
+
+
+class ClientBench:
+    """A session with the servers of Nav2, and what the other process has received."""
+
+    def __init__(self) -> None:
+        from std_msgs.msg import String
+
+        from btcore_ros2.nav2.client import Nav2Client
+        from btcore_ros2.session import RosSession
+
+        self.session = RosSession("bench")
+        self.client = Nav2Client(self.session)
+        self.received: list[tuple[str, Any]] = []
+        self.session.node.create_subscription(String, "received", self.take, 100)
+
+    def take(self, message: Any) -> None:
+        """Store what the other process has received."""
+        name, content = json.loads(message.data)
+        self.received.append((name, content))
+
+    def names(self) -> list[str]:
+        """Return the names of the servers that have received something, in order."""
+        return [name for name, _ in self.received]
+
+    def tree(self, inside: str, **board: object) -> Tree:
+        """Return a tree with the content *inside*, on a blackboard with the entries *board*."""
+        nodes = Registry.standard()
+        nav2_nodes.register(nodes)
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{inside}</BehaviorTree></root>'
+        tree = btcore.loads(text, nodes=nodes, resources=[self.client], clock=self.session.clock)
+        for key, value in board.items():
+            tree.blackboard[key] = value
+        return tree
+
+    def wait(self, seconds: float) -> None:
+        """Wait on the clock of the session."""
+        clock = self.session.clock
+        clock.wait_until(clock.now() + round(seconds * NS_PER_S), threading.Event())
+
+    def run(self, tree: Tree, until: Callable[[], object] = lambda: False) -> Status:
+        """Tick at 100 Hz until the result is not RUNNING, or until *until* returns a true value."""
+        end = time.monotonic() + LIMIT
+        status = tree.tick_exactly_once()
+        while status is Status.RUNNING and not until():
+            assert time.monotonic() < end, f"still running; received: {self.names()}"
+            self.wait(0.01)
+            status = tree.tick_exactly_once()
+        return status
+
+
+@pytest.fixture(scope="module")
+def shared_bench(plain_nav2: subprocess.Popen[str]) -> Iterator[ClientBench]:
+    """A bench that has found the other process."""
+    bench = ClientBench()
+    bench.client.odometry()
+    found = bench.session.wait_for(
+        lambda: (
+            bench.client.pose()
+            and bench.client.odometry()
+            and bench.session.node.count_publishers("received")
+        ),
+        LIMIT,
+    )
+    assert found
+    yield bench
+    bench.session.close()
+
+
+@pytest.fixture
+def bench(shared_bench: ClientBench) -> ClientBench:
+    """The bench of the module, without what was received before."""
+    shared_bench.session.drain()
+    shared_bench.received.clear()
+    return shared_bench

@@ -1,0 +1,377 @@
+"""Nav2's nodes on the servers of another process: results, failures, cancellations, and time-outs."""
+
+import math
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("nav2_msgs")
+
+from btcore import Status
+from btcore_robot.navigation.action import GoalStatus
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.path import NavPath
+from btcore_robot.robot import Pose2D
+from btcore_ros2.nav2 import handles
+from btcore_ros2.nav2.client import Nav2Client
+from btcore_ros2.session import RosSession
+
+AHEAD, LEFT = Pose2D(2.0, 0.0, 0.0), Pose2D(2.0, 3.0, 1.0)
+PATH = NavPath(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), 0)
+SPIN = '<Spin spin_dist="1.5" server_name="{}/spin" error_code_id="{{code}}" error_msg="{{why}}"/>'
+
+
+# --- accepted goals: the server receives the ports, and the node writes the result
+
+
+@pytest.mark.parametrize(
+    ("leaf", "action", "expected"),
+    [
+        ('<Spin spin_dist="-0.5" time_allowance="3"/>', "spin", {"target_yaw": -0.5}),
+        ('<BackUp backup_dist="0.5" backup_speed="0.25"/>', "backup", {"speed": 0.25}),
+        ('<DriveOnHeading dist_to_travel="0.5" speed="0.25"/>', "drive_on_heading", {"speed": 0.25}),
+        ('<Wait wait_duration="1.5"/>', "wait", {"time": {"sec": 1, "nanosec": 500_000_000}}),
+        (
+            '<NavigateToPose goal="2;0" behavior_tree="a.xml"/>',
+            "navigate_to_pose",
+            {"behavior_tree": "a.xml"},
+        ),
+        ('<NavigateThroughPoses goals="2;0|2;3"/>', "navigate_through_poses", {"behavior_tree": ""}),
+    ],
+)
+def test_the_server_receives_the_ports(bench, leaf, action, expected):
+    assert bench.run(bench.tree(leaf)) is Status.SUCCESS
+    assert bench.session.wait_for(lambda: bench.received, 10)
+    name, goal = bench.received[0]
+    assert name == action
+    assert {key: goal[key] for key in expected} == expected
+
+
+def test_compute_path_writes_the_path(bench):
+    tree = bench.tree(
+        '<ComputePathToPose goal="2;0" start="1;0" planner_id="Lattice"'
+        ' path="{path}" error_code_id="{code}"/>'
+    )
+    assert bench.run(tree) is Status.SUCCESS
+    assert tree.blackboard["path"].goal == AHEAD
+    assert tree.blackboard["path"].stamp > 0
+    assert tree.blackboard["code"] == 0
+    assert bench.session.wait_for(lambda: bench.received, 10)
+    _, goal = bench.received[0]
+    assert (goal["planner_id"], goal["use_start"], goal["start"]["pose"]["position"]["x"]) == (
+        "Lattice",
+        True,
+        1,
+    )
+
+
+def test_compute_path_through_poses_passes_all_goals(bench):
+    tree = bench.tree('<ComputePathThroughPoses goals="{goals}" path="{path}"/>', goals=[AHEAD, LEFT])
+    assert bench.run(tree) is Status.SUCCESS
+    path = tree.blackboard["path"]
+    assert [(pose.x, pose.y) for pose in (path[1], path[2])] == [(2, 0), (2, 3)]
+    assert path[2].yaw == pytest.approx(1.0)
+
+
+def test_smooth_path_writes_the_result(bench):
+    tree = bench.tree(
+        '<SmoothPath unsmoothed_path="{path}" smoothed_path="{out}" was_completed="{done}"/>', path=PATH
+    )
+    assert bench.run(tree) is Status.SUCCESS
+    assert np.allclose(tree.blackboard["out"].poses, PATH.poses)
+    assert tree.blackboard["done"] is True
+
+
+def test_follow_path_writes_its_feedback_while_it_runs(bench):
+    tree = bench.tree(
+        '<FollowPath path="{path}" tracking_feedback="{how}" server_name="hang/follow_path"/>', path=PATH
+    )
+    find = tree.blackboard.find
+    assert bench.run(tree, lambda: find("how") is not None and find("how").value) is Status.RUNNING
+    assert tree.blackboard["how"].distance_to_goal == 1.5
+    tree.halt()
+    assert bench.session.wait_for(lambda: "hang/follow_path canceled" in bench.names(), 10)
+
+
+def test_follow_path_sends_a_changed_path_without_cancelling(bench):
+    tree = bench.tree('<FollowPath path="{path}" server_name="hang/follow_path"/>', path=PATH)
+    bench.run(tree, lambda: bench.names().count("hang/follow_path") == 1)
+    tree.blackboard["path"] = NavPath(PATH.poses[:2], 1)
+    assert bench.run(tree, lambda: bench.names().count("hang/follow_path") == 2) is Status.RUNNING
+    assert bench.names() == ["hang/follow_path", "hang/follow_path"]
+    tree.halt()
+    # Plain rclpy servers work on both goals; a server of Nav2 would have ended the first.
+    bench.client.cancel_goals("follow_path", "hang/follow_path")
+    assert bench.session.wait_for(lambda: bench.names().count("hang/follow_path canceled") == 2, 10)
+
+
+# --- failures
+
+
+def test_an_aborted_goal_is_a_failure_with_code_and_message(bench):
+    tree = bench.tree(SPIN.format("abort"))
+    assert bench.run(tree) is Status.FAILURE
+    assert (tree.blackboard["code"], tree.blackboard["why"]) == (Nav2ErrorCode.SPIN_TF_ERROR, "no transform")
+
+
+def test_compute_path_clears_the_path_when_it_is_aborted(bench):
+    leaf = '<ComputePathToPose goal="2;0" path="{path}" server_name="abort/compute_path_to_pose"/>'
+    tree = bench.tree(leaf, path=PATH)
+    assert bench.run(tree) is Status.FAILURE
+    assert len(tree.blackboard["path"]) == 0
+
+
+def test_a_rejected_goal_is_a_failure(bench):
+    tree = bench.tree(SPIN.format("reject"))
+    assert bench.run(tree) is Status.FAILURE
+    assert tree.blackboard["code"] == Nav2ErrorCode.GOAL_REJECTED
+    assert tree.blackboard["why"] == "the action server 'reject/spin' rejected the goal"
+
+
+def test_a_missing_server_is_a_failure_after_the_time_out(bench, caplog, monkeypatch):
+    monkeypatch.setattr(handles, "DISCOVERY_NS", 0)
+    tree = bench.tree(SPIN.format("hagn"))
+    began = bench.session.clock.now()
+    assert bench.run(tree) is Status.FAILURE
+    assert bench.session.clock.now() - began > 1_000_000_000
+    assert tree.blackboard["code"] == Nav2ErrorCode.SEND_GOAL_FAILURE
+    assert "no action server 'hagn/spin' (nav2_msgs/action/Spin): start it" in tree.blackboard["why"]
+    assert "hagn/spin" in caplog.text
+
+
+def test_a_server_that_accepts_too_late_is_told_to_cancel(bench):
+    tree = bench.tree(SPIN.format("late"))
+    assert bench.run(tree) is Status.FAILURE
+    assert tree.blackboard["why"] == "the action server 'late/spin' did not answer the goal in time"
+    assert bench.session.wait_for(lambda: "late/spin canceled" in bench.names(), 10)
+
+
+def test_server_timeout_is_respected_above_a_second(bench):
+    tree = bench.tree('<Spin server_name="late/spin" server_timeout="10000"/>')
+    assert bench.run(tree) is Status.SUCCESS
+
+
+def test_a_server_that_starts_late_gets_the_goal(bench):
+    code = textwrap.dedent("""
+        import rclpy
+        from nav2_msgs.action import Wait
+        from rclpy.action import ActionServer
+        def execute(goal):
+            goal.succeed()
+            return Wait.Result()
+        rclpy.init()
+        node = rclpy.create_node("late_node")
+        server = ActionServer(node, Wait, "new/wait", execute)
+        rclpy.spin(node)
+    """)
+    tree = bench.tree('<Wait server_name="new/wait"/>')
+    assert tree.tick_exactly_once() is Status.RUNNING
+    with subprocess.Popen([sys.executable, "-c", code]) as process:
+        try:
+            assert bench.run(tree) is Status.SUCCESS
+        finally:
+            process.kill()
+
+
+def test_a_server_that_ends_aborts_its_goal(bench):
+    code = textwrap.dedent("""
+        import signal, time, rclpy
+        from nav2_msgs.action import Wait
+        from rclpy.action import ActionServer
+        def execute(goal):
+            rclpy.shutdown()
+        rclpy.init()
+        node = rclpy.create_node("mortal")
+        server = ActionServer(node, Wait, "mortal/wait", execute)
+        rclpy.spin(node)
+        server.destroy()
+        node.destroy_node()
+    """)
+    tree = bench.tree('<Wait server_name="mortal/wait" server_timeout="20000" error_msg="{why}"/>')
+    with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL) as process:
+        try:
+            assert bench.run(tree) is Status.FAILURE
+        finally:
+            process.kill()
+    assert tree.blackboard["why"] == "the action server 'mortal/wait' disappeared while it worked on the goal"
+
+
+# --- cancellations
+
+
+def test_a_halt_returns_at_once_and_cancels_the_goal(bench):
+    tree = bench.tree(SPIN.format("hang"))
+    bench.run(tree, lambda: bench.names() == ["hang/spin"])
+    bench.wait(0.1)
+    began = bench.session.clock.now()
+    tree.halt()
+    assert bench.session.clock.now() - began < 20_000_000
+    assert bench.session.wait_for(lambda: "hang/spin canceled" in bench.names(), 10)
+
+
+def test_a_goal_that_another_client_cancels_is_a_success(bench):
+    tree = bench.tree(SPIN.format("hang"))
+    bench.run(tree, lambda: bench.names() == ["hang/spin"])
+    bench.wait(0.1)
+    with RosSession("other") as session:
+        other = Nav2Client(session)
+        handle = other.cancel_goals("spin", "hang/spin")
+        assert session.wait_for(lambda: handle.status is GoalStatus.SUCCEEDED, 10)
+    assert bench.run(tree) is Status.SUCCESS
+    assert tree.blackboard["code"] == 0
+
+
+def test_a_cancel_node_ends_the_goals_of_its_server(bench):
+    running = bench.tree(SPIN.format("hang"))
+    bench.run(running, lambda: bench.names() == ["hang/spin"])
+    bench.wait(0.1)
+    assert bench.run(bench.tree('<CancelSpin server_name="hang/spin"/>')) is Status.SUCCESS
+    assert bench.run(running) is Status.SUCCESS
+
+
+def test_a_refused_cancellation_is_logged(bench, caplog):
+    tree = bench.tree(SPIN.format("stubborn"))
+    bench.run(tree, lambda: bench.names() == ["stubborn/spin"])
+    bench.wait(0.1)
+    tree.halt()
+    assert bench.session.wait_for(lambda: "refused to cancel" in caplog.text, 10)
+
+
+# --- services
+
+
+@pytest.mark.parametrize(
+    ("leaf", "service", "expected"),
+    [
+        (
+            '<ClearEntireCostmap service_name="local_costmap/clear_entirely_local_costmap"/>',
+            "local_costmap/clear_entirely_local_costmap",
+            {},
+        ),
+        (
+            '<ClearCostmapAroundRobot reset_distance="3"'
+            ' service_name="local_costmap/clear_around_local_costmap"/>',
+            "local_costmap/clear_around_local_costmap",
+            {"reset_distance": 3.0},
+        ),
+        (
+            '<ClearCostmapExceptRegion reset_distance="3"'
+            ' service_name="local_costmap/clear_except_local_costmap"/>',
+            "local_costmap/clear_except_local_costmap",
+            {"reset_distance": 3.0},
+        ),
+        ("<ReinitializeGlobalLocalization/>", "reinitialize_global_localization", {}),
+    ],
+)
+def test_a_service_receives_its_request(bench, leaf, service, expected):
+    tree = bench.tree(leaf)
+    assert tree.tick_exactly_once() is Status.RUNNING
+    assert bench.run(tree) is Status.SUCCESS
+    assert bench.session.wait_for(lambda: bench.received, 10)
+    name, request = bench.received[0]
+    assert name == service
+    assert {key: request[key] for key in expected} == expected
+
+
+def test_clearing_counts_as_a_recovery_once(bench):
+    tree = bench.tree('<ClearEntireCostmap service_name="local_costmap/clear_entirely_local_costmap"/>')
+    assert bench.run(tree) is Status.SUCCESS
+    assert tree.blackboard["number_recoveries"] == 1
+
+
+@pytest.mark.parametrize("node", ["IsPathValid", "ValidatePath"])
+@pytest.mark.parametrize(("length", "result"), [(2, Status.SUCCESS), (3, Status.FAILURE)])
+def test_a_path_is_checked(bench, node, length, result):
+    tree = bench.tree(f'<{node} path="{{path}}" max_cost="200"/>', path=NavPath(PATH.poses[:length], 0))
+    assert bench.run(tree) is result
+    assert bench.session.wait_for(lambda: bench.received, 10)
+    assert bench.received[0][1]["max_cost"] == 200
+
+
+def test_validate_path_writes_the_poses_in_collision(bench):
+    tree = bench.tree('<ValidatePath path="{path}" collision_poses="{hits}"/>', path=PATH)
+    assert bench.run(tree) is Status.FAILURE
+    assert tree.blackboard["hits"] == [Pose2D(1.0, 0.0, 0.0)]
+
+
+def test_goals_in_collision_are_removed(bench):
+    goals = [AHEAD, LEFT, Pose2D(9.0, 9.0, 0.0)]
+    tree = bench.tree('<RemoveInCollisionGoals input_goals="{goals}" output_goals="{left}"/>', goals=goals)
+    assert bench.run(tree) is Status.SUCCESS
+    assert tree.blackboard["left"] == goals[:2]
+
+
+def test_a_service_that_reports_a_failure_is_a_failure(bench):
+    tree = bench.tree('<RemoveInCollisionGoals input_goals="" output_goals="{left}"/>')
+    assert bench.run(tree) is Status.FAILURE
+    assert tree.blackboard["left"] == []
+
+
+@pytest.mark.parametrize(
+    ("service", "message"),
+    [
+        ("late/clear", "the service 'late/clear' did not answer in time"),
+        ("no/clear", "no service 'no/clear' (nav2_msgs/srv/ClearEntireCostmap)"),
+        ("", "ClearEntireCostmap has no default name: set the port service_name"),
+    ],
+)
+def test_a_service_that_does_not_answer_is_a_failure(bench, caplog, monkeypatch, service, message):
+    monkeypatch.setattr(handles, "DISCOVERY_NS", 0)
+    assert bench.run(bench.tree(f'<ClearEntireCostmap service_name="{service}"/>')) is Status.FAILURE
+    assert message in caplog.text
+
+
+def test_a_service_of_another_release_is_a_failure(bench, caplog):
+    tree = bench.tree('<ClearCostmapAroundPose pose="1;2" service_name="global_costmap/clear_around_pose"/>')
+    assert bench.run(tree) is Status.FAILURE
+    assert "no srv/ClearCostmapAroundPose: it belongs to another release" in caplog.text
+
+
+# --- pose, odometry, battery and topics
+
+
+def test_the_pose_comes_from_tf(bench):
+    pose = bench.client.pose()
+    assert (pose.x, pose.y, pose.yaw) == pytest.approx((1.0, 2.0, math.pi / 2))
+    assert bench.run(bench.tree('<TransformAvailable parent="map" child="base_link"/>')) is Status.SUCCESS
+    assert bench.run(bench.tree('<GoalReached goal="1.1;2"/>')) is Status.SUCCESS
+    assert bench.run(bench.tree('<GoalReached goal="2;2"/>')) is Status.FAILURE
+
+
+def test_a_selector_reads_its_latched_topic(bench):
+    tree = bench.tree(
+        '<PlannerSelector topic_name="planner_selector" default_planner="Grid" selected_planner="{planner}"/>'
+    )
+    assert bench.session.wait_for(lambda: bench.client.latest("planner_selector", str), 10)
+    assert bench.run(tree) is Status.SUCCESS
+    assert tree.blackboard["planner"] == "Lattice"
+
+
+def test_the_goal_updater_reads_its_topic(bench):
+    tree = bench.tree(
+        '<GoalUpdater input_goal="{goal}" output_goal="{moved}"><AlwaysSuccess/></GoalUpdater>', goal=AHEAD
+    )
+    assert bench.session.wait_for(lambda: bench.client.latest("goal_update", Pose2D), 10)
+    assert bench.run(tree) is Status.SUCCESS
+    assert tree.blackboard["moved"] == Pose2D(7.0, 0.0, 0.0)
+
+
+def test_the_battery_is_read(bench):
+    bench.client.battery("/battery_status")
+    assert bench.session.wait_for(lambda: bench.client.battery("/battery_status"), 10)
+    for leaf, result in (
+        ('<IsBatteryLow min_battery="0.3"/>', Status.SUCCESS),
+        ('<IsBatteryLow min_battery="0.2"/>', Status.FAILURE),
+        ('<IsBatteryLow min_battery="25" is_voltage="true"/>', Status.SUCCESS),
+        ("<IsBatteryCharging/>", Status.SUCCESS),
+    ):
+        assert bench.run(bench.tree(leaf)) is result
+
+
+def test_a_moving_robot_has_not_stopped(bench):
+    assert bench.run(bench.tree('<CheckStopStatus velocity_threshold="0.1"/>')) is Status.FAILURE
+    assert bench.client.odometry().twist.v == 0.5

@@ -1,0 +1,48 @@
+"""`btcore run --nav2` runs Nav2's nodes and `Move` on the servers of another process."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("nav2_msgs")
+
+NAVIGATE = """
+<root BTCPP_format="4">
+  <BehaviorTree ID="T">
+    <Sequence>
+      <ComputePathToPose goal="2;0" path="{path}" planner_id="Lattice"/>
+      <FollowPath path="{path}"/>
+      <Wait wait_duration="1"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+
+
+def run(folder: Path, text: str, *options: str) -> subprocess.CompletedProcess[str]:
+    file = folder / "tree.xml"
+    file.write_text(text)
+    command = [sys.executable, "-m", "btcore", "run", str(file), *options]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def test_the_tree_uses_the_servers_of_nav2(bench: Any, tmp_path: Path) -> None:
+    done = run(tmp_path, NAVIGATE, "--nav2")
+    assert done.returncode == 0, done.stderr
+    assert bench.session.wait_for(lambda: "wait" in bench.names(), 10)
+    assert bench.names() == ["compute_path_to_pose", "follow_path", "wait"]
+    assert bench.received[0][1]["planner_id"] == "Lattice"
+
+
+def test_a_failure_names_the_server_and_the_reason(bench: Any, tmp_path: Path) -> None:
+    text = (
+        '<root BTCPP_format="4"><BehaviorTree ID="T"><Spin server_name="abort/spin"/></BehaviorTree></root>'
+    )
+    done = run(tmp_path, text, "--nav2")
+    assert done.returncode == 1
+    assert "no transform" in done.stderr
+    assert "Traceback" not in done.stderr
