@@ -125,6 +125,10 @@ class SimulatedTime(_Tasks):
 
     Args:
         start: The first time (ns).
+        pace: The function, or None.
+
+    Attributes:
+        pace: The function, which may be replaced.
 
     Examples:
         >>> from btcore_robot.robot import Phase
@@ -139,7 +143,7 @@ class SimulatedTime(_Tasks):
 
     def __init__(self, start: int = 0, pace: Pace | None = None) -> None:
         self._now = start
-        self._pace = pace
+        self.pace = pace
         super().__init__()
 
     def now(self) -> int:
@@ -171,7 +175,7 @@ class SimulatedTime(_Tasks):
         while not wake.is_set():
             due = self.next_due()
             until = deadline if due is None else min(due, deadline)
-            if self._pace is not None and self._pace(self._now, until, wake):
+            if self.pace is not None and self.pace(self._now, until, wake):
                 return True
             if due is None or due > deadline:
                 self._now = max(self._now, deadline)

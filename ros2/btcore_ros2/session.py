@@ -15,6 +15,9 @@ from btcore_ros2.errors import RosError
 FRESH_NS = 1_000_000
 """How old (ns) the last `drain` may be before `refresh` drains again."""
 
+SHORT_WAIT_NS = 50_000_000
+"""The time (ns) for which `wait_for` drains every 0.1 ms, and then every ms."""
+
 DRAIN_RATE = 200.0
 """The rate (Hz) of `drain` while the tree waits for its next tick."""
 
@@ -146,12 +149,15 @@ class RosSession:
         Returns:
             Whether the condition was met.
         """
-        end = time.monotonic_ns() + round(seconds * NS_PER_S)
+        start = time.monotonic_ns()
+        end = start + round(seconds * NS_PER_S)
         self.drain()
         while not condition():
-            if time.monotonic_ns() > end:
+            now = time.monotonic_ns()
+            if now > end:
                 return False
-            time.sleep(0.001)
+            # Most waits are short: those for a response of another process.
+            time.sleep(0.0001 if now - start < SHORT_WAIT_NS else 0.001)
             self.drain()
         return True
 

@@ -26,6 +26,17 @@ SPARE_BOXES = 5
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed."
 )
+@click.option(
+    "--lockstep", is_flag=True, help="Advance only when a client requests a step, as fast as possible."
+)
+@click.option(
+    "--wait-limit",
+    type=FiniteRange(0, min_open=True),
+    default=600.0,
+    show_default=True,
+    metavar="S",
+    help="With --lockstep: end if no step is requested for this time.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line of stdout.")
 @click.pass_context
 def sim(ctx: click.Context, /, **settings: Any) -> int:
@@ -39,12 +50,13 @@ def sim(ctx: click.Context, /, **settings: Any) -> int:
     except (RosError, ValueError) as error:
         raise click.UsageError(str(error)) from error
     with session:
-        return _run(ctx, session, {**settings, "fast": False, "spare_boxes": SPARE_BOXES})
+        return _run(ctx, session, {**settings, "fast": settings["lockstep"], "spare_boxes": SPARE_BOXES})
 
 
 def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> int:
     gathered = require_resources(ctx, settings, (Robot,))
     # Imported here: the simulator is installed, since there is a robot, and so is ROS 2.
+    from btcore_ros2.simulation.lockstep import LockstepServer
     from btcore_ros2.simulation.services import offer_services
     from btcore_ros2.simulation.topics import DRAIN_RATE, RobotTopics
     from btcore_sim.run_extension import RobotExtension
@@ -54,13 +66,30 @@ def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> i
     extension = next(each for each in gathered.extensions if isinstance(each, RobotExtension))
     if robot is None or extension.events is None:
         raise click.UsageError("this command simulates its own robot: leave out the options of another robot")
-    RobotTopics(session, robot)
+    topics = RobotTopics(session, robot)
     offer_services(session, robot, extension.events, extension.report)
-    robot.schedule.every(DRAIN_RATE, Phase.PHYSICS, lambda now: session.drain())
-    click.echo(f"the simulated {robot.description.name} is on ROS 2; Ctrl-C ends it", err=True)
-    done = run_program("Simulation", gathered, settings, lambda: None, clock=robot.clock)
+    server: LockstepServer | None = None
+    if settings["lockstep"]:
+        server = LockstepServer(session, topics, settings["wait_limit"])
+        robot.schedule.pace = server.pace
+    else:
+        robot.schedule.every(DRAIN_RATE, Phase.PHYSICS, lambda now: session.drain())
+    waits = ", and waits for a client that requests steps" if server is not None else ""
+    click.echo(f"the simulated {robot.description.name} is on ROS 2{waits}; Ctrl-C ends it", err=True)
+    done = run_program(
+        "Simulation",
+        gathered,
+        settings,
+        server.close if server is not None else lambda: None,
+        clock=robot.clock,
+        goes_on=lambda: server is None or not server.is_abandoned,
+    )
     if settings["as_json"]:
         print_json({"time_s": round(done.seconds, 3), **done.report})
     else:
         print_result("simulation", done, {})
+    if server is not None and server.is_abandoned:
+        limit = settings["wait_limit"]
+        click.echo(f"error: no client requested a step for {limit:g} s (--wait-limit)", err=True)
+        return 1
     return done.code

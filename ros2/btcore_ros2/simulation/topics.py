@@ -124,8 +124,9 @@ class RobotTopics:
             self._tf = topic(TFMessage, "/tf", TRANSFORMS)
             static = _transforms(self._frames(moving=False))
             topic(TFMessage, "/tf_static", LATCHED).publish(static)
+        self._received: dict[str, int] = {}
         for name, priority in VELOCITY_TOPICS.items():
-            node.create_subscription(Twist, name, self._velocity_command(priority), RELIABLE)
+            self._subscribe(node, Twist, name, self._velocity_command(priority))
         self._controllers: list[TrajectoryController] = []
         head, torso = robot.description.head, robot.description.torso
         if head is not None:
@@ -137,13 +138,22 @@ class RobotTopics:
         every(robot.laser.rate, Phase.SENSORS, self._publish_scan)
         every(robot.description.odometry.rate, Phase.SENSORS, self._publish_motion)
         every(BATTERY_RATE, Phase.SENSORS, self._publish_battery)
-        every(CLOCK_RATE, Phase.SENSORS, self._publish_clock)
+        every(CLOCK_RATE, Phase.SENSORS, self.publish_clock)
         if robot.camera_info is not None:
             every(robot.camera_info.rate, Phase.SENSORS, self._publish_camera)
 
     def published(self) -> dict[str, int]:
         """Return the number of messages so far on each topic, by resolved names."""
         return {topic.name: topic.published for topic in self._topics}
+
+    def received(self) -> dict[str, int]:
+        """Return the number of the newest message on each topic for commands, by resolved names."""
+        return self._received
+
+    def publish_clock(self, now: int) -> None:
+        """Publish the simulated time *now* (ns)."""
+        if self._is_new(self._clock, now):
+            self._clock.publish(Clock(clock=time_of(now)))
 
     def publish_again(self) -> None:
         """Publish the newest readings again, for subscribers that have just come."""
@@ -152,7 +162,7 @@ class RobotTopics:
         for publish in (self._publish_scan, self._publish_motion, self._publish_battery):
             publish(now)
         self._publish_camera(now)
-        self._publish_clock(now)
+        self.publish_clock(now)
 
     def _is_new(self, topic: Topic, stamp: int) -> bool:
         """Whether a reading of *stamp* (ns) has to be published on *topic*; notes that it was."""
@@ -160,10 +170,6 @@ class RobotTopics:
             return False
         self._published_stamps[topic] = stamp
         return True
-
-    def _publish_clock(self, now: int) -> None:
-        if self._is_new(self._clock, now):
-            self._clock.publish(Clock(clock=time_of(now)))
 
     def _publish_scan(self, now: int) -> None:
         scan = self._robot.scan()
@@ -246,6 +252,17 @@ class RobotTopics:
         children = self._kinematics.moving_frames
         return [frame for frame in self._robot.frames() if (frame.child in children) is moving]
 
+    def _subscribe(self, node: Any, kind: type, name: str, take: Callable[[Any], None]) -> None:
+        topic = node.resolve_topic_name(name)
+        self._received[topic] = 0
+
+        def receive(message: Any, info: Any) -> None:
+            # The greatest number: the topic may have several publishers.
+            self._received[topic] = max(self._received[topic], info["publication_sequence_number"])
+            take(message)
+
+        node.create_subscription(kind, name, receive, RELIABLE)
+
     def _velocity_command(self, priority: int) -> Callable[[Twist], None]:
         """Return the callback of a topic for velocity commands of *priority*."""
 
@@ -270,7 +287,7 @@ class RobotTopics:
             except ValueError as error:
                 self._logger.warning(f"{name}: ignored: {error}")
 
-        node.create_subscription(JointTrajectory, f"{name}/joint_trajectory", take, RELIABLE)
+        self._subscribe(node, JointTrajectory, f"{name}/joint_trajectory", take)
         self._robot.schedule.every(TRAJECTORY_RATE, Phase.HEAD, controller.step)
 
 

@@ -1,0 +1,417 @@
+"""Lockstep: a simulated world that waits until a client requests a time step, so that runs are repeatable.
+
+The protocol, which a program in any language can use:
+
+- The service `sim/step` has the type rcl_interfaces/SetParametersAtomically. The parameter `until` is the
+  simulated time to which the world shall run: an integer in ns, or a double in s. The response is sent when
+  the world is there; everything up to that time has been published then. A time in the past is answered at
+  once, so a request may be repeated.
+- Two further parameters are optional, both integers. `from` is the present time (ns) of the client: a world
+  that was started again meanwhile refuses the request. The name of a topic for commands, for example
+  `/cmd_vel`, stands for the number of messages that the client has published on it so far: the world takes
+  them before the step.
+- The service `sim/sync` has the type std_srvs/Trigger. The world publishes the newest readings again, at the
+  same time, for a client that has just subscribed.
+- `reason` of the first response and `message` of the second are JSON:
+  `{"time": ns, "published": {"/scan_raw": 12, …}, "received": {"/cmd_vel": 3, …}}`. The numbers count the
+  messages on each topic since the start. A message's `publication_sequence_number` is that number, so a
+  client knows whether the newest message of each topic has arrived.
+- With several clients the world runs to the earliest requested time. It does not wait for a client that
+  requests nothing.
+"""
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping
+from types import coroutine
+from typing import Any, Protocol
+
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from btcore_robot.robot import NS_PER_S
+from btcore_robot.schedule import SimulatedTime
+from btcore_ros2.errors import RosError
+from btcore_ros2.session import RosSession
+
+_log = logging.getLogger(__name__)
+
+MAX_STEP = NS_PER_S // 10
+"""The longest step (ns) that a client requests: subscriptions keep few messages."""
+
+PATIENCE = 20.0
+"""The longest time (s, real time) that a client waits for a response."""
+
+RETRY = 2.0
+"""The time (s, real time) after which a client repeats a request."""
+
+ARRIVAL = 10.0
+"""The longest time (s, real time) to wait for a message that the other side has published.
+
+DDS sends a reliable message that was lost again after 3 s.
+"""
+
+LOSS = 0.3
+"""The time (s, real time) after which a client lets the world publish the newest readings again."""
+
+SILENCE = 2.0
+"""The time (s, real time) after which a sensor counts as silent if nothing has arrived from it."""
+
+_SYNC_INTERVAL_NS = 50_000_000
+
+
+class PublishedTopics(Protocol):
+    """The topics of a world."""
+
+    def published(self) -> Mapping[str, int]:
+        """Return the number of messages so far on each topic, by resolved names."""
+
+    def received(self) -> Mapping[str, int]:
+        """Return the number of the newest message on each topic for commands, by resolved names."""
+
+    def publish_clock(self, now: int) -> None:
+        """Publish the simulated time *now* (ns)."""
+
+    def publish_again(self) -> None:
+        """Publish the newest readings again."""
+
+
+class LockstepServer:
+    """Lets a simulated world advance only as far as clients request it.
+
+    Assign `pace` to the schedule of the world.
+
+    Args:
+        session: The ROS node of the world.
+        topics: The topics of the world.
+        wait_limit: How long (s, real time) to wait for a request before `is_abandoned` becomes True.
+
+    Attributes:
+        is_abandoned: Whether no client requested a step for *wait_limit*.
+    """
+
+    def __init__(self, session: RosSession, topics: PublishedTopics, wait_limit: float) -> None:
+        self.is_abandoned = False
+        self._session = session
+        self._topics = topics
+        self._wait_limit = wait_limit
+        self._time = 0
+        self._goal = 0
+        self._requests: list[tuple[int, Future]] = []
+        # A group of its own: a request that waits must not block the subscriptions for commands.
+        group = ReentrantCallbackGroup()
+        create = session.node.create_service
+        create(SetParametersAtomically, "sim/step", self._answer_step, callback_group=group)
+        create(Trigger, "sim/sync", self._answer_sync, callback_group=group)
+
+    def pace(self, now: int, moment: int, wake: threading.Event) -> bool:
+        """Wait until the world may advance; see `SimulatedTime`.
+
+        Args:
+            now: The present time of the world (ns). Everything up to it has been published.
+            moment: The time (ns) to which the world will advance.
+            wake: The event that ends the wait early.
+        """
+        if moment > self._goal:
+            self._reach(max(now, self._goal))
+            self._await_request(moment, wake)
+        return wake.is_set() or self.is_abandoned
+
+    def close(self) -> None:
+        """Answer the remaining requests: the simulation has ended."""
+        self._reach(max(self._time, min(self._goal, self._next_request())))
+        for _, future in self._requests:
+            future.set_result(False)
+        self._requests.clear()
+        self._session.drain()
+
+    def _reach(self, now: int) -> None:
+        """Answer the requests up to *now* (ns)."""
+        if now > self._time:
+            self._time = now
+            self._topics.publish_clock(now)
+        for until, future in self._requests:
+            if until <= now:
+                future.set_result(True)
+        self._requests = [request for request in self._requests if request[0] > now]
+
+    def _next_request(self) -> int:
+        return min((until for until, _ in self._requests), default=self._time)
+
+    def _await_request(self, moment: int, wake: threading.Event) -> None:
+        limit = time.monotonic() + self._wait_limit
+        while moment > self._goal and not (wake.is_set() or self.is_abandoned):
+            # In slices, so that an interrupt is noticed and the pauses between drains stay short.
+            if self._session.wait_for(lambda: self._requests or wake.is_set(), 0.1):
+                self._goal = max(self._goal, self._next_request())
+                self._reach(min(self._goal, self._time))
+            self.is_abandoned = time.monotonic() > limit
+
+    async def _answer_step(self, request: Any, response: Any) -> Any:
+        result = response.result
+        try:
+            numbers = _numbers(request.parameters)
+            until, since = numbers.pop("until"), numbers.pop("from", 0)
+            if since > self._time:
+                raise ValueError(
+                    f"the world is at {_seconds(self._time)}, before the client's {_seconds(since)}: it was "
+                    "started again"
+                )
+        except ValueError as error:
+            result.reason = str(error)
+            return response
+        if until > self._time:
+            await self._commands_arrived(numbers)
+            future: Future = Future()
+            self._requests.append((until, future))
+            if not await future:
+                result.reason = f"the simulation ended at {_seconds(self._time)}"
+                return response
+        result.successful = True
+        result.reason = self._state()
+        return response
+
+    async def _commands_arrived(self, numbers: Mapping[str, int]) -> None:
+        """Wait until as many commands have arrived on each topic as *numbers* contains."""
+        limit = time.monotonic() + ARRIVAL
+        received = self._topics.received()
+        while late := [topic for topic, number in numbers.items() if received.get(topic, number) < number]:
+            if time.monotonic() > limit:
+                _log.warning("commands were lost, so the run may not be repeatable: %s", ", ".join(late))
+                return
+            await _next_drain()
+
+    def _answer_sync(self, request: Any, response: Any) -> Any:
+        self._topics.publish_again()
+        response.success = True
+        response.message = self._state()
+        return response
+
+    def _state(self) -> str:
+        return json.dumps(
+            {
+                "time": self._time,
+                "published": self._topics.published(),
+                "received": self._topics.received(),
+            }
+        )
+
+
+class LockstepClock(SimulatedTime):
+    """The clock of a world in lockstep, for a program in another process.
+
+    Waiting on the clock lets the world run, and takes all messages that it publishes. A subscription of the
+    session's ROS node that has just been made receives the newest reading without a step.
+
+    Args:
+        session: The ROS node of the program.
+        timeout: How long (s, real time) to wait for the world at the start.
+
+    Raises:
+        RosError: There is no world in lockstep.
+    """
+
+    def __init__(self, session: RosSession, timeout: float = 10.0) -> None:
+        self._session = session
+        self._arrived: dict[Any, int] = {}
+        """The sequence number of the newest message of each subscription."""
+        self._silent: set[Any] = set()
+        self._published: Mapping[str, int] = {}
+        self._commands: dict[str, int] = {}
+        """The number of messages that this program has published, by topic."""
+        self._command_topics: set[str] = set()
+        self._synced = 0
+        self._pending: Any = None
+        self._steps = session.node.create_client(SetParametersAtomically, "sim/step")
+        self._syncs = session.node.create_client(Trigger, "sim/sync")
+        for client in (self._steps, self._syncs):
+            if not session.wait_for(client.service_is_ready, timeout):
+                raise RosError(
+                    f"no world in lockstep: no service {client.srv_name} within {timeout:g} s; start "
+                    "`btcore ros2 sim --lockstep` with the same ROS_DOMAIN_ID"
+                )
+        super().__init__(start=self._sync(), pace=self._step)
+        self._count_commands()
+        session.after_drain(self._watch)
+
+    @property
+    def schedule(self) -> "LockstepClock":
+        """The periodic tasks that run while a caller waits on the clock: the clock itself."""
+        return self
+
+    def _step(self, now: int, moment: int, wake: threading.Event) -> bool:
+        """Let the world run from *now* to *moment* (ns); return whether *wake* is set."""
+        self._connect()
+        while now < moment and not wake.is_set():
+            since, now = now, min(moment, now + MAX_STEP)
+            # Set before the messages of the step arrive: no stamp is in the future.
+            self._now = now
+            numbers = {topic: self._commands.get(topic, 0) for topic in self._command_topics}
+            parameters = {"until": now, "from": since, **numbers}
+            request = SetParametersAtomically.Request(
+                parameters=[_integer(name, value) for name, value in parameters.items()]
+            )
+            response = self._call(self._steps, request, wake)
+            if response is None:
+                return True
+            if not response.result.successful:
+                raise RosError(f"{self._steps.srv_name}: {response.result.reason}")
+            now = self._now = max(now, self._take_state(response.result.reason))
+            self._await_messages()
+        self._session.refresh()
+        return wake.is_set()
+
+    def _sync(self) -> int:
+        """Let the world publish its newest readings again, and return its time (ns)."""
+        response = self._call(self._syncs, Trigger.Request())
+        return self._take_state(response.message)
+
+    def _call(self, client: Any, request: Any, wake: threading.Event | None = None) -> Any:
+        """Return the response to *request*, or None if *wake* was set meanwhile."""
+        limit = time.monotonic() + PATIENCE
+        while True:
+            future = client.call_async(request)
+            if self._session.wait_for(lambda: future.done() or (wake is not None and wake.is_set()), RETRY):  # noqa: B023 (called at once)
+                return future.result() if future.done() else None
+            client.remove_pending_request(future)
+            if not client.service_is_ready():
+                raise RosError(f"{client.srv_name}: the simulation has ended, or the network is down")
+            if time.monotonic() > limit:
+                raise RosError(f"{client.srv_name}: no response for {PATIENCE:g} s: the simulation hangs")
+
+    def _take_state(self, text: str) -> int:
+        """Keep the numbers of messages in a response, and return the time (ns) of the world."""
+        state = json.loads(text)
+        self._published = state["published"]
+        self._command_topics = set(state["received"])
+        return int(state["time"])
+
+    def _await_messages(self) -> None:
+        """Take messages until the newest one of each subscription has arrived."""
+        due = [(each, self._published.get(each.topic_name, 0)) for each in self._arrived]
+        due = [(each, number) for each, number in due if each not in self._silent]
+
+        def late() -> list[str]:
+            return [each.topic_name for each, number in due if self._arrived.get(each, number) < number]
+
+        limit = time.monotonic() + ARRIVAL
+        while not self._session.wait_for(lambda: not late(), LOSS):
+            if time.monotonic() > limit:
+                _log.warning("messages were lost, so the run may not be repeatable: %s", ", ".join(late()))
+                return
+            # A best effort message that was lost is replaced by the same reading.
+            self._sync()
+
+    def _unconnected(self) -> list[Any]:
+        """Return the subscriptions that have received nothing from the world yet."""
+        return [
+            each
+            for each, number in self._arrived.items()
+            if not number and each.topic_name in self._published and each not in self._silent
+        ]
+
+    def _connect(self) -> None:
+        """Sync until each subscription has received a message, or its sensor turns out to be silent."""
+        self._session.refresh()
+        limit = time.monotonic() + SILENCE
+        while waiting := self._unconnected():
+            if time.monotonic() > limit:
+                # Such as a camera that has failed.
+                self._silent.update(waiting)
+                return
+            self._sync()
+            self._session.wait_for(lambda: not self._unconnected(), _SYNC_INTERVAL_NS / NS_PER_S)
+
+    def _watch(self) -> None:
+        """Follow the subscriptions of the ROS node, and request a message for those without any.
+
+        Called after each drain.
+        """
+        subscriptions = set(self._session.node.subscriptions)
+        if subscriptions != self._arrived.keys():
+            for each in subscriptions:
+                if each not in self._arrived:
+                    each.callback = self._noting(each)
+            self._arrived = {each: self._arrived.get(each, 0) for each in subscriptions}
+            self._silent &= self._arrived.keys()
+        now = time.monotonic_ns()
+        if now - self._synced > _SYNC_INTERVAL_NS and self._unconnected():
+            # For a caller that waits for a first message in real time, while the world stands.
+            self._synced = now
+            if self._pending is not None:
+                self._syncs.remove_pending_request(self._pending)
+            self._pending = self._syncs.call_async(Trigger.Request())
+
+    def _count_commands(self) -> None:
+        """Count the messages of all publishers that the ROS node creates from now on."""
+        node: Any = self._session.node
+        create_publisher = node.create_publisher
+
+        def create(*arguments: Any, **settings: Any) -> Any:
+            publisher = create_publisher(*arguments, **settings)
+            publish, topic = publisher.publish, publisher.topic_name
+
+            def counted(message: Any) -> None:
+                publish(message)
+                self._commands[topic] = self._commands.get(topic, 0) + 1
+
+            publisher.publish = counted
+            return publisher
+
+        node.create_publisher = create
+
+    def _noting(self, subscription: Any) -> Callable[[Any, Any], Any]:
+        """Return the callback of *subscription*, extended: it notes the sequence number of each message."""
+        callback = subscription.callback
+        with_info = subscription._callback_type is subscription.CallbackType.WithMessageInfo
+
+        def receive(message: Any, info: Any) -> Any:
+            # The greatest number: the topic may have further publishers.
+            number = info["publication_sequence_number"]
+            self._arrived[subscription] = max(self._arrived[subscription], number)
+            return callback(message, info) if with_info else callback(message)
+
+        return receive
+
+
+@coroutine
+def _next_drain() -> Generator[None, None, None]:
+    """Suspend a coroutine until the next drain."""
+    yield
+
+
+def _numbers(parameters: Any) -> dict[str, int]:
+    """Return the parameters of a request: times in ns, and numbers of messages by topic.
+
+    Raises:
+        ValueError: A parameter is missing, unknown, or of a wrong type.
+    """
+    numbers: dict[str, int] = {}
+    for parameter in parameters:
+        name, kind, value = parameter.name, parameter.value.type, parameter.value
+        if name not in ("until", "from") and not name.startswith("/"):
+            raise ValueError(f"unknown parameter '{name}': use until, from, or the name of a topic")
+        if kind == ParameterType.PARAMETER_INTEGER:
+            numbers[name] = value.integer_value
+        elif kind == ParameterType.PARAMETER_DOUBLE and name == "until":
+            numbers[name] = round(value.double_value * NS_PER_S)
+        else:
+            raise ValueError(f"'{name}' has to be an integer; only 'until' may be a double, in s")
+    if "until" not in numbers:
+        raise ValueError("the parameter 'until' is missing: the time to run to, in ns")
+    return numbers
+
+
+def _integer(name: str, value: int) -> Parameter:
+    return Parameter(
+        name=name, value=ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=value)
+    )
+
+
+def _seconds(time: int) -> str:
+    return f"{time / NS_PER_S:.3f} s"

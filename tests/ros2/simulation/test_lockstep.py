@@ -1,0 +1,200 @@
+"""Lockstep: the world advances as far as a client requests, and runs are repeatable."""
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("pybullet")
+
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger
+
+from btcore_robot.robot import Phase
+from btcore_ros2.errors import RosError
+from btcore_ros2.session import RosSession
+from btcore_ros2.simulation import lockstep
+from btcore_ros2.simulation.lockstep import LockstepClock
+from tests.ros2.simulation.process import LIMIT, Client, Simulation
+
+TENTH = 100_000_000
+DYING_CLIENT = """
+import os, threading
+from btcore_ros2.session import RosSession
+from btcore_ros2.simulation.lockstep import LockstepClock
+
+clock = LockstepClock(RosSession("dying"), 60.0)
+clock.every(10.0, 0, lambda now: os.kill(os.getpid(), 9) if now >= 300_000_000 else None)
+clock.wait_until(10**9, threading.Event())
+"""
+
+
+def step(client: Client, *parameters: tuple[str, ParameterValue]) -> Any:
+    """Request a step like a program that knows the protocol only."""
+    request = SetParametersAtomically.Request(
+        parameters=[Parameter(name=name, value=value) for name, value in parameters]
+    )
+    return client.call(SetParametersAtomically, "/sim/step", request).result
+
+
+def integer(value: int) -> ParameterValue:
+    return ParameterValue(type=2, integer_value=value)
+
+
+def stamp(message: Any) -> int:
+    return int(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+
+
+def drive(session: RosSession, seconds: int) -> tuple[dict[int, Any], dict[int, Any], str]:
+    """Bump and go for *seconds* (s); return scans and poses by stamps, and the figures of the run."""
+    client = Client(session)
+    clock = LockstepClock(session, LIMIT)
+    scans = client.messages(LaserScan, "/scan_raw", qos_profile_sensor_data)
+    motion = client.messages(Odometry, "/mobile_base_controller/odom")
+    publisher = client.node.create_publisher(Twist, "/cmd_vel", 10)
+    client.wait(publisher.get_subscription_count)
+    for tick in range(1, 10 * seconds + 1):
+        clock.wait_until(tick * TENTH, threading.Event())
+        command = Twist()
+        if min(scans[-1].ranges[300:366]) < 1.0:
+            command.angular.z = 0.7
+        else:
+            command.linear.x = 0.5
+        publisher.publish(command)
+    clock.wait_until((10 * seconds + 1) * TENTH, threading.Event())
+    summary = client.call(Trigger, "/sim/summary").message
+    poses = {stamp(odometry): odometry.pose.pose for odometry in motion}
+    return {stamp(scan): scan.ranges for scan in scans}, poses, summary
+
+
+def test_same_seed_gives_the_same_run(start: Callable[..., Simulation]) -> None:
+    runs = []
+    for _ in range(2):
+        simulation = start("--world", "arena", "--lockstep", "--seed", "3")
+        with RosSession("driver") as session:
+            runs.append(drive(session, 12))
+        assert simulation.interrupt() == 130
+        result = simulation.result()
+    assert runs[0] == runs[1]
+    scans, poses, _ = runs[0]
+    assert list(scans) == [tick * TENTH for tick in range(122)]  # none was lost
+    assert len(poses) == 606
+    assert result["time_s"] == 12.1
+    assert result["robot"]["distance_m"] > 3.0
+
+
+@pytest.fixture(scope="module")
+def world(start: Callable[..., Simulation]) -> Simulation:
+    """The arena in lockstep."""
+    return start("--world", "arena", "--lockstep", "--wait-limit", "300")
+
+
+def test_time_stands_without_a_request_and_a_sync_publishes_again(world: Simulation, client: Client) -> None:
+    scans = client.messages(LaserScan, "/scan_raw", qos_profile_sensor_data)
+
+    def synced() -> bool:
+        state = json.loads(client.call(Trigger, "/sim/sync").message)
+        assert state["time"] == 0
+        return bool(scans)
+
+    client.wait(synced)
+    assert json.loads(client.call(Trigger, "/sim/summary").message)["time_s"] == 0.0
+
+
+def test_step_runs_to_the_time_and_counts_messages(world: Simulation, client: Client) -> None:
+    scans = client.messages(LaserScan, "/scan_raw", qos_profile_sensor_data)
+    client.wait(lambda: client.call(Trigger, "/sim/sync").success and scans)
+    before = json.loads(client.call(Trigger, "/sim/sync").message)["published"]["/scan_raw"]
+    state = json.loads(step(client, ("until", integer(250_000_000))).reason)
+    assert state["time"] == 250_000_000
+    assert state["published"]["/scan_raw"] == before + 2
+    state = json.loads(step(client, ("until", ParameterValue(type=3, double_value=0.3))).reason)
+    assert state["time"] == 300_000_000
+    assert state["published"]["/scan_raw"] == before + 3
+    assert set(state["received"]) >= {"/cmd_vel", "/key_vel", "/joy_vel", "/head_controller/joint_trajectory"}
+    # A request that was sent twice.
+    assert json.loads(step(client, ("until", integer(250_000_000))).reason)["time"] == 300_000_000
+
+
+@pytest.mark.parametrize(
+    ("parameters", "reason"),
+    [
+        ([], "'until' is missing"),
+        ([("til", integer(1))], "unknown parameter 'til': use until, from"),
+        ([("until", ParameterValue(type=4, string_value="1"))], "'until' has to be an integer"),
+        ([("until", integer(10**12)), ("from", integer(10**11))], "before the client's 100.000 s"),
+    ],
+)
+def test_invalid_request_is_refused(
+    world: Simulation, client: Client, parameters: list[tuple[str, ParameterValue]], reason: str
+) -> None:
+    result = step(client, *parameters)
+    assert not result.successful
+    assert reason in result.reason
+
+
+def test_tasks_of_the_clock_run_at_their_times(world: Simulation) -> None:
+    with RosSession("scheduled") as session:
+        clock = LockstepClock(session, LIMIT)
+        start = clock.now()
+        times: list[int] = []
+        clock.schedule.every(20.0, Phase.CONTROLLER, times.append)
+        assert not clock.wait_until(start + 4 * TENTH, threading.Event())
+        assert times == [start + number * TENTH // 2 for number in range(1, 9)]
+        assert clock.now() == start + 4 * TENTH
+        wake = threading.Event()
+        clock.every(10.0, Phase.JUDGE, lambda now: wake.set())
+        assert clock.wait_until(start + 9 * TENTH, wake)
+        assert clock.now() == start + 5 * TENTH
+
+
+def test_world_outlives_a_client_that_dies(world: Simulation) -> None:
+    died = subprocess.run([sys.executable, "-c", DYING_CLIENT], timeout=LIMIT, check=False)
+    assert died.returncode == -9
+    with RosSession("next") as session:
+        clock = LockstepClock(session, LIMIT)
+        now = clock.now()
+        assert now >= 3 * TENTH
+        clock.wait_until(now + TENTH, threading.Event())
+        assert clock.now() == now + TENTH
+
+
+def test_client_of_a_world_that_ends_raises(world: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lockstep, "RETRY", 0.2)
+    with RosSession("client") as session:
+        clock = LockstepClock(session, LIMIT)
+        assert world.interrupt() == 130
+        with pytest.raises(RosError, match="the simulation has ended"):
+            clock.wait_until(clock.now() + TENTH, threading.Event())
+        with pytest.raises(RosError, match="btcore ros2 sim --lockstep"):
+            LockstepClock(session, 0.3)
+
+
+def test_end_of_the_duration_refuses_further_steps(
+    start: Callable[..., Simulation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lockstep, "RETRY", 0.2)
+    simulation = start("--lockstep", "--duration", "0.5")
+    with RosSession("client") as session:
+        clock = LockstepClock(session, LIMIT)
+        with pytest.raises(RosError, match=r"the simulation (ended at 0\.500 s|has ended)"):
+            clock.wait_until(10 * TENTH, threading.Event())
+    assert simulation.process.wait(LIMIT) == 0
+    assert simulation.result()["time_s"] == 0.5
+
+
+def test_world_without_a_client_ends_after_the_limit(start: Callable[..., Simulation]) -> None:
+    simulation = start("--lockstep", "--wait-limit", "0.5")
+    assert simulation.process.wait(LIMIT) == 1
+    assert "no client requested a step for 0.5 s" in simulation.errors
+    assert "Traceback" not in simulation.errors
