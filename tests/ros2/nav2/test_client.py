@@ -269,7 +269,6 @@ def test_a_refused_cancellation_is_logged(bench, caplog):
 )
 def test_a_service_receives_its_request(bench, leaf, service, expected):
     tree = bench.tree(leaf)
-    assert tree.tick_exactly_once() is Status.RUNNING
     assert bench.run(tree) is Status.SUCCESS
     assert bench.session.wait_for(lambda: bench.received, 10)
     name, request = bench.received[0]
