@@ -17,6 +17,9 @@ PIP := -m pip --disable-pip-version-check --quiet
 ENGINE := $(shell find btcore trees benchmarks -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
 ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs tests/fuzz tests/regressions/btcore
 ENGINE_BENCHMARKS := startup ticking features observers load growth publishing batch
+# PyPI has wheels of ROS 2 for this platform only.
+ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))
+MESSAGES := $(shell find ros2/btcore_ros2/message_packages -type f -not -name '*.pyc')
 VULKAN := mesa-vulkan-drivers libvulkan1
 
 # What the demo runs, and for how long (s of the robot's time).
@@ -30,12 +33,15 @@ EPISODES ?= 1000
 RECORDED ?= 600
 ATTACKS ?= --pairs 3 --seconds 10
 KILLS ?= 100
+SCHEDULES ?= 500
+ROS2_RUNS ?=
 
-.PHONY: help setup demo test check lint lint-and-pure pure compiled vulkan accept docs dist bench clean
+.PHONY: help setup demo test check lint lint-and-pure pure compiled ros2 vulkan accept accept-ros2 docs dist bench clean
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
 	@echo 'make test    style, types, and every test on both builds of the engine'
+	@echo 'make ros2    the tests of ROS 2 only, in an environment of its own'
 	@echo 'make check   style, types and the closest tests of the changed files, or of FILES="…", in 20 s'
 	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
 	@echo 'make docs    the documentation site, in out/docs/site'
@@ -67,6 +73,14 @@ setup: .venv/ready
 
 .venv-compiled/bench: .venv-compiled/ready
 	@.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[bench]"
+	@touch $@
+
+# An environment of its own, because ROS 2's wheels restart each Python that starts in their environment.
+.venv-ros/ready: pyproject.toml setup.py $(MESSAGES)
+	@echo '· setting up .venv-ros with ROS 2, and building message packages'
+	@$(PYTHON) -m venv .venv-ros
+	@.venv-ros/bin/python $(PIP) install --editable '.[all,ros2,test]' ros-test-msgs==2.3.0
+	@.venv-ros/bin/btcore ros2 messages
 	@touch $@
 
 .venv-release/ready:
@@ -101,8 +115,8 @@ demo: .venv/ready vulkan
 	fi
 
 test: .venv/ready
-	@$(MAKE) -s -j 2 .venv-compiled/ready lint-and-pure
-	@$(MAKE) -s compiled
+	@$(MAKE) -s -j 3 .venv-compiled/ready $(if $(ROS2),.venv-ros/ready) lint-and-pure
+	@$(MAKE) -s -j 2 --output-sync compiled ros2
 
 check: .venv/ready
 	@.venv/bin/python tests/check.py $(FILES)
@@ -127,6 +141,15 @@ compiled: .venv-compiled/ready
 	@echo '· the tests of the engine, on the compiled build'
 	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(ENGINE_TESTS)
 
+ifneq ($(ROS2),)
+ros2: .venv-ros/ready
+	@echo '· the tests of ROS 2'
+	@BTCORE_EXPECT=pure .venv-ros/bin/pytest -n $(TEST_PROCESSES) --dist worksteal tests/ros2
+else
+ros2:
+	@echo 'note: PyPI has no wheels of ROS 2 for this platform; its tests are skipped'
+endif
+
 accept: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
@@ -136,6 +159,13 @@ accept: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
+	@$(MAKE) -s $(if $(ROS2),accept-ros2,ros2)
+
+accept-ros2: .venv-ros/ready
+	@$(call ros2_script,ros2_schedules,--schedules $(SCHEDULES))
+	@$(call ros2_script,ros2_runs,$(ROS2_RUNS))
+
+ros2_script = $(if $(wildcard tests/acceptance/$(1).py),.venv-ros/bin/python tests/acceptance/$(1).py $(2))
 
 docs: .venv/ready
 	@.venv/bin/python docs/site/build.py
@@ -158,5 +188,5 @@ bench: .venv/ready .venv-compiled/bench
 		--beside out/bench-pure.json --plot out/performance.png
 
 clean:
-	rm -rf .venv .venv-compiled .venv-release build dist out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-compiled .venv-ros .venv-release build dist out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -11,6 +11,8 @@ These tests belong to a file:
 - a page of the documentation, an example or a benchmark: its parametrised tests;
 - any other file: the tests that contain its name, first the tests with this name.
 
+The tests of ROS 2 run in .venv-ros if `make ros2` has made it. Otherwise those that need ROS 2 are skipped.
+
 At most AT_MOST of these test files are run, and no test is started after START_LIMIT. pytest reports tests
 that were not started as skipped.
 """
@@ -37,6 +39,8 @@ PACKAGES = {
 }
 # Built-in nodes and everything that they run on behave as in BehaviorTree.CPP.
 RECORDED = ("btcore/blackboard/", "btcore/engine/", "btcore/nodes/", "btcore/script/")
+ROS2_TESTS = "tests/ros2"
+ROS2_PYTHON = ROOT / ".venv-ros/bin/python"
 RECORDED_TESTS = "tests/conformance/test_recorded_trees.py"
 SITE_TESTS = "tests/docs/test_site.py"
 TREE_TESTS = "tests/robot_nodes/test_trees.py"
@@ -243,13 +247,9 @@ def main(arguments: list[str]) -> int:
     left_out = tests[AT_MOST:]
     del tests[AT_MOST:]
     if tests:
-        print("· tests: pytest", *tests)
-        # One test at a time is sent to a process, in the order of the files.
-        several = ["-n", str(os.cpu_count() or 1), "--maxschedchunk=1"]
-        processes = several if len(tests) > MANY else ["-p", "no:xdist"]
-        environment = {**os.environ, "BTCORE_TEST_START_UNTIL": str(start + START_LIMIT)}
-        if run([sys.executable, "-m", "pytest", "-q", *processes, *tests], environment) != 0:
-            failed.append("tests")
+        for python, chosen_tests in by_python(tests):
+            if run_tests(python, chosen_tests, start) != 0 and "tests" not in failed:
+                failed.append("tests")
     else:
         print("· tests: skipped, none belongs to these files")
     if left_out:
@@ -264,6 +264,32 @@ def main(arguments: list[str]) -> int:
         print("· types: skipped, no Python file of a package")
     print(f"{'failed: ' + ', '.join(failed) if failed else 'passed'} ({time.time() - start:.0f} s)")
     return 1 if failed else 0
+
+
+def by_python(tests: list[str]) -> list[tuple[str, list[str]]]:
+    """Return which Python runs which of *tests*, without empty lists."""
+    ros2 = str(ROS2_PYTHON) if ROS2_PYTHON.exists() else sys.executable
+    found: dict[str, list[str]] = {}
+    for test in tests:
+        found.setdefault(ros2 if Path(test).is_relative_to(ROS2_TESTS) else sys.executable, []).append(test)
+    return list(found.items())
+
+
+def run_tests(python: str, tests: list[str], start: float) -> int:
+    """Run *tests*, print them before, and return pytest's exit code.
+
+    Args:
+        python: The Python that runs pytest.
+        tests: The tests.
+        start: The time when this script was started (s).
+    """
+    place = "" if python == sys.executable else "in .venv-ros: "
+    print(f"· tests: {place}pytest", *tests)
+    # One test at a time is sent to a process, in the order of the files.
+    several = ["-n", str(os.cpu_count() or 1), "--maxschedchunk=1"]
+    processes = several if len(tests) > MANY else ["-p", "no:xdist"]
+    environment = {**os.environ, "BTCORE_TEST_START_UNTIL": str(start + START_LIMIT)}
+    return run([python, "-m", "pytest", "-q", *processes, *tests], environment)
 
 
 def counted(items: list[str], noun: str) -> str:

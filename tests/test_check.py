@@ -146,6 +146,25 @@ def test_a_failure_of_each_check_is_reported(project: Path) -> None:
     assert output.splitlines()[-1].startswith("failed: style (`ruff format`) (")
 
 
+def test_the_tests_of_ros_run_in_its_environment_if_there_is_one(project: Path) -> None:
+    (project / "tests/ros2").mkdir()
+    files = ["tests/ros2/test_ros.py", "tests/test_it.py"]
+    (project / files[0]).write_text(
+        'import os\n\n\ndef test_ros() -> None:\n    assert os.environ["IN_ROS"]\n', encoding="utf-8"
+    )
+    code, output = run(project, *files)
+    assert code == 1
+    assert "KeyError: 'IN_ROS'" in output
+    python = project / ".venv-ros/bin/python"
+    python.parent.mkdir(parents=True)
+    python.write_text(f'#!/bin/sh\nIN_ROS=1 exec {sys.executable} "$@"\n', encoding="utf-8")
+    python.chmod(0o755)
+    code, output = run(project, *files)
+    assert code == 0
+    assert "· tests: in .venv-ros: pytest tests/ros2/test_ros.py" in output
+    assert "· tests: pytest tests/test_it.py" in output
+
+
 def test_a_file_without_tests_is_reported_and_an_unknown_file_is_an_error(project: Path) -> None:
     code, output = run(project, ".gitignore")
     assert code == 0

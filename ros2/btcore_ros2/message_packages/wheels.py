@@ -1,9 +1,8 @@
 """Wheels of message packages: generate the code, compile it, pack it, install it with pip.
 
 The generators are those of ROS 2 and come with rclpy. They are called as ROS 2's CMake files call them, but
-without CMake: Python needs the C structures, their conversion from and to Python, and the type support of
-Fast DDS for C, which is less than half of what a CMake build compiles. All of it goes into one library, which
-the library of another message package can link.
+without CMake and without C++ structures: Python needs the C structures, their conversion from and to Python,
+and the type supports for C. The libraries have the names that a CMake build gives them.
 
 The version of a wheel ends in a hash of everything that it was built from, so that an installed wheel shows
 whether it is up to date.
@@ -36,6 +35,7 @@ GENERATORS: Final = (
     "rosidl_generator_type_description",
     "rosidl_typesupport_c",
     "rosidl_typesupport_fastrtps_c",
+    "rosidl_typesupport_introspection_c",
 )
 MARK: Final = "+btcore."
 """What distinguishes the versions of wheels that btcore built."""
@@ -46,13 +46,9 @@ _GROUP: Final = 16
 """How many source files of a folder the compiler reads at once. It reads the headers once for each group."""
 _IMPLIED: Final = ("action_msgs", "builtin_interfaces", "service_msgs", "unique_identifier_msgs")
 """The packages that the messages of services and actions contain without naming them."""
-_LIBRARIES: Final = (
-    "rosidl_generator_c",
-    "rosidl_typesupport_fastrtps_c",
-    "rosidl_typesupport_c",
-    "rosidl_generator_py",
-)
-"""The libraries of a message package that CMake built. That of btcore is named as the third."""
+_TYPE_SUPPORTS: Final = ("rosidl_typesupport_introspection_c", "rosidl_typesupport_fastrtps_c")
+_LIBRARIES: Final = ("rosidl_generator_c", *_TYPE_SUPPORTS, "rosidl_typesupport_c", "rosidl_generator_py")
+"""The libraries of a message package, each linked with those before it. ROS 2 finds them by these names."""
 _RUNTIME: Final = (
     "fastcdr",
     "rcutils",
@@ -60,6 +56,7 @@ _RUNTIME: Final = (
     "rosidl_typesupport_c",
     "rosidl_typesupport_fastrtps_c",
     "rosidl_typesupport_fastrtps_cpp",
+    "rosidl_typesupport_introspection_c",
 )
 
 
@@ -126,7 +123,7 @@ def wheel_version(package: MessagePackage, needed: Mapping[str, str]) -> str:
 
 def count_jobs(package: MessagePackage) -> int:
     """Return how often `build_and_install` calls its *done*."""
-    return 6 + len(_groups(package)) * 3 + 1 + 2 + 1
+    return 7 + len(_groups(package)) * 6 + 1 + len(_LIBRARIES) + 1 + 1
 
 
 def build_and_install(package: MessagePackage, wheel: str, done: Callable[[], None]) -> None:
@@ -192,7 +189,9 @@ class _Build:
         self.share = folder / "share" / self.name
         self.headers = folder / "include" / self.name / self.name
         self.python = folder / "python" / self.name
-        self.library = folder / f"lib{self.name}__rosidl_typesupport_c.so"
+        self.introspection = folder / "introspection" / self.name  # its files have the same names as others
+        self.libraries = folder / "lib"
+        self.libraries.mkdir()
         self.extension = self.python / f"{self.name}_s__rosidl_typesupport_c.so"
 
     def _run(self, *commands: Sequence[str]) -> None:
@@ -234,10 +233,11 @@ class _Build:
                 ],
             ),
             self._generator("rosidl_typesupport_fastrtps_c", self.headers),
-            [*self._generator(impl, self.headers), "--typesupports", "rosidl_typesupport_fastrtps_c"],
+            self._generator("rosidl_typesupport_introspection_c", self.introspection),
+            [*self._generator(impl, self.headers), "--typesupports", *_TYPE_SUPPORTS],
         )
         (self.python / "__init__.py").touch()
-        for generator in ("rosidl_generator_c", "rosidl_typesupport_fastrtps_c"):
+        for generator in ("rosidl_generator_c", *_TYPE_SUPPORTS):
             name = f"{generator}__visibility_control.h"
             text = (self.prefix / "share" / generator / "resource" / f"{name}.in").read_text(encoding="utf-8")
             text = text.replace("@PROJECT_NAME_UPPER@", self.name.upper()).replace(
@@ -269,6 +269,7 @@ class _Build:
         roots = [path for path in sorted((self.prefix / "include").iterdir()) if path.is_dir()]
         folders = [
             self.headers.parent,
+            self.introspection.parent,
             self.python.parent,
             *roots,
             self.prefix / "include",
@@ -278,52 +279,65 @@ class _Build:
         options = [_OPTIMIZATION, "-fPIC", "-w", *(f"-I{folder}" for folder in folders), "-c"]
         c, cpp = _compiler("CC", "cc"), [*_compiler("CXX", "c++"), "-std=c++17"]
         commands = []
-        objects = []
+        objects: dict[str, list[Path]] = {library: [] for library in _LIBRARIES}
         for number, (kind, stems) in enumerate(_groups(self.package)):
             detail = self.headers / kind / "detail"
             # Each description has static names of its own, and needs few headers.
             descriptions = [str(detail / f"{stem}__description.c") for stem in stems]
             target = self.folder / f"{number}_descriptions"
             target.mkdir()
-            objects += [target / f"{stem}__description.o" for stem in stems]
+            objects["rosidl_generator_c"] += [target / f"{stem}__description.o" for stem in stems]
             commands.append(["env", "-C", str(target), *c, *options, *descriptions])
             sources = {
-                f"{number}.c": (
-                    *(
+                "rosidl_generator_c": (
+                    ".c",
+                    [
                         detail / f"{stem}__{part}.c"
                         for stem in stems
                         for part in ("functions", "type_support")
-                    ),
-                    *(self.python / kind / f"_{stem}_s.c" for stem in stems),
+                    ],
                 ),
-                f"{number}_type_support.cpp": (
-                    *(detail / f"{stem}__type_support_c.cpp" for stem in stems),
-                    *(self.headers / kind / f"{stem}__type_support.cpp" for stem in stems),
+                "rosidl_typesupport_introspection_c": (
+                    ".c",
+                    [self.introspection / kind / "detail" / f"{stem}__type_support.c" for stem in stems],
                 ),
+                "rosidl_typesupport_fastrtps_c": (
+                    ".cpp",
+                    [detail / f"{stem}__type_support_c.cpp" for stem in stems],
+                ),
+                "rosidl_typesupport_c": (
+                    ".cpp",
+                    [self.headers / kind / f"{stem}__type_support.cpp" for stem in stems],
+                ),
+                "rosidl_generator_py": (".c", [self.python / kind / f"_{stem}_s.c" for stem in stems]),
             }
-            for name, files in sources.items():
-                source = self.folder / name
+            for library, (suffix, files) in sources.items():
+                source = self.folder / f"{number}_{library}{suffix}"
                 source.write_text("".join(f'#include "{file}"\n' for file in files), encoding="utf-8")
-                objects.append(source.with_suffix(".o"))
-                compiler = cpp if source.suffix == ".cpp" else c
-                commands.append([*compiler, *options, str(source), "-o", str(objects[-1])])
+                objects[library].append(source.with_suffix(".o"))
+                compiler = cpp if suffix == ".cpp" else c
+                commands.append([*compiler, *options, str(source), "-o", str(objects[library][-1])])
         entry = self.python / f"_{self.name}_s.ep.rosidl_typesupport_c.c"
         module = self.folder / "module.o"
         commands.append([*c, *options, str(entry), "-o", str(module)])
         # The C++ files take longest.
         self._run(*sorted(commands, key=lambda command: command[0] != cpp[0]))
         libraries = self.prefix / "lib"
-        needed = [
-            library
-            for package in sorted({*self.package.needs, *_IMPLIED})
-            for kind in _LIBRARIES
-            if (library := libraries / f"lib{package}__{kind}.so").exists()
-        ]
-        runtime = [libraries / f"lib{name}.so" for name in _RUNTIME]
+        runtime = [str(libraries / f"lib{name}.so") for name in _RUNTIME]
         shared = [*cpp, "-shared", "-Wl,--as-needed"]
-        name = f"-Wl,-soname,{self.library.name}"  # by which it is found where it is installed
-        self._run([*shared, name, "-o", str(self.library), *map(str, [*objects, *needed, *runtime])])
-        self._run([*shared, "-o", str(self.extension), str(module), str(self.library)])
+        built: list[str] = []
+        for library in _LIBRARIES:
+            path = self.libraries / f"lib{self.name}__{library}.so"
+            needed = [
+                str(file)
+                for package in sorted({*self.package.needs, *_IMPLIED})
+                if (file := libraries / f"lib{package}__{library}.so").exists()
+            ]
+            name = f"-Wl,-soname,{path.name}"  # by which it is found where it is installed
+            inputs = [*map(str, objects[library]), *built, *needed, *runtime]
+            self._run([*shared, name, "-o", str(path), *inputs])
+            built.append(str(path))
+        self._run([*shared, "-o", str(self.extension), str(module), *built])
 
     def pack(self, wheel: str) -> Path:
         """Write the wheel of the version *wheel*, and return its path."""
@@ -334,7 +348,6 @@ class _Build:
         tag = f"{python}-{python}-{platform}"
         data = f"{stem}.data/data"
         contents: dict[str, bytes] = {
-            f"{data}/lib/{self.library.name}": self.library.read_bytes(),
             f"{data}/share/ament_index/resource_index/packages/{self.name}": b"",
             f"{data}/share/ament_index/resource_index/rosidl_interfaces/{self.name}": "\n".join(
                 f"{one.kind}/{one.name}.{suffix}"
@@ -345,6 +358,8 @@ class _Build:
         for root, parent, suffixes in (
             (self.share, f"{data}/share/{self.name}", (".idl", ".json", *(f".{kind}" for kind in KINDS))),
             (self.headers, f"{data}/include/{self.name}/{self.name}", (".h",)),
+            (self.introspection, f"{data}/include/{self.name}/{self.name}", (".h",)),
+            (self.libraries, f"{data}/lib", (".so",)),
             (self.python, self.name, (".py", ".so")),
         ):
             for path in sorted(root.rglob("*")):
