@@ -8,6 +8,7 @@ the viewer and the recorder work as in `btcore run`.
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from types import FrameType
 from typing import Any, NamedTuple
 
 import click
@@ -16,10 +17,11 @@ from rich.text import Text
 from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import GatheredResources, gather_resources, load_extensions, merge_reports
+from btcore.cli.node_libraries import load_libraries
 from btcore.cli.run import FiniteRange, RunCommand, clock_of
 from btcore.cli.run_report import END_REASON_TEXT, print_figures
 from btcore.cli.terminal import print_json
-from btcore.cli.tick_loop import EndReason, TickLoop
+from btcore.cli.tick_loop import EndReason, TickLoop, ending_signals, signal_handlers
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
 from btcore.loading.load import loads
@@ -32,10 +34,13 @@ __all__ = [
     "GatheredResources",
     "ProgramResult",
     "RunCommand",
+    "load_nodes",
     "print_json",
     "print_result",
+    "provide_resources",
     "require_resources",
     "run_program",
+    "run_server",
 ]
 
 RATE = 10.0
@@ -58,6 +63,36 @@ class ProgramResult(NamedTuple):
     report: dict[str, object]
 
 
+def load_nodes(plugins: Sequence[str]) -> Registry:
+    """Return the nodes of the installed libraries and of *plugins*.
+
+    Args:
+        plugins: Modules and Python files, the values of the option `--plugin`.
+
+    Raises:
+        RegistrationError: A plugin cannot be loaded.
+        click.UsageError: A plugin is given twice.
+    """
+    return load_libraries(plugins).nodes
+
+
+def provide_resources(
+    ctx: click.Context, settings: Mapping[str, Any], wanted: Sequence[type]
+) -> GatheredResources:
+    """Return the resources that the extensions provide for *wanted*; a type may remain without a resource.
+
+    Args:
+        ctx: The context of a command of class `RunCommand`.
+        settings: The options of the command.
+        wanted: The types of the resources.
+
+    Raises:
+        click.UsageError: An option has an invalid value.
+        ExtensionError: An installed extension cannot be used.
+    """
+    return gather_resources(load_extensions(ctx).extensions, {"rate": None, **settings}, wanted)
+
+
 def require_resources(
     ctx: click.Context, settings: Mapping[str, Any], wanted: Sequence[type]
 ) -> GatheredResources:
@@ -72,8 +107,8 @@ def require_resources(
         click.UsageError: No extension provides a resource of one of the types.
         ExtensionError: An installed extension cannot be used.
     """
-    extensions, missing = load_extensions(ctx)
-    gathered = gather_resources(extensions, {"rate": None, **settings}, wanted)
+    gathered = provide_resources(ctx, settings, wanted)
+    missing = load_extensions(ctx).missing
     for kind in wanted:
         if not any(isinstance(resource, kind) for resource in gathered.resources):
             unloaded = "".join(f"; '{point.name}' cannot be loaded: {point.remedy}" for point in missing)
@@ -142,6 +177,55 @@ def run_program(
     if not is_complete:
         code = ExitCode.INCOMPLETE_OUTPUT
     return ProgramResult(ending, code, loop.elapsed / NS_PER_S, report)
+
+
+def run_server(
+    gathered: GatheredResources,
+    settings: Mapping[str, Any],
+    resources: Sequence[object],
+    run: Callable[[], None],
+    stop: Callable[[], None],
+) -> ExitCode:
+    """Run a server that creates a tree for each request, until a signal ends it.
+
+    Before the first request, viewers show a tree that waits. The server passes each of its trees to
+    `RunExtension.replace_tree` of the extensions in *gathered*.
+
+    Args:
+        gathered: The result of `provide_resources`.
+        settings: The options of the command.
+        resources: The resources of the trees.
+        run: Called once; serves until *stop* was called.
+        stop: Called by the handler of SIGINT, SIGTERM or SIGHUP. A second signal raises KeyboardInterrupt.
+
+    Returns:
+        The exit code.
+    """
+    text = '<root BTCPP_format="4"><BehaviorTree ID="Waiting"><AlwaysSuccess/></BehaviorTree></root>'
+    received: list[int] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(number)
+        stop()
+
+    is_complete = True
+    try:
+        with ExitStack() as attached:
+            tree = loads(text)
+            for extension in gathered.extensions:
+                attached.enter_context(extension.attach(tree, resources, settings))
+            with signal_handlers(ending_signals(), end):
+                run()
+            for extension in gathered.extensions:
+                extension.on_interrupt()
+    except OutputError as error:
+        is_complete = False
+        terminal.print_error(str(error))
+    if not is_complete:
+        return ExitCode.INCOMPLETE_OUTPUT
+    return code_of_signal(received[0]) if received else ExitCode.SUCCESS
 
 
 def print_result(name: str, result: ProgramResult, figures: Mapping[str, object]) -> None:

@@ -31,6 +31,15 @@ _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
 }
 
 
+def ending_signals() -> list[signal.Signals]:
+    """Return the signals that end a run: SIGINT, SIGTERM and SIGHUP."""
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    # Windows has no SIGHUP; nohup sets it to SIG_IGN, so that the run survives the terminal.
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    return numbers
+
+
 @contextmanager
 def signal_handlers(
     numbers: Iterable[signal.Signals], handler: Callable[[int, FrameType | None], None]
@@ -165,11 +174,7 @@ class TickLoop:
 
     def signals(self) -> AbstractContextManager[None]:
         """Return a context in which SIGINT, SIGTERM and SIGHUP end the loop instead of the process."""
-        numbers = [signal.SIGINT, signal.SIGTERM]
-        # Windows has no SIGHUP; nohup sets it to SIG_IGN, so that the run survives the terminal.
-        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-            numbers.append(signal.SIGHUP)
-        return signal_handlers(numbers, self._handle_signal)
+        return signal_handlers(ending_signals(), self._handle_signal)
 
     def _handle_signal(self, number: int, frame: FrameType | None) -> None:
         if self._stop:

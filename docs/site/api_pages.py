@@ -6,7 +6,7 @@ from pathlib import Path
 import griffe
 
 ROOT = Path(__file__).parents[2]
-PARENTS = [ROOT, ROOT / "monitor", ROOT / "robot_nodes", ROOT / "sim"]
+PARENTS = [ROOT, ROOT / "monitor", ROOT / "robot_nodes", ROOT / "ros2", ROOT / "sim"]
 
 # The names of btcore, in the order of the index.
 GROUPS = {
@@ -59,7 +59,7 @@ def summary(described: griffe.Object | griffe.Alias) -> str:
 def load_packages() -> griffe.ModulesCollection:
     """Read the source of all packages."""
     loader = griffe.GriffeLoader(search_paths=PARENTS)
-    for package in ("btcore", "btcore_monitor", "btcore_robot", "btcore_scene", "btcore_sim"):
+    for package in ("btcore", "btcore_monitor", "btcore_robot", "btcore_ros2", "btcore_scene", "btcore_sim"):
         loader.load(package)
     loader.resolve_aliases(implicit=True)
     return loader.modules_collection

@@ -6,6 +6,8 @@ takes it when it is ready to work on it, looks whether it is cancelled, and ends
 """
 
 import functools
+import math
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
@@ -17,7 +19,7 @@ Result = TypeVar("Result")
 Feedback = TypeVar("Feedback")
 
 DELIVERY_S = 0.2
-"""The time (s) that `close` leaves to clients to request the results of goals that it ends."""
+"""The time (s) before the end of a server in which clients can request the result of the last goal."""
 
 
 class RosGoal(Generic[Goal, Result, Feedback]):
@@ -77,6 +79,7 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
         name: The name of the action.
         reject_reason: Called with the message of a new goal. It returns why the goal is rejected, or "" to
             accept it. The reason is logged, since a rejection contains no text.
+        untaken_result: The result message of goals that end before they are taken; default an empty message.
 
     Attributes:
         name: The name of the action.
@@ -90,6 +93,7 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
         name: str,
         *,
         reject_reason: Callable[[Goal], str] = lambda goal: "",
+        untaken_result: Result | None = None,
     ) -> None:
         from rclpy.action import CancelResponse
 
@@ -98,7 +102,9 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
         self._session = session
         self._action_type = action_type
         self._reject_reason = reject_reason
+        self._untaken_result = untaken_result
         self._is_closed = False
+        self._last_end = -math.inf
         self._taken: list[RosGoal[Goal, Result, Feedback]] = []
         self._server = _server_class()(
             session.node,
@@ -125,7 +131,7 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
         goal = None
         while (newer := self.take()) is not None:
             if goal is not None:
-                goal.abort()
+                goal.canceled(self._untaken_result)
             goal = newer
         return goal
 
@@ -134,15 +140,16 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
         if self._is_closed:
             return
         self._is_closed = True
-        open_goals = [*self._taken, *self.waiting]
+        for goal in tuple(self._taken):
+            goal.canceled()
         for goal in self.waiting:
             self._start(goal)
+            goal.canceled(self._untaken_result)
         self.waiting.clear()
-        for goal in open_goals:
-            goal.canceled()
         self._stop_watching()
-        if open_goals and self._session.context.ok():
-            self._session.wait_for(lambda: False, DELIVERY_S)
+        remaining = self._last_end + DELIVERY_S - time.monotonic()
+        if remaining > 0 and self._session.context.ok():
+            self._session.wait_for(lambda: False, remaining)
         self._server.destroy()
 
     def _end(self, goal: RosGoal[Goal, Result, Feedback], how: str, result: Result | None) -> None:
@@ -151,6 +158,7 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
             self._taken.remove(goal)
         if goal.is_active:
             answer = result if result is not None else self._action_type.Result()
+            self._last_end = time.monotonic()
             self._server.finish(goal._handle, getattr(goal._handle, how), answer)
 
     def _on_request(self, request: Goal) -> Any:
@@ -169,7 +177,7 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
         """End the waiting goals that are cancelled."""
         for goal in [goal for goal in self.waiting if goal.cancel_requested]:
             self.waiting.remove(goal)
-            goal.canceled()
+            goal.canceled(self._untaken_result)
 
 
 @functools.cache

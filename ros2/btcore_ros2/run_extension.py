@@ -79,7 +79,10 @@ class RosExtension(RunExtension):
 
         try:
             description = load_robot(str(name)) if drives else None
-            self._session = RosSession(arguments=shlex.split(settings.get("ros_args") or ""))
+            # A command that needs the session earlier, such as `btcore ros2 serve`, has created it.
+            self._session = settings.get("ros_session")
+            if self._session is None:
+                self._session = RosSession(arguments=shlex.split(settings.get("ros_args") or ""))
             resources: list[object] = []
             if description is not None:
                 _check_rate(settings.get("rate"), description.base)

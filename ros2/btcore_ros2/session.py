@@ -64,6 +64,7 @@ class RosSession:
             the installed version lacks them, the executor is used, with a warning.
 
     Attributes:
+        context: The context of the ROS node.
         node: The ROS node.
         clock: The clock for the tree.
         shared: ROS entities that several leaves use, by type and name.
@@ -145,6 +146,10 @@ class RosSession:
 
     def wait_for(self, condition: Callable[[], Any], seconds: float) -> bool:
         """Drain until *condition* returns a true value, at most for *seconds* (s, real time).
+
+        Args:
+            condition: A function that returns whether to end the wait.
+            seconds: The limit (s, real time).
 
         Returns:
             Whether the condition was met.

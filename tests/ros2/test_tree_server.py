@@ -1,0 +1,392 @@
+"""`btcore ros2 serve` and `TreeServer`, with a plain rclpy client in another process."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("btcpp_ros2_interfaces")
+
+from action_msgs.msg import GoalStatus
+
+import btcore
+from btcore import Status
+from btcore_monitor.events import TreeSeen
+from btcore_monitor.watch.feed import Feed
+from btcore_ros2.errors import RosError
+from btcore_ros2.session import RosSession
+from btcore_ros2.tree_server import TreeServer
+from tests.ros2.action_client import LIMIT_S, ClientProcess
+
+EXECUTE_TREE = "btcpp_ros2_interfaces/action/ExecuteTree"
+GET_TREES = "btcpp_ros2_interfaces/srv/GetTrees"
+
+TREES = """
+<root BTCPP_format="4">
+  <BehaviorTree ID="Quick"><SubTree ID="Ready"/></BehaviorTree>
+  <BehaviorTree ID="Fails"><Inverter><SubTree ID="Ready"/></Inverter></BehaviorTree>
+  <BehaviorTree ID="Slow"><Sleep name="long rest" msec="600000"/></BehaviorTree>
+  <BehaviorTree ID="Endless"><Repeat num_cycles="-1"><Sleep msec="1"/></Repeat></BehaviorTree>
+  <BehaviorTree ID="Broken"><Sequence><Break name="the gripper"/></Sequence></BehaviorTree>
+  <BehaviorTree ID="Payload">
+    <ScriptCondition code="payload == 'forward' &amp;&amp; @runs == 2"/>
+  </BehaviorTree>
+  <BehaviorTree ID="Entries"><Measure speed="{speed}" place="{place}"/></BehaviorTree>
+  <BehaviorTree ID="Count"><Script code="@runs := 2"/></BehaviorTree>
+</root>
+"""
+OTHER_TREES = '<root BTCPP_format="4"><BehaviorTree ID="Ready"><AlwaysSuccess/></BehaviorTree></root>'
+PLUGIN = """
+import btcore
+
+@btcore.action
+def break_():
+    raise OSError("it is stuck")
+
+break_.ID = "Break"
+
+@btcore.condition
+def measure(speed: btcore.In[float], place: btcore.In[str]):
+    return speed == 0.5 and place == "kitchen"
+"""
+
+
+def poll(condition: Callable[[], Any]) -> bool:
+    end = time.monotonic() + LIMIT_S
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.005)
+    return True
+
+
+def write_trees(folder: Path) -> None:
+    folder.mkdir()
+    (folder / "main.xml").write_text(TREES)
+    (folder / "more.xml").write_text(OTHER_TREES)
+    (folder / "notes.txt").write_text("not a tree")
+
+
+class ServerProcess:
+    """A process of `btcore ros2 serve`."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "btcore", "ros2", "serve", *arguments],
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "NO_COLOR": "1"},
+        )
+        self.lines: list[str] = []
+        self.reader = threading.Thread(target=self._read)
+        self.reader.start()
+        assert poll(lambda: "serving" in self.text or self.process.poll() is not None)
+        assert self.process.poll() is None, self.text
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        with self.process.stderr as lines:
+            for line in lines:
+                self.lines.append(line)
+
+    @property
+    def text(self) -> str:
+        return "".join(list(self.lines))
+
+    def end(self, number: int = signal.SIGINT) -> int:
+        """Send a signal, and return the exit code."""
+        self.process.send_signal(number)
+        code = self.process.wait(LIMIT_S)
+        self.reader.join()
+        return code
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("server")
+    write_trees(folder / "trees")
+    (folder / "plugin.py").write_text(PLUGIN)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def server(folder: Path) -> Iterator[ServerProcess]:
+    made = ServerProcess(
+        str(folder / "trees"),
+        *("--plugin", str(folder / "plugin.py"), "--port", "0"),
+        *("--ros-args", "-r __ns:=/robot1 -p tick_frequency:=50"),
+    )
+    yield made
+    made.end()
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[ClientProcess]:
+    made = ClientProcess(poll)
+    yield made
+    made.close()
+
+
+def run(client: ClientProcess, tree: str, payload: str = "") -> int:
+    return client.send("/robot1/bt_execution", EXECUTE_TREE, {"target_tree": tree, "payload": payload})
+
+
+def ended(client: ClientProcess, number: int) -> tuple[int, Status, str]:
+    """Return the status of the goal, the status of its tree, and the message."""
+    status, result = client.result(number)
+    return status, Status(result["node_status"]["status"]), result["return_message"]
+
+
+def test_success(server: ServerProcess, client: ClientProcess) -> None:
+    expected = (GoalStatus.STATUS_SUCCEEDED, Status.SUCCESS, "the tree ended in SUCCESS")
+    assert ended(client, run(client, "Quick")) == expected
+
+
+def test_failure_aborts(server: ServerProcess, client: ClientProcess) -> None:
+    expected = (GoalStatus.STATUS_ABORTED, Status.FAILURE, "the tree ended in FAILURE")
+    assert ended(client, run(client, "Fails")) == expected
+
+
+def test_exception_aborts_with_the_path_of_the_node(server: ServerProcess, client: ClientProcess) -> None:
+    status, tree_status, message = ended(client, run(client, "Broken"))
+    assert (status, tree_status) == (GoalStatus.STATUS_ABORTED, Status.IDLE)
+    assert "node 'the gripper' <Break> raised while ticking: OSError: it is stuck" in message
+    assert ended(client, run(client, "Quick"))[1] is Status.SUCCESS  # the server goes on
+
+
+def test_cancel_halts_the_tree(server: ServerProcess, client: ClientProcess) -> None:
+    number = run(client, "Slow")
+    client.wait_until_executing(number)
+    assert client.cancel(number) == 1
+    status, tree_status, message = ended(client, number)
+    assert (status, tree_status) == (GoalStatus.STATUS_CANCELED, Status.RUNNING)
+    assert message == "cancelled: the tree was halted"
+
+
+def test_unknown_tree(server: ServerProcess, client: ClientProcess) -> None:
+    status, _, message = ended(client, run(client, "Quik"))
+    assert status == GoalStatus.STATUS_ABORTED
+    assert message == "unknown tree 'Quik'; did you mean 'Quick'?"
+
+
+def test_payload_and_global_blackboard(server: ServerProcess, client: ClientProcess) -> None:
+    assert ended(client, run(client, "Count"))[1] is Status.SUCCESS
+    assert ended(client, run(client, "Payload", "forward"))[1] is Status.SUCCESS
+    assert ended(client, run(client, "Payload", "back"))[1] is Status.FAILURE
+
+
+def test_payload_with_entries(server: ServerProcess, client: ClientProcess) -> None:
+    payload = 'json:{"speed": 0.5, "place": "kitchen"}'
+    assert ended(client, run(client, "Entries", payload))[1] is Status.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("payload", "message"),
+    [
+        ("json:{speed", "the payload is not valid JSON after 'json:': Expecting property name"),
+        ("json:[1]", "the payload is not an object after 'json:'"),
+        ('json:{"speed": "fast"}', "speed"),
+    ],
+)
+def test_bad_payload(server: ServerProcess, client: ClientProcess, payload: str, message: str) -> None:
+    status, tree_status, text = ended(client, run(client, "Entries", payload))
+    assert (status, tree_status) == (GoalStatus.STATUS_ABORTED, Status.IDLE)
+    assert message in text
+
+
+def test_second_goal_waits_for_the_first(server: ServerProcess, client: ClientProcess) -> None:
+    first = run(client, "Slow")
+    second, third = run(client, "Quick"), run(client, "Quick")
+    assert client.cancel(third) == 1  # a waiting goal
+    assert ended(client, third) == (GoalStatus.STATUS_CANCELED, Status.IDLE, "the tree was not started")
+    assert not any(event["event"] == "result" and event["goal"] in (first, second) for event in client.events)
+    client.cancel(first)
+    assert ended(client, second)[1] is Status.SUCCESS
+
+
+def test_get_loaded_trees(server: ServerProcess, client: ClientProcess) -> None:
+    trees = client.call("/robot1/get_loaded_trees", GET_TREES)["tree_ids"]
+    assert trees == ["Broken", "Count", "Endless", "Entries", "Fails", "Payload", "Quick", "Ready", "Slow"]
+
+
+def test_parameters(server: ServerProcess, client: ClientProcess) -> None:
+    response = client.call(
+        "/robot1/bt_action_server/get_parameters",
+        "rcl_interfaces/srv/GetParameters",
+        names=["action_name", "tick_frequency", "groot2_port"],
+    )
+    name, frequency, port = response["values"]
+    assert (name["string_value"], frequency["integer_value"]) == ("bt_execution", 50)
+    assert port["integer_value"] == 1667
+
+
+def test_changed_file_is_used_by_the_next_goal(
+    server: ServerProcess, client: ClientProcess, folder: Path
+) -> None:
+    file = folder / "trees" / "more.xml"
+    file.write_text(OTHER_TREES.replace("AlwaysSuccess", "AlwaysFailure"))
+    try:
+        assert ended(client, run(client, "Quick"))[1] is Status.FAILURE
+        file.write_text("<root")
+        status, _, message = ended(client, run(client, "Quick"))
+        assert status == GoalStatus.STATUS_ABORTED
+        assert "more.xml:1" in message
+    finally:
+        file.write_text(OTHER_TREES)
+    assert ended(client, run(client, "Quick"))[1] is Status.SUCCESS
+
+
+def test_monitor_follows_the_trees(server: ServerProcess, client: ClientProcess) -> None:
+    """A connected monitor, with the protocol of Groot 2, gets the tree of each goal."""
+    address = re.search(r"publishing at tcp://127.0.0.1:(\d+)", server.text)
+    assert address is not None
+    seen: list[str] = []
+    with Feed(f":{address[1]}") as feed:
+
+        def sees(name: str) -> bool:
+            for event in feed.poll(0.05):
+                if isinstance(event, TreeSeen):
+                    seen.extend(node.name for node in event.tree.nodes)
+            return name in seen
+
+        number = run(client, "Slow")
+        assert poll(lambda: sees("long rest"))
+        client.cancel(number)
+        assert ended(client, run(client, "Broken"))[0] == GoalStatus.STATUS_ABORTED
+        assert poll(lambda: sees("the gripper"))
+
+
+@pytest.mark.parametrize(
+    ("tree", "number", "code"), [("Slow", signal.SIGINT, 130), ("Endless", signal.SIGTERM, 143)]
+)
+def test_signal_aborts_the_goals(
+    folder: Path, client: ClientProcess, tree: str, number: int, code: int
+) -> None:
+    name = f"act_{tree.lower()}_{int(number)}"
+    plugin = ("--plugin", str(folder / "plugin.py"))
+    server = ServerProcess(str(folder / "trees"), *plugin, "--port", "0", "--action-name", name)
+    goals = [client.send(name, EXECUTE_TREE, {"target_tree": tree}) for _ in range(2)]
+    client.wait_until_executing(goals[0])
+    assert server.end(number) == code
+    assert ended(client, goals[0]) == (GoalStatus.STATUS_ABORTED, Status.RUNNING, "the server was stopped")
+    assert ended(client, goals[1]) == (GoalStatus.STATUS_ABORTED, Status.IDLE, "the tree was not started")
+
+
+def test_busy_port(folder: Path) -> None:
+    """A usage error, as it is for `btcore run --publish groot2`."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        arguments = [str(folder / "trees" / "more.xml"), "--ros-args", f"-p groot2_port:={port}"]
+        code, text = refused(*arguments)
+    assert code != 0
+    assert str(port) in text
+
+
+def refused(*arguments: str) -> tuple[int, str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "btcore", "ros2", "serve", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    return done.returncode, " ".join(done.stderr.split())
+
+
+def test_invalid_parameter(folder: Path) -> None:
+    code, text = refused(str(folder / "trees" / "more.xml"), "--ros-args", "-p tick_frequency:=often")
+    assert code == 2
+    assert "the ROS parameter tick_frequency has to be a number, not 'often'" in text
+
+
+def test_no_trees() -> None:
+    code, text = refused("--ros-args", "-p behavior_trees:=[btcpp_ros2_interfaces/trees]")
+    assert code == 2
+    assert "there is no file, folder or ROS package for 'btcpp_ros2_interfaces/trees'" in text
+
+
+def test_trees_and_plugins_of_a_parameter_file(folder: Path, client: ClientProcess) -> None:
+    """A file for the C++ server can be used, apart from the C++ libraries."""
+    parameters = folder / "parameters.yaml"
+    parameters.write_text(
+        "bt_action_server:\n"
+        "  ros__parameters:\n"
+        "    action_name: from_file\n"
+        "    groot2_port: 0\n"
+        f"    plugins: [btcpp_ros2_samples/bt_plugins, {folder / 'plugin.py'}]\n"
+        f"    behavior_trees: [{folder / 'trees'}]\n"
+    )
+    server = ServerProcess("--ros-args", f"--params-file {parameters}")
+    number = client.send("from_file", EXECUTE_TREE, {"target_tree": "Quick"})
+    assert ended(client, number)[1] is Status.SUCCESS
+    assert server.end() == 130
+    assert "'btcpp_ros2_samples/bt_plugins' of the ROS parameter is ignored" in " ".join(server.text.split())
+
+
+class CountingServer(TreeServer):
+    """Overrides all methods for subclasses."""
+
+    def reject_reason(self, tree_id: str, payload: str) -> str:
+        return "" if payload.isdigit() else "the payload is not a number"
+
+    def on_tree_created(self, tree: btcore.Tree, payload: str) -> None:
+        tree.blackboard["limit"] = int(payload)
+        self.ticks = 0
+
+    def on_tick(self, status: Status) -> Status | None:
+        self.ticks += 1
+        return Status.SKIPPED if self.ticks >= 100 else None
+
+    def feedback(self) -> str | None:
+        return f"tick {self.ticks}" if self.ticks <= 2 else None
+
+    def on_completed(self, status: Status, was_cancelled: bool) -> str | None:
+        return f"{status} after {self.ticks} ticks{', cancelled' if was_cancelled else ''}"
+
+
+def test_python_server(session: RosSession, folder: Path) -> None:
+    """The hooks of a subclass; the server runs on the thread of its caller."""
+    nodes = btcore.Registry.standard()
+    nodes.add_plugin(folder / "plugin.py")
+    file = folder / "counting.xml"
+    file.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Count">'
+        '<KeepRunningUntilFailure><ScriptCondition code="limit == 1000000"/></KeepRunningUntilFailure>'
+        "</BehaviorTree></root>"
+    )
+    with CountingServer(session, [file], nodes=nodes, action_name="count", tick_frequency=1000.0) as server:
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        client = ClientProcess(poll)
+
+        def send(payload: str, *, accepted: bool = True) -> int:
+            goal = {"target_tree": "Count", "payload": payload}
+            return client.send("count", EXECUTE_TREE, goal, accepted=accepted)
+
+        send("many", accepted=False)
+        number = send("1000000")
+        status, result = client.result(number)
+        assert status == GoalStatus.STATUS_ABORTED
+        assert result["node_status"]["status"] == Status.SKIPPED
+        assert result["return_message"] == "SKIPPED after 100 ticks, cancelled"
+        assert [message["message"] for message in client.feedback(number)] == ["tick 1", "tick 2"]
+        server.stop()
+        thread.join(LIMIT_S)
+        assert not thread.is_alive()
+        client.close()
+
+
+def test_missing_folder_contents(session: RosSession, tmp_path: Path) -> None:
+    with pytest.raises(RosError, match="no XML file in the folder"):
+        TreeServer(session, [tmp_path])
