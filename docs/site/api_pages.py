@@ -28,7 +28,7 @@ GROUPS = {
     "Errors": (
         "BtcoreError", "TreeError", "XmlSyntaxError", "UnknownNodeError", "PortError", "ScriptError",
         "ConversionError", "RegistrationError", "NodeError", "NodeExecutionError", "BlackboardError",
-        "Diagnostic",
+        "Diagnostic", "LiteralProblem",
     ),
     "Builds": ("builds",),
 }  # fmt: skip

@@ -12,6 +12,7 @@ The rules for a value by the type of its field:
 """
 
 import array
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,10 +22,10 @@ from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from btcore import ConversionError
+from btcore.json_text import MAX_DEPTH, too_deep_at
 from btcore.suggestions import did_you_mean, join_names, nearest_name
 from btcore.values import number_of
 from btcore.values.known_types import to_builtin_number
-from btcore.values.numbers import read_json
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import interface_name
 
@@ -163,17 +164,48 @@ def path_text(path: Sequence[str | int]) -> str:
     return text
 
 
+class JsonTextError(ConversionError):
+    """Raised when a text is not JSON.
+
+    Attributes:
+        at: The index of the first invalid character in the text, or -1.
+    """
+
+    def __init__(self, message: str, at: int = -1) -> None:
+        super().__init__(message)
+        self.at = at
+
+
 def parse_json(text: str) -> object:
     """Return the value of a text `json:…`.
 
     Raises:
-        ConversionError: The text does not begin with `json:`, is not JSON, or is too long.
+        JsonTextError: The text does not begin with `json:`, is not JSON, or is too long.
     """
     if not text.startswith(PREFIX):
-        raise ConversionError(f"'{text[:60]}' is not a message: write json:{{…}}, or the entry in braces")
+        raise JsonTextError(f"'{text[:60]}' is not a message: write json:{{…}}, or the entry in braces")
     if len(text) > MAX_TEXT:
-        raise ConversionError(f"the text has {len(text):,} characters; the maximum is {MAX_TEXT:,}")
-    return read_json(text[len(PREFIX) :])
+        raise JsonTextError(f"the text has {len(text):,} characters; the maximum is {MAX_TEXT:,}")
+    body = text[len(PREFIX) :]
+    if too_deep_at(body) is not None:
+        raise JsonTextError(f"the JSON is nested more than {MAX_DEPTH} levels deep")
+    try:
+        return json.loads(body, parse_constant=_refuse, parse_float=_finite)
+    except json.JSONDecodeError as error:
+        raise JsonTextError(f"not JSON: {error.msg}", len(PREFIX) + error.pos) from None
+    except ValueError as error:
+        raise JsonTextError(f"not JSON: {str(error)[:60]}") from None
+
+
+def _refuse(constant: str) -> object:
+    raise ValueError(f'{constant} is not a number in JSON; write "{constant.lower().replace("inity", "")}"')
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if math.isinf(number):
+        raise ValueError(f"{text[:20]} is too large")
+    return number
 
 
 def referenced_key(value: object) -> str | None:

@@ -248,10 +248,13 @@ def test_unknown_field_is_an_error(path: str, problem: str) -> None:
     ("text", "problem"),
     [
         ('{"x": 1}', "write json:"),
-        ('json:{"x": 1', "is not JSON"),
+        ('json:{"x": 1', "not JSON: Expecting ',' delimiter"),
+        ("json:NaN", 'NaN is not a number in JSON; write "nan"'),
+        ("json:[-Infinity]", 'write "-inf"'),
+        ("json:1e999", "1e999 is too large"),
         ("json:" + "[" * 101 + "]" * 101, "more than 100 levels"),
         ("json:" + " " * MAX_TEXT, "the maximum is 4,000,000"),
-        ("json:" + "9" * 5000, "is not JSON"),
+        ("json:" + "9" * 5000, "not JSON: "),
     ],
 )
 def test_text_that_is_not_json_is_refused(text: str, problem: str) -> None:

@@ -2,6 +2,7 @@
 
 from btcore import Registry
 from btcore_ros2.leaves.action import ActionErrorCode, RosAction
+from btcore_ros2.leaves.by_name import RosActionCall, RosServiceCall, RosTopicPublish, RosTopicRead
 from btcore_ros2.leaves.decorators import (
     RosCallError,
     ros_action,
@@ -15,10 +16,14 @@ from btcore_ros2.leaves.topics import RosPublisher, RosSubscriber
 __all__ = [
     "ActionErrorCode",
     "RosAction",
+    "RosActionCall",
     "RosCallError",
     "RosPublisher",
     "RosService",
+    "RosServiceCall",
     "RosSubscriber",
+    "RosTopicPublish",
+    "RosTopicRead",
     "ServiceErrorCode",
     "register",
     "ros_action",
@@ -30,3 +35,4 @@ __all__ = [
 
 def register(nodes: Registry) -> None:
     """Register the leaves that need no code."""
+    nodes.add(RosActionCall, RosServiceCall, RosTopicPublish, RosTopicRead)

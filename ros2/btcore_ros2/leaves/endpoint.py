@@ -71,13 +71,14 @@ class Endpoint(Generic[Entity]):
         from rclpy.exceptions import NameValidationException
         from rclpy.validate_topic_name import validate_topic_name
 
-        # As in BehaviorTree.ROS2, an empty text stands for the default.
-        name = name or self._binding.port.default or ""
+        # As in BehaviorTree.ROS2, an empty text stands for the default. A class may compute the default.
+        default_name: str | None = getattr(self._node, "default_name", None)
+        name = name or self._binding.port.default or default_name or ""
         if not name:
-            raise NodeError(
-                f"port [{self._port}] is empty: set it in the XML, or give the class "
-                f'{type(self._node).__name__} a default, {self._port} = "…"'
-            )
+            otherwise = f'give the class {type(self._node).__name__} a default, {self._port} = "…"'
+            if default_name is not None:
+                otherwise = "give the node a name"
+            raise NodeError(f"port [{self._port}] is empty: set it in the XML, or {otherwise}")
         key = (*self._key, name)
         entity = self._session.shared.get(key)
         if entity is None:

@@ -1,0 +1,388 @@
+"""Leaves that need no code: the XML names the message, service or action, and contains its fields as JSON."""
+
+import enum
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+from btcore import Blackboard, Direction, In, LiteralProblem, Port, StatefulAction, Status
+from btcore.clock import NS_PER_MS, NS_PER_S
+from btcore.suggestions import did_you_mean, join_names
+from btcore.values import STRING
+from btcore_ros2.interfaces import interface_name
+from btcore_ros2.leaves.action import ActionErrorCode, RosAction
+from btcore_ros2.leaves.endpoint import Endpoint
+from btcore_ros2.leaves.message_port import TYPE_PORT, MessagePort, load_type, message_problems
+from btcore_ros2.leaves.service import RosService, ServiceErrorCode
+from btcore_ros2.leaves.topics import RosPublisher
+from btcore_ros2.message_values import read_field
+from btcore_ros2.session import RosSession
+
+if TYPE_CHECKING:
+    from rclpy.qos import QoSProfile
+
+log = logging.getLogger(__name__)
+
+
+class Qos(enum.Enum):
+    """The quality of service of a topic, by its usual names."""
+
+    reliable = 1
+    """Reliable, with a depth of 10."""
+    sensor_data = 2
+    """Best effort, with a depth of 5: for sensors, whose publishers often are best effort."""
+    latched = 3
+    """Reliable and transient local, with a depth of 1: late subscribers get the last message, as of a map."""
+
+    def profile(self) -> "QoSProfile":
+        """Return the profile."""
+        from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+
+        if self is Qos.sensor_data:
+            return qos_profile_sensor_data
+        if self is Qos.latched:
+            return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        return QoSProfile(depth=10)
+
+
+def _type_port(example: str) -> Port:
+    return Port(TYPE_PORT, type=STRING, description=f"the type, such as {example}; not an entry")
+
+
+def _message_port(name: str, about: str) -> Port:
+    return Port(
+        name, default="", description=f"{about}: json:{{…}}, or an entry with a message or dictionary"
+    )
+
+
+def _output(name: str, about: str) -> Port:
+    return Port(name, Direction.OUT, description=about, optional=True)
+
+
+def _error_output(about: str) -> Port:
+    return Port("error", Direction.OUT, type=STRING, description=about, optional=True)
+
+
+def _field_port(name: str, output: str) -> Port:
+    about = f"the field that is written to `{output}`, such as pose.position.x; default: the whole message"
+    return Port(name, type=STRING, default="", description=about)
+
+
+class _ByName:
+    """What the leaves have in common: outputs that the XML may omit, and the instance name as a ROS name."""
+
+    config: Any
+    get_input: Any
+
+    @property
+    def default_name(self) -> str:
+        """The name of the action, service or topic if its port is empty: the instance name in the XML."""
+        name: str = self.config.name
+        return "" if name == self.config.id else name
+
+    def write(self, port: str, message: Any, field_port: str) -> None:
+        """Write *message*, or its field that the port *field_port* names, to an output that is connected."""
+        output = self.config.outputs.get(port)
+        if output is not None and output.key is not None:
+            output.write(read_field(message, self.get_input(field_port)))
+
+    def write_error(self, text: str) -> None:
+        """Write *text* to the output `error`, if it is connected."""
+        output = self.config.outputs.get("error")
+        if output is not None and output.key is not None:
+            output.write(text)
+
+
+class RosActionCall(_ByName, RosAction):
+    """Sends a goal to an action server of ROS 2, and waits for the result: SUCCESS if the goal succeeded.
+
+    `type` names the action, and `goal` holds its goal. In the JSON a text "{key}" stands for the entry `key`
+    of the blackboard. The name of the action is `action_name`; without it, the instance name (`name`) is the
+    name of the action.
+
+    The leaf fails if there is no server, if the server does not accept the goal within `server_timeout`, or
+    if the goal is aborted or cancelled. Then `error` gets the reason, and `result` the result of the aborted
+    goal. If the leaf is halted, the goal is cancelled.
+    """
+
+    action_name: Annotated[In[str], "the action; default: the instance name"] = ""
+    server_timeout: Annotated[In[int], "the time (ms) that the server has to accept the goal"] = 1000
+    node_symbol: ClassVar[str] = "⇄"
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """Return the ports."""
+        return [
+            _type_port("nav2_msgs/action/NavigateToPose"),
+            _message_port("goal", "the goal"),
+            _output("result", "the result"),
+            _field_port("result_field", "result"),
+            _output("feedback", "the newest feedback"),
+            _field_port("feedback_field", "feedback"),
+            _error_output("why the goal failed, or an empty text"),
+        ]
+
+    @classmethod
+    def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
+        """Return the problems of the goal and of the fields."""
+        fields = {"result_field": "Result", "feedback_field": "Feedback"}
+        return message_problems(literals, "action", {"goal": "Goal"}, fields)
+
+    def __init__(self, session: RosSession, board: Blackboard) -> None:
+        self.action_type = load_type(self, "action")
+        self._goal_port = MessagePort(self, "goal", self.action_type.Goal, session)
+        super().__init__(session)
+
+    def make_goal(self) -> Any:
+        """Return the goal in the port."""
+        return self._goal_port.read()
+
+    def on_feedback(self, feedback: Any) -> Any:
+        """Write the feedback."""
+        self.write("feedback", feedback, "feedback_field")
+
+    def on_result(self, result: Any) -> Any:
+        """Write the result."""
+        self.write("result", result, "result_field")
+        self.write_error("")
+        return Status.SUCCESS
+
+    def on_failure(self, error: ActionErrorCode) -> Any:
+        """Write the error, and the result of an aborted goal."""
+        if error in (ActionErrorCode.ACTION_ABORTED, ActionErrorCode.ACTION_CANCELLED):
+            self.write("result", self.last_result, "result_field")
+        self.write_error(self.error_message)
+        return Status.FAILURE
+
+
+class RosServiceCall(_ByName, RosService):
+    """Calls a service of ROS 2, and waits for the response.
+
+    `type` names the service, and `request` holds its request. In the JSON a text "{key}" stands for the entry
+    `key` of the blackboard. The name of the service is `service_name`; without it, the instance name (`name`)
+    is the name of the service.
+
+    The leaf succeeds when the response has arrived. It fails if the response has a boolean field `success`
+    that is false, as in std_srvs, if there is no server, or if the server does not answer within
+    `server_timeout`; `error` then gets the reason.
+    """
+
+    service_name: Annotated[In[str], "the service; default: the instance name"] = ""
+    server_timeout: Annotated[In[int], "the time (ms) that the server has to answer"] = 1000
+    node_symbol: ClassVar[str] = "⇄"
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """Return the ports."""
+        return [
+            _type_port("std_srvs/srv/SetBool"),
+            _message_port("request", "the request"),
+            _output("response", "the response"),
+            _field_port("response_field", "response"),
+            _error_output("why the call failed, or an empty text"),
+        ]
+
+    @classmethod
+    def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
+        """Return the problems of the request and of the field."""
+        return message_problems(literals, "srv", {"request": "Request"}, {"response_field": "Response"})
+
+    def __init__(self, session: RosSession, board: Blackboard) -> None:
+        self.service_type = load_type(self, "srv")
+        self._request_port = MessagePort(self, "request", self.service_type.Request, session)
+        super().__init__(session)
+
+    def make_request(self) -> Any:
+        """Return the request in the port."""
+        return self._request_port.read()
+
+    def on_response(self, response: Any) -> Any:
+        """Write the response."""
+        self.write("response", response, "response_field")
+        if getattr(response, "success", True) is False:
+            message = getattr(response, "message", "")
+            self.write_error(
+                f"the service '{self._endpoint.name}' did not succeed" + (message and f": {message}")
+            )
+            return Status.FAILURE
+        self.write_error("")
+        return Status.SUCCESS
+
+    def on_failure(self, error: ServiceErrorCode) -> Any:
+        """Write the error."""
+        self.write_error(self.error_message)
+        return Status.FAILURE
+
+
+class RosTopicPublish(_ByName, RosPublisher):
+    """Publishes a message to a topic of ROS 2 in each tick, and succeeds.
+
+    `type` names the message, and `message` holds its fields. In the JSON a text "{key}" stands for the entry
+    `key` of the blackboard. The name of the topic is `topic_name`; without it, the instance name (`name`) is
+    the name of the topic.
+    """
+
+    topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
+    qos: Annotated[In[Qos], "the quality of service: reliable, sensor_data or latched"] = Qos.reliable
+    node_symbol: ClassVar[str] = "↑"
+    may_return: ClassVar[frozenset[Status]] = frozenset({Status.SUCCESS})
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """Return the ports."""
+        return [
+            _type_port("geometry_msgs/msg/Twist"),
+            _message_port("message", "the message"),
+        ]
+
+    @classmethod
+    def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
+        """Return the problems of the message."""
+        return message_problems(literals, "msg", {"message": ""}, {})
+
+    def __init__(self, session: RosSession, board: Blackboard) -> None:
+        self.message_type = load_type(self, "msg")
+        self._message_port = MessagePort(self, "message", self.message_type, session)
+        super().__init__(session)
+
+    def _connect(self, name: str) -> Any:
+        return self.session.node.create_publisher(self.message_type, name, self.qos.profile())
+
+    def make_message(self) -> Any:
+        """Return the message in the port."""
+        return self._message_port.read()
+
+
+class _Newest:
+    """The newest message of a topic, and the time (ns) at which it arrived."""
+
+    def __init__(self, now: Callable[[], int]) -> None:
+        self.message: Any = None
+        self.stamp = 0
+        self.waiting: set[RosTopicRead] = set()
+        self._now = now
+
+    def take(self, message: Any) -> None:
+        """Keep *message*, and wake the leaves that wait for it."""
+        self.message = message
+        self.stamp = self._now()
+        for leaf in self.waiting:
+            leaf.wake_up()
+
+
+class RosTopicRead(_ByName, StatefulAction):
+    """Reads the newest message of a topic of ROS 2, or waits for a message and fails after `timeout`.
+
+    If a message has arrived since the tree was loaded, the leaf succeeds at once. With `max_age`, an older
+    message does not count. After a failure, `error` has the reason.
+
+    `type` names the message. The name of the topic is `topic_name`; without it, the instance name (`name`) is
+    the name of the topic.
+    """
+
+    topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
+    qos: Annotated[In[Qos], "the quality of service: reliable, sensor_data or latched"] = Qos.reliable
+    timeout: Annotated[In[int], "how long (ms) the leaf waits for a message"] = 1000
+    max_age: Annotated[In[float], "the maximum time (s) since the message arrived; 0 = no limit"] = 0.0
+    node_symbol: ClassVar[str] = "↓"
+    may_complete_on_start: ClassVar[bool] = True
+    state_fields: ClassVar[tuple[str, ...] | None] = None
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """Return the ports."""
+        return [
+            _type_port("sensor_msgs/msg/BatteryState"),
+            _output("message", "the message, or its field"),
+            _field_port("field", "message"),
+            _error_output("why there is no message, or an empty text"),
+        ]
+
+    @classmethod
+    def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
+        """Return the problems of the type and of the field."""
+        return message_problems(literals, "msg", {}, {"field": ""})
+
+    def __init__(self, session: RosSession) -> None:
+        self.session = session
+        self.message_type = load_type(self, "msg")
+        self._deadline = 0
+        self._logged = ""
+        key = ("newest", self.message_type, self.qos)
+        self._endpoint = Endpoint(self, session, "topic_name", key, self._connect)
+
+    def _connect(self, name: str) -> _Newest:
+        from rclpy.event_handler import SubscriptionEventCallbacks
+
+        newest = _Newest(self.session.clock.now)
+        # The default callbacks log incompatible publishers, which why_silent() describes.
+        callbacks = SubscriptionEventCallbacks(use_default_callbacks=False)
+        node, qos = self.session.node, self.qos.profile()
+        node.create_subscription(self.message_type, name, newest.take, qos, event_callbacks=callbacks)
+        return newest
+
+    def on_start(self) -> Status:
+        """Read the message, or begin to wait."""
+        self._deadline = self.now() + self.timeout * NS_PER_MS
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        """Read the message, or continue to wait."""
+        newest = self._endpoint.get()
+        self.session.refresh()
+        if newest.message is not None:
+            age = self.session.clock.now() - newest.stamp
+            if self.max_age <= 0 or age <= self.max_age * NS_PER_S:
+                self.on_halted()
+                self.write("message", newest.message, "field")
+                self.write_error("")
+                return Status.SUCCESS
+        if self.now() < self._deadline:
+            newest.waiting.add(self)
+            self.wake_at(self._deadline)
+            return Status.RUNNING
+        self.on_halted()
+        name = self._endpoint.name
+        reason = why_silent(self.session.node, name, interface_name(self.message_type), self.qos)
+        error = f"no message on the topic '{name}' within {self.timeout} ms: {reason}"
+        if newest.message is None and error != self._logged:
+            self._logged = error
+            log.warning("%s: %s", self.path, error)
+        self.write_error(error)
+        return Status.FAILURE
+
+    def on_halted(self) -> None:
+        """Stop waiting."""
+        self.cancel_wake_up()
+        self._endpoint.get().waiting.discard(self)
+
+
+def why_silent(node: Any, name: str, kind: str, qos: Qos) -> str:
+    """Return the probable reason why no message of the topic *name* has arrived, and what to do.
+
+    Args:
+        node: The ROS node.
+        name: The name of the topic.
+        kind: The ROS name of the message that is expected.
+        qos: The quality of service of the subscription.
+    """
+    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+    name = node.resolve_topic_name(name)
+    publishers = node.get_publishers_info_by_topic(name)
+    if not publishers:
+        similar = did_you_mean(
+            name, [topic for topic, _ in node.get_topic_names_and_types() if topic != name]
+        )
+        return f"nothing publishes it{similar}"
+    others = sorted({info.topic_type for info in publishers} - {kind})
+    if len(others) > 0 and not any(info.topic_type == kind for info in publishers):
+        return f"its type is {join_names(others)}"
+    profiles = [info.qos_profile for info in publishers]
+    best_effort = all(profile.reliability == ReliabilityPolicy.BEST_EFFORT for profile in profiles)
+    if best_effort and qos is not Qos.sensor_data:
+        return 'its publishers are best effort: write qos="sensor_data"'
+    volatile = all(profile.durability == DurabilityPolicy.VOLATILE for profile in profiles)
+    if volatile and qos is Qos.latched:
+        return 'its publishers are volatile: write qos="reliable"'
+    return "its publishers have sent nothing"

@@ -1,0 +1,253 @@
+"""Leaves that need no code, with a plain rclpy program in another process."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import Pose, PoseStamped
+from rclpy.action import ActionClient
+from sensor_msgs.msg import BatteryState
+from std_srvs.srv import SetBool
+from test_msgs.action import Fibonacci
+
+import btcore
+from btcore import Blackboard, NodeExecutionError, Registry, Status, Tree, TreeError
+from btcore_ros2.leaves import register
+from btcore_ros2.session import RosSession
+
+LIMIT_S = 30
+
+
+@pytest.fixture(scope="module")
+def session() -> Iterator[RosSession]:
+    """A session that has discovered the server in another process."""
+    program = [sys.executable, str(Path(__file__).with_name("by_name_server.py"))]
+    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        assert server.stdout.readline() == "ready\n"
+        with RosSession("by_name") as made:
+            action = ActionClient(made.node, Fibonacci, "count")
+            service = made.node.create_client(SetBool, "switch")
+            assert made.wait_for(lambda: action.server_is_ready() and service.service_is_ready(), LIMIT_S)
+            assert made.wait_for(lambda: made.node.count_publishers("battery"), LIMIT_S)
+            yield made
+            action.destroy()
+        assert server.stdin is not None
+        server.stdin.close()
+        assert server.wait(LIMIT_S) == 0
+
+
+def tree_of(body: str, session: RosSession, **entries: object) -> Tree:
+    """Return a tree with *body*, and with *entries* on its blackboard."""
+    nodes = Registry.standard()
+    register(nodes)
+    board = Blackboard()
+    for key, value in entries.items():
+        board[key] = value
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    return btcore.loads(text, nodes=nodes, resources=[session], blackboard=board, clock=session.clock)
+
+
+COUNT = """<RosActionCall name="/count" type="test_msgs/action/Fibonacci" goal='json:{"order": 3}'
+    result="{result}" feedback="{feedback}" error="{error}" server_timeout="20000"/>"""
+
+
+def test_goal_in_json_is_sent_to_the_action_that_the_instance_name_names(session: RosSession) -> None:
+    tree = tree_of(COUNT, session)
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert list(tree.blackboard["result"].sequence) == [0, 1, 2]
+    assert list(tree.blackboard["feedback"].sequence) == [3]
+    assert tree.blackboard["error"] == ""
+
+
+def test_action_name_has_precedence_over_the_instance_name(session: RosSession) -> None:
+    tree = tree_of(
+        COUNT.replace('name="/count"', 'name="Count to 3" action_name="{action}"'), session, action="count"
+    )
+    assert tree.tick_while_running() is Status.SUCCESS
+
+
+def test_fields_of_result_and_feedback_are_written(session: RosSession) -> None:
+    fields = 'result_field="sequence[2]" feedback_field="sequence"/>'
+    tree = tree_of(COUNT.replace("/>", fields), session)
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert tree.blackboard["result"] == 2
+    assert tree.blackboard["feedback"].tolist() == [3]
+
+
+def test_aborted_goal_fails_with_its_result_and_a_reason(session: RosSession) -> None:
+    tree = tree_of(COUNT.replace("3}", "-2}"), session)
+    assert tree.tick_while_running() is Status.FAILURE
+    assert list(tree.blackboard["result"].sequence) == [-1]
+    assert "'/count' aborted the goal" in tree.blackboard["error"]
+
+
+@pytest.mark.parametrize(
+    ("goal", "entries"),
+    [
+        ("""'json:{"order": "{n}"}'""", {"n": 2}),
+        ("""'json:{"order": "{n}"}'""", {"n": 2.0}),  # the result of a script is a real number
+        ('"{goal}"', {"goal": {"order": 2}}),
+        ('"{goal}"', {"goal": {"order": "{n}"}, "n": 2}),
+        ('"{goal}"', {"goal": 'json:{"order": 2}'}),
+        ('"{goal}"', {"goal": Fibonacci.Goal(order=2)}),
+    ],
+)
+def test_goal_may_be_an_entry_or_contain_entries(
+    session: RosSession, goal: str, entries: dict[str, object]
+) -> None:
+    tree = tree_of(COUNT.replace("""'json:{"order": 3}'""", goal), session, **entries)
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert list(tree.blackboard["result"].sequence) == [0, 1]
+
+
+def test_entry_of_a_goal_is_read_in_the_scope_of_the_leaf(session: RosSession) -> None:
+    body = '<SubTree ID="Inner" n="{target}" result="{result}"/></BehaviorTree><BehaviorTree ID="Inner">'
+    body += COUNT.replace("3}", '"{n}"}')
+    nodes = Registry.standard()
+    register(nodes)
+    board = Blackboard()
+    board["target"] = 4
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    tree = btcore.loads(
+        text, tree="Main", nodes=nodes, resources=[session], blackboard=board, clock=session.clock
+    )
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert list(board["result"].sequence) == [0, 1, 2, 3]
+
+
+def test_entry_that_does_not_fit_is_an_error_with_its_path(session: RosSession) -> None:
+    tree = tree_of(COUNT.replace("3}", '"{n}"}'), session, n="many")
+    with pytest.raises(NodeExecutionError, match=r"/count.*goal\.order: 'many' is not a number"):
+        tree.tick_once()
+    tree = tree_of(COUNT.replace("3}", '"{n}"}'), session)
+    with pytest.raises(
+        NodeExecutionError, match=r"port \[goal\] reads \{n\}, which is not on the blackboard"
+    ):
+        tree.tick_once()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        (
+            "order",
+            "ordre",
+            "goal.ordre: test_msgs/Fibonacci_Goal has no field 'ordre'; did you mean 'order'?",
+        ),
+        ("Fibonacci", "Fibonaci", "no action 'Fibonaci'; did you mean 'Fibonacci'?"),
+        ('"test_msgs/action/Fibonacci"', '"{kind}"', "port [type] must be the name of an action"),
+        (
+            "test_msgs",
+            "rover_msgs",
+            "the package 'rover_msgs' of 'rover_msgs/action/Fibonacci' is not installed",
+        ),
+        ('name="/count"', "", "port [action_name] is empty"),
+        ('name="/count"', 'name="Count to 3"', "'Count to 3' is not a valid ROS name"),
+        ("server_timeout", 'result_field="sequenc" server_timeout', "did you mean 'sequence'?"),
+        ("3}", "3]", "not JSON: Expecting ',' delimiter"),
+    ],
+)
+def test_invalid_literal_is_an_error_when_the_tree_is_loaded(
+    session: RosSession, old: str, new: str, problem: str
+) -> None:
+    with pytest.raises(TreeError) as caught:
+        tree_of(COUNT.replace(old, new), session)
+    assert problem in str(caught.value)
+
+
+SWITCH = """<RosServiceCall name="switch" type="std_srvs/SetBool" request='json:{"data": true}'
+    response="{response}" response_field="message" error="{error}" server_timeout="20000"/>"""
+
+
+def test_service_is_called_and_its_field_success_is_the_result(session: RosSession) -> None:
+    tree = tree_of(SWITCH, session)
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert (tree.blackboard["response"], tree.blackboard["error"]) == ("on", "")
+    tree = tree_of(SWITCH.replace("true", "false"), session)
+    assert tree.tick_while_running() is Status.FAILURE
+    assert tree.blackboard["response"] == "cannot be switched off"
+    assert tree.blackboard["error"] == "the service 'switch' did not succeed: cannot be switched off"
+
+
+def test_missing_service_fails_with_a_reason(session: RosSession) -> None:
+    tree = tree_of(SWITCH.replace('"switch"', '"swich"'), session)
+    assert tree.tick_while_running() is Status.FAILURE
+    assert "no service 'swich' (std_srvs/srv/SetBool)" in tree.blackboard["error"]
+
+
+def test_message_is_published_and_read(session: RosSession) -> None:
+    body = """<Sequence>
+      <RosTopicPublish topic_name="words" type="std_msgs/String" message='json:{"data": "{word}"}'/>
+      <RosTopicRead name="heard" type="std_msgs/String" qos="latched" message="{answer}" field="data"
+          timeout="20000"/>
+    </Sequence>"""
+    tree = tree_of(body, session, word="hello")
+    assert session.wait_for(lambda: session.node.count_subscribers("words"), LIMIT_S)
+    # A publisher connects to a subscription of another process some time after both are visible.
+    assert session.wait_for(lambda: tree.tick_while_running() is Status.SUCCESS, LIMIT_S)
+    assert tree.blackboard["answer"] == "hello"
+
+
+def test_best_effort_topic_is_read_with_the_profile_of_sensors(session: RosSession) -> None:
+    body = """<RosTopicRead name="battery" type="sensor_msgs/msg/BatteryState" qos="sensor_data"
+        message="{battery}" timeout="20000"/>"""
+    tree = tree_of(body, session)
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert isinstance(tree.blackboard["battery"], BatteryState)
+    # The newest message is read at once.
+    assert tree.tick_once() is Status.SUCCESS
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "qos", "problem"),
+    [
+        (
+            "battery",
+            "sensor_msgs/BatteryState",
+            "reliable",
+            'publishers are best effort: write qos="sensor_data"',
+        ),
+        ("other_battery", "std_msgs/String", "reliable", "its type is sensor_msgs/msg/BatteryState"),
+        ("silence", "std_msgs/String", "latched", 'its publishers are volatile: write qos="reliable"'),
+        ("silence", "std_msgs/String", "reliable", "its publishers have sent nothing"),
+        ("batery", "std_msgs/String", "reliable", "nothing publishes it; did you mean '/battery'?"),
+    ],
+)
+def test_topic_without_a_message_fails_with_the_reason(
+    session: RosSession, name: str, kind: str, qos: str, problem: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    body = f'<RosTopicRead topic_name="{name}" type="{kind}" qos="{qos}" error="{{error}}" timeout="100"/>'
+    tree = tree_of(body, session)
+    assert tree.tick_while_running() is Status.FAILURE
+    error = tree.blackboard["error"]
+    assert error.startswith(f"no message on the topic '{name}' within 100 ms: ")
+    assert problem in error
+    assert error in caplog.text
+
+
+def test_old_message_does_not_count(session: RosSession) -> None:
+    body = """<RosTopicRead name="place" type="std_msgs/String" qos="latched" timeout="20000"/>"""
+    assert tree_of(body, session).tick_while_running() is Status.SUCCESS
+    old = body.replace("20000", "50").replace("/>", ' max_age="0.001" error="{error}"/>')
+    tree = tree_of(old, session)
+    start = session.clock.now()
+    assert session.wait_for(lambda: session.clock.now() > start + 2_000_000, LIMIT_S)
+    assert tree.tick_while_running() is Status.FAILURE
+
+
+def test_example_of_nav2_is_loaded(session: RosSession) -> None:
+    pytest.importorskip("nav2_msgs")
+    body = """<RosActionCall name="/navigate_to_pose" type="nav2_msgs/action/NavigateToPose"
+        goal='json:{"pose": {"header": {"frame_id": "map", "stamp": "now"}, "pose": "{target}"}}'
+        result="{result}"/>"""
+    tree = tree_of(body, session, target=Pose())
+    (leaf,) = tree
+    goal = leaf.make_goal()
+    assert isinstance(goal.pose, PoseStamped)
+    assert goal.pose.header.stamp.sec > 0
