@@ -2,8 +2,10 @@
 
 import logging
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from btcore_robot.rigid_transform import Transform
@@ -38,11 +40,12 @@ from btcore_ros2.robot.conversions import (
     rgb_of,
     sonar_of,
 )
-from btcore_ros2.robot.description import RosRobotDescription, TopicSource
+from btcore_ros2.robot.description import FrameSources, RosRobotDescription, TopicSource
 from btcore_ros2.robot.frames import FOOTPRINT, FrameStore, pose_of
 from btcore_ros2.robot.sim_time import SimTime
 from btcore_ros2.robot.stamps import StampConverter
-from btcore_ros2.robot.topic_report import DOMAIN_HINT, has_other_type, sees_others, topic_problem
+from btcore_ros2.robot.topic_report import DOMAIN_HINT, has_other_type, sees_others, takes, topic_problem
+from btcore_ros2.robot.urdf import UrdfJoint, read_urdf
 from btcore_ros2.robot.velocity import VelocityCommands, check_finite
 from btcore_ros2.session import RosSession
 
@@ -94,6 +97,7 @@ class RosRobot(Robot):
         self._session = session
         self._node: Any = session.node
         self._failure: str | None = None
+        self._start_deadline = time.monotonic() + description.start_timeout
         self._watches: list[_Watch] = []
         self._scans: ScanConverter | None = None
         self._raw_scan: tuple[Any, int] | None = None
@@ -102,6 +106,7 @@ class RosRobot(Robot):
         self._odometry: Odometry | None = None
         self._frames = FrameStore(description.base_frame, description.odom_frame)
         self._joints: dict[str, tuple[float, int]] = {}
+        self._moving_joints: dict[str, UrdfJoint] = {}
         self._battery: BatteryState | None = None
         self._sonars: dict[str, SonarReading] = {}
         self._camera_info: CameraInfo | None = None
@@ -297,15 +302,20 @@ class RosRobot(Robot):
         """Return the time of `/clock` if the robot uses it, else that of the session."""
         session, wanted = self._session, self.description.use_sim_time
         if wanted is None:
-            # The publishers of a robot become visible together, so the clock is searched after the laser.
-            topic = self._node.resolve_topic_name(self.description.scan.source.topic)
-            session.wait_for(lambda: self._node.count_publishers(topic), self.description.start_timeout)
-            wanted = session.wait_for(lambda: self._node.count_publishers("/clock"), CLOCK_SEARCH)
+            # The publishers of a robot become visible together, so the clock is searched after the sensors.
+            sensors = (self.description.scan.source.topic, self.description.odometry.topic)
+            topics = [self._node.resolve_topic_name(topic) for topic in sensors]
+            visible = session.wait_for(
+                lambda: any(self._node.count_publishers(topic) for topic in topics),
+                self._start_time_left() / 2,
+            )
+            search = CLOCK_SEARCH if visible else 0.0
+            wanted = session.wait_for(lambda: self._node.count_publishers("/clock"), search)
         self._stamps = StampConverter(shared=bool(wanted))
         if not wanted:
             return session.clock.schedule
         sim_time = SimTime(session)
-        if not session.wait_for(lambda: sim_time.started, self.description.start_timeout):
+        if not session.wait_for(lambda: sim_time.started, self._start_time_left()):
             from rosgraph_msgs.msg import Clock
 
             raise RosError(
@@ -313,6 +323,10 @@ class RosRobot(Robot):
                 f"'use_sim_time: false' in {self.description.path}"
             )
         return sim_time
+
+    def _start_time_left(self) -> float:
+        """Return the time (s) that is left until the robot has to be available."""
+        return max(0.0, self._start_deadline - time.monotonic())
 
     def _stamp_message(self) -> Any:
         if not isinstance(self._time, SimTime):
@@ -338,21 +352,32 @@ class RosRobot(Robot):
         self._subscribe(OdometryMessage, description.odometry, self._receive_odometry)
         if description.joint_states is not None:
             self._subscribe(JointState, description.joint_states, self._receive_joints)
-        frames = description.frames
-        if frames.tf is not None:
-            from tf2_msgs.msg import TFMessage
-
-            tf = TopicSource(frames.tf, reliable=True)
-            self._subscribe(TFMessage, tf, lambda message: self._receive_tf(message, False), depth=100)
-            static = TopicSource(frames.tf_static or "/tf_static", reliable=True)
-            receive = lambda message: self._receive_tf(message, True)  # noqa: E731
-            self._subscribe(TFMessage, static, receive, depth=100, latched=True)
+        self._subscribe_frames(description.frames)
         if description.battery is not None:
             from sensor_msgs.msg import BatteryState as BatteryMessage
 
             self._subscribe(BatteryMessage, description.battery.source, self._receive_battery)
         for source in description.sonars:
             self._subscribe(Range, source, self._receive_sonar)
+
+    def _subscribe_frames(self, sources: FrameSources) -> None:
+        try:
+            if sources.tf is None:
+                raise ModuleNotFoundError(name="tf2_msgs")
+            from tf2_msgs.msg import TFMessage
+        except ModuleNotFoundError:
+            if sources.robot_description is None:
+                raise
+            from std_msgs.msg import String
+
+            model = TopicSource(sources.robot_description, reliable=True)
+            self._subscribe(String, model, self._receive_description, depth=1, latched=True)
+            return
+        tf = TopicSource(sources.tf, reliable=True)
+        self._subscribe(TFMessage, tf, partial(self._receive_tf, static=False), depth=100)
+        static = TopicSource(sources.tf_static or "/tf_static", reliable=True)
+        receive = partial(self._receive_tf, static=True)
+        self._subscribe(TFMessage, static, receive, depth=100, latched=True)
 
     def _subscribe(
         self,
@@ -422,7 +447,25 @@ class RosRobot(Robot):
         # Several nodes may publish joint states of different joints.
         stamp = self._converted(("joints", message.name[0] if message.name else ""), message.header.stamp)
         for name, position in zip(message.name, message.position, strict=False):
-            self._joints[name] = position, stamp
+            if math.isfinite(position):
+                self._joints[name] = position, stamp
+                self._place_link(name)
+
+    def _receive_description(self, message: Any) -> None:
+        joints = read_urdf(message.data)
+        for joint in joints:
+            if not joint.moves:
+                self._frames.set(joint.child, joint.parent, joint.origin, None)
+        self._moving_joints = {joint.name: joint for joint in joints if joint.moves}
+        for name in self._joints:
+            self._place_link(name)
+
+    def _place_link(self, name: str) -> None:
+        """Store the pose of the link that the joint *name* moves, if there is a URDF."""
+        joint = self._moving_joints.get(name)
+        if joint is not None:
+            position, stamp = self._joints[name]
+            self._frames.set(joint.child, joint.parent, joint.pose(position), stamp)
 
     def _receive_battery(self, message: Any) -> None:
         source = self.description.battery
@@ -480,8 +523,7 @@ class RosRobot(Robot):
 
     def _wait_for_topics(self) -> None:
         """Wait until the robot is complete; raise a RosError that names what is missing."""
-        limit = self.description.start_timeout
-        early = min(MISMATCH_TIME, limit)
+        early = min(MISMATCH_TIME, self._start_time_left())
         if not self._session.wait_for(lambda: not self._missing(), early):
             mismatched = [
                 watch for watch in self._watches if has_other_type(self._node, watch.topic, watch.kind)
@@ -491,7 +533,7 @@ class RosRobot(Robot):
             if (
                 mismatched
                 or takes_other
-                or not self._session.wait_for(lambda: not self._missing(), limit - early)
+                or not self._session.wait_for(lambda: not self._missing(), self._start_time_left())
             ):
                 raise RosError(self._missing_report())
         self._start_laser()
@@ -514,16 +556,20 @@ class RosRobot(Robot):
             missing.append("head")
         if description.torso is not None and self.torso_height() is None:
             missing.append("torso")
-        if not self._node.count_subscribers(self._velocity.topic):
+        # Asked last, since a look at the graph is slow.
+        if not (missing or takes(self._node, self._velocity.topic, self._velocity.kind)):
             missing.append("velocity")
         return missing
 
     def _missing_report(self) -> str:
         description, node = self.description, self._node
         lines = []
-        for key in self._missing():
+        missing = self._missing()
+        velocity = self._velocity
+        if "velocity" not in missing and not takes(node, velocity.topic, velocity.kind):
+            missing.append("velocity")
+        for key in missing:
             if key == "velocity":
-                velocity = self._velocity
                 reason = topic_problem(node, velocity.topic, velocity.kind, published=False)
                 lines.append(f"velocity: {velocity.topic}: {reason}")
             elif key == "frames":
@@ -576,16 +622,21 @@ class RosRobot(Robot):
         self._session.refresh()
         now = self._time.now()
         if self._failure is None:
-            silent = [
-                watch
-                for watch in self._watches
-                if watch.timeout is not None and now - watch.arrival > watch.timeout * NS_PER_S
-            ]
+            silent = self._silent(now, 1.0)
             if silent:
-                self._fail(self._silence(silent, now))
+                # Topics of a robot that is down reach their limits one after another.
+                self._fail(self._silence(self._silent(now, 0.5), now))
         if self._failure is not None:
             raise RosError(self._failure)
         self._velocity.expire(now)
+
+    def _silent(self, now: int, part: float) -> list[_Watch]:
+        """Return the watched topics without a message for longer than *part* of their limits."""
+        return [
+            watch
+            for watch in self._watches
+            if watch.timeout is not None and now - watch.arrival > part * watch.timeout * NS_PER_S
+        ]
 
     def _silence(self, silent: Sequence[_Watch], now: int) -> str:
         parts = [

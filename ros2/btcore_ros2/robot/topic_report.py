@@ -26,6 +26,12 @@ def has_other_type(node: Any, topic: str, kind: type, *, published: bool = True)
     return bool(types) and type_name(kind) not in types
 
 
+def takes(node: Any, topic: str, kind: type) -> bool:
+    """Return whether another ROS node subscribes to *topic* with the message class *kind*."""
+    name = type_name(kind)
+    return any(info.topic_type == name for info in _endpoints(node, topic, published=False))
+
+
 def topic_problem(node: Any, topic: str, kind: type, *, published: bool = True) -> str:
     """Return a sentence about a topic on which nothing arrives, or to which nothing listens.
 

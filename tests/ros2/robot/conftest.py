@@ -57,13 +57,17 @@ class PointRobotProcess:
         return state
 
     def close(self) -> None:
-        self.process.kill()
-        self.process.communicate()
+        """End the process, and remove the robot from the graph."""
+        try:
+            self.process.communicate('{"end": true}\n', timeout=20)
+        except (subprocess.TimeoutExpired, BrokenPipeError):
+            self.process.kill()
+            self.process.communicate()
 
 
 @pytest.fixture
 def start_robot() -> Iterator[Callable[..., PointRobotProcess]]:
-    """A function that starts a robot with settings; it is killed at the end of the test."""
+    """A function that starts a robot with settings; it ends with the test."""
     started: list[PointRobotProcess] = []
 
     def start(**settings: Any) -> PointRobotProcess:

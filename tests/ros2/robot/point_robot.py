@@ -240,6 +240,10 @@ def main() -> None:
             line = lines.get()
             command = json.loads(line) if line.strip() else {"end": True}
             if "end" in command:
+                # Announced to the other nodes, which would see the robot for 20 s more otherwise.
+                executor.shutdown()
+                robot.destroy_node()
+                rclpy.shutdown()
                 return
             for key, value in command.items():
                 setattr(robot, key, value)

@@ -1,6 +1,5 @@
 """A robot over topics follows the protocol; the robot runs in another process."""
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,9 +20,9 @@ from btcore_robot.testing import (
     is_standing,
     wait,
 )
+from btcore_ros2.errors import RosError
 from btcore_ros2.robot.description import RosRobotDescription, load_robot
 from btcore_ros2.robot.ros_robot import RosRobot
-from btcore_ros2.robot.sim_time import SimTime
 from btcore_ros2.session import RosSession
 from tests.ros2.robot.conftest import DESCRIPTION, PARTS, PointRobotProcess
 
@@ -75,15 +74,38 @@ def test_head_torso_camera_and_sonar(
     check_sonars(robot)
 
 
-def test_simulated_time(
-    session: RosSession, start_robot: Callable[..., PointRobotProcess], tmp_path: Path
+def test_command_expires_without_a_new_command(
+    session: RosSession, point_robot: PointRobotProcess, tmp_path: Path
 ) -> None:
-    start_robot(sim_time=True, factor=2.0)
     robot = RosRobot(session, describe(tmp_path))
-    assert isinstance(robot.clock, SimTime)
-    check_info(robot)
-    check_scan(robot)
-    check_frames(robot)
-    before, wall = robot.clock.now(), time.monotonic_ns()
-    wait(robot, 2.0)
-    assert robot.clock.now() - before > 1.5 * (time.monotonic_ns() - wall)
+    robot.drive(9.0, 1.0)
+    wait(robot, 0.1)
+    # Within the limits, and with the same radius of the curve.
+    assert session.wait_for(lambda: point_robot.send()["commands"][-1] == ["/cmd_vel", 0.5, 1.0 / 18], 10.0)
+    wait(robot, 0.7)
+    assert session.wait_for(lambda: point_robot.send()["commands"][-1][1:] == [0.0, 0.0], 10.0)
+
+
+def test_battery_in_percent(session: RosSession, point_robot: PointRobotProcess, tmp_path: Path) -> None:
+    robot = RosRobot(session, describe(tmp_path, DESCRIPTION + "battery: {topic: /battery}\n"))
+    assert session.wait_for(robot.battery, 10.0)
+    battery = robot.battery()
+    assert battery is not None
+    assert battery.level == 75.0
+    assert 0 <= robot.clock.now() - battery.stamp < 10_000_000_000
+
+
+def test_robot_that_does_not_answer(
+    session: RosSession, point_robot: PointRobotProcess, tmp_path: Path
+) -> None:
+    text = DESCRIPTION.replace("start_timeout: 20", "start_timeout: 3").replace(
+        "topic: /scan", "topic: /lidar"
+    )
+    with pytest.raises(RosError) as caught:
+        RosRobot(session, describe(tmp_path, text))
+    message = str(caught.value)
+    assert "the robot 'point' is not available" in message
+    expected = "no publisher is visible; topics with a publisher of sensor_msgs/msg/LaserScan: /scan"
+    assert f"scan: /lidar: {expected}" in message
+    assert f"correct {tmp_path / 'point.yaml'}" in message
+    assert "odometry" not in message

@@ -1,0 +1,84 @@
+"""Descriptions of robots: the bundled files are valid, and each mistake is reported with its line."""
+
+from pathlib import Path
+
+import pytest
+
+from btcore_robot.robot import BaseInfo
+from btcore_ros2.errors import RosError
+from btcore_ros2.robot.description import bundled_robots, load_robot
+from btcore_sim.robot_description import load_description
+from tests.ros2.robot.conftest import DESCRIPTION, PARTS
+
+
+def test_bundled_robots_are_valid() -> None:
+    assert {"tiago", "turtlebot3", "turtlebot4"} <= set(bundled_robots())
+    for name in bundled_robots():
+        assert load_robot(name).base.v_max > 0.0
+
+
+def test_tiago_has_the_facts_of_the_simulated_tiago() -> None:
+    tiago, simulated = load_robot("tiago"), load_description()
+    assert tiago.base == simulated.base
+    assert simulated.head is not None
+    assert tiago.head is not None
+    assert (tiago.head.pan, tiago.head.tilt) == (simulated.head.pan, simulated.head.tilt)
+    assert tiago.head.info == simulated.head.facts
+    assert simulated.torso is not None
+    assert tiago.torso is not None
+    assert tiago.torso.info == simulated.torso.facts
+    facts = simulated.laser.facts
+    assert (tiago.scan.rate, tiago.scan.sigma) == (facts.rate, facts.sigma)
+    assert tiago.velocity.priorities == {"/cmd_vel": 10, "/key_vel": 90, "/joy_vel": 100}
+
+
+def test_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "point.yaml"
+    path.write_text(DESCRIPTION + PARTS)
+    robot = load_robot(path)
+    assert robot.base == BaseInfo(-0.3, 0.5, 1.0, 1.0, 2.0, 0.5, 0.2)
+    assert (robot.use_sim_time, robot.odom_frame, robot.base_frame) == (None, "odom", "base_footprint")
+    assert not robot.scan.source.reliable
+    assert robot.scan.source.timeout == 1.0
+    assert robot.joint_states is not None
+    assert robot.joint_states.timeout is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("v_max: 0.5", "vmax: 0.5", ":3: 'base.v_max' is missing: did you mean 'vmax'?"),
+        ("start_timeout", "start_timout", ":2: 'start_timout' is unknown: did you mean 'start_timeout'?"),
+        ("v_min: -0.3", "v_min: 0.3", ":3: 'base.v_min' is 0.3, and it has to be at most 0"),
+        ("command_timeout: 0.5", "command_timeout: 2", ":3: 'base.command_timeout' is 2"),
+        ("rate: 10, sigma", "rate: fast, sigma", ":4: 'scan.rate' is 'fast', and a number is expected"),
+        ("{topic: /odom, timeout: 1.0}", "/odom", ":5: 'odometry' is '/odom', and a map of keys"),
+        ("type: Twist,", "type: TwistStampd,", "did you mean 'TwistStamped'?"),
+        ("/key_vel: 90", "/key_vel: high", ":6: 'velocity.topics./key_vel' is 'high'"),
+        ("{/cmd_vel: 10, /key_vel: 90}", "{}", ":6: 'velocity.topics' names no topic"),
+        ("{tf: /tf}", "{}", ":7: 'frames.tf' is missing"),
+        ("joint_states:", "#", ":9: 'head' needs the positions of its joints: add 'joint_states'"),
+        ("pan_limits: [-1.3, 1.3]", "pan_limits: [1.3, -1.3]", ":12: 'head.pan_limits' is [1.3, -1.3]"),
+        ("joints: [head_1_joint, head_2_joint]", "joints: [head_1_joint]", "a list of 2 texts is expected"),
+        ("near: 0.1", "near: 9", ":16: 'camera.far' is 8, and it has to be greater than 'near'"),
+        ("sonars: [/sonar]", "sonars: [/sonar", "not valid YAML"),
+        ("sonars: [/sonar]", "name: twice", ":17: 'name' occurs twice"),
+        ("timeout: 1.0, rate", "reliability: best, rate", "'scan.reliability' is 'best': it has to be"),
+    ],
+)
+def test_mistake_is_reported_with_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = DESCRIPTION + PARTS
+    assert old in text
+    path = tmp_path / "point.yaml"
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(RosError) as caught:
+        load_robot(path)
+    assert str(path) in str(caught.value)
+    assert message in str(caught.value)
+
+
+def test_unknown_robot_is_reported(tmp_path: Path) -> None:
+    with pytest.raises(RosError, match="there is no robot 'tiga': did you mean 'tiago'"):
+        load_robot("tiga")
+    with pytest.raises(RosError, match=r"missing\.yaml"):
+        load_robot(tmp_path / "missing.yaml")

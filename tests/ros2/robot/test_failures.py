@@ -1,0 +1,128 @@
+"""A robot that fails, or has other types: the error names the topic, and the robot is told to stop."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("tf2_msgs")
+
+from btcore_robot.testing import wait
+from btcore_ros2.errors import RosError
+from btcore_ros2.robot.description import RosRobotDescription, load_robot
+from btcore_ros2.robot.ros_robot import RosRobot
+from btcore_ros2.session import RosSession
+from tests.ros2.robot.conftest import DESCRIPTION, PointRobotProcess
+
+Start = Callable[..., PointRobotProcess]
+
+
+def describe(folder: Path, text: str = DESCRIPTION) -> RosRobotDescription:
+    path = folder / "point.yaml"
+    path.write_text(text)
+    return load_robot(path)
+
+
+def drive_until_error(robot: RosRobot, seconds: float = 20.0) -> str:
+    """Drive until waiting on the clock raises an error, and return its message."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        robot.drive(0.1, 0.2)
+        try:
+            wait(robot, 0.1)
+        except RosError as error:
+            return str(error)
+    raise AssertionError("no error within the limit")
+
+
+def stopped(process: PointRobotProcess, session: RosSession) -> bool:
+    """Return whether the last command that the robot receives is zero."""
+    return session.wait_for(lambda: process.send()["commands"][-1][1:] == [0.0, 0.0], 10.0)
+
+
+def test_topic_that_stops(session: RosSession, start_robot: Start, tmp_path: Path) -> None:
+    process = start_robot()
+    robot = RosRobot(session, describe(tmp_path))
+    robot.drive(0.1, 0.2)
+    wait(robot, 0.5)
+    assert process.send(silent=["/scan"])["twist"][0] > 0.0
+    message = drive_until_error(robot)
+    assert message.startswith("/scan: no message for 1.")
+    assert "(limit 1 s): its driver has stopped; the robot was told to stop" in message
+    assert stopped(process, session)
+    # The error is raised again, and commands are not sent any more.
+    robot.drive(0.1, 0.2)
+    with pytest.raises(RosError, match="/scan: no message"):
+        wait(robot, 0.2)
+    assert stopped(process, session)
+
+
+@pytest.mark.parametrize(("offset", "message"), [(1_000_060.0, "ahead by 60."), (999_940.0, "back by ")])
+def test_jump_of_the_robots_clock(
+    session: RosSession, start_robot: Start, tmp_path: Path, offset: float, message: str
+) -> None:
+    process = start_robot()
+    robot = RosRobot(session, describe(tmp_path))
+    wait(robot, 2.2)
+    process.send(offset=offset)
+    assert f"its stamps jumped {message}" in drive_until_error(robot)
+    assert stopped(process, session)
+
+
+def test_last_command_is_zero_when_the_robot_is_closed(
+    session: RosSession, start_robot: Start, tmp_path: Path
+) -> None:
+    process = start_robot()
+    with RosSession("driver") as own, RosRobot(own, describe(tmp_path)) as robot:
+        robot.drive(0.1, 0.2, priority=90)
+    assert session.wait_for(lambda: len(process.send()["commands"]) == 2, 10.0)
+    topics = [command[0] for command in process.send()["commands"]]
+    assert topics == ["/key_vel", "/key_vel"]
+    assert stopped(process, session)
+
+
+def test_odd_readings(session: RosSession, start_robot: Start, tmp_path: Path) -> None:
+    start_robot(odd_ranges=True, percentage=float("nan"))
+    text = DESCRIPTION + "battery: {topic: /battery}\n"
+    robot = RosRobot(session, describe(tmp_path, text))
+    wait(robot, 0.5)
+    scan = robot.scan()
+    assert scan is not None
+    far, near = float("inf"), float("-inf")
+    assert scan.ranges[:8].tolist() == [far, far, far, far, near, far, near, 3.0]
+    assert robot.battery() is None
+
+
+def test_stamped_velocity(session: RosSession, start_robot: Start, tmp_path: Path) -> None:
+    process = start_robot(stamped=True)
+    began = time.monotonic()
+    with pytest.raises(RosError) as caught:
+        RosRobot(session, describe(tmp_path))
+    assert (
+        "velocity: /cmd_vel: the robot uses geometry_msgs/msg/TwistStamped, "
+        "but geometry_msgs/msg/Twist is expected"
+    ) in str(caught.value)
+    assert time.monotonic() - began < 15.0
+    # In a session of its own, since a ROS node uses one type for a topic.
+    text = DESCRIPTION.replace("type: Twist,", "type: TwistStamped,")
+    with RosSession("stamped") as own, RosRobot(own, describe(tmp_path, text)) as robot:
+        robot.drive(0.1, 0.0)
+        assert own.wait_for(lambda: process.send()["twist"][0] > 0.05, 10.0)
+
+
+def test_topic_of_another_type(session: RosSession, start_robot: Start, tmp_path: Path) -> None:
+    start_robot(scan_type="Range")
+    with pytest.raises(RosError, match="the robot uses sensor_msgs/msg/Range, but sensor_msgs/msg/LaserScan"):
+        RosRobot(session, describe(tmp_path))
+
+
+def test_robot_that_is_killed(session: RosSession, start_robot: Start, tmp_path: Path) -> None:
+    process = start_robot()
+    robot = RosRobot(session, describe(tmp_path))
+    process.process.kill()  # it stays visible for 20 s
+    message = drive_until_error(robot)
+    assert "/scan: no message" in message
+    assert "/odom: no message" in message
+    assert "the robot or the network is down" in message
