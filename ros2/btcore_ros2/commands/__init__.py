@@ -7,6 +7,7 @@ import click
 COMMANDS: dict[str, str] = {
     "messages": "messages",
     "serve": "serve",
+    "navigator": "navigator",
     "sim": "sim",
 }
 """The module of each command, relative to this package; it contains a click command of the same name."""

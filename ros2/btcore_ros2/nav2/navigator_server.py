@@ -1,0 +1,151 @@
+"""The navigator in place of Nav2's bt_navigator: it runs our trees on the servers of a running Nav2."""
+
+import logging
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from btcore import Tree
+from btcore.bundled_trees import folder
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.navigate_goal import NavigateGoal
+from btcore_robot.navigation.navigator import Navigator, tree_file
+from btcore_robot.navigation.stack import THROUGH_POSES, TO_POSE, TREES
+from btcore_robot.robot import NS_PER_S, Phase
+from btcore_ros2.errors import RosError
+from btcore_ros2.nav2.client import Nav2Client
+from btcore_ros2.nav2.conversions import ACTIONS, pose_from_stamped
+from btcore_ros2.nav2.pose_listener import POSE_IS_UNKNOWN
+from btcore_ros2.nav2.served_action import ServedAction
+from btcore_ros2.session import RosSession
+
+POSE_PATIENCE_S = 2.0
+"""The time (s) after which a goal fails if the robot's pose is unknown."""
+
+THROUGH_OFFSET = 100
+"""The difference between the error codes of NavigateThroughPoses and NavigateToPose."""
+
+log = logging.getLogger(__name__)
+
+
+class NavigatorServer:
+    """Nav2's actions `navigate_to_pose` and `navigate_through_poses`, and its topic `goal_pose`.
+
+    Goals run while a thread waits on the clock of the session. As in Nav2, one of both actions is active at
+    a time; a newer goal of the same tree replaces the goal in progress without a halt, and a goal of another
+    tree is aborted while a goal is in progress.
+
+    Args:
+        session: The session.
+        to_pose: The file of the tree for goals without a file; None = btcore's tree of Nav2's default name.
+        through_poses: The same for `navigate_through_poses`.
+        plugins: Libraries with further nodes for the trees.
+        rate: The rate (Hz) of ticks.
+
+    Attributes:
+        session: The session.
+
+    Raises:
+        RegistrationError: A library of *plugins* can't be used.
+        RosError: The package nav2_msgs is missing.
+    """
+
+    def __init__(
+        self,
+        session: RosSession,
+        to_pose: Path | None = None,
+        through_poses: Path | None = None,
+        *,
+        plugins: Iterable[str] = (),
+        rate: float = 100.0,
+    ) -> None:
+        from geometry_msgs.msg import PoseStamped
+
+        self.session = session
+        self._client = Nav2Client(session)
+        plugins = tuple(plugins)
+        trees = folder() / TREES
+        self._to_pose = self._navigator(to_pose or trees / TO_POSE, plugins, through=False)
+        self._through_poses = self._navigator(through_poses or trees / THROUGH_POSES, plugins, through=True)
+        self._served = (
+            self._serve(self._to_pose, self._through_poses),
+            self._serve(self._through_poses, self._to_pose),
+        )
+        session.node.create_subscription(PoseStamped, "goal_pose", self._take_goal_pose, 1)
+        session.clock.schedule.every(rate, Phase.CONTROLLER, self._step)
+
+    @property
+    def tree(self) -> Tree | None:
+        """The tree of the goal in progress, or of the last goal of `navigate_to_pose`."""
+        busy = self._through_poses.busy
+        return self._through_poses.tree if busy or self._to_pose.tree is None else self._to_pose.tree
+
+    def close(self) -> None:
+        """Cancel all goals, halt the trees, and destroy the servers."""
+        for served, navigator in zip(self._served, (self._to_pose, self._through_poses), strict=True):
+            served.cancel_all()
+            if navigator.busy and navigator.current is not None:
+                navigator.current.cancel()
+            navigator.step(self.session.clock.now())
+            served.close()
+
+    def _navigator(self, default: Path, plugins: tuple[str, ...], *, through: bool) -> Navigator:
+        return Navigator(
+            self._client,
+            default,
+            clock=self.session.clock,
+            resources=[self.session],
+            through=through,
+            plugins=plugins,
+            hold=lambda: self._client.pose() is None,
+            give_up_reason=self._give_up_reason,
+        )
+
+    def _serve(self, navigator: Navigator, other: Navigator) -> ServedAction:
+        offset = THROUGH_OFFSET if navigator.through else 0
+
+        def reject_reason(message: Any) -> str:
+            return f"{other.name} has a goal in progress" if other.busy else ""
+
+        return ServedAction(
+            self.session,
+            ACTIONS[navigator.name],
+            navigator,
+            reject_reason=reject_reason,
+            refusal=lambda goal: _refusal(navigator, goal),
+            adapt_code=lambda code: code + offset if code >= Nav2ErrorCode.NAVIGATE_UNKNOWN else code,
+        )
+
+    def _step(self, now: int) -> None:
+        for served, navigator in zip(self._served, (self._to_pose, self._through_poses), strict=True):
+            served.step(now)
+            navigator.step(now)
+
+    def _take_goal_pose(self, message: Any) -> None:
+        try:
+            goal = NavigateGoal((pose_from_stamped(message),))
+        except RosError as error:
+            log.warning("the goal of the topic goal_pose is ignored: %s", error)
+            return
+        reason = f"{self._through_poses.name} has a goal in progress" if self._through_poses.busy else ""
+        reason = reason or _refusal(self._to_pose, goal)
+        if reason:
+            log.warning("the goal of the topic goal_pose is ignored: %s", reason)
+        else:
+            self._to_pose.send_goal(goal)
+
+    def _give_up_reason(self, began: int) -> str:
+        if self.session.clock.now() - began < POSE_PATIENCE_S * NS_PER_S:
+            return ""
+        return POSE_IS_UNKNOWN
+
+
+def _refusal(navigator: Navigator, goal: NavigateGoal) -> str:
+    """Return why *goal* can't replace the goal in progress, or ""."""
+    current = navigator.current
+    if current is None or current.done:
+        return ""
+    running = tree_file(current.goal.behavior_tree, navigator.default_tree)
+    if tree_file(goal.behavior_tree, navigator.default_tree) == running:
+        return ""
+    return f"the goal in progress uses another tree, {running}: cancel it first"

@@ -1,0 +1,256 @@
+"""`btcore ros2 navigator` serves Nav2's actions to a plain rclpy client, with servers in a third process."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("nav2_msgs")
+
+from geometry_msgs.msg import PoseStamped
+from nav2_msgs.action import NavigateThroughPoses, NavigateToPose
+from rclpy.action import ActionClient
+
+from btcore_robot.navigation.action import GoalStatus
+from btcore_robot.robot import Pose2D
+from btcore_ros2.nav2.conversions import pose_to_stamped, poses_to_goals
+
+PLAIN_NAV2 = ("--without-navigator",)
+LIMIT = 30.0
+
+DRIVE = """
+<root BTCPP_format="4" main_tree_to_execute="Drive">
+  <BehaviorTree ID="Drive">
+    <PipelineSequence>
+      <GoalUpdatedController>
+        <ComputePathToPose goal="{goal}" path="{path}"/>
+      </GoalUpdatedController>
+      <FollowPath path="{path}" server_name="hang/follow_path"/>
+    </PipelineSequence>
+  </BehaviorTree>
+</root>
+"""
+FAIL = """
+<root BTCPP_format="4">
+  <BehaviorTree ID="Fail">
+    <Sequence>
+      <ComputePathToPose goal="{goal}" path="{path}"/>
+      <FollowPath path="{path}" server_name="abort/follow_path"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+BROKEN = '<root BTCPP_format="4"><BehaviorTree ID="B"><Script code="a := missing + 1"/></BehaviorTree></root>'
+
+
+@pytest.fixture(scope="module")
+def navigator(shared_bench: Any) -> Iterator[subprocess.Popen[str]]:
+    """The process of the navigator."""
+    command = [sys.executable, "-m", "btcore", "ros2", "navigator"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    yield process
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=LIMIT)
+
+
+class Client:
+    """A plain rclpy client of both actions."""
+
+    def __init__(self, bench: Any) -> None:
+        self.bench = bench
+        self.to_pose = ActionClient(bench.session.node, NavigateToPose, "navigate_to_pose")
+        self.through_poses = ActionClient(bench.session.node, NavigateThroughPoses, "navigate_through_poses")
+        self.feedback: list[Any] = []
+        assert bench.session.wait_for(
+            lambda: self.to_pose.server_is_ready() and self.through_poses.server_is_ready(), LIMIT
+        )
+
+    def send(self, x: float, tree: Any = "") -> Any:
+        """Send a goal to (x, 0), and return its handle."""
+        goal = NavigateToPose.Goal(pose=pose_to_stamped(Pose2D(x, 0.0, 0.0)), behavior_tree=str(tree))
+        return self.wait(self.to_pose.send_goal_async(goal, self.take))
+
+    def take(self, message: Any) -> None:
+        """Store feedback."""
+        self.feedback.append(message.feedback)
+
+    def wait(self, future: Any) -> Any:
+        """Return the result of a future."""
+        assert self.bench.session.wait_for(future.done, LIMIT)
+        return future.result()
+
+    def result(self, handle: Any) -> tuple[GoalStatus, Any]:
+        """Wait for the result of a goal."""
+        answer = self.wait(handle.get_result_async())
+        return GoalStatus(answer.status), answer.result
+
+    def wait_until_received(self, name: str, count: int = 1) -> None:
+        """Wait until a server of Nav2 has received goals."""
+        received = self.bench.session.wait_for(lambda: self.bench.names().count(name) >= count, LIMIT)
+        assert received, self.bench.names()
+
+
+@pytest.fixture(scope="module")
+def shared_client(shared_bench: Any, navigator: Any) -> Client:
+    return Client(shared_bench)
+
+
+@pytest.fixture
+def client(shared_client: Client, bench: Any) -> Client:
+    shared_client.feedback.clear()
+    return shared_client
+
+
+@pytest.fixture
+def drive(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The file of a tree that drives until its goal is cancelled."""
+    file = tmp_path_factory.getbasetemp() / "drive.xml"
+    file.write_text(DRIVE)
+    return str(file)
+
+
+def test_the_default_tree_reaches_the_goal(client):
+    handle = client.send(2.0)
+    assert handle.accepted
+    status, result = client.result(handle)
+    assert (status, result.error_code, result.error_msg) == (GoalStatus.SUCCEEDED, 0, "")
+    assert client.bench.names() == ["compute_path_to_pose", "follow_path"]
+
+
+def test_goals_through_poses_reach_the_last_pose(client):
+    goal = NavigateThroughPoses.Goal(poses=poses_to_goals([Pose2D(1.0, 2.0, 0.0), Pose2D(2.0, 0.0, 0.0)]))
+    handle = client.wait(client.through_poses.send_goal_async(goal, client.take))
+    assert client.result(handle)[0] is GoalStatus.SUCCEEDED
+    assert "compute_path_through_poses" in client.bench.names()
+
+
+def test_feedback_has_pose_times_and_distance(client, drive):
+    handle = client.send(2.0, drive)
+    assert client.bench.session.wait_for(
+        lambda: client.feedback and client.feedback[-1].distance_remaining > 0, LIMIT
+    )
+    feedback = client.feedback[-1]
+    here = feedback.current_pose.pose.position
+    assert (here.x, here.y) == pytest.approx((1.0, 2.0))
+    # From (1, 2) straight to the nearest pose of the path, its end at (2, 0) or its start at (0, 0).
+    assert feedback.distance_remaining == pytest.approx(5**0.5 + 2.0, abs=2.01)
+    # The odometry reports 0.5 m/s.
+    estimated = feedback.estimated_time_remaining
+    seconds = estimated.sec + estimated.nanosec / 1e9
+    assert seconds == pytest.approx(feedback.distance_remaining / 0.5, abs=0.01)
+    assert feedback.number_of_recoveries == 0
+    assert client.wait(handle.cancel_goal_async()).goals_canceling
+    assert client.result(handle)[0] is GoalStatus.CANCELED
+
+
+def test_cancelling_halts_the_tree_and_cancels_its_goals(client, drive):
+    handle = client.send(2.0, drive)
+    client.wait_until_received("hang/follow_path")
+    assert client.wait(handle.cancel_goal_async()).goals_canceling
+    assert client.result(handle)[0] is GoalStatus.CANCELED
+    client.wait_until_received("hang/follow_path canceled")
+
+
+def test_a_new_goal_for_the_same_tree_takes_over_without_a_halt(client, drive):
+    first = client.send(2.0, drive)
+    client.wait_until_received("hang/follow_path")
+    second = client.send(3.0, drive)
+    assert client.result(first)[0] is GoalStatus.ABORTED
+    client.wait_until_received("compute_path_to_pose", 2)
+    client.wait_until_received("hang/follow_path", 2)
+    assert "hang/follow_path canceled" not in client.bench.names()
+    assert client.wait(second.cancel_goal_async()).goals_canceling
+    assert client.result(second)[0] is GoalStatus.CANCELED
+    # Plain rclpy servers work on both goals; a server of Nav2 would have ended the first.
+    client.bench.client.cancel_goals("follow_path", "hang/follow_path")
+    client.wait_until_received("hang/follow_path canceled", 2)
+
+
+def test_a_goal_for_another_tree_is_aborted_and_the_first_continues(client, drive):
+    first = client.send(2.0, drive)
+    client.wait_until_received("hang/follow_path")
+    status, result = client.result(client.send(3.0))
+    assert status is GoalStatus.ABORTED
+    assert result.error_code == NavigateToPose.Result.UNKNOWN
+    assert "the goal in progress uses another tree" in result.error_msg
+    assert client.wait(first.cancel_goal_async()).goals_canceling
+    assert client.result(first)[0] is GoalStatus.CANCELED
+
+
+def test_the_other_action_rejects_goals_meanwhile(client, drive):
+    first = client.send(2.0, drive)
+    client.wait_until_received("hang/follow_path")
+    goal = NavigateThroughPoses.Goal(poses=poses_to_goals([Pose2D(1.0, 2.0, 0.0)]))
+    assert not client.wait(client.through_poses.send_goal_async(goal)).accepted
+    client.wait(first.cancel_goal_async())
+    assert client.result(first)[0] is GoalStatus.CANCELED
+
+
+def test_the_result_has_the_error_code_of_the_server_that_failed(client, tmp_path):
+    file = tmp_path / "fail.xml"
+    file.write_text(FAIL)
+    status, result = client.result(client.send(2.0, file))
+    assert status is GoalStatus.ABORTED
+    assert result.error_code == 102
+    assert "no transform" in result.error_msg
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "message"),
+    [
+        ("<root", 9001, "tree.xml"),
+        (BROKEN, 9000, "missing"),
+        (None, 9001, "tree.xml"),
+    ],
+)
+def test_a_tree_that_cannot_be_used_aborts_the_goal(client, tmp_path, text, code, message):
+    file = tmp_path / "tree.xml"
+    if text is not None:
+        file.write_text(text)
+    status, result = client.result(client.send(2.0, file))
+    assert status is GoalStatus.ABORTED
+    assert result.error_code == code
+    assert message in result.error_msg
+
+
+def test_error_codes_of_goals_through_poses_begin_at_9100(client, tmp_path):
+    goal = NavigateThroughPoses.Goal(poses=poses_to_goals([Pose2D(1.0, 2.0, 0.0)]))
+    goal.behavior_tree = str(tmp_path / "missing.xml")
+    handle = client.wait(client.through_poses.send_goal_async(goal))
+    assert client.result(handle)[1].error_code == NavigateThroughPoses.Result.FAILED_TO_LOAD_BEHAVIOR_TREE
+
+
+def test_a_goal_in_an_unknown_frame_is_aborted(client):
+    goal = NavigateToPose.Goal(pose=pose_to_stamped(Pose2D(1.0, 0.0, 0.0), "table"))
+    status, result = client.result(client.wait(client.to_pose.send_goal_async(goal)))
+    assert status is GoalStatus.ABORTED
+    assert "frame 'table'" in result.error_msg
+
+
+def test_the_topic_goal_pose_starts_the_default_tree(client):
+    publisher = client.bench.session.node.create_publisher(PoseStamped, "goal_pose", 1)
+    assert client.bench.session.wait_for(lambda: publisher.get_subscription_count() > 0, LIMIT)
+    publisher.publish(pose_to_stamped(Pose2D(4.0, 0.0, 0.0)))
+    client.wait_until_received("follow_path")
+    goals = [goal for name, goal in client.bench.received if name == "compute_path_to_pose"]
+    assert goals[0]["goal"]["pose"]["position"]["x"] == 4.0
+    # A goal of the same tree replaces it, so that the navigator is free at the end of the test.
+    assert client.result(client.send(2.0))[0] is GoalStatus.SUCCEEDED
+
+
+def test_ctrl_c_cancels_the_goals_and_ends_the_process(client, navigator, drive):
+    handle = client.send(2.0, drive)
+    client.wait_until_received("hang/follow_path")
+    result = handle.get_result_async()
+    navigator.send_signal(signal.SIGINT)
+    client.wait_until_received("hang/follow_path canceled")
+    assert client.bench.session.wait_for(result.done, LIMIT)
+    assert result.result().status == GoalStatus.ABORTED
+    output = navigator.communicate(timeout=LIMIT)[1]
+    assert navigator.returncode == 130
+    assert "Traceback" not in output
