@@ -63,6 +63,15 @@ _ATTRIBUTES: Sequence[tuple[Any, str]] = (
 )
 
 
+def action_clients(node: "Node") -> Sequence[tuple[ActionClient, str, type]]:
+    """Return the action clients of *node*, each with the name and the type of its action."""
+    clients = [waitable for waitable in node.waitables if isinstance(waitable, ActionClient)]
+    try:
+        return [(client, client._action_name, client._action_type) for client in clients]
+    except AttributeError:  # another version of rclpy
+        return []
+
+
 def missing_parts() -> Sequence[str]:
     """Return the names of the undocumented parts that this version of rclpy lacks."""
     missing = [f"{owner.__name__}.{name}" for owner, name in _PARTS if not hasattr(owner, name)]

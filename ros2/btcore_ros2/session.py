@@ -1,16 +1,19 @@
 """A ROS node for a tree: `RosSession` takes what has arrived, on the thread that ticks the tree."""
 
+import logging
 import os
 import threading
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from btcore import SystemClock
 from btcore_robot.robot import NS_PER_S, Phase
 from btcore_robot.schedule import RealTime
 from btcore_ros2.errors import RosError
+
+log = logging.getLogger(__name__)
 
 FRESH_NS = 1_000_000
 """How old (ns) the last `drain` may be before `refresh` drains again."""
@@ -21,12 +24,11 @@ SHORT_WAIT_NS = 50_000_000
 DRAIN_RATE = 200.0
 """The rate (Hz) of `drain` while the tree waits for its next tick."""
 
-
 MAX_DOMAIN = 232
 """The last domain of DDS. Those above 101 may share ports with other programs on Linux."""
 
 CLOSE_S = 1.0
-"""How long (s) `close` waits for unfinished work, such as a cancellation that was not acknowledged."""
+"""How long (s) `close` waits for unfinished work, such as a cancellation, and for acknowledged messages."""
 
 
 class RosClock(SystemClock):
@@ -36,15 +38,21 @@ class RosClock(SystemClock):
         schedule: The periodic tasks that run while a caller waits on the clock.
     """
 
-    def __init__(self, drain: Callable[[], None]) -> None:
+    def __init__(self, session: "RosSession") -> None:
         self.schedule = RealTime()
-        self._drain = drain
-        self.schedule.every(DRAIN_RATE, Phase.SENSORS, lambda now: drain())
+        self._session = session
+        self.schedule.every(DRAIN_RATE, Phase.SENSORS, lambda now: session._drain_while_waiting())
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
-        """Wait until *deadline* and run the tasks that become due; see `RobotClock.wait_until`."""
-        woken = self.schedule.wait_until(deadline, wake)
-        self._drain()
+        """Wait until *deadline* and run the tasks that become due; see `RobotClock.wait_until`.
+
+        Raises:
+            Exception: A callback raised it in an earlier wait, and no leaf has called `refresh` since.
+        """
+        self._session._raise_kept_error()
+        # `await tree.run()` waits itself, and calls with a past deadline; the tasks that are due must run.
+        woken = self.schedule.wait_until(max(deadline, time.monotonic_ns()), wake)
+        self._session._drain_while_waiting()
         return woken
 
 
@@ -87,6 +95,8 @@ class RosSession:
             from rclpy.executors import SingleThreadedExecutor
             from rclpy.impl.implementation_singleton import rclpy_implementation
             from rclpy.node import Node
+
+            from btcore_ros2.connection_checks import ConnectionChecks
         except ModuleNotFoundError as missing:
             raise RosError(
                 f"ROS 2 is not installed (no module '{missing.name}'): "
@@ -107,33 +117,70 @@ class RosSession:
         self._executor.add_node(self.node)
         self._take = _take_function(self.node, self._executor, use_executor)
         self._draining = False
-        self.clock = RosClock(self.drain)
+        self.clock = RosClock(self)
         self.shared: dict[tuple[Any, ...], Any] = {}
         self.unfinished: set[object] = set()
         self._after_drain: list[Callable[[], None]] = []
         self._drained = 0
+        self._error: Exception | None = None  # of a drain during a wait
+        self._process = os.getpid()
+        self._is_closed = False
+        self._reports: dict[str, str] = {}
+        self._checks = ConnectionChecks(self.node, self.report)
+
+    @property
+    def reports(self) -> Mapping[str, str]:
+        """The messages of the current problems by subject, for example "topic /scan"; see `report`."""
+        return self._reports
 
     def drain(self) -> None:
         """Take what has arrived, and call the callbacks; then call those of `after_drain`.
 
         A call within a callback has no effect. An exception in a callback is raised here; what has not been
-        taken then is taken by the next call.
+        taken then is taken by the next call. An exception that was raised while a tree waited for its next
+        tick is raised by the next call.
+
+        Raises:
+            RosError: The session was closed, its context was shut down, or this is a forked process.
         """
         if self._draining:
             return
+        self._raise_kept_error()
+        if not self.context.ok() or self._process != os.getpid():
+            raise RosError(self._unusable())
         self._draining = True
         try:
             self._take()
             for callback in tuple(self._after_drain):
                 callback()
+            self._checks.check()
+        except Exception as error:
+            if self.context.ok():
+                raise
+            raise RosError(self._unusable()) from error
         finally:
             self._draining = False
         self._drained = time.monotonic_ns()
 
     def refresh(self) -> None:
         """Drain unless that happened within the last millisecond. Leaves call it at each tick."""
-        if time.monotonic_ns() - self._drained > FRESH_NS:
+        if self._error is not None or time.monotonic_ns() - self._drained > FRESH_NS:
             self.drain()
+
+    def report(self, subject: str, message: str) -> None:
+        """Log *message* as a warning, unless it is the current message of *subject*.
+
+        Args:
+            subject: The subject, for example "topic /scan".
+            message: The problem and what to do about it; "" if the problem has ended.
+        """
+        if message == self._reports.get(subject, ""):
+            return
+        if message:
+            self._reports[subject] = message
+            log.warning("%s", message)
+        else:
+            del self._reports[subject]
 
     def after_drain(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Call *callback* after each drain, for work that goes on in the background.
@@ -167,12 +214,64 @@ class RosSession:
         return True
 
     def close(self) -> None:
-        """Destroy the ROS node and its context. Further calls have no effect."""
-        if self.context.ok():
-            self.wait_for(lambda: not self.unfinished, CLOSE_S)
-            self._executor.shutdown()
-            self.node.destroy_node()
-            self.context.try_shutdown()
+        """Destroy the ROS node and its context. Further calls have no effect.
+
+        Waits, for at most `CLOSE_S`, for unfinished work and for the arrival of the last messages. Exceptions
+        in callbacks are logged.
+        """
+        if self._process != os.getpid():  # shutting down the context of the parent process would crash
+            return
+        self._is_closed = True
+        if not self.context.ok():
+            return
+        end = time.monotonic_ns() + round(CLOSE_S * NS_PER_S)
+        while self.unfinished and self.context.ok() and (left := end - time.monotonic_ns()) > 0:
+            try:
+                self.wait_for(lambda: not self.unfinished, left / NS_PER_S)
+            except Exception as error:
+                log.error("a callback raised while the ROS session was closed: %r", error)
+        self._wait_for_subscribers(end)
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def _wait_for_subscribers(self, end: int) -> None:
+        """Wait until the messages of all reliable publishers are acknowledged, or until *end* (ns)."""
+        from rclpy.duration import Duration
+
+        for publisher in tuple(self.node.publishers):
+            left = max(0, end - time.monotonic_ns())
+            publisher.wait_for_all_acked(Duration(nanoseconds=left))
+
+    def _raise_kept_error(self) -> None:
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+
+    def _drain_while_waiting(self) -> None:
+        """Drain. An exception is kept for the next call of `drain`, mostly by a leaf, which is then named."""
+        if self._error is not None:
+            return
+        try:
+            self.drain()
+        except Exception as error:
+            self._error = error
+
+    def _unusable(self) -> str:
+        """Return why the session cannot be used."""
+        if self._process != os.getpid():
+            return (
+                "this process was forked from the process that created the ROS session, and the session does "
+                "not work in it: start the process by spawning it (multiprocessing.get_context('spawn')), or "
+                "create the session after the fork"
+            )
+        if self._is_closed:
+            return "the ROS session was closed"
+        return (
+            "the ROS context was shut down, so that no message can be sent or received; the signal handlers "
+            "of rclpy.init() shut down all contexts, unless you pass "
+            "signal_handler_options=SignalHandlerOptions.NO"
+        )
 
     def __enter__(self) -> "RosSession":
         return self

