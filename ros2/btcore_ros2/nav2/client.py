@@ -2,7 +2,6 @@
 
 import logging
 import math
-import time
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
@@ -55,7 +54,7 @@ class Nav2Client(NavigationServers):
     def __init__(self, session: RosSession) -> None:
         self.clock: Clock = session.clock
         self._session = session
-        self._clients: dict[tuple[str, str], NamedClient] = {}
+        self._clients: dict[tuple[Any, str], NamedClient] = {}
         self._last_goals: dict[str, AnyGoalHandle] = {}
         self._listener = PoseListener(session)
         self._messages: dict[str, object] = {}
@@ -70,13 +69,16 @@ class Nav2Client(NavigationServers):
         from rclpy.action import ActionClient
 
         self._session.refresh()
-        node = self._session.node
         converter = ACTIONS.get(action)
         server = server_name or action
         try:
             if converter is None:
                 raise RosError(f"there is no client of the action {action}")
-            named = self._named("action", server, lambda: ActionClient(node, converter.type, server))
+            kind = converter.type
+            named = self._clients.get((kind, server))
+            if named is None:
+                client = ActionClient(self._session.node, kind, server)
+                named = self._clients[kind, server] = NamedClient(client, server, client.server_is_ready)
             handle: AnyGoalHandle = Nav2GoalHandle(self._session, named, goal, converter)
         except RosError as error:
             handle = GoalHandle(goal)
@@ -177,16 +179,12 @@ class Nav2Client(NavigationServers):
         """False: Nav2's localisation does not report that."""
         return False
 
-    def _named(self, kind: str, name: str, create: Callable[[], Any]) -> NamedClient:
-        """Return the client of an action or service, and create it if it is new."""
-        if (kind, name) not in self._clients:
-            self._clients[kind, name] = NamedClient(create(), name, time.monotonic_ns())
-        return self._clients[kind, name]
-
     def _call(self, kind: Any, name: str, request: object, message: Any) -> AnyGoalHandle:
         self._session.refresh()
-        node = self._session.node
-        named = self._named("service", name, lambda: node.create_client(kind, name))
+        named = self._clients.get((kind, name))
+        if named is None:
+            client = self._session.node.create_client(kind, name)
+            named = self._clients[kind, name] = NamedClient(client, name, client.service_is_ready)
         return Nav2RequestHandle(self._session, named, request, message)
 
     def _newest(

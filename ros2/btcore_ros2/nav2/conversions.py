@@ -28,6 +28,7 @@ from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.planner import ComputePathGoal
 from btcore_robot.robot import NS_PER_S, Pose2D
 from btcore_ros2.errors import RosError
+from btcore_ros2.nav2.nodes import AssistedTeleopGoal, ComputedRoute, ComputeRouteGoal, Route
 
 MAP: Final = "map"
 """The frame of goals and planned paths."""
@@ -397,6 +398,42 @@ class _Wait(ActionConverter):
         return BehaviourFeedback(duration_to_seconds(message.time_left))
 
 
+class _AssistedTeleop(ActionConverter):
+    name, type_name, goal_type = "assisted_teleop", "AssistedTeleop", AssistedTeleopGoal
+
+    def write_goal(self, goal: AssistedTeleopGoal, message: Any) -> None:
+        message.time_allowance = seconds_to_duration(goal.time_allowance)
+
+    def read_goal(self, message: Any) -> AssistedTeleopGoal:
+        return AssistedTeleopGoal(duration_to_seconds(message.time_allowance))
+
+
+class _ComputeRoute(ActionConverter):
+    name, type_name, goal_type = "compute_route", "ComputeRoute", ComputeRouteGoal
+
+    def write_goal(self, goal: ComputeRouteGoal, message: Any) -> None:
+        message.start_id, message.goal_id = goal.start_id, goal.goal_id
+        message.use_poses = goal.goal is not None
+        message.use_start = goal.start is not None
+        if goal.goal is not None:
+            message.goal = pose_to_stamped(goal.goal)
+        if goal.start is not None:
+            message.start = pose_to_stamped(goal.start)
+
+    def read_goal(self, message: Any) -> ComputeRouteGoal:
+        return ComputeRouteGoal(
+            message.start_id,
+            message.goal_id,
+            pose_from_stamped(message.goal) if message.use_poses else None,
+            pose_from_stamped(message.start) if message.use_start else None,
+        )
+
+    def read_result(self, message: Any) -> ComputedRoute:
+        nodes = tuple(Pose2D(node.position.x, node.position.y, 0.0) for node in message.route.nodes)
+        path = path_from_message(message.path)
+        return ComputedRoute(Route(nodes), path, duration_to_seconds(message.planning_time))
+
+
 class _Navigate(ActionConverter):
     goal_type = NavigateGoal
 
@@ -448,6 +485,8 @@ ACTIONS: Final[dict[str, ActionConverter]] = {
         _Straight("backup", "BackUp", BackUpGoal),
         _Straight("drive_on_heading", "DriveOnHeading", DriveOnHeadingGoal),
         _Wait(),
+        _AssistedTeleop(),
+        _ComputeRoute(),
         _Navigate("navigate_to_pose", "NavigateToPose", through=False),
         _Navigate("navigate_through_poses", "NavigateThroughPoses", through=True),
     )

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from btcore_robot.navigation.action import ActionResult, GoalHandle, GoalStatus
@@ -22,13 +21,44 @@ Afterwards, a server that is missing counts as absent, and only the time-out of 
 """
 
 
-@dataclass(frozen=True, slots=True)
-class NamedClient:
-    """The rclpy *client* of the server *name*, *created* at a time (ns) of `time.monotonic_ns`."""
+SETTLING_NS = NS_PER_S // 10
+"""The time (ns) between the appearance of a server and the first message to it.
 
-    client: Any
-    name: str
-    created: int
+The server has to find this client, too: its answer to an earlier message would be lost.
+"""
+
+
+class NamedClient:
+    """An rclpy client and the name of its server.
+
+    Args:
+        client: The client.
+        name: The name of the server.
+        is_visible: Returns whether the server is visible.
+
+    Attributes:
+        client: The client.
+        name: The name of the server.
+        created: The time (ns, of `time.monotonic_ns`) when this object was created.
+        is_visible: Returns whether the server is visible.
+    """
+
+    def __init__(self, client: Any, name: str, is_visible: Callable[[], bool]) -> None:
+        self.client = client
+        self.name = name
+        self.created = time.monotonic_ns()
+        self.is_visible = is_visible
+        self._appeared: int | None = None
+
+    def is_ready(self) -> bool:
+        """Return whether the server has been visible for `SETTLING_NS`."""
+        if not self.is_visible():
+            self._appeared = None
+            return False
+        now = time.monotonic_ns()
+        if self._appeared is None:
+            self._appeared = now
+        return now - self._appeared >= SETTLING_NS
 
 
 class _SessionHandle(GoalHandle[Any, Any, Any]):
@@ -37,6 +67,7 @@ class _SessionHandle(GoalHandle[Any, Any, Any]):
     def __init__(self, session: RosSession, named: NamedClient, goal: object) -> None:
         super().__init__(goal)
         self._session = session
+        self._named = named
         self._client = named.client
         self._name = named.name
         self._began = time.monotonic_ns()
@@ -96,9 +127,9 @@ class Nav2GoalHandle(_SessionHandle):
         except RosError as error:
             self.abort(int(Nav2ErrorCode.SEND_GOAL_FAILURE), str(error))
             return
-        if self._client.server_is_ready():
+        if named.is_ready():
             self._send()
-        else:
+        elif not named.is_visible():
             kind = f"nav2_msgs/action/{converter.type_name}"
             hint = hint_for_action(session.node, self._name, kind)
             self.missing_acceptance = f"no action server '{self._name}' ({kind}): {hint}"
@@ -116,7 +147,7 @@ class Nav2GoalHandle(_SessionHandle):
         """Send the goal if its server has appeared, or read the answers of the server."""
         sent = self._sent
         if sent is None:
-            if self._client.server_is_ready():
+            if self._named.is_ready():
                 self._send()
                 self.watch()
             return
@@ -172,9 +203,9 @@ class Nav2RequestHandle(_SessionHandle):
         super().__init__(session, named, request)
         self._message = message
         self._response: Any = None
-        if self._client.service_is_ready():
+        if named.is_ready():
             self._send()
-        else:
+        elif not named.is_visible():
             service_type = self._client.srv_type
             kind = f"{service_type.__module__.partition('.')[0]}/srv/{service_type.__name__}"
             hint = hint_for_service(session.node, self._name, kind)
@@ -193,7 +224,7 @@ class Nav2RequestHandle(_SessionHandle):
     def advance(self) -> None:
         """Send the request if its service has appeared, or read the response."""
         if self._response is None:
-            if self._client.service_is_ready():
+            if self._named.is_ready():
                 self._send()
         elif self._response.done():
             try:

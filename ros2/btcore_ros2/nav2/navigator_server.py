@@ -19,6 +19,9 @@ from btcore_ros2.nav2.pose_listener import POSE_IS_UNKNOWN
 from btcore_ros2.nav2.served_action import ServedAction
 from btcore_ros2.session import RosSession
 
+ROS_NODES = "btcore_ros2.nav2.nodes"
+"""The module of Nav2's nodes that btcore_robot does not have."""
+
 POSE_PATIENCE_S = 2.0
 """The time (s) after which a goal fails if the robot's pose is unknown."""
 
@@ -63,7 +66,7 @@ class NavigatorServer:
 
         self.session = session
         self._client = Nav2Client(session)
-        plugins = tuple(plugins)
+        plugins = (ROS_NODES, *plugins)
         trees = folder() / TREES
         self._to_pose = self._navigator(to_pose or trees / TO_POSE, plugins, through=False)
         self._through_poses = self._navigator(through_poses or trees / THROUGH_POSES, plugins, through=True)

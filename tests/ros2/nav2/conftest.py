@@ -65,6 +65,7 @@ class ClientBench:
         """Return a tree with the content *inside*, on a blackboard with the entries *board*."""
         nodes = Registry.standard()
         nav2_nodes.register(nodes)
+        nodes.add_plugin("btcore_ros2.nav2.nodes")
         text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{inside}</BehaviorTree></root>'
         tree = btcore.loads(text, nodes=nodes, resources=[self.client], clock=self.session.clock)
         for key, value in board.items():

@@ -38,6 +38,8 @@ ACTIONS = {
     "wait": action.Wait,
     "navigate_to_pose": action.NavigateToPose,
     "navigate_through_poses": action.NavigateThroughPoses,
+    "assisted_teleop": action.AssistedTeleop,
+    "abort/assisted_teleop": action.AssistedTeleop,
     "abort/spin": action.Spin,
     "reject/spin": action.Spin,
     "hang/spin": action.Spin,
@@ -139,7 +141,7 @@ class PlainNav2(Node):
 
     def execute(self, name: str, kind: Any, goal: Any) -> Any:
         """Work on a goal for 0.1 s, or until it is cancelled."""
-        end = time.monotonic() + (20.0 if name.startswith(("hang/", "stubborn/")) else 0.1)
+        end = time.monotonic() + (20.0 if name.startswith(("hang/", "stubborn/", "late/")) else 0.1)
         result = kind.Result()
         while time.monotonic() < end:
             if goal.is_cancel_requested:

@@ -18,6 +18,7 @@ from btcore_robot.navigation.path import NavPath
 from btcore_robot.robot import Pose2D
 from btcore_ros2.nav2 import handles
 from btcore_ros2.nav2.client import Nav2Client
+from btcore_ros2.nav2.nodes import Route
 from btcore_ros2.session import RosSession
 
 AHEAD, LEFT = Pose2D(2.0, 0.0, 0.0), Pose2D(2.0, 3.0, 1.0)
@@ -34,6 +35,11 @@ SPIN = '<Spin spin_dist="1.5" server_name="{}/spin" error_code_id="{{code}}" err
         ('<Spin spin_dist="-0.5" time_allowance="3"/>', "spin", {"target_yaw": -0.5}),
         ('<BackUp backup_dist="0.5" backup_speed="0.25"/>', "backup", {"speed": 0.25}),
         ('<DriveOnHeading dist_to_travel="0.5" speed="0.25"/>', "drive_on_heading", {"speed": 0.25}),
+        (
+            '<AssistedTeleop time_allowance="2"/>',
+            "assisted_teleop",
+            {"time_allowance": {"sec": 2, "nanosec": 0}},
+        ),
         ('<Wait wait_duration="1.5"/>', "wait", {"time": {"sec": 1, "nanosec": 500_000_000}}),
         (
             '<NavigateToPose goal="2;0" behavior_tree="a.xml"/>',
@@ -151,8 +157,11 @@ def test_a_server_that_accepts_too_late_is_told_to_cancel(bench):
 
 
 def test_server_timeout_is_respected_above_a_second(bench):
-    tree = bench.tree('<Spin server_name="late/spin" server_timeout="10000"/>')
-    assert bench.run(tree) is Status.SUCCESS
+    tree = bench.tree('<Spin server_name="late/spin" server_timeout="60000"/>')
+    end = bench.session.clock.now() + 1_300_000_000
+    assert bench.run(tree, lambda: bench.session.clock.now() > end) is Status.RUNNING
+    tree.halt()
+    assert bench.session.wait_for(lambda: "late/spin canceled" in bench.names(), 20)
 
 
 def test_a_server_that_starts_late_gets_the_goal(bench):
@@ -198,6 +207,29 @@ def test_a_server_that_ends_aborts_its_goal(bench):
         finally:
             process.kill()
     assert tree.blackboard["why"] == "the action server 'mortal/wait' disappeared while it worked on the goal"
+
+
+@pytest.mark.parametrize(("recovery", "result"), [("true", Status.FAILURE), ("false", Status.SUCCESS)])
+def test_aborted_teleoperation_fails_only_as_a_recovery(bench, recovery, result):
+    ports = f'is_recovery="{recovery}" server_name="abort/assisted_teleop" error_code_id="{{code}}"'
+    tree = bench.tree(f"<AssistedTeleop {ports}/>")
+    assert bench.run(tree) is result
+    assert tree.blackboard["code"] == 732
+
+
+def test_an_action_of_another_release_is_a_failure(bench):
+    tree = bench.tree('<ComputeRoute goal="1;2" use_poses="true" route="{route}" error_msg="{why}"/>')
+    assert bench.run(tree) is Status.FAILURE
+    assert tree.blackboard["why"] == (
+        "the installed nav2_msgs has no action/ComputeRoute: it belongs to another release"
+    )
+    assert tree.blackboard["route"] == Route()
+
+
+def test_nodes_of_a_route_become_goals(bench):
+    tree = bench.tree('<ExtractRouteNodesAsGoals route="{r}" goals="{goals}"/>', r=Route((AHEAD, LEFT)))
+    assert bench.run(tree) is Status.SUCCESS
+    assert tree.blackboard["goals"] == [AHEAD, LEFT]
 
 
 # --- cancellations
