@@ -6,6 +6,7 @@ import click
 
 COMMANDS: dict[str, str] = {
     "messages": "messages",
+    "navigation": "navigation",
     "serve": "serve",
     "navigator": "navigator",
     "sim": "sim",

@@ -1,0 +1,69 @@
+"""`btcore ros2 navigation`: our navigation in the place of Nav2's servers."""
+
+import shlex
+from typing import Any
+
+import click
+
+from btcore.program_runner import FiniteRange, RunCommand, print_result, require_resources, run_program
+from btcore_robot.robot import Phase, Robot
+from btcore_ros2.errors import RosError
+from btcore_ros2.session import DRAIN_RATE, RosSession
+
+
+@click.command("navigation", cls=RunCommand, short_help="Navigate in the place of Nav2's servers.")
+@click.option(
+    "--without-navigators",
+    is_flag=True,
+    help="Leave out navigate_to_pose, navigate_through_poses and goal_pose: another program offers them, "
+    "such as bt_navigator or btcore ros2 navigator.",
+)
+@click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed."
+)
+@click.pass_context
+def navigation(ctx: click.Context, /, **settings: Any) -> int:
+    """Offer btcore's navigation as Nav2's actions, services and topics, so that other trees can use it.
+
+    The robot is that of --ros2 on the map of --map, or the simulated robot in --world. --nav-params reads
+    parameters from a file of Nav2. Ctrl-C ends the navigation.
+    """
+    try:
+        session = RosSession("navigation", arguments=shlex.split(settings.get("ros_args") or ""))
+    except (RosError, ValueError) as error:
+        raise click.UsageError(str(error)) from error
+    with session:
+        try:
+            return _run(ctx, session, {**settings, "fast": False, "ros_session": session})
+        except RosError as error:
+            raise click.UsageError(str(error)) from error
+
+
+def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> int:
+    try:
+        from btcore_robot.navigation.stack import Navigation
+    except ModuleNotFoundError as missing:
+        raise click.UsageError(
+            f"navigation needs the module '{missing.name}': pip install 'btcore[robot]'"
+        ) from missing
+    from btcore_ros2.nav2.navigation_topics import NavigationTopics
+    from btcore_ros2.nav2.served_navigation import ServedNavigation
+
+    gathered = require_resources(ctx, settings, (RosSession, Robot, Navigation))
+    stack = next(resource for resource in gathered.resources if isinstance(resource, Navigation))
+    robot = stack.robot
+    if robot.clock is not session.clock:
+        robot.schedule.every(DRAIN_RATE, Phase.SENSORS, lambda now: session.drain())
+    navigates = not settings["without_navigators"]
+    served = ServedNavigation(session, stack, navigates=navigates)
+    NavigationTopics(session, stack, navigates=navigates)
+    session.node.get_logger().info("navigation is ready: the actions, services and topics of Nav2")
+
+    def end() -> None:
+        served.close()
+        robot.stop()
+
+    done = run_program("Navigation", gathered, settings, end, clock=robot.clock)
+    print_result("navigation", done, {})
+    return done.code

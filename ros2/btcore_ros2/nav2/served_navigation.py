@@ -1,0 +1,149 @@
+"""Our navigation under the names and types of Nav2's servers, so that other programs' trees can use it."""
+
+from collections.abc import Callable
+from typing import Any
+
+from std_srvs.srv import Empty
+
+from btcore_robot.navigation.action import ActionServer
+from btcore_robot.navigation.navigation_servers import (
+    CheckPath,
+    ClearCostmap,
+    ClearedArea,
+    GetCosts,
+    PathCheck,
+    ReinitializeLocalization,
+)
+from btcore_robot.navigation.stack import Navigation
+from btcore_robot.robot import Phase
+from btcore_ros2.errors import RosError
+from btcore_ros2.nav2.conversions import ACTIONS, nav2_type, path_from_message, pose_from_stamped
+from btcore_ros2.nav2.served_action import ServedAction
+from btcore_ros2.session import RosSession
+
+RATE = 100.0
+"""The rate (Hz) at which goals, feedback and results are passed on."""
+
+
+class ServedNavigation:
+    """Nav2's actions and services of a navigation, as tasks on the robot's schedule.
+
+    Goals of the two navigators exclude each other: a goal for one navigator is rejected while the other
+    navigates.
+
+    Args:
+        session: The session.
+        navigation: The navigation.
+        navigates: Whether the actions of the navigators are offered.
+
+    Raises:
+        RosError: nav2_msgs is missing.
+    """
+
+    def __init__(self, session: RosSession, navigation: Navigation, *, navigates: bool = True) -> None:
+        self._session = session
+        self._servers = servers = navigation.servers
+        served: dict[str, ActionServer[Any, Any, Any]] = {
+            "compute_path_to_pose": servers.compute_path,
+            "compute_path_through_poses": servers.compute_path,
+            "follow_path": servers.follow_path,
+            "spin": servers.spin,
+            "backup": servers.back_up,
+            "drive_on_heading": servers.drive_on_heading,
+            "wait": servers.wait,
+        }
+        if navigates:
+            served["navigate_to_pose"] = navigation.navigate_to_pose
+            served["navigate_through_poses"] = navigation.navigate_through_poses
+        others = {
+            "navigate_to_pose": navigation.navigate_through_poses,
+            "navigate_through_poses": navigation.navigate_to_pose,
+        }
+
+        def rejection(name: str) -> Callable[[Any], str]:
+            other = others.get(name)
+            return lambda message: f"{other.name} is in progress" if other is not None and other.busy else ""
+
+        self._actions = [
+            ServedAction(session, ACTIONS[name], server, reject_reason=rejection(name))
+            for name, server in served.items()
+        ]
+        self._offer_services()
+        # Before the servers take their steps, of which those of the planner come first.
+        navigation.robot.schedule.every(RATE, Phase.COSTMAPS, self._step)
+
+    def close(self) -> None:
+        """Abort the goals that have not ended, and remove the actions."""
+        for action in self._actions:
+            action.cancel_all()
+        for action in self._actions:
+            action.close()
+
+    def _step(self, now: int) -> None:
+        for action in self._actions:
+            action.step(now)
+
+    def _offer_services(self) -> None:
+        node = self._session.node
+        for scope in ("global", "local"):
+            for verb, type_name, area in (
+                ("clear_entirely", "ClearEntireCostmap", ClearedArea.ENTIRE),
+                ("clear_around", "ClearCostmapAroundRobot", ClearedArea.AROUND_ROBOT),
+                ("clear_except", "ClearCostmapExceptRegion", ClearedArea.EXCEPT_REGION),
+            ):
+                name = f"{scope}_costmap/{verb}_{scope}_costmap"
+                node.create_service(nav2_type("srv", type_name), name, self._clearing(name, area))
+        node.create_service(
+            nav2_type("srv", "GetCosts"), "global_costmap/get_cost_global_costmap", self._answer_costs
+        )
+        node.create_service(nav2_type("srv", "IsPathValid"), "is_path_valid", self._answer_path_check)
+        node.create_service(Empty, "reinitialize_global_localization", self._answer_reinitialize)
+
+    def _clearing(self, name: str, area: ClearedArea) -> Callable[[Any, Any], Any]:
+        def answer(request: Any, response: Any) -> Any:
+            handle = self._servers.request(ClearCostmap(area, getattr(request, "reset_distance", 0.0)), name)
+            if handle.result is not None and handle.result.message:
+                self._warn(f"{name}: {handle.result.message}")
+            return response
+
+        return answer
+
+    def _answer_costs(self, request: Any, response: Any) -> Any:
+        try:
+            poses = tuple(pose_from_stamped(pose) for pose in request.poses)
+        except RosError as error:
+            self._warn(f"get_cost_global_costmap: {error}")
+            response.success = False
+            return response
+        costs = self._servers.request(GetCosts(poses, request.use_footprint)).result
+        assert costs is not None
+        response.costs, response.success = list(costs.value or ()), True
+        return response
+
+    def _answer_path_check(self, request: Any, response: Any) -> Any:
+        try:
+            path = path_from_message(request.path)
+        except RosError as error:
+            self._warn(f"is_path_valid: {error}")
+            response.is_valid = False
+            return response
+        check = CheckPath(
+            path,
+            request.max_cost,
+            request.consider_unknown_as_obstacle,
+            stop_at_first_collision=False,
+        )
+        outcome = self._servers.request(check).result
+        assert outcome is not None
+        assert isinstance(outcome.value, PathCheck)
+        response.is_valid = outcome.value.valid
+        indices = [path.nearest(pose.x, pose.y) for pose in outcome.value.collisions]
+        response.invalid_pose_indices = [int(index) for index in indices]
+        return response
+
+    def _answer_reinitialize(self, request: object, response: Any) -> Any:
+        self._servers.request(ReinitializeLocalization())
+        return response
+
+    def _warn(self, message: str) -> None:
+        self._session.node.get_logger().warning(message)

@@ -1,0 +1,331 @@
+"""`btcore ros2 navigation` with a simulated robot, and plain rclpy clients in other processes."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("nav2_msgs")
+pytest.importorskip("tf2_msgs")
+pytest.importorskip("pybullet")
+
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid, Path
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
+
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_ros2.session import RosSession
+from tests.ros2.action_client import LIMIT_S, ClientProcess
+
+SUCCEEDED, CANCELED, ABORTED = (
+    GoalStatus.STATUS_SUCCEEDED,
+    GoalStatus.STATUS_CANCELED,
+    GoalStatus.STATUS_ABORTED,
+)
+
+
+class NavigationProcess:
+    """The process of the navigation, and a client of its topics and actions."""
+
+    def __init__(self, session: RosSession) -> None:
+        self.session = session
+        self.process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "btcore", "ros2", "navigation"),
+                *("--world", "arena", "--camera", "off", "--start", "0,0,0"),
+            ],
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "NO_COLOR": "1"},
+        )
+        self.text = ""
+        self.reader = threading.Thread(target=self._read)
+        self.reader.start()
+        self.newest: dict[str, Any] = {}
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        for name, kind, qos in (
+            ("/map", OccupancyGrid, latched),
+            ("amcl_pose", PoseWithCovarianceStamped, latched),
+            ("global_costmap/costmap", OccupancyGrid, latched),
+            ("local_costmap/costmap", OccupancyGrid, latched),
+            ("plan", Path, 1),
+        ):
+            session.node.create_subscription(kind, name, self._keep(name), qos)
+        session.node.create_subscription(TFMessage, "/tf", self._keep_transforms, 100)
+        self.client = ClientProcess(self.wait)
+        self.wait(lambda: "navigation is ready" in self.text)
+        # The robot drives only when its scans have confirmed its pose.
+        self.wait(lambda: "amcl_pose" in self.newest)
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        with self.process.stderr as lines:
+            for line in lines:
+                self.text += line
+
+    def _keep(self, name: str) -> Callable[[Any], None]:
+        def keep(message: Any) -> None:
+            self.newest[name] = message
+
+        return keep
+
+    def _keep_transforms(self, message: Any) -> None:
+        for transform in message.transforms:
+            self.newest[transform.child_frame_id] = transform
+
+    def wait(self, condition: Callable[[], Any]) -> None:
+        assert self.process.poll() is None, self.text
+        assert self.session.wait_for(condition, LIMIT_S), self.text
+
+    def pose(self) -> tuple[float, float, float]:
+        pose = self.newest["amcl_pose"].pose.pose
+        return pose.position.x, pose.position.y, 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
+
+    def send(self, action: str, kind: str, goal: dict[str, Any], *, accepted: bool = True) -> int:
+        return self.client.send(action, f"nav2_msgs/action/{kind}", goal, accepted=accepted)
+
+    def end(self) -> None:
+        self.process.send_signal(signal.SIGINT)
+        assert self.process.wait(LIMIT_S) == 130, self.text
+        self.reader.join()
+
+
+@pytest.fixture(scope="module")
+def navigation() -> Iterator[NavigationProcess]:
+    with RosSession("test") as session:
+        made = NavigationProcess(session)
+        yield made
+        if made.process.poll() is None:
+            made.end()
+        made.client.close()
+
+
+def stamped(x: float, y: float, frame: str = "map") -> dict[str, Any]:
+    return {"header": {"frame_id": frame}, "pose": {"position": {"x": x, "y": y}}}
+
+
+def test_map_and_transforms(navigation: NavigationProcess) -> None:
+    navigation.wait(lambda: {"/map", "odom", "base_footprint"} <= navigation.newest.keys())
+    grid = navigation.newest["/map"]
+    assert grid.header.frame_id == "map"
+    assert len(grid.data) == grid.info.width * grid.info.height
+    assert {0, 100} <= set(grid.data)
+    assert navigation.newest["odom"].header.frame_id == "map"
+    assert navigation.newest["base_footprint"].header.frame_id == "odom"
+    assert navigation.pose() == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
+
+
+def test_costmaps(navigation: NavigationProcess) -> None:
+    navigation.wait(lambda: {"global_costmap/costmap", "local_costmap/costmap"} <= navigation.newest.keys())
+    frames = {
+        name: navigation.newest[f"{name}_costmap/costmap"].header.frame_id for name in ("global", "local")
+    }
+    assert frames == {"global": "map", "local": "odom"}
+    assert {0, 99, 100} <= set(navigation.newest["global_costmap/costmap"].data)
+
+
+def test_compute_path(navigation: NavigationProcess) -> None:
+    number = navigation.send("compute_path_to_pose", "ComputePathToPose", {"goal": stamped(1.0, 0.5)})
+    status, result = navigation.client.result(number)
+    assert (status, result["error_code"]) == (SUCCEEDED, 0)
+    assert len(result["path"]["poses"]) > 5
+    last = result["path"]["poses"][-1]["pose"]["position"]
+    assert (last["x"], last["y"]) == pytest.approx((1.0, 0.5), abs=0.1)
+    navigation.wait(lambda: "plan" in navigation.newest)
+
+
+def test_compute_path_through_poses(navigation: NavigationProcess) -> None:
+    goals = {"header": {"frame_id": "map"}, "goals": [stamped(0.5, 0.5), stamped(1.0, 0.0)]}
+    number = navigation.send("compute_path_through_poses", "ComputePathThroughPoses", {"goals": goals})
+    status, result = navigation.client.result(number)
+    assert status == SUCCEEDED
+    positions = [pose["pose"]["position"] for pose in result["path"]["poses"]]
+    assert min(math.hypot(place["x"] - 0.5, place["y"] - 0.5) for place in positions) < 0.1
+
+
+def test_errors_of_the_planner(navigation: NavigationProcess) -> None:
+    number = navigation.send("compute_path_to_pose", "ComputePathToPose", {"goal": stamped(100.0, 0.0)})
+    status, result = navigation.client.result(number)
+    assert (status, result["error_code"]) == (ABORTED, Nav2ErrorCode.GOAL_OUTSIDE_MAP)
+    assert result["error_msg"]
+    far = {"goals": {"header": {"frame_id": "map"}, "goals": [stamped(100.0, 0.0)]}}
+    number = navigation.send("compute_path_through_poses", "ComputePathThroughPoses", far)
+    status, result = navigation.client.result(number)
+    assert (status, result["error_code"]) == (ABORTED, Nav2ErrorCode.THROUGH_GOAL_OUTSIDE_MAP)
+
+
+def test_goal_in_an_unknown_frame(navigation: NavigationProcess) -> None:
+    goal = {"goal": stamped(1.0, 0.0, "kitchen")}
+    status, result = navigation.client.result(
+        navigation.send("compute_path_to_pose", "ComputePathToPose", goal)
+    )
+    assert status == ABORTED
+    assert result["error_code"] != 0
+    assert "'kitchen'" in result["error_msg"]
+
+
+def test_services(navigation: NavigationProcess) -> None:
+    call = navigation.client.call
+    costs = call(
+        "global_costmap/get_cost_global_costmap",
+        "nav2_msgs/srv/GetCosts",
+        poses=[stamped(0.0, 0.0), stamped(100.0, 0.0)],
+    )
+    assert costs["success"]
+    assert costs["costs"][0] < 253
+    assert costs["costs"][1] >= 254
+    path = {"header": {"frame_id": "map"}, "poses": [stamped(0.0, 0.0), stamped(0.2, 0.0)]}
+    assert call("is_path_valid", "nav2_msgs/srv/IsPathValid", path=path)["is_valid"]
+    path["poses"] = [stamped(0.0, 0.0), stamped(100.0, 0.0)]
+    checked = call("is_path_valid", "nav2_msgs/srv/IsPathValid", path=path)
+    assert not checked["is_valid"]
+    assert checked["invalid_pose_indices"] == [1]
+    for scope in ("global", "local"):
+        name = f"{scope}_costmap/clear_{{}}_{scope}_costmap"
+        call(name.format("entirely"), "nav2_msgs/srv/ClearEntireCostmap")
+        call(name.format("around"), "nav2_msgs/srv/ClearCostmapAroundRobot", reset_distance=1.0)
+        call(name.format("except"), "nav2_msgs/srv/ClearCostmapExceptRegion", reset_distance=3.0)
+
+
+def test_spin_and_cancel(navigation: NavigationProcess) -> None:
+    goal = {"target_yaw": 0.5, "time_allowance": {"sec": 20}}
+    number = navigation.send("spin", "Spin", goal)
+    status, result = navigation.client.result(number)
+    assert (status, result["error_code"]) == (SUCCEEDED, 0)
+    assert navigation.client.feedback(number)[-1]["angular_distance_traveled"] == pytest.approx(0.5, abs=0.2)
+    navigation.wait(lambda: abs(navigation.pose()[2] - 0.5) < 0.2)
+    number = navigation.send("spin", "Spin", {"target_yaw": -6.0, "time_allowance": {"sec": 60}})
+    navigation.client.wait_until_executing(number)
+    assert navigation.client.cancel(number) == 1
+    assert navigation.client.result(number)[0] == CANCELED
+
+
+def test_spin_time_allowance(navigation: NavigationProcess) -> None:
+    number = navigation.send("spin", "Spin", {"target_yaw": 6.0, "time_allowance": {"nanosec": 200_000_000}})
+    status, result = navigation.client.result(number)
+    assert (status, result["error_code"]) == (ABORTED, Nav2ErrorCode.SPIN_TIMEOUT)
+
+
+def test_drive_on_heading_back_up_and_wait(navigation: NavigationProcess) -> None:
+    drive = {"target": {"x": 0.1}, "speed": 0.2, "time_allowance": {"sec": 20}}
+    number = navigation.send("drive_on_heading", "DriveOnHeading", drive)
+    assert navigation.client.result(number)[0] == SUCCEEDED
+    number = navigation.send("backup", "BackUp", {**drive, "target": {"x": -0.1}, "speed": 0.1})
+    status, result = navigation.client.result(number)
+    assert status == SUCCEEDED, result
+    number = navigation.send("wait", "Wait", {"time": {"nanosec": 100_000_000}})
+    assert navigation.client.result(number)[0] == SUCCEEDED
+
+
+def test_follow_path(navigation: NavigationProcess) -> None:
+    x, y, _ = navigation.pose()
+    number = navigation.send("compute_path_to_pose", "ComputePathToPose", {"goal": stamped(x + 0.6, y)})
+    _, planned = navigation.client.result(number)
+    path = planned["path"]
+    path["header"] = {"frame_id": "map"}
+    path["poses"] = [{"header": {"frame_id": "map"}, "pose": pose["pose"]} for pose in path["poses"]]
+    number = navigation.send("follow_path", "FollowPath", {"path": path})
+    status, result = navigation.client.result(number)
+    assert (status, result["error_code"]) == (SUCCEEDED, 0)
+    assert navigation.client.feedback(number)
+    number = navigation.send("follow_path", "FollowPath", {"path": {"header": {"frame_id": "map"}}})
+    status, result = navigation.client.result(number)
+    assert (status, result["error_code"]) == (ABORTED, Nav2ErrorCode.INVALID_PATH)
+
+
+def test_navigate_to_pose(navigation: NavigationProcess) -> None:
+    number = navigation.send("navigate_to_pose", "NavigateToPose", {"pose": stamped(0.0, 0.6)})
+    # The other navigator is rejected meanwhile, and a new goal takes the place of the first.
+    poses = {"poses": {"header": {"frame_id": "map"}, "goals": [stamped(0.0, 0.0)]}}
+    navigation.client.wait_until_executing(number)
+    navigation.send("navigate_through_poses", "NavigateThroughPoses", poses, accepted=False)
+    second = navigation.send("navigate_to_pose", "NavigateToPose", {"pose": stamped(0.3, 0.3)})
+    assert navigation.client.result(number)[0] == ABORTED
+    status, result = navigation.client.result(second)
+    assert (status, result["error_code"]) == (SUCCEEDED, 0)
+    feedback = navigation.client.feedback(second)
+    assert feedback[0]["distance_remaining"] >= 0.0
+    assert feedback[-1]["current_pose"]["header"]["frame_id"] == "map"
+    x, y, _ = navigation.pose()
+    assert math.hypot(x - 0.3, y - 0.3) < 0.4
+
+
+def test_navigate_through_poses(navigation: NavigationProcess) -> None:
+    goals = [stamped(0.6, 0.3), stamped(0.6, -0.3)]
+    number = navigation.send(
+        "navigate_through_poses",
+        "NavigateThroughPoses",
+        {"poses": {"header": {"frame_id": "map"}, "goals": goals}},
+    )
+    assert navigation.client.result(number)[0] == SUCCEEDED
+    x, y, _ = navigation.pose()
+    assert math.hypot(x - 0.6, y + 0.3) < 0.4
+
+
+def test_default_tree_of_nav2_in_another_process(navigation: NavigationProcess) -> None:
+    """Nav2's default tree, with its nodes as clients, reaches its goal through the navigation."""
+    tree = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "btcore", "run", "--nav2", "--set", "goal=-0.5;0.2;0.0"),
+            *("navigation/navigate_to_pose_w_replanning_and_recovery", "--duration", str(LIMIT_S)),
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "NO_COLOR": "1"},
+    )
+    navigation.wait(lambda: tree.poll() is not None)
+    _, text = tree.communicate()
+    assert tree.returncode == 0, text
+    assert "SUCCESS" in text
+    x, y, _ = navigation.pose()
+    assert math.hypot(x + 0.5, y - 0.2) < 0.4
+
+
+def test_goal_pose_and_interrupt(navigation: NavigationProcess) -> None:
+    """The last test: Ctrl-C aborts a goal, and its client hears it."""
+    publisher = navigation.session.node.create_publisher(PoseStamped, "goal_pose", 1)
+    navigation.wait(lambda: publisher.get_subscription_count())
+    message = PoseStamped()
+    message.header.frame_id = "map"
+    before = navigation.newest.pop("plan")
+    publisher.publish(message)
+    navigation.wait(lambda: "plan" in navigation.newest)
+    assert navigation.newest["plan"].poses[-1].pose.position != before.poses[-1].pose.position
+    number = navigation.send("wait", "Wait", {"time": {"sec": 600}})
+    navigation.client.wait_until_executing(number)
+    navigation.end()
+    end = time.monotonic() + LIMIT_S
+    while not any(
+        event["event"] == "result" and event["goal"] == number for event in navigation.client.events
+    ):
+        assert time.monotonic() < end, navigation.client.events[-5:]
+        time.sleep(0.01)
+
+
+def test_without_navigators(session: RosSession) -> None:
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "btcore", "ros2", "navigation", "--without-navigators"),
+            *("--world", "arena", "--camera", "off"),
+        ],
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        node = session.node
+        assert session.wait_for(lambda: "/amcl_pose" in dict(node.get_topic_names_and_types()), LIMIT_S)
+        assert session.wait_for(lambda: node.count_publishers("spin/_action/status"), LIMIT_S)
+        assert node.count_publishers("navigate_to_pose/_action/status") == 0
+        assert node.count_subscribers("goal_pose") == 0
+    finally:
+        process.terminate()
+        process.wait(LIMIT_S)
