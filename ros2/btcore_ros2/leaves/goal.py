@@ -2,6 +2,7 @@
 
 import logging
 import time
+import uuid
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
@@ -25,6 +26,12 @@ GOAL_ENDED: Final = 3
 log = logging.getLogger(__name__)
 
 
+def _new_id() -> Any:
+    from unique_identifier_msgs.msg import UUID
+
+    return UUID(uuid=list(uuid.uuid4().bytes))
+
+
 def _do_nothing() -> None:
     pass
 
@@ -34,7 +41,9 @@ class RosGoal:
 
     The goal makes progress whenever the session takes messages. It is watched until it has ended. After
     `cancel`, this happens in the background: a goal that the server has not accepted yet is cancelled when it
-    is accepted. The outcome of the cancellation is logged once.
+    is accepted. If no answer arrives, the goal is cancelled by its ID, because the answer may be lost: a
+    server that has not discovered the client completely accepts a goal, but cannot answer. The outcome of
+    the cancellation is logged once.
 
     Args:
         session: The session.
@@ -80,7 +89,10 @@ class RosGoal:
         self._server_count = 0
         self._next_check = time.monotonic_ns() + CHECK_NS
         self._follow_until = 0
-        self._acceptance = client.send_goal_async(message, feedback_callback=self._take_feedback)
+        self._id = _new_id()
+        self._acceptance = client.send_goal_async(
+            message, feedback_callback=self._take_feedback, goal_uuid=self._id
+        )
         self._ignore: Callable[[], None] = session.after_drain(self._advance)
 
     @property
@@ -93,6 +105,7 @@ class RosGoal:
         if self.done or self.cancel_requested:
             return
         self.cancel_requested = True
+        self._next_check = time.monotonic_ns() + CHECK_NS
         self._session.unfinished.add(self)
         self._on_progress = _do_nothing
         self._follow_until = time.monotonic_ns() + FOLLOW_UP_S * NS_PER_S
@@ -116,17 +129,22 @@ class RosGoal:
             self._check(time.monotonic_ns())
 
     def _accept(self, handle: Any) -> None:
+        """Process the server's answer to the goal."""
         self.accepted = handle.accepted
         if not handle.accepted:
             self._finish()
             return
+        self._watch_result(handle)
+        if self.cancel_requested:
+            self._send_cancellation()
+        self._on_progress()
+
+    def _watch_result(self, handle: Any) -> None:
+        self.accepted = True
         self._handle = handle
         self.status = GoalStatus.EXECUTING
         self._results.append(handle.get_result_async())
         self._server_count = self._count_servers()
-        if self.cancel_requested:
-            self._send_cancellation()
-        self._on_progress()
 
     def _read_results(self) -> None:
         for future in self._results:
@@ -148,9 +166,11 @@ class RosGoal:
         answer = self._cancellation.result()
         self._cancellation = None
         if answer.goals_canceling:
+            if self.accepted is None:  # the server's answer was lost
+                self._watch_result(self._handle_by_id())
             self.status = GoalStatus.CANCELING
             self._session.unfinished.discard(self)
-        elif answer.return_code != GOAL_ENDED:
+        elif self.accepted and answer.return_code != GOAL_ENDED:
             log.warning(
                 "%s: the action server '%s' refused to cancel the goal, and continues to work on it",
                 self._sender,
@@ -185,6 +205,15 @@ class RosGoal:
                 if count != self._server_count:
                     self._server_count = count
                     self._results.append(self._handle.get_result_async())
+            elif self.cancel_requested and self._cancellation is None:
+                self._cancellation = self._handle_by_id().cancel_goal_async()
+
+    def _handle_by_id(self) -> Any:
+        """Return a handle of the goal, for a server that accepted the goal, but whose answer was lost."""
+        from rclpy.action.client import ClientGoalHandle
+
+        # To cancel and to request the result, a handle uses the ID only, and not the answer.
+        return ClientGoalHandle(self._client, self._id, None)
 
     def _count_servers(self) -> int:
         name = self._session.node.resolve_service_name(self._server)

@@ -296,6 +296,35 @@ def test_halt_before_the_goal_is_accepted(server: ServerProcess, session: RosSes
     assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
 
 
+def test_goal_whose_acceptance_was_lost_is_cancelled(
+    server: ServerProcess, session: RosSession, caplog: pytest.LogCaptureFixture
+) -> None:
+    from rclpy.task import Future
+
+    caplog.set_level(logging.INFO)
+    tag = next(TAGS)
+    tree = load(session, f'<Impatient order="{Plan(end=End.NEVER, tag=tag).order}"/>')
+    leaf = leaf_of(tree)
+    while leaf._goal is None:
+        assert tree.tick_once() is R
+    leaf._goal._acceptance = Future()  # as if ROS had dropped the answer
+    assert tree.tick_while_running(period=0.01) is F
+    assert leaf.errors == [ActionErrorCode.SEND_GOAL_TIMEOUT]
+    assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
+    message = "Impatient::1: the goal on 'planned' was cancelled: it ended as CANCELED"
+    assert session.wait_for(lambda: message in caplog.messages, LIMIT_S)
+
+
+def test_cancellation_of_a_goal_that_the_server_does_not_know_yet(
+    server: ServerProcess, session: RosSession
+) -> None:
+    tag = next(TAGS)
+    # The answer arrives after the goal was first cancelled by its ID.
+    status, _ = run(session, Plan(answer_slots=100, end=End.NEVER, tag=tag), "Impatient")
+    assert status is F
+    assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
+
+
 def test_session_is_closed_after_the_cancellation_was_sent(server: ServerProcess) -> None:
     tag = next(TAGS)
     plan = Plan(answer_slots=5, end=End.NEVER, tag=tag)
