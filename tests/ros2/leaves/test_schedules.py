@@ -1,0 +1,20 @@
+"""A sample of the random schedules of tests/acceptance/ros2_schedules.py."""
+
+from collections.abc import Callable
+from types import ModuleType
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+
+def test_random_schedules(acceptance_script: Callable[[str], ModuleType]) -> None:
+    run = acceptance_script("ros2_schedules").Run(seed=3)
+    try:
+        for _ in range(15):
+            run.schedule()
+    finally:
+        run.close()
+    assert run.wrong == []
+    assert run.hangs == []
+    assert sum(run.outcomes.values()) >= 15
