@@ -9,6 +9,9 @@ from btcore_ros2.session import RosSession
 
 Entity = TypeVar("Entity")
 
+PLACEHOLDER: Final = "__default__placeholder__"
+"""The text that stands for the default in BehaviorTree.ROS2, as an empty text does. Groot may write it."""
+
 
 class Endpoint(Generic[Entity]):
     """The entity of one leaf. Its name is the value of a port.
@@ -73,7 +76,8 @@ class Endpoint(Generic[Entity]):
 
         # As in BehaviorTree.ROS2, an empty text stands for the default. A class may compute the default.
         default_name: str | None = getattr(self._node, "default_name", None)
-        name = name or self._binding.port.default or default_name or ""
+        if name in ("", PLACEHOLDER):
+            name = self._binding.port.default or default_name or ""
         if not name:
             otherwise = f'give the class {type(self._node).__name__} a default, {self._port} = "…"'
             if default_name is not None:

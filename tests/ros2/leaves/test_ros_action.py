@@ -223,6 +223,13 @@ def test_name_of_a_blackboard_entry_is_read_when_the_leaf_starts(
     assert tree.tick_while_running(period=0.01) is S
 
 
+@pytest.mark.parametrize("name", ["", "__default__placeholder__"])
+def test_name_that_stands_for_the_default(server: ServerProcess, session: RosSession, name: str) -> None:
+    tree = load(session, f'<Planned action_name="{name}" order="{Plan().order}"/>')
+    assert leaf_of(tree)._endpoint.name == "planned"
+    assert tree.tick_while_running(period=0.01) is S
+
+
 def test_name_is_remapped(server: ServerProcess) -> None:
     with RosSession("remapped", arguments=["-r", "navigate:=planned"]) as session:
         tree = load(session, f'<Planned action_name="navigate" order="{Plan().order}"/>')
