@@ -22,7 +22,9 @@ EXPECTED_OUTPUT = {
 
 
 def test_every_example_is_run() -> None:
-    assert sorted(EXPECTED_OUTPUT) == sorted(path.name for path in EXAMPLES.glob("*.py"))
+    # tests/ros2/test_example.py runs the example for ROS 2, in its own environment.
+    found = [path.name for path in EXAMPLES.glob("*.py") if "_ros2_" not in path.name]
+    assert sorted(EXPECTED_OUTPUT) == sorted(found)
 
 
 @pytest.mark.parametrize("name", sorted(EXPECTED_OUTPUT))

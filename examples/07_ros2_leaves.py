@@ -1,0 +1,57 @@
+"""Call an action and a service of ROS 2. Needs: pip install 'btcore[ros2]' ros-test-msgs."""
+
+import threading
+from contextlib import suppress
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionServer
+from rclpy.executors import ExternalShutdownException
+from std_srvs.srv import SetBool
+from test_msgs.action import Fibonacci
+
+from btcore import In, Out, Registry, loads
+from btcore_ros2.leaves import RosAction, ros_service
+from btcore_ros2.session import RosSession
+from btcore_ros2.testing import isolate_ros
+
+TREE = """
+<root BTCPP_format="4"> <BehaviorTree ID="Main">
+  <Sequence> <SwitchMotors on="true"/> <Count order="6" last="{number}"/> </Sequence>
+</BehaviorTree> </root>"""
+
+
+class Count(RosAction):
+    """Let the robot count."""
+
+    action_type = Fibonacci
+    action_name = "count"
+    order: In[int]
+    last: Out[int]
+
+    def make_goal(self) -> Any:
+        return Fibonacci.Goal(order=self.order)
+
+    def on_result(self, result: Any) -> bool:
+        self.last = result.sequence[-1]
+        return True
+
+
+@ros_service(SetBool, "switch_motors")
+def switch_motors(on: In[bool]) -> Any:
+    response = yield SetBool.Request(data=on)
+    return response.success
+
+
+isolate_ros()  # this example talks only to itself
+rclpy.init()
+robot = rclpy.create_node("robot")  # usually in another process
+result = Fibonacci.Result(sequence=[0, 1, 1, 2, 3, 5])
+counter = ActionServer(robot, Fibonacci, "count", lambda goal: goal.succeed() or result)
+robot.create_service(SetBool, "switch_motors", lambda request, answer: SetBool.Response(success=request.data))
+with suppress(ExternalShutdownException), RosSession() as session:
+    threading.Thread(target=rclpy.spin, args=[robot], daemon=True).start()
+    nodes = Registry.standard()
+    nodes.add(Count, switch_motors)
+    tree = loads(TREE, nodes=nodes, resources=[session], clock=session.clock)
+    print(tree.tick_while_running(period=0.1), tree.blackboard["number"])
