@@ -36,8 +36,9 @@ from btcore.suggestions import join_names
 def diff(first: str, second: str, tolerance: float | None, no_idle: bool, context: int, as_json: bool) -> int:
     """Find the first transition that differs between the logs A and B, in node, status or order.
 
-    Logs can be .btlog files, SQLite files (.db3 or .btdb; the last session, or FILE.db3#2 for session 2) and
-    .fbl files of format 3. Nodes are identified by their paths.
+    Logs can be .btlog files, SQLite files (.db3 or .btdb; the last session, or FILE.db3#2 for session 2),
+    bags of ROS 2 (.mcap) with `behavior_tree_log`, and .fbl files of format 3. Nodes are identified by
+    their paths.
 
     \b
     Exit codes:

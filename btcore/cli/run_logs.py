@@ -25,8 +25,8 @@ log_option = click.option(
     multiple=True,
     callback=_distinct,
     metavar="FILE",
-    help="Log all status changes to FILE: .btlog (for Groot 2), .db3 (SQLite), .json (trace for Perfetto), "
-    "or - for text on stdout. Repeatable.",
+    help="Log all status changes to FILE: .btlog (for Groot 2), .db3 (SQLite), .mcap (a bag of ROS 2), "
+    ".json (trace for Perfetto), or - for text on stdout. Repeatable.",
 )
 
 

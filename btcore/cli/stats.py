@@ -37,9 +37,10 @@ _ORDERS: Final[dict[str, Callable[[RecordedStatistics], Any]]] = {
 def stats(log: str, sort: str, top: int | None, as_json: bool) -> None:
     """Print statistics of each node in LOG: results, success rate, and the time in RUNNING.
 
-    LOG is a .btlog file, an SQLite file (.db3 or .btdb; the last session, or FILE.db3#2 for session 2) or a
-    .fbl file of format 3. A truncated file is read up to the point of truncation. A node that returns its
-    result in the tick in which it starts is never RUNNING; its time is 0.
+    LOG is a .btlog file, an SQLite file (.db3 or .btdb; the last session, or FILE.db3#2 for session 2), a
+    bag of ROS 2 (.mcap) with `behavior_tree_log`, or a .fbl file of format 3. A truncated file is read up to
+    the point of truncation. A node that returns its result in the tick in which it starts is never RUNNING;
+    its time is 0.
     """
     recording = read_log(log)
     for warning in recording.warnings:

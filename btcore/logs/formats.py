@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, TypeVar
 
+from btcore.logs.bag import BagLog, read_bag
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
 from btcore.logs.fbl import read_fbl
@@ -22,6 +23,7 @@ WRITERS: Final[dict[str, Callable[[Tree, Path], Log]]] = {
     ".btlog": BtLog,
     ".db3": SqliteLog,
     ".btdb": SqliteLog,
+    ".mcap": BagLog,
     ".json": TraceLog,
 }
 """The logs that btcore writes, by extension."""
@@ -30,6 +32,7 @@ READERS: Final[dict[str, Callable[[Path], Recording]]] = {
     ".btlog": read_btlog,
     ".db3": read_sqlite,
     ".btdb": read_sqlite,
+    ".mcap": read_bag,
     ".fbl": read_fbl,
 }
 """The functions that read logs, by extension."""
@@ -43,7 +46,8 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
     Args:
         tree: The tree to log.
         path: The file, whose extension determines the format: `.btlog` (FileLogger2), `.db3` or
-            `.btdb` (SqliteLogger; existing sessions are deleted), `.json` (trace events for Perfetto).
+            `.btdb` (SqliteLogger; existing sessions are deleted), `.mcap` (a bag of ROS 2), `.json` (trace
+            events for Perfetto).
             `-` prints to stdout.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Write a robot's events to log files: `.btlog` and SQLite, in the formats of BehaviorTree.CPP.
+"""Write a robot's events to log files: `.btlog`, SQLite, and bags of ROS 2.
 
 The log has the XML that the robot sent. A stamp is the wall time of the first event plus the time of the
 tree's clock since then, as in btcore's own logs. Missing transitions are marked (`btcore.logs.Gap`),
@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Final
 
 from btcore.clock import NS_PER_US
+from btcore.logs.bag import EXTENSION as BAG
+from btcore.logs.bag import BagWriter
 from btcore.logs.btlog import EXTENSION as BTLOG
 from btcore.logs.btlog import BtLogWriter
 from btcore.logs.sqlite import EXTENSIONS as SQLITE
@@ -26,7 +28,7 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.wire.fulltree import write_fulltree
 
-LOGS: Final = (BTLOG, *SQLITE)
+LOGS: Final = (BTLOG, *SQLITE, BAG)
 """The extensions of files that a log writer can write."""
 
 _LATEST: Final = (1 << 48) - 1
@@ -50,7 +52,7 @@ class LogWriter:
         """The number of gaps. Transitions that the robot never sends do not count."""
         self._trees = 0
         self._tree_id = ""
-        self._logs: list[_BtLog | _SqliteLog] = []
+        self._logs: list[_BtLog | _SqliteLog | _Bag] = []
         self._statuses: dict[int, int] = {}
         self._start = 0
         self._next: int | None = None
@@ -101,7 +103,7 @@ class LogWriter:
         for path in self.paths:
             if self._trees > 1:
                 path = path.with_name(f"{path.stem}.{self._trees}{path.suffix}")
-            self._logs.append(_BtLog(path, event) if path.suffix == BTLOG else _SqliteLog(path, event))
+            self._logs.append(_FORMATS.get(path.suffix, _SqliteLog)(path, event))
             self.files.append(path)
 
     def _changed(self, event: StatusChanged) -> None:
@@ -166,6 +168,34 @@ class _BtLog:
             self._file.close()
 
 
+class _Bag:
+    """A bag. It has the same methods as `_SqliteLog`."""
+
+    def __init__(self, path: Path, event: TreeSeen) -> None:
+        names = {node.uid: node.name for node in event.tree.nodes}
+        self._file = BagWriter(path, write_fulltree(event.tree), names, event.wall // NS_PER_US)
+        self._rows: list[tuple[int, int, Status, Status]] = []
+
+    def add(self, since: int, uid: int, previous: Status, status: Status) -> None:
+        self._rows.append((since, uid, previous, status))
+
+    def gap(self, reason: str) -> None:
+        self.flush()
+        self._file.gap(reason)
+
+    def flush(self) -> None:
+        rows, self._rows = self._rows, []
+        if rows:
+            self._file.append(rows)
+
+    def close(self) -> None:
+        try:
+            self.flush()
+            self._file.finish()
+        finally:
+            self._file.close()
+
+
 class _SqliteLog:
     """An SQLite file. A gap is written with the next transition, because only its row has a text column."""
 
@@ -193,6 +223,9 @@ class _SqliteLog:
         finally:
             self._file.close()
 
+
+_FORMATS: Final[Mapping[str, type[_BtLog | _SqliteLog | _Bag]]] = {BTLOG: _BtLog, BAG: _Bag}
+"""The logs by extension; SQLite has several extensions."""
 
 WRITE_ERRORS: Final = (OSError, sqlite3.Error)
 """The exceptions that are raised if a file becomes unwritable, for example because the disk is full."""

@@ -50,7 +50,7 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
     multiple=True,
     required=True,
     metavar="FILE",
-    help="Output file: .btlog (Groot 2), .db3 or .btdb (SQLite), .rrd (rerun); may be given several times.",
+    help="Output file: .btlog (Groot 2), .db3 or .btdb (SQLite), .mcap (ROS 2), .rrd (rerun). Repeatable.",
 )
 @duration_option
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")

@@ -68,7 +68,7 @@ def replay(
     viewer: ViewerOptions,
     display: DisplayOptions,
 ) -> None:
-    """Show LOG: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2) or a format-3 .fbl.
+    """Show LOG: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2), a bag (.mcap) or a .fbl.
 
     Without options it opens the viewer, where the time can be moved back and forth. --save, --serve-web and
     --screenshot need no display. Times are in seconds since the log began. A truncated file is shown up to

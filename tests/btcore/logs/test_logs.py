@@ -201,10 +201,14 @@ def test_file_extension_selects_the_log_class(
     [
         (
             "a.btlgo",
-            "a.btlgo: logs that can be written end in .btlog, .db3, .btdb or .json; did you mean a.btlog?",
+            "a.btlgo: logs that can be written end in .btlog, .db3, .btdb, .mcap or .json; did you mean "
+            "a.btlog?",
         ),
-        ("a", "a: logs that can be written end in .btlog, .db3, .btdb or .json; did you mean a.btlog?"),
-        ("", ".: logs that can be written end in .btlog, .db3, .btdb or .json; for example run.btlog"),
+        (
+            "a",
+            "a: logs that can be written end in .btlog, .db3, .btdb, .mcap or .json; did you mean a.btlog?",
+        ),
+        ("", ".: logs that can be written end in .btlog, .db3, .btdb, .mcap or .json; for example run.btlog"),
         ("a.fbl", "a.fbl: btcore reads but does not write .fbl, a log of format 3; use a.btlog"),
     ],
 )
@@ -286,5 +290,7 @@ def test_missing_log_is_reported(tmp_path: Path, name: str) -> None:
 
 
 def test_reading_a_trace_as_a_log_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"logs that can be read end in \.btlog, \.db3, \.btdb or \.fbl"):
+    with pytest.raises(
+        LogError, match=r"logs that can be read end in \.btlog, \.db3, \.btdb, \.mcap or \.fbl"
+    ):
         read_log(tmp_path / "run.json")

@@ -63,6 +63,22 @@ def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: P
     assert sorted(numbers) == list(range(1, len(own.transitions) + 1))
 
 
+def test_a_recorded_bag_of_ros_contains_every_transition(endless, record, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    with serve(endless, groot2=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
+        recorder = record(publisher.address, "-o", "run.mcap", "--until-end")
+        assert publisher.wait_for_clients(1, 60)
+        for _ in range(50):
+            endless.tick_exactly_once()
+        endless.halt()
+        publisher.finish()
+        assert recorder.end() == 0, recorder.stderr_text
+    own, recording = read_btlog(tmp_path / "own.btlog"), read_log(tmp_path / "run.mcap")
+    assert len(own.transitions) > 300
+    assert find_divergence(steps(own), steps(recording)) is None
+    assert (recording.gaps, recording.xml, recording.nodes) == ((), own.xml, own.nodes)
+
+
 def _numbers(path: Path) -> Iterator[int]:
     from rerun.chunk import RrdReader
 
@@ -185,7 +201,7 @@ def _lines(path: Path) -> Iterator[str]:
         ([], "Missing option '-o'"),
         (
             ["-o", "run.txt"],
-            "types are .btlog, .db3, .btdb and .rrd; did you mean run.btlog?",
+            "types are .btlog, .db3, .btdb, .mcap and .rrd; did you mean run.btlog?",
         ),
         (["-o", "nowhere/run.btlog"], "there is no folder"),
         (["-o", "a.btlog", "-o", "./a.btlog"], "is given twice"),

@@ -1,0 +1,164 @@
+"""Bags of ROS 2: rosbags reads those of btcore, and btcore reads those that rosbags writes, as from Nav2."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rosbags")
+
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+import btcore
+from btcore.clock import NS_PER_S
+from btcore.logs import LogError, open_log, read_log
+from btcore.logs.bag import BagWriter
+
+STATUS_CHANGE = """builtin_interfaces/Time timestamp
+string node_name
+uint16 uid
+string previous_status
+string current_status
+"""
+XML = """
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Recover"><Wait wait_duration="5"/></BehaviorTree>
+  <BehaviorTree ID="Main">
+    <RecoveryNode number_of_retries="6" name="Navigate">
+      <Action ID="FollowPath"/>
+      <SubTree ID="Recover" name="Again"/>
+      <SubTree ID="Recover"/>
+    </RecoveryNode>
+  </BehaviorTree>
+</root>
+"""
+EVENTS = [
+    (1, "Navigate", "IDLE", "RUNNING"),
+    (2, "FollowPath", "IDLE", "FAILURE"),
+    (4, "Wait", "IDLE", "SUCCESS"),
+]
+
+
+def write_nav2_bag(
+    path: Path, events: Sequence[tuple[int, str, str, str]], change: str = STATUS_CHANGE, topics: int = 1
+) -> Path:
+    """Write a bag as `ros2 bag record` with a compression does, and move its file to *path*."""
+    store = get_typestore(Stores.ROS2_KILTED)
+    name = "nav2_msgs/msg/BehaviorTree"
+    log = "builtin_interfaces/Time timestamp\nBehaviorTreeStatusChange[] event_log\n"
+    store.register(
+        {**get_types_from_msg(change, f"{name}StatusChange"), **get_types_from_msg(log, f"{name}Log")}
+    )
+    time = store.types["builtin_interfaces/msg/Time"]
+    folder = path.with_name("bag")
+    writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        for topic in range(topics):
+            connection = writer.add_connection(f"/log{topic}", f"{name}Log", typestore=store)
+            for second, (uid, node, previous, status) in enumerate(events, 100):
+                fields = {"node_name": node, "previous_status": previous, "current_status": status}
+                if "uid" in change:
+                    fields |= {"uid": uid}  # type: ignore[dict-item]
+                event = store.types[f"{name}StatusChange"](timestamp=time(sec=second, nanosec=5), **fields)
+                message = store.types[f"{name}Log"](timestamp=time(sec=second, nanosec=0), event_log=[event])
+                writer.write(connection, second * NS_PER_S, store.serialize_cdr(message, f"{name}Log"))
+    next(folder.glob("*.mcap")).rename(path)
+    return path
+
+
+def test_a_bag_contains_the_same_as_a_btlog(tmp_path: Path) -> None:
+    b = btcore.Builder()
+    tree = b.build(b.Sequence(b.AlwaysSuccess(name="dør"), b.Inverter(b.AlwaysFailure()), name="all"))
+    with open_log(tree, tmp_path / "run.mcap"), open_log(tree, tmp_path / "run.btlog"):
+        tree.tick_while_running()
+        tree.tick_while_running()
+    bag, log = read_log(tmp_path / "run.mcap"), read_log(tmp_path / "run.btlog")
+    assert bag.nodes == log.nodes
+    assert bag.xml == log.xml
+    assert [change[1:] for change in bag.transitions] == [change[1:] for change in log.transitions]
+    assert len(bag.transitions) == 20
+    assert not bag.warnings
+    for ours, other in zip(bag.transitions, log.transitions, strict=True):
+        assert abs((ours.stamp - bag.start) - (other.stamp - log.start)) < NS_PER_S
+
+
+def test_gaps_are_read_where_they_were_written(tmp_path: Path) -> None:
+    b = btcore.Builder()
+    tree = b.build(b.AlwaysSuccess())
+    with open_log(tree, tmp_path / "run.mcap"):
+        tree.tick_while_running()
+    recording = read_log(tmp_path / "run.mcap")
+    writer = BagWriter(tmp_path / "gap.mcap", recording.xml.encode(), {1: "AlwaysSuccess"}, 7)
+    writer.append([(1, 1, btcore.Status.IDLE, btcore.Status.RUNNING)])
+    writer.gap("the robot was away")
+    writer.append([(2, 1, btcore.Status.RUNNING, btcore.Status.SUCCESS)])
+    writer.finish()
+    writer.close()
+    recording = read_log(tmp_path / "gap.mcap")
+    assert recording.gaps == ((1, "the robot was away"),)
+    assert [change.stamp for change in recording.transitions] == [8_000, 9_000]
+    assert recording.start == 7_000
+
+
+def test_a_bag_of_nav2_with_the_xml_beside_it(tmp_path: Path) -> None:
+    path = write_nav2_bag(tmp_path / "nav.mcap", EVENTS)
+    (tmp_path / "nav.xml").write_text(XML)
+    recording = read_log(path)
+    assert {uid: (node.path, node.children) for uid, node in recording.nodes.items()} == {
+        1: ("Navigate", (2, 3, 5)),
+        2: ("FollowPath::2", ()),
+        3: ("Again", (4,)),
+        4: ("Again/Wait::4", ()),
+        5: ("Recover::5", (6,)),
+        6: ("Recover::5/Wait::6", ()),
+    }
+    assert recording.transitions[2] == (102 * NS_PER_S + 5, 4, btcore.Status.IDLE, btcore.Status.SUCCESS)
+    assert recording.start == 100 * NS_PER_S + 5
+
+
+def test_without_xml_the_nodes_have_names_only(tmp_path: Path) -> None:
+    recording = read_log(write_nav2_bag(tmp_path / "nav.mcap", EVENTS))
+    assert {uid: node.path for uid, node in recording.nodes.items()} == {
+        1: "Navigate",
+        2: "FollowPath",
+        4: "Wait",
+    }
+
+
+def test_the_xml_of_another_tree_is_an_error(tmp_path: Path) -> None:
+    path = write_nav2_bag(tmp_path / "nav.mcap", EVENTS)
+    (tmp_path / "nav.xml").write_text(XML.replace("FollowPath", "Spin"))
+    with pytest.raises(LogError, match=r"node 2 is 'FollowPath', but in .*nav.xml it is 'Spin'"):
+        read_log(path)
+    (tmp_path / "nav.xml").write_text(
+        '<root><BehaviorTree ID="A"><RecoveryNode name="Navigate"/></BehaviorTree></root>'
+    )
+    with pytest.raises(LogError, match="no node with the UID 2, 'FollowPath'"):
+        read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "topics", "events", "message"),
+    [
+        (STATUS_CHANGE.replace("uint16 uid\n", ""), 1, EVENTS, "Humble"),
+        (STATUS_CHANGE, 2, EVENTS, "the logs of several trees: /log0, /log1"),
+        (STATUS_CHANGE, 0, EVENTS, "contains no messages nav2_msgs/msg/BehaviorTreeLog"),
+        (STATUS_CHANGE, 1, [(1, "A", "IDLE", "BUSY")], "'BUSY' is not a status"),
+    ],
+)
+def test_bags_that_cannot_be_read_are_explained(
+    tmp_path: Path, change: str, topics: int, events: Sequence[tuple[int, str, str, str]], message: str
+) -> None:
+    with pytest.raises(LogError, match=message):
+        read_log(write_nav2_bag(tmp_path / "nav.mcap", events, change, topics))
+
+
+def test_a_truncated_bag_is_an_error(tmp_path: Path) -> None:
+    path = write_nav2_bag(tmp_path / "nav.mcap", EVENTS)
+    content = path.read_bytes()
+    for length in (0, 5, 40, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:length])
+        with pytest.raises(LogError, match="not a complete bag"):
+            read_log(path)
