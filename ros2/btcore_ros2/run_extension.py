@@ -43,6 +43,12 @@ class RosExtension(RunExtension):
             metavar="ARGS",
             help="Arguments of the ROS node, as one text: '-r scan:=/scan_raw -r __ns:=/robot1'.",
         ),
+        click.Option(
+            ["--lockstep"],
+            is_flag=True,
+            help="Let the simulation wait for the run: repeatable, and as fast as possible. "
+            "For `btcore ros2 sim` and the run that uses it.",
+        ),
     )
 
     def __init__(self) -> None:
@@ -70,6 +76,8 @@ class RosExtension(RunExtension):
         drives = name is not None and any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
         navigates = bool(self.takes_over(settings, wanted))
         if RosSession not in wanted and not drives and not navigates:
+            if settings.get("lockstep"):
+                raise click.UsageError("--lockstep needs a robot on ROS 2 (--ros2), or leaves that use ROS 2")
             return ()
         import shlex
 
@@ -83,6 +91,10 @@ class RosExtension(RunExtension):
             self._session = settings.get("ros_session")
             if self._session is None:
                 self._session = RosSession(arguments=shlex.split(settings.get("ros_args") or ""))
+            if settings.get("lockstep"):
+                from btcore_ros2.simulation.lockstep import LockstepClock
+
+                self._session.clock = LockstepClock(self._session)
             resources: list[object] = []
             if description is not None:
                 _check_rate(settings.get("rate"), description.base)

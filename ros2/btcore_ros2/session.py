@@ -6,10 +6,10 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from btcore import SystemClock
-from btcore_robot.robot import NS_PER_S, Phase
+from btcore_robot.robot import NS_PER_S, Phase, RobotClock, Schedule
 from btcore_robot.schedule import RealTime
 from btcore_ros2.errors import RosError
 
@@ -29,6 +29,14 @@ MAX_DOMAIN = 232
 
 CLOSE_S = 1.0
 """How long (s) `close` waits for unfinished work, such as a cancellation, and for acknowledged messages."""
+
+
+class SessionClock(RobotClock, Protocol):
+    """A clock that takes what arrives for a ROS node while a caller waits on it."""
+
+    @property
+    def schedule(self) -> Schedule:
+        """The periodic tasks that run while a caller waits on the clock."""
 
 
 class RosClock(SystemClock):
@@ -74,7 +82,7 @@ class RosSession:
     Attributes:
         context: The context of the ROS node.
         node: The ROS node.
-        clock: The clock for the tree.
+        clock: The clock for the tree; may be replaced by a `LockstepClock`.
         shared: ROS entities that several leaves use, by type and name.
         unfinished: The work that `close` waits for, at most `CLOSE_S`. Each object removes itself.
 
@@ -117,7 +125,7 @@ class RosSession:
         self._executor.add_node(self.node)
         self._take = _take_function(self.node, self._executor, use_executor)
         self._draining = False
-        self.clock = RosClock(self)
+        self.clock: SessionClock = RosClock(self)
         self.shared: dict[tuple[Any, ...], Any] = {}
         self.unfinished: set[object] = set()
         self._after_drain: list[Callable[[], None]] = []

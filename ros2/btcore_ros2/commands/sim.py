@@ -27,9 +27,6 @@ SPARE_BOXES = 5
     "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed."
 )
 @click.option(
-    "--lockstep", is_flag=True, help="Advance only when a client requests a step, as fast as possible."
-)
-@click.option(
     "--wait-limit",
     type=FiniteRange(0, min_open=True),
     default=600.0,
@@ -54,7 +51,9 @@ def sim(ctx: click.Context, /, **settings: Any) -> int:
 
 
 def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> int:
-    gathered = require_resources(ctx, settings, (Robot,))
+    if settings.get("ros2_robot") is not None:
+        raise click.UsageError("--ros2 does not belong here: this command simulates its own robot")
+    gathered = require_resources(ctx, {**settings, "lockstep": False}, (Robot,))
     # Imported here: the simulator is installed, since there is a robot, and so is ROS 2.
     from btcore_ros2.simulation.lockstep import LockstepServer
     from btcore_ros2.simulation.services import offer_services

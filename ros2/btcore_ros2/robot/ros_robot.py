@@ -30,7 +30,7 @@ from btcore_robot.robot import (
     TransformStamped,
     Twist2D,
 )
-from btcore_robot.schedule import RealTime
+from btcore_robot.schedule import RealTime, SimulatedTime
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.conversions import (
     ScanConverter,
@@ -47,7 +47,7 @@ from btcore_ros2.robot.stamps import StampConverter
 from btcore_ros2.robot.topic_report import DOMAIN_HINT, has_other_type, sees_others, takes, topic_problem
 from btcore_ros2.robot.urdf import UrdfJoint, read_urdf
 from btcore_ros2.robot.velocity import VelocityCommands, check_finite
-from btcore_ros2.session import RosSession
+from btcore_ros2.session import RosClock, RosSession
 
 _log = logging.getLogger(__name__)
 
@@ -132,10 +132,10 @@ class RosRobot(Robot):
     @property
     def clock(self) -> RobotClock:
         """The clock of all stamps; waiting on it takes messages."""
-        return self._time if isinstance(self._time, SimTime) else self._session.clock
+        return self._session.clock if self._time is self._session.clock.schedule else self._time
 
     @property
-    def schedule(self) -> RealTime:
+    def schedule(self) -> RealTime | SimulatedTime:
         """The periodic tasks that run while a caller waits on `clock`."""
         return self._time
 
@@ -298,9 +298,12 @@ class RosRobot(Robot):
 
     # Time
 
-    def _choose_time(self) -> RealTime:
-        """Return the time of `/clock` if the robot uses it, else that of the session."""
+    def _choose_time(self) -> RealTime | SimulatedTime:
+        """Return the time of the simulation if the robot uses it, else that of the session."""
         session, wanted = self._session, self.description.use_sim_time
+        if isinstance(session.clock, SimulatedTime):  # in lockstep
+            self._stamps = StampConverter(shared=True)
+            return session.clock
         if wanted is None:
             # The publishers of a robot become visible together, so the clock is searched after the sensors.
             sensors = (self.description.scan.source.topic, self.description.odometry.topic)
@@ -313,6 +316,7 @@ class RosRobot(Robot):
             wanted = session.wait_for(lambda: self._node.count_publishers("/clock"), search)
         self._stamps = StampConverter(shared=bool(wanted))
         if not wanted:
+            assert isinstance(session.clock, RosClock)
             return session.clock.schedule
         sim_time = SimTime(session)
         if not session.wait_for(lambda: sim_time.started, self._start_time_left()):
@@ -329,7 +333,7 @@ class RosRobot(Robot):
         return max(0.0, self._start_deadline - time.monotonic())
 
     def _stamp_message(self) -> Any:
-        if not isinstance(self._time, SimTime):
+        if isinstance(self._session.clock, RosClock) and self._time is self._session.clock.schedule:
             return self._node.get_clock().now().to_msg()
         from builtin_interfaces.msg import Time
 

@@ -1,0 +1,47 @@
+"""`btcore run --ros2 tiago --lockstep` drives the simulated robot of another process."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("pybullet")
+
+from tests.ros2.simulation.process import LIMIT, Simulation
+
+
+def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "btcore", "run", "bumpgo", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT, check=False)
+
+
+def test_a_tree_drives_the_robot_and_the_run_is_repeatable(start: Callable[..., Simulation]) -> None:
+    ends: list[tuple[dict[str, Any], dict[str, Any]]] = []
+    for _ in range(2):
+        simulation = start("--world", "arena", "--lockstep", "--seed", "7")
+        ended = run("--ros2", "tiago", "--lockstep", "--duration", "15", "--json")
+        assert ended.returncode == 0, ended.stderr
+        assert simulation.interrupt() == 130
+        nodes = json.loads(ended.stdout.splitlines()[-1])["nodes"]
+        ends.append((nodes, simulation.result()))
+    assert ends[0] == ends[1]
+    nodes, result = ends[0]
+    assert result["robot"]["distance_m"] > 2.0
+    assert result["robot"]["collisions"] == 0
+    assert result["time_s"] == 15.0
+
+
+def test_lockstep_without_ros_is_an_error() -> None:
+    ended = run("--lockstep", "--duration", "1")
+    assert ended.returncode == 2
+    assert "--lockstep needs a robot on ROS 2 (--ros2)" in ended.stderr
+
+
+def test_the_simulation_rejects_another_robot(start: Callable[..., Simulation]) -> None:
+    simulation = start("--ros2", "tiago")
+    assert simulation.process.wait(LIMIT) == 2
+    assert "--ros2 does not belong here" in simulation.errors
