@@ -29,6 +29,8 @@ from btcore.values.known_types import to_builtin_number
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import interface_name
 
+__all__ = ["FieldProblem", "MessageValueError", "from_message", "read_field", "to_message"]
+
 PREFIX: Final = "json:"
 """The beginning of a text that is a value in JSON, as in BehaviorTree.CPP."""
 
