@@ -1,5 +1,6 @@
 """`RosAction` on a server in another process, whose behavior is part of each goal."""
 
+import asyncio
 import itertools
 import logging
 import threading
@@ -406,3 +407,18 @@ def test_clean_shutdown_of_the_server_is_seen_at_once(session: RosSession) -> No
         assert tree.tick_while_running(period=0.01) is F
         assert leaf_of(tree).errors == [ActionErrorCode.SERVER_UNREACHABLE]
         assert time.monotonic() - began < 15  # the DDS lease of a killed process takes 20 s
+
+
+def test_timeout_ends_a_goal_that_never_ends(server: ServerProcess, session: RosSession) -> None:
+    tag = next(TAGS)
+    plan = Plan(end=End.NEVER, tag=tag)
+    tree = load(session, f'<Timeout msec="500"><Planned order="{plan.order}"/></Timeout>')
+    assert tree.tick_while_running(period=0.01) is F
+    assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
+
+
+def test_leaf_under_an_event_loop(server: ServerProcess, session: RosSession) -> None:
+    tag = next(TAGS)
+    tree = load(session, f'<Planned order="{Plan(tag=tag).order}"/>')
+    assert asyncio.run(asyncio.wait_for(tree.run(), LIMIT_S)) is S
+    assert list(leaf_of(tree).last_result.sequence) == [tag]

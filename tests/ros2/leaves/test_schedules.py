@@ -1,5 +1,6 @@
 """A sample of the random schedules of tests/acceptance/ros2_schedules.py."""
 
+import statistics
 from collections.abc import Callable
 from types import ModuleType
 
@@ -17,4 +18,5 @@ def test_random_schedules(acceptance_script: Callable[[str], ModuleType]) -> Non
         run.close()
     assert run.wrong == []
     assert run.hangs == []
+    assert statistics.median(run.halts_us) < 1000
     assert sum(run.outcomes.values()) >= 15

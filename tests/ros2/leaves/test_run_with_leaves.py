@@ -1,0 +1,73 @@
+"""`btcore run` with leaves for ROS 2, on a server in another process."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from planned_server import End, Plan, ServerProcess, planned_server
+
+LIMIT_S = 60
+LEAVES = """
+from btcore import In
+from btcore_ros2.leaves import RosAction
+
+
+class Send(RosAction):
+    action_type = "test_msgs/action/Fibonacci"
+    action_name = "plan"
+    wait_for_server_timeout = 30_000
+    order: In[int]
+
+    def make_goal(self):
+        return self.action_type.Goal(order=self.order)
+"""
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[ServerProcess]:
+    with planned_server() as process:
+        yield process
+
+
+def start(folder: Path, plan: Plan) -> "subprocess.Popen[str]":
+    (folder / "leaves.py").write_text(LEAVES)
+    (folder / "tree.xml").write_text(
+        f'<root BTCPP_format="4"><BehaviorTree ID="T"><Send order="{plan.order}"/></BehaviorTree></root>'
+    )
+    command = ["run", "tree.xml", "--plugin", "leaves.py", "--ros-args", "-r plan:=planned"]
+    return subprocess.Popen(
+        [sys.executable, "-m", "btcore", *command],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def test_run_with_a_remapped_name(server: ServerProcess, tmp_path: Path) -> None:
+    process = start(tmp_path, Plan(tag=1))
+    output, _ = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0, output
+    assert server.of(1) == ["goal", "executing", "succeeded"]
+
+
+def test_interrupt_cancels_the_goal(server: ServerProcess, tmp_path: Path) -> None:
+    process = start(tmp_path, Plan(end=End.NEVER, tag=2))
+    end = time.monotonic() + LIMIT_S
+    while "executing" not in server.of(2):
+        assert process.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=LIMIT_S)
+    assert "Traceback" not in output
+    while "canceled" not in server.of(2):
+        assert time.monotonic() < end
+        time.sleep(0.01)
