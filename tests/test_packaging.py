@@ -17,6 +17,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PARENTS = PROJECT["tool"]["setuptools"]["packages"]["find"]["where"]
 PACKAGES = {"btcore", "btcore_monitor", "btcore_robot", "btcore_ros2", "btcore_scene", "btcore_sim"}
 
+DATA_SUFFIXES = {".action", ".json", ".msg", ".srv", ".typed", ".urdf", ".xml", ".yaml"}
+
 PYTHONS = [
     classifier.rpartition(" ")[2]
     for classifier in PROJECT["project"]["classifiers"]
@@ -55,7 +57,7 @@ def test_every_data_file_is_installed_with_its_package() -> None:
         path
         for package in packages
         for path in package.rglob("*")
-        if path.is_file() and path.suffix in {".xml", ".json", ".urdf", ".yaml", ".typed"}
+        if path.is_file() and path.suffix in DATA_SUFFIXES
     }
     assert there <= installed
 
