@@ -136,18 +136,18 @@ class Nav2GoalHandle(_SessionHandle):
         self.watch()
 
     def cancel(self) -> None:
-        """Request the server to end the goal, in the background. A goal that was not sent ends at once."""
+        """Request the server to end the goal, in the background. A goal that was not sent stays unsent."""
         super().cancel()
         if self._sent is not None:
             self._sent.cancel()
-        elif not super().done:
-            self.canceled()
 
     def advance(self) -> None:
         """Send the goal if its server has appeared, or read the answers of the server."""
         sent = self._sent
         if sent is None:
-            if self._named.is_ready():
+            if self.cancel_requested:
+                self.canceled()
+            elif self._named.is_ready():
                 self._send()
                 self.watch()
             return

@@ -147,6 +147,7 @@ def test_a_missing_server_is_a_failure_after_the_time_out(bench, caplog, monkeyp
     assert tree.blackboard["code"] == Nav2ErrorCode.SEND_GOAL_FAILURE
     assert "no action server 'hagn/spin' (nav2_msgs/action/Spin): start it" in tree.blackboard["why"]
     assert "hagn/spin" in caplog.text
+    assert bench.client.last_goals()[4].result.message == tree.blackboard["why"]
 
 
 def test_a_server_that_accepts_too_late_is_told_to_cancel(bench):

@@ -91,7 +91,10 @@ class BtActionNode(StatefulAction):
             if handle.status is GoalStatus.UNKNOWN and self.acceptance_timed_out():
                 handle.cancel()
                 self.handle = None
-                self.report(int(Nav2ErrorCode.SEND_GOAL_FAILURE), handle.missing_acceptance)
+                code = int(Nav2ErrorCode.SEND_GOAL_FAILURE)
+                # The handle still holds the reason when the navigator looks for the cause of its failure.
+                handle.abort(code, handle.missing_acceptance)
+                self.report(code, handle.missing_acceptance)
                 return Status.FAILURE
             self.on_wait_for_result(handle)
             return Status.RUNNING
