@@ -13,6 +13,8 @@ from btcore_robot.robot import NS_PER_S, Phase, RobotClock, Schedule
 from btcore_robot.schedule import RealTime
 from btcore_ros2.errors import RosError
 
+__all__ = ["RosClock", "RosSession"]
+
 log = logging.getLogger(__name__)
 
 FRESH_NS = 1_000_000
