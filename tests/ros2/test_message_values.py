@@ -1,7 +1,9 @@
 """Values become messages, and each problem names the path of the field."""
 
 import array
+import json
 import math
+import random
 from typing import Any
 
 import pytest
@@ -19,14 +21,17 @@ from test_msgs.msg import Arrays, BasicTypes, BoundedSequences, Strings, Unbound
 
 from btcore import ConversionError
 from btcore_ros2.errors import RosError
+from btcore_ros2.json_positions import find_part
 from btcore_ros2.message_values import (
     MAX_PROBLEMS,
     MAX_TEXT,
+    FieldType,
     MessageValueError,
     field_type,
     find_problems,
     from_message,
     message_constants,
+    message_fields,
     parse_json,
     read_field,
     to_message,
@@ -260,3 +265,60 @@ def test_unknown_field_is_an_error(path: str, problem: str) -> None:
 def test_text_that_is_not_json_is_refused(text: str, problem: str) -> None:
     with pytest.raises(ConversionError, match=problem):
         parse_json(text)
+
+
+LEAVES: list[Any] = [
+    0, 1, -1, 255, 256, 0.5, 1e39, 1e308, 2**63, 2**64, -(2**63), 10**50, True, False, None, "", "now", "x",
+    "nan", "{key}", "{}", "a\0", "\ud800", "json:{", "json:{}", [], {}, math.inf, "é" * 30,
+]  # fmt: skip
+TYPES = [
+    BasicTypes,
+    Arrays,
+    BoundedSequences,
+    UnboundedSequences,
+    Strings,
+    WStrings,
+    PoseStamped,
+    BatteryState,
+]
+
+
+def random_value(source: random.Random, field: FieldType, depth: int = 0) -> Any:
+    """Return a value that often fits *field*."""
+    if depth > 6 or source.random() < 0.15:
+        return source.choice(LEAVES)
+    if field.message is not None:
+        return random_fields(source, field.message, depth)
+    if field.item is None:
+        return source.choice(LEAVES)
+    count = field.size if field.size and source.random() < 0.8 else source.randrange(5)
+    return [random_value(source, field.item, depth + 1) for _ in range(count)]
+
+
+def random_fields(source: random.Random, message_type: Any, depth: int = 0) -> dict[str, Any]:
+    """Return values for some fields of *message_type*."""
+    fields = message_fields(message_type).items()
+    return {name: random_value(source, field, depth + 1) for name, field in fields if source.random() < 0.3}
+
+
+def test_any_value_is_a_message_or_a_list_of_problems_with_their_places() -> None:
+    source = random.Random(1)
+    messages = refused = 0
+    for _ in range(1000):
+        message_type = source.choice(TYPES)
+        value = random_fields(source, message_type)
+        try:
+            message = to_message(message_type, value)
+        except MessageValueError:
+            refused += 1
+        else:
+            messages += 1
+            sent = deserialize_message(serialize_message(message), message_type)
+            assert str(to_message(message_type, from_message(sent))) == str(sent)
+        text = "json:" + json.dumps(value)
+        if "Infinity" not in text:
+            for problem in find_problems(message_type, parse_json(text)):
+                start, width = find_part(text, len("json:"), problem.path, problem.is_name)
+                assert len("json:") <= start < start + width <= len(text)
+    assert messages > 50
+    assert refused > 50
