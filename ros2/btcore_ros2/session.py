@@ -12,6 +12,7 @@ from btcore import SystemClock
 from btcore_robot.robot import NS_PER_S, Phase, RobotClock, Schedule
 from btcore_robot.schedule import RealTime
 from btcore_ros2.errors import RosError
+from btcore_ros2.installation import check_installation
 
 __all__ = ["RosClock", "RosSession"]
 
@@ -89,7 +90,8 @@ class RosSession:
         unfinished: The work that `close` waits for, at most `CLOSE_S`. Each object removes itself.
 
     Raises:
-        RosError: ROS 2 is not installed, the arguments are invalid, or there is no such domain.
+        RosError: ROS 2 is not installed or mixed with another ROS 2, the arguments are invalid, or there is
+            no such domain.
     """
 
     def __init__(
@@ -100,6 +102,7 @@ class RosSession:
         domain: int | None = None,
         use_executor: bool = False,
     ) -> None:
+        check_installation()
         try:
             from rclpy.context import Context
             from rclpy.executors import SingleThreadedExecutor
@@ -107,11 +110,8 @@ class RosSession:
             from rclpy.node import Node
 
             from btcore_ros2.connection_checks import ConnectionChecks
-        except ModuleNotFoundError as missing:
-            raise RosError(
-                f"ROS 2 is not installed (no module '{missing.name}'): "
-                "pip install 'btcore[ros2]', or source the setup file of your ROS 2"
-            ) from missing
+        except ImportError as error:
+            raise RosError(f"ROS 2 cannot be imported: {error}; run: btcore ros2 doctor") from error
         _check_domain(str(domain) if domain is not None else os.environ.get("ROS_DOMAIN_ID") or "0")
         self.context = Context()
         # Without signal handlers, which are installed by rclpy.init() only: a last stop command can be sent

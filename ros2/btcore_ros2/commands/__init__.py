@@ -5,6 +5,7 @@ from importlib import import_module
 import click
 
 COMMANDS: dict[str, str] = {
+    "doctor": "doctor",
     "messages": "messages",
     "navigation": "navigation",
     "serve": "serve",

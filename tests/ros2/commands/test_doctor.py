@@ -1,0 +1,110 @@
+"""`btcore ros2 doctor` as a process."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HAS_ROS = importlib.util.find_spec("rclpy") is not None
+needs_ros = pytest.mark.skipif(not HAS_ROS, reason="could not import 'rclpy'")
+LIMIT = 120  # s
+TRIES = 5  # a busy machine may discover other processes late
+
+
+def doctor(*arguments: str, **environment: str) -> tuple[int, str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "btcore", "ros2", "doctor", *arguments],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+    )
+    assert "Traceback" not in done.stderr
+    return done.returncode, done.stdout + done.stderr
+
+
+def findings(*arguments: str) -> list[dict[str, Any]]:
+    code, output = doctor("--json", *arguments)
+    assert code == 0, output
+    found: list[dict[str, Any]] = json.loads(output[output.index("{") :])["findings"]
+    return found
+
+
+@pytest.mark.skipif(HAS_ROS, reason="ROS 2 is installed")
+def test_without_ros_the_command_says_how_to_install_it() -> None:
+    code, output = doctor()
+    assert code == 1
+    assert "✗ installation: ROS 2 is not installed for this Python" in output
+    assert "pip install 'btcore[ros2]'" in output
+
+
+@needs_ros
+@pytest.mark.usefixtures("mismatched_peer")
+def test_topics_types_and_mismatches_of_other_processes_are_reported() -> None:
+    from std_msgs.msg import Bool, String
+
+    from btcore_ros2.session import RosSession
+
+    with RosSession("reader") as session:
+        session.node.create_subscription(String, "/unreliable", lambda message: None, 10)
+        session.node.create_subscription(Bool, "/number", lambda message: None, 10)
+        for _ in range(TRIES):
+            found = {finding["subject"]: finding for finding in findings("--seconds", "2")}
+            mismatches = [subject for subject, finding in found.items() if finding["level"] == "warning"]
+            if {"topic /unreliable", "topic /number"} <= set(mismatches) and "topic /wanted_latched" in found:
+                break
+    assert found["installation"]["level"] == "ok"
+    assert found["domain"]["text"].startswith(os.environ["ROS_DOMAIN_ID"])
+    assert found["discovery"]["text"] == "LOCALHOST: this machine only"
+    assert found["middleware"]["text"].startswith("rmw_")
+    assert found["topic /unreliable"] == {
+        "level": "warning",
+        "subject": "topic /unreliable",
+        "text": "std_msgs/msg/String: /reader (RELIABLE, VOLATILE) receives nothing from /robot1/peer "
+        "(BEST_EFFORT, VOLATILE)",
+        "remedy": "the subscription must be BEST_EFFORT, or the publisher RELIABLE",
+    }
+    number = found["topic /number"]
+    assert number["level"] == "warning"
+    assert "/robot1/peer uses std_msgs/msg/Float64" in number["text"]
+    assert "/reader uses std_msgs/msg/Bool" in number["text"]
+    assert found["topic /wanted_latched"]["level"] == "ok"
+    assert "no ROS node publishes /clock" in found["clock"]["text"]
+
+
+@needs_ros
+def test_a_clock_of_a_simulation_is_named() -> None:
+    from rosgraph_msgs.msg import Clock
+
+    from btcore_ros2.session import RosSession
+
+    with RosSession("simulation") as session:
+        session.node.create_publisher(Clock, "/clock", 10)
+        for _ in range(TRIES):
+            clocks = [
+                finding["text"] for finding in findings("--seconds", "2") if finding["subject"] == "clock"
+            ]
+            if clocks and "simulated" in clocks[0]:
+                break
+    assert clocks == ["simulated time: /simulation publishes /clock"]
+
+
+@needs_ros
+def test_problems_of_the_settings_are_errors_with_a_remedy(tmp_path: Path) -> None:
+    code, output = doctor(RMW_IMPLEMENTATION="rmw_zenoh_cpp")
+    assert code == 1
+    assert "✗ installation: the middleware RMW_IMPLEMENTATION=rmw_zenoh_cpp is not installed" in output
+    assert "→ unset RMW_IMPLEMENTATION" in output
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib" / "librcl.so").touch()
+    code, output = doctor(AMENT_PREFIX_PATH=str(tmp_path))
+    assert code == 1
+    assert "two ROS 2 installations are mixed" in output.replace("\n", " ")
+    code, output = doctor(ROS_DOMAIN_ID="many")
+    assert code == 1
+    assert "✗ domain: ROS_DOMAIN_ID=many" in output
