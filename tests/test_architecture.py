@@ -36,6 +36,7 @@ LAYERS = (
         "input_files",
         "json_text",
         "output_files",
+        "process_group",
     },
     {"values"},
     {"blackboard"},

@@ -11,8 +11,8 @@ from typing import Final
 
 import click
 
+from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_monitor.console import print_line
-from btcore_monitor.process_group import NEW_PROCESS_GROUP
 from btcore_monitor.serve import Publisher
 from btcore_monitor.viewer_setup import stop_on_signals
 

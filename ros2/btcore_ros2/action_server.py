@@ -22,7 +22,7 @@ DELIVERY_S = 0.2
 """The time (s) before the end of a server in which clients can request the result of the last goal."""
 
 
-class RosGoal(Generic[Goal, Result, Feedback]):
+class ServerGoal(Generic[Goal, Result, Feedback]):
     """An accepted goal. A goal that has ended keeps its status: ending it again has no effect.
 
     Attributes:
@@ -98,26 +98,26 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
         from rclpy.action import CancelResponse
 
         self.name = name
-        self.waiting: deque[RosGoal[Goal, Result, Feedback]] = deque()
+        self.waiting: deque[ServerGoal[Goal, Result, Feedback]] = deque()
         self._session = session
         self._action_type = action_type
         self._reject_reason = reject_reason
         self._untaken_result = untaken_result
         self._is_closed = False
         self._last_end = -math.inf
-        self._taken: list[RosGoal[Goal, Result, Feedback]] = []
+        self._taken: list[ServerGoal[Goal, Result, Feedback]] = []
         self._server = _server_class()(
             session.node,
             action_type,
             name,
             execute_callback=lambda handle: None,  # not used: see DeferredServer
             goal_callback=self._on_request,
-            handle_accepted_callback=lambda handle: self.waiting.append(RosGoal(handle, self._end)),
+            handle_accepted_callback=lambda handle: self.waiting.append(ServerGoal(handle, self._end)),
             cancel_callback=lambda handle: CancelResponse.ACCEPT,
         )
         self._stop_watching = session.after_drain(self._end_cancelled)
 
-    def take(self) -> RosGoal[Goal, Result, Feedback] | None:
+    def take(self) -> ServerGoal[Goal, Result, Feedback] | None:
         """Return the first waiting goal, which becomes EXECUTING, or None."""
         self._end_cancelled()
         if not self.waiting:
@@ -126,7 +126,7 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
         self._start(goal)
         return goal
 
-    def take_newest(self) -> RosGoal[Goal, Result, Feedback] | None:
+    def take_newest(self) -> ServerGoal[Goal, Result, Feedback] | None:
         """Return the last waiting goal, which becomes EXECUTING, or None; abort the other waiting goals."""
         goal = None
         while (newer := self.take()) is not None:
@@ -152,7 +152,7 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
             self._session.wait_for(lambda: False, remaining)
         self._server.destroy()
 
-    def _end(self, goal: RosGoal[Goal, Result, Feedback], how: str, result: Result | None) -> None:
+    def _end(self, goal: ServerGoal[Goal, Result, Feedback], how: str, result: Result | None) -> None:
         """End *goal* with the method *how* of its handle, and send its result."""
         if goal in self._taken:
             self._taken.remove(goal)
@@ -169,7 +169,7 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
             self._session.node.get_logger().warning(f"goal of {self.name} rejected: {reason}")
         return GoalResponse.REJECT if reason else GoalResponse.ACCEPT
 
-    def _start(self, goal: RosGoal[Goal, Result, Feedback]) -> None:
+    def _start(self, goal: ServerGoal[Goal, Result, Feedback]) -> None:
         goal._handle.execute()
         self._taken.append(goal)
 

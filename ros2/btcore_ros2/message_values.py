@@ -79,8 +79,12 @@ class FieldProblem(NamedTuple):
 class MessageValueError(RosError):
     """Raised when a value does not fit the definition of a message.
 
-    Attributes:
+    Args:
         problems: The problems, at most `MAX_PROBLEMS`.
+        name: The name of the value, with which the places of the problems begin; may be "".
+
+    Attributes:
+        problems: The problems.
     """
 
     def __init__(self, problems: Sequence[FieldProblem], name: str) -> None:

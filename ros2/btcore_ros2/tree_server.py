@@ -12,7 +12,7 @@ from btcore.loading.json_export import import_blackboard
 from btcore.suggestions import did_you_mean
 from btcore.xml.plan.document_checks import analyse_document
 from btcore_robot.robot import NS_PER_S
-from btcore_ros2.action_server import RosActionServer, RosGoal
+from btcore_ros2.action_server import RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.session import RosSession
@@ -91,7 +91,7 @@ class TreeServer:
         self._trees = LoadedTrees(files, self._nodes)
         self._trees.check()
         self._period = round(NS_PER_S / _frequency(session, tick_frequency))
-        self._goal: RosGoal[Any, Any, Any] | None = None
+        self._goal: ServerGoal[Any, Any, Any] | None = None
         self._wake = threading.Event()
         self._is_stopping = False
         self._is_closed = False
@@ -212,7 +212,7 @@ class TreeServer:
         response.tree_ids = self.tree_ids
         return response
 
-    def _execute(self, goal: RosGoal[Any, Any, Any]) -> None:
+    def _execute(self, goal: ServerGoal[Any, Any, Any]) -> None:
         """Run the tree of *goal* to its end, and end the goal."""
         status, message, end = Status.IDLE, "", goal.abort
         try:
@@ -246,7 +246,7 @@ class TreeServer:
         self.on_tree_created(tree, payload)
         return tree
 
-    def _tick(self, tree: Tree, goal: RosGoal[Any, Any, Any]) -> tuple[Status, str, Any]:
+    def _tick(self, tree: Tree, goal: ServerGoal[Any, Any, Any]) -> tuple[Status, str, Any]:
         """Tick until *tree* or *goal* ends. Return the status, the message and how the goal ends."""
         status, due = Status.RUNNING, self._clock.now()
         while status is Status.RUNNING:

@@ -20,8 +20,8 @@ from typing import Final
 
 from rerun.experimental import ViewerClient
 
+from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_monitor.errors import MonitorError
-from btcore_monitor.process_group import NEW_PROCESS_GROUP
 
 LOOPBACK: Final = "127.0.0.1"
 _START_WITHIN: Final = 60.0

@@ -11,7 +11,7 @@ from btcore.status import PossibleResults
 from btcore_robot.navigation.action import GoalStatus
 from btcore_ros2.interfaces import interface_name
 from btcore_ros2.leaves.endpoint import Endpoint, interface_of
-from btcore_ros2.leaves.goal import RosGoal
+from btcore_ros2.leaves.goal import ClientGoal
 from btcore_ros2.leaves.results import completed
 from btcore_ros2.leaves.visible_names import hint_for_action
 from btcore_ros2.session import RosSession
@@ -53,10 +53,6 @@ class RosAction(StatefulAction):
     Args:
         session: The session, a resource of the tree.
 
-    Attributes:
-        last_result: The result message of the last goal, also of an aborted goal; None before.
-        error_message: The description of the last failure; "" if the last goal did not fail.
-
     Examples:
         >>> from btcore import In
         >>> from btcore_ros2.leaves import RosAction
@@ -84,11 +80,13 @@ class RosAction(StatefulAction):
     """
 
     last_result: Any = None
+    """The result message of the last goal, also of an aborted goal; None before."""
     error_message: str = ""
+    """The description of the last failure; "" if the last goal did not fail."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = None  # the goal belongs to the server
 
-    _goal: RosGoal | None = None
+    _goal: ClientGoal | None = None
     _unsent: Any = None
     _sent = 0
     _logged = ""
@@ -113,7 +111,11 @@ class RosAction(StatefulAction):
     # --- for subclasses
 
     def make_goal(self) -> Any:
-        """Return the goal message, or None to fail with INVALID_GOAL. Called when the leaf starts."""
+        """Return the goal message, or None to fail with INVALID_GOAL. Called when the leaf starts.
+
+        Raises:
+            NodeError: The subclass does not implement the method.
+        """
         raise NodeError(f"{type(self).__name__} has no make_goal()")
 
     def on_feedback(self, feedback: Any) -> Any:
@@ -240,7 +242,7 @@ class RosAction(StatefulAction):
             )
         message, self._unsent = self._unsent, None
         self._sent = now
-        self._goal = RosGoal(self.session, client, name, message, self.path, self.wake_up)
+        self._goal = ClientGoal(self.session, client, name, message, self.path, self.wake_up)
         self.wake_at(now + self.server_timeout * NS_PER_MS + 1)
         return Status.RUNNING
 

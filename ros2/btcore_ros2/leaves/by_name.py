@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from btcore import Blackboard, Direction, In, LiteralProblem, Port, StatefulAction, Status
+from btcore import Direction, In, LiteralProblem, Port, StatefulAction, Status
 from btcore.clock import NS_PER_MS, NS_PER_S
 from btcore.suggestions import did_you_mean, join_names
 from btcore.values import STRING
@@ -128,7 +128,7 @@ class RosActionCall(_ByName, RosAction):
         fields = {"result_field": "Result", "feedback_field": "Feedback"}
         return message_problems(literals, "action", {"goal": "Goal"}, fields)
 
-    def __init__(self, session: RosSession, board: Blackboard) -> None:
+    def __init__(self, session: RosSession) -> None:
         self.action_type = load_type(self, "action")
         self._goal_port = MessagePort(self, "goal", self.action_type.Goal, session)
         super().__init__(session)
@@ -187,7 +187,7 @@ class RosServiceCall(_ByName, RosService):
         """Return the problems of the request and of the field."""
         return message_problems(literals, "srv", {"request": "Request"}, {"response_field": "Response"})
 
-    def __init__(self, session: RosSession, board: Blackboard) -> None:
+    def __init__(self, session: RosSession) -> None:
         self.service_type = load_type(self, "srv")
         self._request_port = MessagePort(self, "request", self.service_type.Request, session)
         super().__init__(session)
@@ -240,7 +240,7 @@ class RosTopicPublish(_ByName, RosPublisher):
         """Return the problems of the message."""
         return message_problems(literals, "msg", {"message": ""}, {})
 
-    def __init__(self, session: RosSession, board: Blackboard) -> None:
+    def __init__(self, session: RosSession) -> None:
         self.message_type = load_type(self, "msg")
         self._message_port = MessagePort(self, "message", self.message_type, session)
         super().__init__(session)
@@ -277,7 +277,10 @@ class RosTopicRead(_ByName, StatefulAction):
     message does not count. After a failure, `error` has the reason.
 
     `type` names the message. The name of the topic is `topic_name`; without it, the instance name (`name`) is
-    the name of the topic.
+    the name of the topic. `qos` must be compatible with the publishers.
+
+    Args:
+        session: The session, a resource of the tree.
     """
 
     topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
@@ -305,10 +308,10 @@ class RosTopicRead(_ByName, StatefulAction):
 
     def __init__(self, session: RosSession) -> None:
         self.session = session
-        self.message_type = load_type(self, "msg")
+        self._message_type = load_type(self, "msg")
         self._deadline = 0
         self._logged = ""
-        key = ("newest", self.message_type, self.qos)
+        key = ("newest", self._message_type, self.qos)
         self._endpoint = Endpoint(self, session, "topic_name", key, self._connect)
 
     def _connect(self, name: str) -> _Newest:
@@ -318,7 +321,7 @@ class RosTopicRead(_ByName, StatefulAction):
         # The default callbacks log incompatible publishers, which why_silent() describes.
         callbacks = SubscriptionEventCallbacks(use_default_callbacks=False)
         node, qos = self.session.node, self.qos.profile()
-        node.create_subscription(self.message_type, name, newest.take, qos, event_callbacks=callbacks)
+        node.create_subscription(self._message_type, name, newest.take, qos, event_callbacks=callbacks)
         return newest
 
     def on_start(self) -> Status:
@@ -343,7 +346,7 @@ class RosTopicRead(_ByName, StatefulAction):
             return Status.RUNNING
         self.on_halted()
         name = self._endpoint.name
-        reason = why_silent(self.session.node, name, interface_name(self.message_type), self.qos)
+        reason = why_silent(self.session.node, name, interface_name(self._message_type), self.qos)
         error = f"no message on the topic '{name}' within {self.timeout} ms: {reason}"
         if newest.message is None and error != self._logged:
             self._logged = error

@@ -23,6 +23,10 @@ class RosCallError(RosError):
 
     A generator that does not catch it ends with FAILURE.
 
+    Args:
+        code: The kind of failure.
+        message: What failed.
+
     Attributes:
         code: The kind of failure.
     """

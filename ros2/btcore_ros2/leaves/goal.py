@@ -36,7 +36,7 @@ def _do_nothing() -> None:
     pass
 
 
-class RosGoal:
+class ClientGoal:
     """A goal that was sent to an action server.
 
     The goal makes progress whenever the session takes messages. It is watched until it has ended. After

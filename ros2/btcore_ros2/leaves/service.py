@@ -38,9 +38,6 @@ class RosService(StatefulAction):
     Args:
         session: The session, a resource of the tree.
 
-    Attributes:
-        error_message: The description of the last failure; "" if the last call did not fail.
-
     Examples:
         >>> from btcore import In
         >>> from btcore_ros2.leaves import RosService
@@ -67,6 +64,7 @@ class RosService(StatefulAction):
     """
 
     error_message: str = ""
+    """The description of the last failure; "" if the last call did not fail."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = None  # the response belongs to the server
 
@@ -97,7 +95,11 @@ class RosService(StatefulAction):
     # --- for subclasses
 
     def make_request(self) -> Any:
-        """Return the request, or None to fail with INVALID_REQUEST. Called when the leaf starts."""
+        """Return the request, or None to fail with INVALID_REQUEST. Called when the leaf starts.
+
+        Raises:
+            NodeError: The subclass does not implement the method.
+        """
         raise NodeError(f"{type(self).__name__} has no make_request()")
 
     def on_response(self, response: Any) -> Any:

@@ -48,7 +48,11 @@ class RosPublisher(Condition):
         return self.session.node.create_publisher(self.message_type, name, self.qos)
 
     def make_message(self) -> Any:
-        """Return the message, or None to publish nothing and fail."""
+        """Return the message, or None to publish nothing and fail.
+
+        Raises:
+            NodeError: The subclass does not implement the method.
+        """
         raise NodeError(f"{type(self).__name__} has no make_message()")
 
     def tick(self) -> bool:
@@ -145,6 +149,9 @@ class RosSubscriber(Condition):
 
         Returns:
             SUCCESS (True) or FAILURE (False), the result of the leaf.
+
+        Raises:
+            NodeError: The subclass does not implement the method.
         """
         raise NodeError(f"{type(self).__name__} has no on_message()")
 

@@ -24,6 +24,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
+from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_ros2.errors import RosError
 from btcore_ros2.message_packages.definitions import KINDS, MessagePackage
 from btcore_ros2.message_packages.jobs import run_jobs
@@ -160,7 +161,11 @@ def _install_wheel(wheel: Path, folder: Path) -> None:
     log = folder / "pip.log"
     with log.open("wb") as output:
         process = subprocess.Popen(
-            [*command, *quiet, str(wheel)], stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+            [*command, *quiet, str(wheel)],
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            creationflags=NEW_PROCESS_GROUP,
         )
         try:
             code = process.wait()
@@ -168,7 +173,9 @@ def _install_wheel(wheel: Path, folder: Path) -> None:
             process.wait()
             raise
     if code != 0:
-        raise RosError(f"pip failed with exit code {code}:\n{log.read_text(errors='replace').strip()}")
+        raise RosError(
+            f"pip failed with exit code {code}:\n{log.read_text(encoding='utf-8', errors='replace').strip()}"
+        )
 
 
 class _Build:
@@ -202,10 +209,10 @@ class _Build:
         for one in self.package.interfaces:
             file = self.share / one.kind / f"{one.name}.{one.kind}"
             file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(one.text, encoding="utf-8")
+            file.write_text(one.text, encoding="utf-8", newline="\n")
         tuples = self.folder / "definitions.json"
         files = [f"{self.share}:{one.kind}/{one.name}.{one.kind}" for one in self.package.interfaces]
-        tuples.write_text(json.dumps({"non_idl_tuples": files}), encoding="utf-8")
+        tuples.write_text(json.dumps({"non_idl_tuples": files}), encoding="utf-8", newline="\n")
         adapter = [sys.executable, "-m", "rosidl_adapter", "--package-name", self.name]
         outputs = ["--output-dir", str(self.share), "--output-file", str(self.folder / "idl.txt")]
         self._run([*adapter, "--arguments-file", str(tuples), *outputs])
@@ -244,7 +251,7 @@ class _Build:
                 "@PROJECT_NAME@", self.name
             )
             (self.headers / "msg").mkdir(exist_ok=True)
-            (self.headers / "msg" / name).write_text(text, encoding="utf-8")
+            (self.headers / "msg" / name).write_text(text, encoding="utf-8", newline="\n")
 
     def _generator(self, name: str, output: Path, **more: Sequence[str]) -> list[str]:
         """Return the command that runs the generator *name*."""
@@ -258,7 +265,7 @@ class _Build:
             **more,
         }
         file = self.folder / f"{name}.json"
-        file.write_text(json.dumps(arguments), encoding="utf-8")
+        file.write_text(json.dumps(arguments), encoding="utf-8", newline="\n")
         program = str(self.prefix / "lib" / name / name)
         return [sys.executable, program, "--generator-arguments-file", str(file)]
 
@@ -313,7 +320,8 @@ class _Build:
             }
             for library, (suffix, files) in sources.items():
                 source = self.folder / f"{number}_{library}{suffix}"
-                source.write_text("".join(f'#include "{file}"\n' for file in files), encoding="utf-8")
+                text = "".join(f'#include "{file}"\n' for file in files)
+                source.write_text(text, encoding="utf-8", newline="\n")
                 objects[library].append(source.with_suffix(".o"))
                 compiler = cpp if suffix == ".cpp" else c
                 commands.append([*compiler, *options, str(source), "-o", str(objects[library][-1])])

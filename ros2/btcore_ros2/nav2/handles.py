@@ -8,7 +8,7 @@ from btcore_robot.navigation.action import ActionResult, GoalHandle, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.robot import NS_PER_S
 from btcore_ros2.errors import RosError
-from btcore_ros2.leaves.goal import RosGoal
+from btcore_ros2.leaves.goal import ClientGoal
 from btcore_ros2.leaves.visible_names import hint_for_action, hint_for_service
 from btcore_ros2.nav2.conversions import ActionConverter
 from btcore_ros2.nav2.service_requests import read_response
@@ -120,7 +120,7 @@ class Nav2GoalHandle(_SessionHandle):
     ) -> None:
         super().__init__(session, named, goal)
         self._converter = converter
-        self._sent: RosGoal | None = None
+        self._sent: ClientGoal | None = None
         self._message = converter.type.Goal()
         try:
             converter.write_goal(goal, self._message)
@@ -172,7 +172,9 @@ class Nav2GoalHandle(_SessionHandle):
     def _send(self) -> None:
         self.on_server_found()
         self.missing_acceptance = f"the action server '{self._name}' did not answer the goal in time"
-        self._sent = RosGoal(self._session, self._client, self._name, self._message, self._name, lambda: None)
+        self._sent = ClientGoal(
+            self._session, self._client, self._name, self._message, self._name, lambda: None
+        )
 
     def _read_result(self, status: GoalStatus, message: Any) -> None:
         code, text = int(getattr(message, "error_code", 0)), str(getattr(message, "error_msg", ""))

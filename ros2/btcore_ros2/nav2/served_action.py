@@ -5,7 +5,7 @@ from typing import Any
 
 from btcore_robot.navigation.action import ActionServer, GoalHandle, GoalStatus
 from btcore_robot.robot import NS_PER_S
-from btcore_ros2.action_server import DELIVERY_S, RosActionServer, RosGoal
+from btcore_ros2.action_server import DELIVERY_S, RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.conversions import ActionConverter
 from btcore_ros2.session import RosSession
@@ -51,7 +51,7 @@ class ServedAction:
         self._ros: RosActionServer[Any, Any, Any] = RosActionServer(
             session, self._type, name or converter.name, reject_reason=reject_reason
         )
-        self._goals: list[tuple[RosGoal[Any, Any, Any], GoalHandle[Any, Any, Any]]] = []
+        self._goals: list[tuple[ServerGoal[Any, Any, Any], GoalHandle[Any, Any, Any]]] = []
         self._next_feedback = 0
 
     @property
@@ -84,7 +84,7 @@ class ServedAction:
             self._session.wait_for(lambda: False, DELIVERY_S)
         self._ros.close()
 
-    def _start(self, ros: RosGoal[Any, Any, Any]) -> None:
+    def _start(self, ros: ServerGoal[Any, Any, Any]) -> None:
         try:
             goal = self._converter.read_goal(ros.request)
         except RosError as error:
@@ -96,13 +96,13 @@ class ServedAction:
             return
         self._goals.append((ros, self._server.send_goal(goal)))
 
-    def _send_feedback(self, ros: RosGoal[Any, Any, Any], handle: GoalHandle[Any, Any, Any]) -> None:
+    def _send_feedback(self, ros: ServerGoal[Any, Any, Any], handle: GoalHandle[Any, Any, Any]) -> None:
         if handle.feedback is not None:
             message = self._type.Feedback()
             self._converter.write_feedback(handle.feedback, message)
             ros.publish_feedback(message)
 
-    def _end(self, ros: RosGoal[Any, Any, Any], handle: GoalHandle[Any, Any, Any]) -> bool:
+    def _end(self, ros: ServerGoal[Any, Any, Any], handle: GoalHandle[Any, Any, Any]) -> bool:
         """Send the result if *handle* has ended, and return whether it has."""
         if not handle.done:
             return False
