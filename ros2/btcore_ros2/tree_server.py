@@ -1,6 +1,5 @@
 """The tree server: trees that run as goals of an action, as by BehaviorTree.ROS2's TreeExecutionServer."""
 
-import json
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from btcore import Blackboard, BtcoreError, Registry, Status, Tree, make
 from btcore.clock import Clock
+from btcore.json_text import load_json
 from btcore.loading.json_export import import_blackboard
 from btcore.suggestions import did_you_mean
 from btcore.xml.plan.document_checks import analyse_document
@@ -15,6 +15,7 @@ from btcore_robot.robot import NS_PER_S
 from btcore_ros2.action_server import RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import load_interface
+from btcore_ros2.parameters import declare_parameter
 from btcore_ros2.session import RosSession
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ class TreeServer:
         self._server: RosActionServer[Any, Any, Any] = RosActionServer(
             session,
             self._action,
-            _parameter(session, "action_name", action_name),
+            declare_parameter(session.node, "action_name", action_name),
             reject_reason=lambda goal: self.reject_reason(goal.target_tree, goal.payload),
             untaken_result=self._result(Status.IDLE, "the tree was not started"),
         )
@@ -347,7 +348,7 @@ class LoadedTrees:
 def _members(payload: str) -> dict[str, Any]:
     """Return the object in a payload `json:{…}`."""
     try:
-        members = json.loads(payload.removeprefix(JSON_PREFIX))
+        members = load_json(payload.removeprefix(JSON_PREFIX))
     except ValueError as error:
         raise RosError(f"the payload is not valid JSON after '{JSON_PREFIX}': {error}") from error
     if not isinstance(members, dict):
@@ -357,21 +358,8 @@ def _members(payload: str) -> dict[str, Any]:
     return members
 
 
-def _parameter(session: RosSession, name: str, default: Any) -> Any:
-    """Declare a read-only ROS parameter, and return its value."""
-    from rcl_interfaces.msg import ParameterDescriptor
-
-    # An integer for a number is allowed.
-    descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True)
-    value = session.node.declare_parameter(name, default, descriptor).value
-    if isinstance(value, (int, float)) is not isinstance(default, (int, float)) or isinstance(value, bool):
-        kind = "number" if isinstance(default, (int, float)) else "text"
-        raise RosError(f"the ROS parameter {name} has to be a {kind}, not {value!r}")
-    return value
-
-
 def _frequency(session: RosSession, default: float) -> float:
-    value = float(_parameter(session, "tick_frequency", default))
+    value = float(declare_parameter(session.node, "tick_frequency", float(default)))
     if not 0.0 < value <= 10_000.0:
         raise RosError(f"the ROS parameter tick_frequency has to be between 0 and 10000 (Hz), not {value:g}")
     return value

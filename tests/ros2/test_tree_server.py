@@ -196,6 +196,7 @@ def test_payload_with_entries(server: ServerProcess, client: ClientProcess) -> N
         ("json:{speed", "the payload is not valid JSON after 'json:': Expecting property name"),
         ("json:[1]", "the payload is not an object after 'json:'"),
         ('json:{"speed": "fast"}', "speed"),
+        ('json:{"speed": ' + "[" * 2000, "nested more than 100 levels deep"),
     ],
 )
 def test_bad_payload(server: ServerProcess, client: ClientProcess, payload: str, message: str) -> None:

@@ -23,6 +23,7 @@ from btcore.run_extension import RunExtension
 from btcore.xml.models.stand_ins import StubPlans
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
+from btcore_ros2.parameters import declare_parameter
 from btcore_ros2.session import DRAIN_RATE, RosSession
 from btcore_ros2.tree_server import LoadedTrees, TreeServer
 
@@ -108,7 +109,7 @@ class PublishedTreeServer(TreeServer):
 
 def _publish_by_default(session: RosSession, settings: dict[str, Any]) -> None:
     """Publish for Groot 2 at the port of the ROS parameter `groot2_port`, unless options choose otherwise."""
-    port = _parameter(session, "groot2_port", GROOT2_PORT)
+    port = declare_parameter(session.node, "groot2_port", GROOT2_PORT)
     if "publish" not in settings or importlib.util.find_spec("zmq") is None:
         _warn("the trees are not published for Groot: pip install 'btcore[monitor]'")
         return
@@ -120,7 +121,7 @@ def _publish_by_default(session: RosSession, settings: dict[str, Any]) -> None:
 def _load_nodes(session: RosSession, plugins: tuple[str, ...]) -> Registry:
     """Return the nodes of the installed libraries, of the options and of the ROS parameter `plugins`."""
     named = list(plugins)
-    for plugin in _parameter(session, "plugins", []):
+    for plugin in declare_parameter(session.node, "plugins", []):
         if "/" in plugin and not plugin.endswith(".py"):
             _warn(
                 f"the plugin '{plugin}' of the ROS parameter is ignored: C++ libraries cannot be loaded; "
@@ -137,7 +138,7 @@ def _files_of_parameter(session: RosSession) -> tuple[Path, ...]:
     Raises:
         RosError: The parameter is not given, or names a package or folder that does not exist.
     """
-    names = _parameter(session, "behavior_trees", [])
+    names = declare_parameter(session.node, "behavior_trees", [])
     if not names:
         raise RosError("there are no trees to serve: give TREES, or the ROS parameter behavior_trees")
     return tuple(_find_trees(name) for name in names)
@@ -158,20 +159,6 @@ def _find_trees(name: str) -> Path:
     if not path.exists():
         raise RosError(f"behavior_trees: the package '{package}' has no '{rest}'")
     return path
-
-
-def _parameter(session: RosSession, name: str, default: Any) -> Any:
-    """Declare a ROS parameter, and return its value."""
-    from rcl_interfaces.msg import ParameterDescriptor
-
-    descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True)
-    value = session.node.declare_parameter(name, default, descriptor).value
-    if isinstance(default, list):
-        if not all(isinstance(item, str) for item in value):
-            raise RosError(f"the ROS parameter {name} has to be a list of texts, not {value!r}")
-    elif type(value) is not type(default):
-        raise RosError(f"the ROS parameter {name} has to be an integer, not {value!r}")
-    return value
 
 
 def _warn(message: str) -> None:
