@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from btcore import Blackboard, BtcoreError, Registry, Status, Tree, make
+from btcore.blackboard.ports import UNSET
 from btcore.clock import Clock
 from btcore.json_text import load_json
 from btcore.loading.json_export import import_blackboard
+from btcore.registry.manifest import find_resource
 from btcore.suggestions import did_you_mean
 from btcore.xml.plan.document_checks import analyse_document
 from btcore_robot.robot import NS_PER_S
@@ -64,8 +66,8 @@ class TreeServer:
         tree: The tree that runs, or ran last; None before the first goal.
 
     Raises:
-        RosError: The messages of the action are not installed, a folder has no XML file, or a ROS parameter
-            is invalid.
+        RosError: The messages of the action are not installed, a folder has no XML file, a resource that the
+            trees need is missing, or a ROS parameter is invalid.
         TreeError: The files have errors.
     """
 
@@ -90,7 +92,9 @@ class TreeServer:
         self._clock = clock if clock is not None else session.clock
         self.blackboard = Blackboard(clock=self._clock)
         self._trees = LoadedTrees(files, self._nodes)
-        self._trees.check()
+        for wanted in self._trees.check():
+            if find_resource(self._resources, wanted, "the trees") is UNSET:
+                raise RosError(f"the trees need a resource of the type {wanted.__name__}, and none is given")
         self._period = round(NS_PER_S / _frequency(session, tick_frequency))
         self._goal: ServerGoal[Any, Any, Any] | None = None
         self._wake = threading.Event()

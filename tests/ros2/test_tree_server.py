@@ -391,3 +391,18 @@ def test_python_server(session: RosSession, folder: Path) -> None:
 def test_missing_folder_contents(session: RosSession, tmp_path: Path) -> None:
     with pytest.raises(RosError, match="no XML file in the folder"):
         TreeServer(session, [tmp_path])
+
+
+def test_missing_resource(session: RosSession, folder: Path) -> None:
+    class Gripper:
+        pass
+
+    @btcore.action
+    def grasp(gripper: Gripper) -> None: ...
+
+    nodes = btcore.Registry.standard()
+    nodes.add(grasp)
+    file = folder / "grasp.xml"
+    file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Main"><Grasp/></BehaviorTree></root>')
+    with pytest.raises(RosError, match="the trees need a resource of the type Gripper, and none is given"):
+        TreeServer(session, [file], nodes=nodes)
