@@ -179,13 +179,14 @@ dist: .venv-release/ready
 	@BTCORE_COMPILED=1 .venv-release/bin/python $(PIP) wheel --no-deps --wheel-dir dist dist/btcore-*.tar.gz
 	@.venv-release/bin/twine check --strict dist/*
 
-bench: .venv/ready .venv-compiled/bench
+bench: .venv/ready .venv-compiled/bench $(if $(ROS2),.venv-ros/ready)
 	@mkdir -p out
 	@echo '· every benchmark, on the pure build'
 	@.venv/bin/btcore bench --json out/bench-pure.json
 	@echo '· the benchmarks of the engine, on the compiled build'
 	@.venv-compiled/bin/btcore bench $(ENGINE_BENCHMARKS) --json out/bench-compiled.json \
 		--beside out/bench-pure.json --plot out/performance.png
+	@$(if $(ROS2),.venv-ros/bin/btcore bench ros2)
 
 clean:
 	rm -rf .venv .venv-compiled .venv-ros .venv-release build dist out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
