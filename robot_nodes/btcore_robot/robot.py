@@ -331,8 +331,19 @@ class TorsoInfo:
     speed: float
 
 
+class _RobotType(type(Protocol)):  # type: ignore[misc]
+    """The type of `Robot`, whose isinstance does not read the properties of a derived class.
+
+    A property may be slow: the properties of a camera may have to arrive first. Since Python 3.12, isinstance
+    does not read properties at all.
+    """
+
+    def __instancecheck__(cls, instance: object) -> bool:
+        return cls in type(instance).__mro__ or super().__instancecheck__(instance)
+
+
 @runtime_checkable
-class Robot(Protocol):
+class Robot(Protocol, metaclass=_RobotType):
     """A robot with a differential base, a planar laser and optionally a head with a camera.
 
     A leaf obtains the robot by annotating a constructor parameter with this type. All methods return at once:
@@ -454,9 +465,11 @@ class Waypoints:
 
     Attributes:
         places: The poses by name.
+        source: The origin of the poses, for error messages: a file, or "this world".
     """
 
     places: Mapping[str, Pose2D]
+    source: str = "this world"
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from btcore_robot.leaves.explore import Explorer, MapFile
 from btcore_robot.leaves.lifecycle_leaves import HeadTrackerProtocol, ObjectLocatorProtocol
 from btcore_robot.leaves.navigate import PoseNavigator
 from btcore_robot.leaves.waypoint import GetWaypoint
-from btcore_robot.robot import Robot
+from btcore_robot.robot import Robot, Waypoints
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,7 +35,8 @@ class NavigationExtension(RunExtension):
             ["--map", "map_file"],
             type=click.Path(path_type=Path),
             metavar="FILE.yaml",
-            help="Map to navigate on, as YAML of map_server; by default drawn from the world's walls.",
+            help="Map to navigate on, as YAML of map_server, with waypoints in FILE.waypoints.yaml; by "
+            "default drawn from the world's walls.",
         ),
         click.Option(
             ["--nav-params"],
@@ -60,33 +61,41 @@ class NavigationExtension(RunExtension):
         self._tracker: HeadTracker | None = None
         self._locator: ObjectLocator | None = None
 
+    def takes_over(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[type]:
+        """Return the type of waypoints if the map has some; see `RunExtension.takes_over`."""
+        return (Waypoints,) if Waypoints in wanted and _waypoint_file(settings) is not None else ()
+
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
         """Return the types of the required resources.
 
         Leaves that navigate or explore require a robot and a map. Leaves that only track require a robot.
+        Waypoints are those of the simulated world, if there is one.
         """
         navigates, explores, tracks = _required_features(wanted)
+        places = (Waypoints,) if Waypoints in wanted else ()
         if not (navigates or explores or tracks):
-            return ()
+            return places
         if not (navigates or explores):
-            return (Robot,)
+            return (Robot, *places)
         from btcore_robot.navigation.occupancy_map import OccupancyMap
 
-        return (Robot, OccupancyMap)
+        return (Robot, OccupancyMap, *places)
 
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:
-        """Create the navigation, exploration, head tracker and object locator that leaves require.
+        """Create the waypoints, navigation, exploration, head tracker and object locator that leaves require.
 
         Raises:
-            click.UsageError: The user's map or parameters cannot be used.
+            click.UsageError: The user's map, waypoints or parameters cannot be used.
         """
+        created: list[object] = []
+        if Waypoints in wanted and not any(isinstance(resource, Waypoints) for resource in provided):
+            created.append(_waypoints(settings))
         navigates, explores, tracks = _required_features(wanted)
         robot = next((resource for resource in provided if isinstance(resource, Robot)), None)
         if robot is None:
-            return ()
-        created: list[object] = []
+            return created
         if explores:
             self._file = MapFile(_check_folder(settings.get("save_map")))
             exploration = self._exploration = _exploration(robot, settings, provided)
@@ -111,7 +120,7 @@ class NavigationExtension(RunExtension):
         self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> Iterator[None]:
         """At the end of the run, stop tracker and locator, and save the map if the tree has not saved it."""
-        _check_waypoints(getattr(tree, "nodes", ()))
+        _check_waypoints(getattr(tree, "nodes", ()), settings)
         try:
             yield
         finally:
@@ -226,14 +235,55 @@ def _random(settings: Mapping[str, Any]) -> "np.random.Generator":
     return np.random.default_rng([settings.get("seed", 0), 4])
 
 
-def _check_waypoints(nodes: Sequence[object]) -> None:
-    """Raise click.UsageError before the run if a leaf needs waypoints that the world does not have."""
+def _waypoint_file(settings: Mapping[str, Any]) -> Path | None:
+    """Return the file with the waypoints of the user's map, or None if there is no such file."""
+    if settings.get("map_file") is None:
+        return None
+    from btcore_robot.navigation.waypoint_file import waypoints_path
+
+    path = waypoints_path(settings["map_file"])
+    return path if path.exists() else None
+
+
+def _waypoints(settings: Mapping[str, Any]) -> Waypoints:
+    """Return the waypoints of the user's map; without any, the run ends with an error before it begins."""
+    path = _waypoint_file(settings)
+    if path is None:
+        return Waypoints({}, source="the robot's map")
+    from btcore_robot.navigation.occupancy_map import MapError
+    from btcore_robot.navigation.waypoint_file import load_waypoints
+
+    try:
+        return load_waypoints(path)
+    except MapError as error:
+        raise click.UsageError(str(error)) from error
+
+
+def _check_waypoints(nodes: Sequence[object], settings: Mapping[str, Any]) -> None:
+    """Raise click.UsageError before the run if a leaf needs a waypoint that does not exist."""
     for node in nodes:
-        if isinstance(node, GetWaypoint) and not node.places:
-            raise click.UsageError(
-                f"this world has no waypoints, but {node.path} needs them; "
-                "the houses have some: --world house"
-            )
+        missing = node.missing_waypoint() if isinstance(node, GetWaypoint) else None
+        if isinstance(node, GetWaypoint) and missing is not None:
+            needed = f"waypoint '{missing}', but {node.path} needs it"
+            if not node.waypoints.places:
+                needed = f"waypoints, but {node.path} needs them"
+            remedy = _waypoint_remedy(missing, settings)
+            raise click.UsageError(f"{node.waypoints.source} has no {needed}; {remedy}")
+
+
+def _waypoint_remedy(missing: str, settings: Mapping[str, Any]) -> str:
+    """Return a sentence about how to add the waypoint *missing*."""
+    if _waypoint_file(settings) is not None:
+        return f"add '{missing}: [x, y, yaw]' to the file, in m and rad on the map"
+    example = "'waypoints: {recharge: [3.7, -0.2, 0.0], wp1: [1.1, -12.4, 1.57]}', in m and rad on the map"
+    if settings.get("map_file") is None:
+        return (
+            "the houses have some: --world house; for a robot, name its map with --map FILE.yaml, and write "
+            f"the waypoints to FILE.waypoints.yaml: {example}"
+        )
+    from btcore_robot.navigation.waypoint_file import waypoints_path
+
+    return f"write them to the file {waypoints_path(settings['map_file'])}: {example}"
 
 
 def _check_folder(path: Path | None) -> Path | None:

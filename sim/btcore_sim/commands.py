@@ -29,10 +29,12 @@ def map_command(world: str, output: Path, resolution: float) -> None:
     """Write the map of WORLD, a name or a JSON file, as YAML and PGM files for map_server.
 
     The map shows the static objects that a laser at the height of Tiago's laser detects. The laser detects
-    only the legs of a table, so the outlines of tables are written to a keep-out file beside the map.
+    only the legs of a table, so the outlines of tables are written to a keep-out file beside the map. The
+    waypoints of the world are written to another file beside the map.
     """
     try:
         from btcore_robot.navigation.occupancy_map import MapError, save_map
+        from btcore_robot.navigation.waypoint_file import save_waypoints, waypoints_path
         from btcore_sim.errors import SimError
         from btcore_sim.map_rasteriser import rasterise
         from btcore_sim.scene import load_scene
@@ -46,6 +48,8 @@ def map_command(world: str, output: Path, resolution: float) -> None:
         output.mkdir(parents=True, exist_ok=True)
         path = output / f"{scene.name}.yaml"
         save_map(map, path)
+        if scene.waypoints:
+            save_waypoints(scene.waypoint_poses(), waypoints_path(path))
     except (SimError, MapError) as error:
         raise click.UsageError(str(error)) from error
     except OSError as error:
@@ -57,3 +61,5 @@ def map_command(world: str, output: Path, resolution: float) -> None:
     )
     if map.keepout:
         click.echo(f"{path.with_name(f'{path.stem}.keepout.yaml')}: {len(map.keepout)} keep-out areas")
+    if scene.waypoints:
+        click.echo(f"{waypoints_path(path)}: {len(scene.waypoints)} waypoints")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from btcore_robot.robot import BaseInfo, Pose2D, Robot, Waypoints
+from btcore_robot.robot import BaseInfo, Robot, Waypoints
 from btcore_sim.completion import complete_world
 from btcore_sim.errors import SimError
 
@@ -144,9 +144,9 @@ class RobotExtension:
         try:
             if robot:
                 self._body, self.events = _make(settings)
-                places = self._body.world.scene.waypoints
-                waypoints = Waypoints({name: Pose2D(x, y, 0.0) for name, (x, y) in places.items()})
-                resources += [self._body, waypoints]
+                resources.append(self._body)
+                if Waypoints in wanted:
+                    resources.append(self._body.world.scene.waypoint_poses())
             if needs_map:
                 resources.append(_map(settings))
         except SimError as error:

@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from btcore_robot.field_reader import did_you_mean
-from btcore_robot.robot import Pose2D
+from btcore_robot.robot import Pose2D, Waypoints
 from btcore_sim.errors import SimError
 from btcore_sim.json_records import JsonRecord, read_record
 
@@ -137,6 +137,10 @@ class Scene:
     waypoints: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     keepout: tuple[Rectangle, ...] = ()
     physics_rate: int = PHYSICS_RATE
+
+    def waypoint_poses(self) -> Waypoints:
+        """Return the waypoints with the heading 0."""
+        return Waypoints({name: Pose2D(x, y, 0.0) for name, (x, y) in self.waypoints.items()})
 
     def start(self, random: np.random.Generator, radius: float) -> Pose2D:
         """Return the fixed start pose, or draw a pose uniformly among those with enough clearance.

@@ -8,22 +8,23 @@ import pytest
 import btcore
 from btcore import Registry, Status, Tree
 from btcore_robot.control.head_tracker import HeadTracker
-from btcore_robot.leaves.waypoint import BOOK_WAYPOINTS
 from btcore_robot.navigation.action import ActionServer, GoalHandle
 from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D
+from btcore_sim.scene import load_scene
 
 TREES = Path(__file__).parents[2] / "trees"
 SECOND = 10**9
 
-RECHARGE, WP1, WP2, WP3 = (BOOK_WAYPOINTS.places[name] for name in ("recharge", "wp1", "wp2", "wp3"))
+HOUSE = load_scene("house").waypoint_poses()
+RECHARGE, WP1, WP2, WP3 = (HOUSE.places[name] for name in ("recharge", "wp1", "wp2", "wp3"))
 
 
 def tree_of(body: str, *resources: object) -> Tree:
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
     text = f'<root main_tree_to_execute="T"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
-    return btcore.loads(text, nodes=nodes, resources=resources)
+    return btcore.loads(text, nodes=nodes, resources=[*resources, HOUSE])
 
 
 def tick(tree: Tree, robot, seconds: float, *, after=lambda: None) -> Status:
@@ -183,8 +184,8 @@ def test_get_waypoint_counts_separately_in_each_tree():
         assert tree.blackboard["wp"] == WP1
 
 
-def test_the_waypoints_are_the_books():
-    places = {name: (place.x, place.y, place.yaw) for name, place in BOOK_WAYPOINTS.places.items()}
+def test_the_waypoints_of_the_house_are_the_books():
+    places = {name: (place.x, place.y, place.yaw) for name, place in HOUSE.places.items() if name != "start"}
     assert places == {
         "recharge": (3.67, -0.24, 0.0),
         "wp1": (1.07, -12.38, 0.0),
@@ -295,7 +296,7 @@ def test_the_tree_patrols_and_recharges(robot, server: SlowServer, tracker: Head
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
     tracker.configure()
-    tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[robot, server, tracker])
+    tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[robot, server, tracker, HOUSE])
     states: dict[Pose2D, set[LifecycleState]] = {}
     while len(server.goals) < 40 and robot.clock.now() < 2000 * SECOND:
         assert tree.tick_once() is Status.RUNNING

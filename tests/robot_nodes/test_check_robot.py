@@ -210,6 +210,16 @@ def test_a_plain_robot_passes(robot: type[PlainRobot]):
     check_robot(robot)
 
 
+class SlowCamera(PlainRobot):
+    @property
+    def camera_info(self) -> CameraInfo | None:
+        raise AssertionError("isinstance has read a property")
+
+
+def test_isinstance_does_not_read_the_properties_of_a_robot() -> None:
+    assert isinstance(SlowCamera(), Robot)
+
+
 class EndlessCommands(PlainRobot):
     """A robot whose commands never expire."""
 

@@ -12,7 +12,7 @@ from btcore.testing import CallLog, PlanAction
 from btcore.tree.saved_state import restore_state, save_state, state_fields_of
 from btcore_robot import leaves
 from btcore_robot.navigation import nodes as nav2_nodes
-from btcore_robot.robot import Pose2D
+from btcore_robot.robot import Pose2D, Waypoints
 
 XML = """<root BTCPP_format="4"><BehaviorTree ID="Main">
   <ParallelAll max_failures="-1">
@@ -68,7 +68,8 @@ def test_waypoint_nodes_of_a_restored_tree_continue_the_patrol_together() -> Non
     text = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
         <GetWaypoint waypoint="{first}"/> <GetWaypoint waypoint="{second}"/>
       </Sequence></BehaviorTree></root>"""
-    tree, restored = (btcore.loads(text, nodes=registry()) for _ in range(2))
+    places = Waypoints({f"wp{number}": Pose2D(number, 0.0, 0.0) for number in (1, 2, 3)})
+    tree, restored = (btcore.loads(text, nodes=registry(), resources=[places]) for _ in range(2))
     tree.tick_once()
     restore_state(restored, save_state(tree))
     for _ in range(2):

@@ -3,25 +3,17 @@
 The patrol is from chapter 6.3 of the book *A Concise Introduction to Robot Programming with ROS2*.
 """
 
+from contextlib import suppress
+from itertools import count, takewhile
 from typing import Annotated
 
-from btcore import In, NodeError, Out, SyncAction, TreeState
+from btcore import BtcoreError, In, NodeError, Out, SyncAction, TreeState
 from btcore.suggestions import join_names
 from btcore_robot.robot import Pose2D, Waypoints
 
 RECHARGE = "recharge"
-PATROL_WAYPOINTS = ("wp1", "wp2", "wp3")
-"""The waypoints of a patrol, in order."""
-
-BOOK_WAYPOINTS = Waypoints(
-    {
-        RECHARGE: Pose2D(3.67, -0.24, 0.0),
-        "wp1": Pose2D(1.07, -12.38, 0.0),
-        "wp2": Pose2D(-5.32, -8.85, 0.0),
-        "wp3": Pose2D(-0.56, 0.24, 0.0),
-    }
-)
-"""The waypoints of the house in the book: the default when the world defines no waypoints."""
+FIRST = "wp1"
+"""The first waypoint of a patrol. The others are wp2, wp3 and so on, as far as they exist."""
 
 
 class PatrolProgress(TreeState):
@@ -32,7 +24,7 @@ class PatrolProgress(TreeState):
 
 
 class GetWaypoint(SyncAction):
-    """Write a waypoint: the charger for `recharge`, otherwise wp1, wp2, wp3, wp1 … in turn.
+    """Write a waypoint: the charger for `recharge`, otherwise wp1, wp2, wp3 … in turn, then wp1 again.
 
     All GetWaypoint nodes of a tree share the sequence. It advances when a waypoint is written. If the drive
     to a waypoint is interrupted, the waypoint is skipped, as in the book *A Concise Introduction to Robot
@@ -44,16 +36,18 @@ class GetWaypoint(SyncAction):
 
     state_fields = ("progress",)  # the nodes of a restored tree share one copy
 
-    def __init__(self, progress: PatrolProgress, waypoints: Waypoints = BOOK_WAYPOINTS) -> None:
+    def __init__(self, progress: PatrolProgress, waypoints: Waypoints) -> None:
         self.progress = progress
-        self.places = waypoints.places
+        self.waypoints = waypoints
+        names = takewhile(waypoints.places.__contains__, (f"wp{number}" for number in count(1)))
+        self.route = tuple(names) or (FIRST,)
 
     def tick(self) -> bool:
         """Write the waypoint."""
         if self.wp_id == RECHARGE:
             self.waypoint = self.pose_of(RECHARGE)
         else:
-            name = PATROL_WAYPOINTS[self.progress.visited % len(PATROL_WAYPOINTS)]
+            name = self.route[self.progress.visited % len(self.route)]
             self.progress.visited += 1
             self.waypoint = self.pose_of(name)
         return True
@@ -62,9 +56,17 @@ class GetWaypoint(SyncAction):
         """Return the waypoint *name*.
 
         Raises:
-            NodeError: The world does not define the waypoint.
+            NodeError: There is no such waypoint.
         """
-        if name not in self.places:
-            known = join_names(self.places) if self.places else "none at all"
-            raise NodeError(f"this world has no waypoint '{name}'; its waypoints are {known}")
-        return self.places[name]
+        places, source = self.waypoints.places, self.waypoints.source
+        if name not in places:
+            known = join_names(places) if places else "none at all"
+            raise NodeError(f"{source} has no waypoint '{name}'; its waypoints are {known}")
+        return places[name]
+
+    def missing_waypoint(self) -> str | None:
+        """Return the name of the first waypoint that the node needs, if there is no such waypoint."""
+        name = FIRST
+        with suppress(BtcoreError):  # an entry that no node has written yet
+            name = RECHARGE if self.wp_id == RECHARGE else FIRST
+        return None if name in self.waypoints.places else name

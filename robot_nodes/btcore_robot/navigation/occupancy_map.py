@@ -61,12 +61,20 @@ class MapError(RobotError):
 
 
 class YamlEntries(FieldReader):
-    """The keys and values of a YAML file, with their lines."""
+    """The keys and values of a map in a YAML file, with their lines."""
 
-    def __init__(self, path: Path, values: dict[str, Any], lines: dict[str, int]) -> None:
-        super().__init__(values)
+    def __init__(self, path: Path, node: yaml.MappingNode) -> None:
         self._path = path
-        self._lines = lines
+        self._nodes: dict[str, yaml.Node] = {}
+        self._lines: dict[str, int] = {}
+        values: dict[str, Any] = {}
+        # `safe_load` would return the values without the lines of their keys.
+        constructor = yaml.SafeLoader("")
+        for key_node, value_node in node.value:
+            key = str(constructor.construct_object(key_node, deep=True))
+            values[key] = constructor.construct_object(value_node, deep=True)
+            self._nodes[key], self._lines[key] = value_node, key_node.start_mark.line + 1
+        super().__init__(values)
 
     def check_keys(self, keys: Sequence[str]) -> None:
         """Check for misspelt keys. Other unknown keys are ignored, as in map_server.
@@ -93,6 +101,19 @@ class YamlEntries(FieldReader):
             raise self._unexpected(key, value, "0 or 1")
         return bool(value)
 
+    def numbers_by_name(self, key: str, counts: Sequence[int]) -> dict[str, list[float]]:
+        """Return lists of finite numbers by name; the length of each list is in *counts*.
+
+        Raises:
+            MapError: The key is missing, or its value is not a map of names to such lists.
+        """
+        value = self._field(key, None)
+        node = self._nodes[key]
+        if not isinstance(node, yaml.MappingNode):
+            raise self._unexpected(key, value, "a map of names to lists of numbers")
+        inner = YamlEntries(self._path, node)
+        return {name: inner.numbers(name, counts) for name in inner._fields}
+
     def mistake(self, key: str, problem: str) -> MapError:
         """Return an error with *problem* at *key*, with file and line."""
         line = self._lines.get(key)
@@ -117,19 +138,11 @@ def read_entries(path: Path, content: str) -> YamlEntries:
         MapError: The file can't be read, or isn't a YAML file of keys and values.
     """
     text = read_text(path, f"a YAML file of {content}, not an image", MapError)
-    values: dict[str, Any] = {}
-    lines: dict[str, int] = {}
     with yaml_errors(path, MapError):
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         if not isinstance(node, yaml.MappingNode):
             raise MapError(f"{path}: expected 'key: value' lines of {content}")
-        # `safe_load` would return the values without the lines of their keys.
-        constructor = yaml.SafeLoader("")
-        for key_node, value_node in node.value:
-            key = str(constructor.construct_object(key_node, deep=True))
-            values[key] = constructor.construct_object(value_node, deep=True)
-            lines[key] = key_node.start_mark.line + 1
-    return YamlEntries(path, values, lines)
+        return YamlEntries(path, node)
 
 
 class Grid:

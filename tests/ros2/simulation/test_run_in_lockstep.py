@@ -1,9 +1,11 @@
 """`btcore run --ros2 tiago --lockstep` drives the simulated robot of another process."""
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,11 +13,14 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("pybullet")
 
+from btcore_robot.navigation.occupancy_map import save_map
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.scene import load_scene
 from tests.ros2.simulation.process import LIMIT, Simulation
 
 
 def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "btcore", "run", "bumpgo", *arguments]
+    command = [sys.executable, "-m", "btcore", "run", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT, check=False)
 
 
@@ -23,7 +28,7 @@ def test_a_tree_drives_the_robot_and_the_run_is_repeatable(start: Callable[..., 
     ends: list[tuple[dict[str, Any], dict[str, Any]]] = []
     for _ in range(2):
         simulation = start("--world", "arena", "--lockstep", "--seed", "7")
-        ended = run("--ros2", "tiago", "--lockstep", "--duration", "15", "--json")
+        ended = run("bumpgo", "--ros2", "tiago", "--lockstep", "--duration", "15", "--json")
         assert ended.returncode == 0, ended.stderr
         assert simulation.interrupt() == 130
         nodes = json.loads(ended.stdout.splitlines()[-1])["nodes"]
@@ -36,7 +41,7 @@ def test_a_tree_drives_the_robot_and_the_run_is_repeatable(start: Callable[..., 
 
 
 def test_lockstep_without_ros_is_an_error() -> None:
-    ended = run("--lockstep", "--duration", "1")
+    ended = run("bumpgo", "--lockstep", "--duration", "1")
     assert ended.returncode == 2
     assert "--lockstep needs a robot on ROS 2 (--ros2)" in ended.stderr
 
@@ -45,3 +50,25 @@ def test_the_simulation_rejects_another_robot(start: Callable[..., Simulation]) 
     simulation = start("--ros2", "tiago")
     assert simulation.process.wait(LIMIT) == 2
     assert "--ros2 does not belong here" in simulation.errors
+
+
+ROUND = """<root BTCPP_format="4"><BehaviorTree ID="Round"><Sequence>
+  <GetWaypoint waypoint="{wp}"/> <Move goal="{wp}"/>
+  <GetWaypoint waypoint="{wp}"/> <Move goal="{wp}"/>
+</Sequence></BehaviorTree></root>"""
+
+
+def test_a_patrol_drives_to_the_waypoints_beside_the_map(
+    start: Callable[..., Simulation], tmp_path: Path
+) -> None:
+    simulation = start("--world", "house", "--camera", "off", "--lockstep")
+    save_map(rasterise(load_scene("house")), tmp_path / "house.yaml")
+    (tmp_path / "house.waypoints.yaml").write_text("waypoints: {wp1: [0.7, 0.0], wp2: [0.7, 0.6, 1.57]}")
+    (tmp_path / "round.xml").write_text(ROUND)
+    options = ("--ros2", "tiago", "--lockstep", "--map", str(tmp_path / "house.yaml"))
+    ended = run(str(tmp_path / "round.xml"), *options, "--duration", "20")
+    assert ended.returncode == 0, ended.stderr
+    simulation.interrupt()
+    robot = simulation.result()["robot"]
+    assert math.dist((robot["pose"]["x"], robot["pose"]["y"]), (0.7, 0.6)) < 0.3
+    assert robot["collisions"] == 0
