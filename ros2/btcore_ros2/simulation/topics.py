@@ -113,9 +113,10 @@ class RobotTopics:
         self._odometry = topic(Odometry, "mobile_base_controller/odom")
         self._joints = topic(JointState, "joint_states")
         self._battery = topic(BatteryState, "power/battery")
-        self._camera_info = topic(CameraInfo, f"{_CAMERA}/rgb/camera_info")
-        self._rgb = topic(Image, f"{_CAMERA}/rgb/image_raw")
-        self._depth = topic(Image, f"{_CAMERA}/depth_registered/image_raw")
+        if robot.camera_info is not None:
+            self._camera_info = topic(CameraInfo, f"{_CAMERA}/rgb/camera_info")
+            self._rgb = topic(Image, f"{_CAMERA}/rgb/image_raw")
+            self._depth = topic(Image, f"{_CAMERA}/depth_registered/image_raw")
         topic(String, "robot_description", LATCHED).publish(String(data=complete_urdf(robot.description)))
         self._tf: Topic | None = None
         if TFMessage is None:

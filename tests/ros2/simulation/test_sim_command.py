@@ -82,3 +82,11 @@ def test_no_picture_is_rendered_without_a_subscriber(session: RosSession) -> Non
     assert len(robot.scene_moving().pictures) == 1
     assert topics.published()[image] == 10
     world.close()
+
+
+def test_no_camera_topics_without_a_camera(session: RosSession) -> None:
+    world = World(load_scene("arena"))
+    topics = RobotTopics(session, SimulatedRobot(world))
+    assert not [topic for topic in topics.published() if "camera" in topic]
+    world.wait_until(SECOND, threading.Event())
+    world.close()
