@@ -42,7 +42,7 @@ def sources() -> str:
     digest = sha256()
     for room in ("btcore", "robot_nodes", "ros2", "sim", "trees"):
         for path in sorted((ROOT / room).rglob("*")):
-            if path.suffix in {".py", ".json", ".urdf", ".xml"}:
+            if path.suffix in {".py", ".json", ".urdf", ".xml", ".yaml"}:
                 digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:12]
 
@@ -59,6 +59,10 @@ def run(case: Case, seed: int) -> Result:
     return {"seed": seed, **json.loads(done.stdout.splitlines()[-1])}
 
 
+Execution = Callable[[Case, int], Result]
+"""A function that runs a case with a seed, such as `run`."""
+
+
 def saved_results(case: Case) -> dict[int, Result]:
     """Return the saved results, by seed; a line that an interruption cut off is ignored."""
     found: dict[int, Result] = {}
@@ -73,17 +77,24 @@ def saved_results(case: Case) -> dict[int, Result]:
     return found
 
 
-def results(case: Case, seeds: Sequence[int], workers: int) -> list[Result]:
-    """Return the results of *seeds*, in their order; missing results are computed, *workers* at a time."""
-    return sorted(_results(case, seeds, workers), key=lambda one: int(one["seed"]))
+def results(case: Case, seeds: Sequence[int], workers: int, execute: Execution = run) -> list[Result]:
+    """Return the results of *seeds*, in their order; missing results are computed, *workers* at a time.
+
+    Args:
+        case: The case.
+        seeds: The seeds.
+        workers: The number of runs at a time.
+        execute: Runs the case with a seed.
+    """
+    return sorted(_results(case, seeds, workers, execute), key=lambda one: int(one["seed"]))
 
 
-def _results(case: Case, seeds: Sequence[int], workers: int) -> Iterator[Result]:
+def _results(case: Case, seeds: Sequence[int], workers: int, execute: Execution) -> Iterator[Result]:
     before = saved_results(case)
     yield from (before[seed] for seed in seeds if seed in before)
     case.file.parent.mkdir(exist_ok=True)
     with case.file.open("a", encoding="utf-8") as file, ThreadPoolExecutor(workers) as pool:
-        pending = [pool.submit(run, case, seed) for seed in seeds if seed not in before]
+        pending = [pool.submit(execute, case, seed) for seed in seeds if seed not in before]
         for one in as_completed(pending):
             result = one.result()
             file.write(json.dumps(result) + "\n")
