@@ -23,6 +23,14 @@ if TYPE_CHECKING:
 CHECK_NS = 1_000_000_000
 """The time (ns) between two checks of a connection."""
 
+NAME_WAIT_NS = 10_000_000_000
+"""The time (ns) that a publisher or subscription without the name of its ROS node has to get one.
+
+The name arrives after the topic. Programs that use DDS without ROS have no name at all.
+"""
+
+UNKNOWN_NAME = "_NODE_NAME_UNKNOWN_"  # of rmw_fastrtps
+
 IGNORED_TOPICS = frozenset({"/rosout", "/parameter_events"})
 
 Problem = tuple[str, str]
@@ -81,6 +89,8 @@ class ConnectionChecks:
         self._next = 0
         self._checks: Iterator[Problem] = iter(())
         self._checked: set[str] = set()
+        self._nameless: dict[tuple[int, ...], int] = {}
+        """The time (ns) at which each endpoint without the name of its ROS node was found, by its GID."""
 
     def check(self) -> None:
         """Check a connection, if it is time to."""
@@ -130,10 +140,21 @@ class ConnectionChecks:
         publishers = self._node.get_publishers_info_by_topic(topic)
         subscriptions = self._node.get_subscriptions_info_by_topic(topic)
         for publisher, subscription in product(publishers, subscriptions):
+            if not (self._has_name(publisher) and self._has_name(subscription)):
+                continue
             if endpoint_name(subscription) == own:
                 yield from _problem_with_publisher(topic, publisher, subscription)
             elif endpoint_name(publisher) == own:
                 yield from _problem_with_subscription(topic, publisher, subscription)
+
+    def _has_name(self, info: Any) -> bool:
+        """Return whether an endpoint has the name of its ROS node, or has waited for it in vain."""
+        gid = tuple(info.endpoint_gid)
+        if info.node_name != UNKNOWN_NAME:
+            self._nameless.pop(gid, None)
+            return True
+        now = time.monotonic_ns()
+        return now - self._nameless.setdefault(gid, now) > NAME_WAIT_NS
 
     def _server_problem(self, kind: str, name: str, own_type: str) -> str:
         """Return which ROS node offers *name* with a type other than *own_type*; "" if none does."""

@@ -62,7 +62,8 @@ def test_text_in_json_is_a_value() -> None:
 def test_message_of_defaults_returns_from_a_dictionary(message_type: Any) -> None:
     message = message_type()
     again = to_message(message_type, from_message(message))
-    assert serialize_message(again) == serialize_message(message)
+    # The bytes may differ: those between the fields have no value.
+    assert str(deserialize_message(serialize_message(again), message_type)) == str(message)
 
 
 def test_extreme_numbers_of_each_type_pass_through_dds() -> None:

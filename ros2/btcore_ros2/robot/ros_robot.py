@@ -527,18 +527,10 @@ class RosRobot(Robot):
 
     def _wait_for_topics(self) -> None:
         """Wait until the robot is complete; raise a RosError that names what is missing."""
-        early = min(MISMATCH_TIME, self._start_time_left())
-        if not self._session.wait_for(lambda: not self._missing(), early):
-            mismatched = [
-                watch for watch in self._watches if has_other_type(self._node, watch.topic, watch.kind)
-            ]
-            velocity = self._velocity
-            takes_other = has_other_type(self._node, velocity.topic, velocity.kind, published=False)
-            if (
-                mismatched
-                or takes_other
-                or not self._session.wait_for(lambda: not self._missing(), self._start_time_left())
-            ):
+        while not self._session.wait_for(
+            lambda: not self._missing(), min(MISMATCH_TIME, self._start_time_left())
+        ):
+            if self._has_mismatch() or not self._start_time_left():
                 raise RosError(self._missing_report())
         self._start_laser()
         now = self._time.now()
@@ -546,6 +538,13 @@ class RosRobot(Robot):
             watch.arrival = now
         if self._failure is not None:
             raise RosError(self._failure)
+
+    def _has_mismatch(self) -> bool:
+        """Return whether the robot uses another type for one of the topics."""
+        node, velocity = self._node, self._velocity
+        return any(has_other_type(node, watch.topic, watch.kind) for watch in self._watches) or (
+            has_other_type(node, velocity.topic, velocity.kind, published=False)
+        )
 
     def _missing(self) -> list[str]:
         """Return the keys of the description for which something has not arrived yet."""

@@ -3,20 +3,30 @@
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+if TYPE_CHECKING:
+    from btcore_ros2.robot.description import RosRobotDescription
+    from btcore_ros2.robot.ros_robot import RosRobot
+    from btcore_ros2.session import RosSession
+
 HERE = Path(__file__).parent
 
+LIMIT = 60.0
+"""The longest wait (s) for anything, on a slow machine."""
+
+# The limits of the topics are long, because a busy machine may stop the process of the robot for a while.
 DESCRIPTION = """\
 name: point
-start_timeout: 20
+start_timeout: 60
 base: {v_min: -0.3, v_max: 0.5, w_max: 1.0, v_rate: 1.0, w_rate: 2.0, command_timeout: 0.5, radius: 0.2}
-scan: {topic: /scan, timeout: 1.0, rate: 10, sigma: 0.01}
-odometry: {topic: /odom, timeout: 1.0}
+scan: {topic: /scan, timeout: 20.0, rate: 10, sigma: 0.01}
+odometry: {topic: /odom, timeout: 20.0}
 velocity: {type: Twist, topics: {/cmd_vel: 10, /key_vel: 90}}
 frames: {tf: /tf}
 joint_states: {topic: /joint_states}
@@ -59,10 +69,43 @@ class PointRobotProcess:
     def close(self) -> None:
         """End the process, and remove the robot from the graph."""
         try:
-            self.process.communicate('{"end": true}\n', timeout=20)
+            self.process.communicate('{"end": true}\n', timeout=LIMIT)
         except (subprocess.TimeoutExpired, BrokenPipeError):
             self.process.kill()
             self.process.communicate()
+
+
+def describe(folder: Path, text: str = DESCRIPTION) -> "RosRobotDescription":
+    """Return the description with *text*, from a file in *folder*."""
+    from btcore_ros2.robot.description import load_robot
+
+    path = folder / "point.yaml"
+    path.write_text(text)
+    return load_robot(path)
+
+
+def drive_until_error(robot: "RosRobot") -> str:
+    """Drive until waiting on the clock raises an error, and return its message."""
+    from btcore_robot.testing import wait
+    from btcore_ros2.errors import RosError
+
+    end = time.monotonic() + LIMIT
+    while time.monotonic() < end:
+        robot.drive(0.1, 0.2)
+        try:
+            wait(robot, 0.1)
+        except RosError as error:
+            return str(error)
+    raise AssertionError("no error within the limit")
+
+
+def stopped(process: PointRobotProcess, session: "RosSession") -> bool:
+    """Return whether the last command that the robot receives is zero."""
+
+    def is_last() -> bool:
+        return [command[1:] for command in process.send()["commands"][-1:]] == [[0.0, 0.0]]
+
+    return session.wait_for(is_last, LIMIT)
 
 
 @pytest.fixture
@@ -77,6 +120,13 @@ def start_robot() -> Iterator[Callable[..., PointRobotProcess]]:
     yield start
     for process in started:
         process.close()
+
+
+@pytest.fixture
+def fresh_robot(point_robot: PointRobotProcess) -> PointRobotProcess:
+    """The robot of the module, with the settings with which it was started."""
+    point_robot.send(silent=[], offset=1_000_000.0, odd_ranges=False, percentage=0.75, commands=[])
+    return point_robot
 
 
 @pytest.fixture(scope="module")

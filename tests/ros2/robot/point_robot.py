@@ -42,7 +42,6 @@ class PointRobot(Node):
         self.stamped = False
         self.percentage = 0.75
         self.odd_ranges = False
-        self.scan_type = "LaserScan"
         for key, value in settings.items():
             setattr(self, key, value)
         self.pose = [0.0, 0.0, 0.0]
@@ -54,9 +53,7 @@ class PointRobot(Node):
         self.shift = 0
         self.makers = {
             "/clock": self.create_publisher(Clock, "/clock", 10) if self.sim_time else None,
-            "/scan": self.create_publisher(
-                LaserScan if self.scan_type == "LaserScan" else Range, "/scan", BEST_EFFORT
-            ),
+            "/scan": self.create_publisher(LaserScan, "/scan", BEST_EFFORT),
             "/odom": self.create_publisher(Odometry, "/odom", 10),
             "/tf": self.create_publisher(TFMessage, "/tf", 100),
             "/joint_states": self.create_publisher(JointState, "/joint_states", 10),
@@ -141,9 +138,7 @@ class PointRobot(Node):
 
         self.makers[topic].publish(make(Time(sec=stamp // SECOND, nanosec=stamp % SECOND)))
 
-    def scan(self, stamp: object) -> object:
-        if self.scan_type != "LaserScan":
-            return Range()
+    def scan(self, stamp: object) -> LaserScan:
         ranges = [WALL] * 90
         if self.odd_ranges:
             ranges[:7] = [0.0, math.nan, math.inf, 11.0, 0.01, -1.0, -math.inf]

@@ -39,7 +39,7 @@ def test_defaults(tmp_path: Path) -> None:
     assert robot.base == BaseInfo(-0.3, 0.5, 1.0, 1.0, 2.0, 0.5, 0.2)
     assert (robot.use_sim_time, robot.odom_frame, robot.base_frame) == (None, "odom", "base_footprint")
     assert not robot.scan.source.reliable
-    assert robot.scan.source.timeout == 1.0
+    assert robot.scan.source.timeout == 20.0
     assert robot.joint_states is not None
     assert robot.joint_states.timeout is None
 
@@ -52,7 +52,7 @@ def test_defaults(tmp_path: Path) -> None:
         ("v_min: -0.3", "v_min: 0.3", ":3: 'base.v_min' is 0.3, and it has to be at most 0"),
         ("command_timeout: 0.5", "command_timeout: 2", ":3: 'base.command_timeout' is 2"),
         ("rate: 10, sigma", "rate: fast, sigma", ":4: 'scan.rate' is 'fast', and a number is expected"),
-        ("{topic: /odom, timeout: 1.0}", "/odom", ":5: 'odometry' is '/odom', and a map of keys"),
+        ("{topic: /odom, timeout: 20.0}", "/odom", ":5: 'odometry' is '/odom', and a map of keys"),
         ("type: Twist,", "type: TwistStampd,", "did you mean 'TwistStamped'?"),
         ("/key_vel: 90", "/key_vel: high", ":6: 'velocity.topics./key_vel' is 'high'"),
         ("{/cmd_vel: 10, /key_vel: 90}", "{}", ":6: 'velocity.topics' names no topic"),
@@ -63,7 +63,7 @@ def test_defaults(tmp_path: Path) -> None:
         ("near: 0.1", "near: 9", ":16: 'camera.far' is 8, and it has to be greater than 'near'"),
         ("sonars: [/sonar]", "sonars: [/sonar", "not valid YAML"),
         ("sonars: [/sonar]", "name: twice", ":17: 'name' occurs twice"),
-        ("timeout: 1.0, rate", "reliability: best, rate", "'scan.reliability' is 'best': it has to be"),
+        ("timeout: 20.0, rate", "reliability: best, rate", "'scan.reliability' is 'best': it has to be"),
     ],
 )
 def test_mistake_is_reported_with_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -14,42 +14,22 @@ from btcore_robot.testing import (
     check_camera,
     check_frames,
     check_info,
-    check_robot,
     check_scan,
     check_sonars,
-    is_standing,
     wait,
 )
 from btcore_ros2.errors import RosError
-from btcore_ros2.robot.description import RosRobotDescription, load_robot
 from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.session import RosSession
-from tests.ros2.robot.conftest import DESCRIPTION, PARTS, PointRobotProcess
+from tests.ros2.robot.conftest import DESCRIPTION, LIMIT, PARTS, PointRobotProcess, describe
 
 
-def describe(folder: Path, text: str = DESCRIPTION) -> RosRobotDescription:
-    path = folder / "point.yaml"
-    path.write_text(text)
-    return load_robot(path)
-
-
-def wait_for(robot: RosRobot, condition: Callable[[], object], seconds: float = 10.0) -> None:
+def wait_for(robot: RosRobot, condition: Callable[[], object]) -> None:
     """Wait on the robot's clock until *condition* returns a true value."""
-    end = robot.clock.now() + round(seconds * NS_PER_S)
+    end = robot.clock.now() + round(LIMIT * NS_PER_S)
     while not condition():
         assert robot.clock.now() < end, "the condition was not met in time"
         wait(robot, 0.02)
-
-
-def test_check_robot(session: RosSession, point_robot: PointRobotProcess, tmp_path: Path) -> None:
-    robot = RosRobot(session, describe(tmp_path))
-
-    def at_rest() -> RosRobot:
-        robot.stop()
-        wait_for(robot, lambda: is_standing(robot.odometry().twist))
-        return robot
-
-    check_robot(at_rest)
 
 
 def test_head_torso_camera_and_sonar(
@@ -79,26 +59,25 @@ def test_command_expires_without_a_new_command(
 ) -> None:
     robot = RosRobot(session, describe(tmp_path))
     robot.drive(9.0, 1.0)
-    wait(robot, 0.1)
     # Within the limits, and with the same radius of the curve.
-    assert session.wait_for(lambda: point_robot.send()["commands"][-1] == ["/cmd_vel", 0.5, 1.0 / 18], 10.0)
-    wait(robot, 0.7)
-    assert session.wait_for(lambda: point_robot.send()["commands"][-1][1:] == [0.0, 0.0], 10.0)
+    wait_for(robot, lambda: ["/cmd_vel", 0.5, 1.0 / 18] in point_robot.send()["commands"])
+    wait_for(robot, lambda: point_robot.send()["commands"][-1][1:] == [0.0, 0.0])
 
 
 def test_battery_in_percent(session: RosSession, point_robot: PointRobotProcess, tmp_path: Path) -> None:
     robot = RosRobot(session, describe(tmp_path, DESCRIPTION + "battery: {topic: /battery}\n"))
-    assert session.wait_for(robot.battery, 10.0)
+    assert session.wait_for(robot.battery, LIMIT)
     battery = robot.battery()
     assert battery is not None
     assert battery.level == 75.0
-    assert 0 <= robot.clock.now() - battery.stamp < 10_000_000_000
+    assert 0 <= robot.clock.now() - battery.stamp < LIMIT * NS_PER_S
 
 
 def test_robot_that_does_not_answer(
     session: RosSession, point_robot: PointRobotProcess, tmp_path: Path
 ) -> None:
-    text = DESCRIPTION.replace("start_timeout: 20", "start_timeout: 3").replace(
+    RosRobot(session, describe(tmp_path)).close()  # the topics of the robot are known
+    text = DESCRIPTION.replace("start_timeout: 60", "start_timeout: 1").replace(
         "topic: /scan", "topic: /lidar"
     )
     with pytest.raises(RosError) as caught:
@@ -109,3 +88,9 @@ def test_robot_that_does_not_answer(
     assert f"scan: /lidar: {expected}" in message
     assert f"correct {tmp_path / 'point.yaml'}" in message
     assert "odometry" not in message
+
+
+def test_topic_of_another_type(session: RosSession, point_robot: PointRobotProcess, tmp_path: Path) -> None:
+    text = DESCRIPTION.replace("topic: /scan", "topic: /sonar")
+    with pytest.raises(RosError, match="the robot uses sensor_msgs/msg/Range, but sensor_msgs/msg/LaserScan"):
+        RosRobot(session, describe(tmp_path, text))

@@ -4,11 +4,12 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-LIMIT = 60.0
+LIMIT = 120.0
 """The longest wait (s) for anything, on a slow machine."""
 
 
@@ -20,6 +21,14 @@ class Simulation:
         command = [sys.executable, "-m", "btcore", "ros2", "sim", "--json", *arguments]
         with self._out.open("w") as out, self._err.open("w") as err:
             self.process = subprocess.Popen(command, stdout=out, stderr=err)
+
+    def wait_until_ready(self) -> None:
+        """Wait until the robot is on ROS 2."""
+        end = time.monotonic() + LIMIT
+        while "is on ROS 2" not in self.errors:
+            assert self.process.poll() is None, self.errors
+            assert time.monotonic() < end
+            time.sleep(0.02)
 
     @property
     def errors(self) -> str:

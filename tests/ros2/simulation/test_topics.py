@@ -37,9 +37,12 @@ TYPES = {
 
 
 @pytest.fixture(scope="module", autouse=True)
-def simulation(start: Callable[..., Simulation]) -> Simulation:
+def simulation(start: Callable[..., Simulation], client: Client) -> Simulation:
     """The arena, in real time."""
-    return start("--world", "arena", "--battery", "50", "--camera", "64x48@5")
+    started = start("--world", "arena", "--battery", "50", "--camera", "64x48@5")
+    clock = client.messages(Clock, "/clock", qos_profile_sensor_data)
+    client.wait(lambda: clock or started.process.poll() is not None)
+    return started
 
 
 def stamp(message: object) -> int:
