@@ -230,7 +230,9 @@ class RosAction(StatefulAction):
         client = self._endpoint.get()
         name = self._endpoint.name
         now = self.now()
-        if not client.server_is_ready():
+        is_ready = client.server_is_ready()
+        settling = self._endpoint.settling_time(is_visible=is_ready)
+        if not is_ready:
             limit = self._endpoint.created + self.wait_for_server_timeout * NS_PER_MS
             if now < limit:
                 self.wake_at(limit)
@@ -240,6 +242,9 @@ class RosAction(StatefulAction):
                 ActionErrorCode.SERVER_UNREACHABLE,
                 f"no action server '{name}' ({kind}): {hint_for_action(self.session.node, name, kind)}",
             )
+        if settling:
+            self.wake_at(now + settling)
+            return Status.RUNNING
         message, self._unsent = self._unsent, None
         self._sent = now
         self._goal = ClientGoal(self.session, client, name, message, self.path, self.wake_up)

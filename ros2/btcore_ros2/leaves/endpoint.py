@@ -1,9 +1,11 @@
 """The ROS entity of a leaf: an action client, a service client, a publisher or a subscription."""
 
+import time
 from collections.abc import Callable
 from typing import Any, Final, Generic, TypeVar
 
 from btcore import NodeError, TreeNode
+from btcore_robot.robot import NS_PER_S
 from btcore_ros2.interfaces import InterfaceError, InterfaceKind, load_interface
 from btcore_ros2.session import RosSession
 
@@ -11,6 +13,13 @@ Entity = TypeVar("Entity")
 
 PLACEHOLDER: Final = "__default__placeholder__"
 """The text that stands for the default in BehaviorTree.ROS2, as an empty text does. Groot may write it."""
+
+
+SETTLING_NS: Final = NS_PER_S // 10
+"""The time (ns) between the creation of a client, or the appearance of its server, and the first message.
+
+The server has to find the client, too: its answer to an earlier message would be lost.
+"""
 
 
 class Endpoint(Generic[Entity]):
@@ -49,6 +58,7 @@ class Endpoint(Generic[Entity]):
         self._key = key
         self._create = create
         self._entity: Entity | None = None
+        self._shared_key: tuple[Any, ...] = ()
         self._binding = node.config.input(port)
         self.name = ""
         self.created = 0
@@ -69,6 +79,18 @@ class Endpoint(Generic[Entity]):
         entity = self._entity
         assert entity is not None
         return entity
+
+    def settling_time(self, *, is_visible: bool) -> int:
+        """Return for how long (ns) the first message has to wait, because the server may not know the client.
+
+        Args:
+            is_visible: Whether the server is visible.
+        """
+        shared, key = self._session.shared, ("settled", *self._shared_key)
+        now = time.monotonic_ns()
+        if not is_visible:
+            shared[key] = now + SETTLING_NS
+        return max(0, shared[key] - now)
 
     def _open(self, name: str) -> None:
         from rclpy.exceptions import NameValidationException
@@ -93,7 +115,9 @@ class Endpoint(Generic[Entity]):
                 raise NodeError(f"port [{self._port}] = '{name}' is not a valid ROS name: {reason}") from None
             entity = self._create(name)
             self._session.shared[key] = entity
+            self._session.shared["settled", *key] = time.monotonic_ns() + SETTLING_NS
         self._entity = entity
+        self._shared_key = key
         self.name = name
         self.created = self._node.now()
 

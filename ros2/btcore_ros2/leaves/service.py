@@ -171,7 +171,9 @@ class RosService(StatefulAction):
         client = self._endpoint.get()
         name = self._endpoint.name
         now = self.now()
-        if not client.service_is_ready():
+        is_ready = client.service_is_ready()
+        settling = self._endpoint.settling_time(is_visible=is_ready)
+        if not is_ready:
             limit = self._endpoint.created + self.wait_for_server_timeout * NS_PER_MS
             if now < limit:
                 self.wake_at(limit)
@@ -181,6 +183,9 @@ class RosService(StatefulAction):
                 ServiceErrorCode.SERVICE_UNREACHABLE,
                 f"no service '{name}' ({kind}): {hint_for_service(self.session.node, name, kind)}",
             )
+        if settling:
+            self.wake_at(now + settling)
+            return Status.RUNNING
         request, self._unsent = self._unsent, None
         self._sent = now
         self._client = client
