@@ -19,6 +19,7 @@ from typing import Any, Final
 from lxml import etree
 
 from btcore.clock import NS_PER_S, NS_PER_US
+from btcore.logs.bag_reader import BagReader
 from btcore.logs.files import LogError, create, expect_extension, read_bytes, write_whole
 from btcore.logs.log import Log
 from btcore.logs.recording import Gap, LoggedTransition, RecordedNode, Recording, parse_nodes
@@ -200,7 +201,6 @@ def read_bag(path: str | os.PathLike[str]) -> Recording:
             the package rosbags is not installed.
     """
     path = Path(path)
-    read_bytes(path, 1)  # explains why a file cannot be read
     xml, start = "", None
     rows: list[tuple[LoggedTransition, str]] = []
     gaps: list[Gap] = []
@@ -236,28 +236,16 @@ def read_bag(path: str | os.PathLike[str]) -> Recording:
 
 def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
     """Yield the messages of a log in their order: type or topic, stamp (ns since 1970), and message."""
-    try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.rosbag2 import ReaderError
-        from rosbags.typesys import Stores, get_typestore
-    except ModuleNotFoundError as missing:
-        raise LogError(
-            f"{path}: reading a bag needs the package {missing.name}: pip install 'btcore[bags]'"
-        ) from None
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_KILTED)) as reader:
-            logs = [one for one in reader.connections if one.msgtype == _LOG_TYPE]
-            if not logs:
-                raise LogError(f"{path}: this bag contains no messages {_LOG_TYPE}")
-            if len({one.topic for one in logs}) > 1:
-                topics = ", ".join(sorted({one.topic for one in logs}))
-                raise LogError(f"{path}: this bag contains the logs of several trees: {topics}")
-            texts = [one for one in reader.connections if one.topic in (TREE_TOPIC, GAP_TOPIC)]
-            for connection, stamp, data in reader.messages(connections=[*logs, *texts]):
-                kind = _LOG_TYPE if connection in logs else connection.topic
-                yield kind, stamp, reader.deserialize(data, connection.msgtype)
-    except (AnyReaderError, ReaderError, struct.error, OSError, AssertionError) as error:
-        raise LogError(f"{path}: not a complete bag of ROS 2: {error}") from None
+    with BagReader(path, _DEFINITIONS) as reader:
+        logs = [topic for topic, kind in reader.topics.items() if kind == _LOG_TYPE]
+        if not logs:
+            raise LogError(f"{path}: this bag contains no messages {_LOG_TYPE}")
+        if len(logs) > 1:
+            topics = ", ".join(sorted(logs))
+            raise LogError(f"{path}: this bag contains the logs of several trees: {topics}")
+        texts = [topic for topic in (TREE_TOPIC, GAP_TOPIC) if reader.topics.get(topic) == _TEXT_TYPE]
+        for topic, stamp, data in reader.messages((*logs, *texts)):
+            yield _LOG_TYPE if topic in logs else topic, stamp, reader.decode(topic, data)
 
 
 def _transition(path: Path, event: Any) -> tuple[LoggedTransition, str]:
@@ -266,10 +254,10 @@ def _transition(path: Path, event: Any) -> tuple[LoggedTransition, str]:
         raise LogError(f"{path}: the messages are from Nav2 in Humble or older and do not contain UIDs")
     try:
         statuses = Status[event.previous_status], Status[event.current_status]
+        stamp = event.timestamp.sec * NS_PER_S + event.timestamp.nanosec
+        return LoggedTransition(stamp, int(event.uid), *statuses), event.node_name
     except KeyError as unknown:
         raise LogError(f"{path}: {unknown} is not a status") from None
-    stamp = event.timestamp.sec * NS_PER_S + event.timestamp.nanosec
-    return LoggedTransition(stamp, int(event.uid), *statuses), event.node_name
 
 
 def _check_names(nodes: Mapping[int, RecordedNode], names: Mapping[int, str], path: Path, xml: Path) -> None:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from btcore_monitor.watch.feed import Feed
 
 _RERUN: Final = ".rrd"
+_BAG: Final = ".mcap"
 _WAIT: Final = 0.2
 """Time (s) between two checks of an idle feed."""
 _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd"
@@ -48,9 +49,14 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
     "outputs",
     type=click.Path(dir_okay=False, path_type=Path),
     multiple=True,
-    required=True,
     metavar="FILE",
     help="Output file: .btlog (Groot 2), .db3 or .btdb (SQLite), .mcap (ROS 2), .rrd (rerun). Repeatable.",
+)
+@click.option(
+    "--bag",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.mcap",
+    help="Write a bag of ROS 2 with behavior_tree_log; the same as -o FILE.mcap.",
 )
 @duration_option
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
@@ -61,6 +67,7 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
 def record(
     address: str,
     outputs: Sequence[Path],
+    bag: Path | None,
     duration: float | None,
     until_end: bool,
     no_record: bool,
@@ -75,6 +82,14 @@ def record(
     later, stop, and restart: another tree gets its own files, run.2.btlog after run.btlog. Ctrl-C stops and
     completes the files. Gaps are marked in the files, and counted at the end.
     """
+    if bag is not None:
+        if bag.suffix != _BAG:
+            raise click.UsageError(
+                f"--bag {bag}: a bag ends in {_BAG}; did you mean {bag.with_suffix(_BAG)}?"
+            )
+        outputs = (*outputs, bag)
+    if not outputs:
+        raise click.UsageError("Missing option '-o' / '--output' or '--bag'.")
     check_installed("zmq", "msgpack", *(["rerun", "numpy"] if _recordings(outputs) else []))
     from btcore.logs import LogError
     from btcore_monitor.log_writer import LOGS, WRITE_ERRORS

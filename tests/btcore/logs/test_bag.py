@@ -1,16 +1,23 @@
 """Bags of ROS 2: rosbags reads those of btcore, and btcore reads those that rosbags writes, as from Nav2."""
 
+import random
+import struct
+import sys
+import tracemalloc
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 pytest.importorskip("rosbags")
 
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import zstd
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import btcore
+from btcore.cli.main import main
 from btcore.clock import NS_PER_S
 from btcore.logs import LogError, open_log, read_log
 from btcore.logs.bag import BagWriter
@@ -51,7 +58,7 @@ def write_nav2_bag(
         {**get_types_from_msg(change, f"{name}StatusChange"), **get_types_from_msg(log, f"{name}Log")}
     )
     time = store.types["builtin_interfaces/msg/Time"]
-    folder = path.with_name("bag")
+    folder = path.with_name(f"{path.stem}_bag")
     writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
@@ -146,6 +153,7 @@ def test_the_xml_of_another_tree_is_an_error(tmp_path: Path) -> None:
         (STATUS_CHANGE, 2, EVENTS, "the logs of several trees: /log0, /log1"),
         (STATUS_CHANGE, 0, EVENTS, "contains no messages nav2_msgs/msg/BehaviorTreeLog"),
         (STATUS_CHANGE, 1, [(1, "A", "IDLE", "BUSY")], "'BUSY' is not a status"),
+        (STATUS_CHANGE.replace("uint16", "uint32"), 1, EVENTS, "the field 'uid' of .* is defined otherwise"),
     ],
 )
 def test_bags_that_cannot_be_read_are_explained(
@@ -162,3 +170,89 @@ def test_a_truncated_bag_is_an_error(tmp_path: Path) -> None:
         path.write_bytes(content[:length])
         with pytest.raises(LogError, match="not a complete bag"):
             read_log(path)
+
+
+def test_random_damage_is_an_error_of_one_line(tmp_path: Path) -> None:
+    path = write_nav2_bag(tmp_path / "nav.mcap", EVENTS)
+    content, random_numbers = path.read_bytes(), random.Random(5)
+    errors: list[str] = []
+    for _ in range(150):
+        damaged = bytearray(content)
+        for _ in range(random_numbers.choice((1, 2, 4))):
+            damaged[random_numbers.randrange(len(damaged))] = random_numbers.choice((0, 1, 128, 255))
+        path.write_bytes(damaged)
+        try:
+            read_log(path)
+        except LogError as error:
+            errors.append(str(error))
+    assert len(errors) > 50
+    assert not any("\n" in error for error in errors)
+
+
+@pytest.mark.parametrize("declared", [100, 1 << 40])
+def test_a_chunk_that_grows_when_it_is_decompressed_needs_no_memory(tmp_path: Path, declared: int) -> None:
+    compressor = zstd.ZstdCompressor()
+    data = b"".join([*(compressor.compress(bytes(1 << 20)) for _ in range(200)), compressor.flush()])
+    fields = struct.pack("<QQQI", 0, 1, declared, 0) + struct.pack("<I", 4) + b"zstd"
+    chunk = fields + struct.pack("<Q", len(data)) + data
+    writer = BagWriter(tmp_path / "run.mcap", b"<root/>", {}, 0)
+    writer.close()
+    with (tmp_path / "run.mcap").open("ab") as file:
+        file.write(struct.pack("<BQ", 0x06, len(chunk)) + chunk)
+        file.write(struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQ", 0x02, 20) + bytes(20))
+        file.write(b"\x89MCAP0\r\n")
+    tracemalloc.start()
+    try:
+        with pytest.raises(LogError, match="not a complete bag"):
+            read_log(tmp_path / "run.mcap")
+        assert tracemalloc.get_traced_memory()[1] < 50 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def run_command(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments], prog_name="btcore")
+    assert "Traceback" not in result.output
+    return result.exit_code, result.output
+
+
+def test_replay_stats_and_diff_read_a_bag_with_the_xml_beside_it(tmp_path: Path) -> None:
+    paths = [
+        write_nav2_bag(tmp_path / f"{name}.mcap", EVENTS[:count]) for name, count in (("a", 3), ("b", 2))
+    ]
+    for path in paths:
+        path.with_suffix(".xml").write_text(XML)
+    code, output = run_command("stats", paths[0])
+    assert code == 0, output
+    assert "3 transitions of 6 nodes in 2.000 s" in output
+    assert "Again/Wait::4" in output
+    code, output = run_command("diff", *paths)
+    assert code == 1, output
+    assert "the runs differ after 2 common transitions" in output
+    assert run_command("diff", paths[0], paths[0]) == (0, "no difference: 3 transitions\n")
+    pytest.importorskip("btcore_monitor")
+    code, output = run_command("replay", "--text", paths[0])
+    assert code == 0, output
+    assert output.splitlines()[2].split() == ["2.000000", "Again/Wait::4", "IDLE", "→", "SUCCESS"]
+
+
+@pytest.mark.parametrize("command", [["stats"], ["replay", "--text"]])
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "not a complete bag of ROS 2"),
+        (b"no bag", "not a complete bag of ROS 2: File magic is invalid."),
+        (None, "pip install 'btcore[bags]'"),
+    ],
+)
+def test_commands_explain_what_is_wrong_with_a_bag(
+    command: list[str], content: bytes | None, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if content is None:
+        monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content or b"\x89MCAP0\r\n")
+    code, output = run_command(*command, path)
+    assert code == 2
+    assert message in output
+    assert len(output.splitlines()) == 1

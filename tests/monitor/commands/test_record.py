@@ -66,7 +66,7 @@ def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: P
 def test_a_recorded_bag_of_ros_contains_every_transition(endless, record, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     with serve(endless, groot2=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
-        recorder = record(publisher.address, "-o", "run.mcap", "--until-end")
+        recorder = record(publisher.address, "--bag", "run.mcap", "--until-end")
         assert publisher.wait_for_clients(1, 60)
         for _ in range(50):
             endless.tick_exactly_once()
@@ -199,6 +199,7 @@ def _lines(path: Path) -> Iterator[str]:
     ("arguments", "said"),
     [
         ([], "Missing option '-o'"),
+        (["--bag", "run.btlog"], "a bag ends in .mcap; did you mean run.mcap?"),
         (
             ["-o", "run.txt"],
             "types are .btlog, .db3, .btdb, .mcap and .rrd; did you mean run.btlog?",
