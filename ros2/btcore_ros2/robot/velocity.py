@@ -19,45 +19,30 @@ class VelocityCommands:
     priorities may share a topic, so the priorities are enforced here as well as by the robot.
 
     Args:
-        session: The ROS node.
         topics: The topics.
         base: The limits of the base.
-        frame: The frame of stamped commands.
-        stamp: Returns the present time of the robot as a message, for stamped commands.
+        publish: Publishes a command on a topic.
     """
 
     def __init__(
-        self,
-        session: RosSession,
-        topics: VelocityTopics,
-        base: BaseInfo,
-        frame: str,
-        stamp: Callable[[], Any],
+        self, topics: VelocityTopics, base: BaseInfo, publish: Callable[[str, Twist2D], None]
     ) -> None:
-        from geometry_msgs.msg import Twist, TwistStamped
-
-        self.kind: type = TwistStamped if topics.stamped else Twist
-        self._stamped = topics.stamped
-        self._frame = frame
-        self._time = stamp
         self._base = base
-        ordered = sorted(topics.priorities.items(), key=lambda entry: entry[1])
-        self._publishers = [
-            (priority, session.node.create_publisher(self.kind, topic, 10)) for topic, priority in ordered
-        ]
+        self._publish_on = publish
+        self._topics = sorted(topics.priorities, key=lambda topic: topics.priorities[topic])
+        self._priorities = topics.priorities
         self._sources = CommandMultiplexer()
         self._command = STANDING
         self._stamp = -NS_PER_S
         self._timeout = round(base.command_timeout * NS_PER_S)
-        self._moving: Any = None
-        """The publisher of a command that has not expired."""
-        self._used: dict[Any, int] = {}
+        self._moving: str | None = None
+        """The topic of a command that has not expired."""
+        self._used: dict[str, int] = {}
 
     @property
     def topic(self) -> str:
         """The topic of the lowest priority."""
-        name: str = self._publishers[0][1].topic_name
-        return name
+        return self._topics[0]
 
     def send(self, v: float, w: float, priority: int, now: int) -> None:
         """Publish a command, unless a command of a higher priority arrived within the last 0.5 s.
@@ -71,12 +56,12 @@ class VelocityCommands:
         if not self._sources.admits(priority, now):
             return
         self._command, self._stamp = Twist2D(v, w), now
-        publisher = self._publishers[0][1]
-        for topic_priority, candidate in self._publishers:
-            if topic_priority <= priority:
-                publisher = candidate
-        self._moving = publisher
-        self._publish(publisher, self._limited(v, w), now)
+        topic = self.topic
+        for candidate in self._topics:
+            if self._priorities[candidate] <= priority:
+                topic = candidate
+        self._moving = topic
+        self._publish(topic, self._limited(v, w), now)
 
     def current(self, now: int) -> Twist2D:
         """Return the last accepted command, or zero if it has expired at *now* (ns)."""
@@ -85,8 +70,8 @@ class VelocityCommands:
     def expire(self, now: int) -> None:
         """Publish zero if the last command has expired at *now* (ns): not every base stops on its own."""
         if self._moving is not None and now - self._stamp > self._timeout:
-            publisher, self._moving = self._moving, None
-            self._publish(publisher, STANDING, now)
+            topic, self._moving = self._moving, None
+            self._publish(topic, STANDING, now)
 
     def stop(self, now: int) -> None:
         """Publish zero on all topics with recent commands, or on that of the lowest priority.
@@ -94,36 +79,24 @@ class VelocityCommands:
         Args:
             now: The time (ns).
         """
-        recent = [publisher for publisher, used in self._used.items() if now - used <= SOURCE_TIMEOUT]
+        recent = [topic for topic, used in self._used.items() if now - used <= SOURCE_TIMEOUT]
         self._sources.clear()
         self._command, self._moving = STANDING, None
-        for publisher in recent or [self._publishers[0][1]]:
-            self._publish(publisher, STANDING, now)
+        for topic in recent or [self.topic]:
+            self._publish(topic, STANDING, now)
 
     def finish(self, now: int) -> None:
-        """Stop the base if there were commands, and wait until the last message was received.
+        """Publish zero on all topics on which there were commands.
 
         Args:
             now: The time (ns).
         """
-        if not self._used:
-            return
-        from rclpy.duration import Duration
+        for topic in tuple(self._used):
+            self._publish(topic, STANDING, now)
 
-        for publisher in tuple(self._used):
-            self._publish(publisher, STANDING, now)
-        for publisher in self._used:
-            publisher.wait_for_all_acked(Duration(seconds=0.2))
-
-    def _publish(self, publisher: Any, twist: Twist2D, now: int) -> None:
-        message = self.kind()
-        velocity = message.twist if self._stamped else message
-        velocity.linear.x, velocity.angular.z = twist.v, twist.w
-        if self._stamped:
-            message.header.frame_id = self._frame
-            message.header.stamp = self._time()
-        self._used[publisher] = now
-        publisher.publish(message)
+    def _publish(self, topic: str, twist: Twist2D, now: int) -> None:
+        self._used[topic] = now
+        self._publish_on(topic, twist)
 
     def _limited(self, v: float, w: float) -> Twist2D:
         """Return a command within the limits of the base; the radius of the curve is kept."""
@@ -135,6 +108,52 @@ class VelocityCommands:
         if abs(w) * scale > base.w_max:
             scale = base.w_max / abs(w)
         return Twist2D(v * scale, w * scale)
+
+
+class VelocityPublishers:
+    """The publishers of velocity commands.
+
+    Args:
+        session: The ROS node.
+        topics: The topics.
+        frame: The frame of stamped commands.
+        stamp: Returns the present time of the robot as a message, for stamped commands.
+
+    Attributes:
+        kind: The class of the messages.
+    """
+
+    def __init__(
+        self, session: RosSession, topics: VelocityTopics, frame: str, stamp: Callable[[], Any]
+    ) -> None:
+        from geometry_msgs.msg import Twist, TwistStamped
+
+        self.kind: type = TwistStamped if topics.stamped else Twist
+        self._stamped = topics.stamped
+        self._frame = frame
+        self._time = stamp
+        self._publishers = {
+            topic: session.node.create_publisher(self.kind, topic, 10) for topic in topics.priorities
+        }
+        self._used: set[str] = set()
+
+    def publish(self, topic: str, twist: Twist2D) -> None:
+        """Publish *twist* on *topic*."""
+        message: Any = self.kind()
+        velocity = message.twist if self._stamped else message
+        velocity.linear.x, velocity.angular.z = twist.v, twist.w
+        if self._stamped:
+            message.header.frame_id = self._frame
+            message.header.stamp = self._time()
+        self._used.add(topic)
+        self._publishers[topic].publish(message)
+
+    def wait_for_subscribers(self) -> None:
+        """Wait until the last messages were received."""
+        from rclpy.duration import Duration
+
+        for topic in self._used:
+            self._publishers[topic].wait_for_all_acked(Duration(seconds=0.2))
 
 
 def check_finite(v: float, w: float) -> None:
