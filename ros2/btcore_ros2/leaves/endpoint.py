@@ -90,7 +90,8 @@ class Endpoint(Generic[Entity]):
         now = time.monotonic_ns()
         if not is_visible:
             shared[key] = now + SETTLING_NS
-        return max(0, shared[key] - now)
+        settled: int = shared[key]
+        return max(0, settled - now)
 
     def _open(self, name: str) -> None:
         from rclpy.exceptions import NameValidationException
