@@ -26,6 +26,8 @@ MISMATCH_TIME = 2.0
 """The time (s) after which a topic with another type than expected is an error at the start."""
 CLOCK_SEARCH = 0.5
 """The time (s) in which a publisher of `/clock` is searched at the start."""
+CAMERA_WAIT = 3 * NS_PER_S
+"""The time (ns) after the first use of the camera after which a warning reports that there is no picture."""
 
 
 @dataclass(slots=True)
@@ -66,6 +68,7 @@ class RosRobot(TopicRobot):
         self._start_deadline = time.monotonic() + description.start_timeout
         self._watches: list[_Watch] = []
         self._watches_camera = False
+        self._camera_limit: int | None = None
         try:
             self._time = self._choose_time()
             self._publishers = VelocityPublishers(
@@ -116,7 +119,13 @@ class RosRobot(TopicRobot):
         return self._camera_info
 
     def camera(self) -> CameraImage | None:
-        """Return the newest picture. The first call subscribes to the camera, and returns None."""
+        """Return the newest picture, or None while there is no picture.
+
+        The first call subscribes to the camera, and returns None. A camera that sends nothing is reported by
+        a warning; leaves that need no picture are not affected.
+        """
+        if not self._watches_camera:
+            self._camera_limit = self._time.now() + CAMERA_WAIT
         self._watch_camera()
         return super().camera()
 
@@ -320,6 +329,21 @@ class RosRobot(TopicRobot):
         if self._failure is not None:
             raise RosError(self._failure)
         self._velocity.expire(now)
+        if self._camera_limit is not None and now > self._camera_limit:
+            self._camera_limit = None
+            self._warn_without_pictures()
+
+    def _warn_without_pictures(self) -> None:
+        """Report a camera that is used, but from which no picture or no `CameraInfo` has arrived."""
+        source = self.description.camera
+        if source is None or (self._raw_image is not None and self._camera_info is not None):
+            return
+        from sensor_msgs.msg import CameraInfo as InfoMessage
+        from sensor_msgs.msg import Image
+
+        topic, kind = (source.image.topic, Image) if self._raw_image is None else (source.info, InfoMessage)
+        problem = topic_problem(self._node, topic, kind)
+        _log.warning("there are no pictures: %s: %s; leaves that look for objects find none", topic, problem)
 
     def _silent(self, now: int, part: float) -> list[_Watch]:
         """Return the watched topics without a message for longer than *part* of their limits."""

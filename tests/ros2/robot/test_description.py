@@ -10,11 +10,30 @@ from btcore_ros2.robot.description import bundled_robots, load_robot
 from btcore_sim.robot_description import load_description
 from tests.ros2.robot.conftest import DESCRIPTION, PARTS
 
+BUNDLED = {
+    # The topic for velocities and whether it is stamped, the topics of laser and odometry, the frame of the
+    # base, and the limits (m/s, rad/s).
+    "tiago": ("/cmd_vel", False, "/scan_raw", "/mobile_base_controller/odom", "base_footprint", (1.0, 2.09)),
+    "turtlebot3": ("/cmd_vel", True, "/scan", "/odom", "base_footprint", (0.22, 2.84)),
+    "turtlebot4": ("/cmd_vel", False, "/scan", "/odom", "base_link", (0.306, 1.9)),
+}
 
-def test_bundled_robots_are_valid() -> None:
-    assert {"tiago", "turtlebot3", "turtlebot4"} <= set(bundled_robots())
-    for name in bundled_robots():
-        assert load_robot(name).base.v_max > 0.0
+
+def test_bundled_robots_have_the_topics_of_their_repositories() -> None:
+    assert set(bundled_robots()) == BUNDLED.keys()
+    for name, facts in BUNDLED.items():
+        robot = load_robot(name)
+        topic = next(iter(robot.velocity.priorities))
+        limits = (robot.base.v_max, robot.base.w_max)
+        scan, odometry = robot.scan.source, robot.odometry
+        assert facts == (topic, robot.velocity.stamped, scan.topic, odometry.topic, robot.base_frame, limits)
+        # A best effort subscription receives from publishers of both kinds, and many scans are best effort.
+        assert not scan.reliable
+        # A scan or an odometry that stops has to end the run.
+        assert scan.timeout
+        assert odometry.timeout
+        assert scan.timeout > 3.0 / robot.scan.rate
+        assert robot.battery is None or not robot.battery.source.reliable
 
 
 def test_tiago_has_the_facts_of_the_simulated_tiago() -> None:

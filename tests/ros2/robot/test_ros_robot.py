@@ -1,6 +1,7 @@
 """A robot over topics follows the protocol; the robot runs in another process."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("tf2_msgs")
 
-from btcore_robot.robot import NS_PER_S, CameraInfo
+from btcore_robot.robot import NS_PER_S, CameraInfo, Robot
 from btcore_robot.testing import (
     check_camera,
     check_frames,
@@ -19,6 +20,7 @@ from btcore_robot.testing import (
     wait,
 )
 from btcore_ros2.errors import RosError
+from btcore_ros2.robot import ros_robot
 from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.session import RosSession
 from tests.ros2.robot.conftest import DESCRIPTION, LIMIT, PARTS, PointRobotProcess, describe
@@ -71,6 +73,27 @@ def test_battery_in_percent(session: RosSession, point_robot: PointRobotProcess,
     assert battery is not None
     assert battery.level == 75.0
     assert 0 <= robot.clock.now() - battery.stamp < LIMIT * NS_PER_S
+
+
+def test_a_missing_camera_matters_only_when_it_is_used(
+    session: RosSession,
+    point_robot: PointRobotProcess,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(ros_robot, "CAMERA_WAIT", NS_PER_S // 2)
+    camera = "camera: {image: {topic: /eye}, info: /eye_info, near: 0.1, far: 8.0, rate: 10}\n"
+    robot = RosRobot(session, describe(tmp_path, DESCRIPTION + camera))
+    assert isinstance(robot, Robot)
+    assert "/eye" not in [subscription.topic_name for subscription in session.node.subscriptions]
+    assert robot.camera() is None
+    wait(robot, 1.0)
+    assert "there are no pictures: /eye: no publisher is visible" in caplog.text
+    assert robot.camera() is None
+    robot.description = replace(robot.description, start_timeout=0.2)
+    with pytest.raises(RosError, match=r"/eye_info: no publisher is visible; .* correct 'camera\.info' in"):
+        assert robot.camera_info
 
 
 def test_robot_that_does_not_answer(
