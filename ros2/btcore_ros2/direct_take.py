@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 EVENTS_NS = 500_000_000
 """The time (ns) between two rounds of the executor, for events such as an incompatible QoS."""
 
+REST_NS = 10_000_000
+"""The longest time (ns) between two drains while a caller waits for a client or a service."""
+
 # The queues of an action client in the order of taking: the flag that `take_data` tests, and the attribute
 # that is empty if no item is expected. Feedback comes before the result of its goal.
 _CLIENT_QUEUES = {
@@ -47,6 +50,7 @@ _PARTS: Sequence[tuple[Any, str]] = (
     (rclpy_implementation.Client, "take_response"),
     (rclpy_implementation.Service, "service_take_request"),
     (rclpy_implementation.Timer, "is_timer_ready"),
+    (rclpy_implementation.WaitSet, "wait"),
     (Executor, "_take_timer"),
     (Future, "_set_executor"),
     (Subscription, "CallbackType"),
@@ -152,6 +156,27 @@ class DirectTake:
         elif (now := time.monotonic_ns()) >= self._next_round:
             self._next_round = now + EVENTS_NS
             self._rounds.take_once()
+
+    def rest(self, entity: Client | Service, pause: float) -> None:
+        """Sleep until something arrives for *entity*, at most for `REST_NS`.
+
+        Args:
+            entity: The client or service.
+            pause: How long (s) to sleep instead if there are suspended callbacks, which `take` continues.
+        """
+        if self._executor._tasks:
+            time.sleep(pause)
+            return
+        is_client = isinstance(entity, Client)
+        context = self._node.context.handle
+        with entity.handle, context:
+            wait_set = rclpy_implementation.WaitSet(0, 0, 0, is_client, not is_client, 0, context)
+            wait_set.clear_entities()
+            if is_client:
+                wait_set.add_client(entity.handle)
+            else:
+                wait_set.add_service(entity.handle)
+            wait_set.wait(REST_NS)
 
     def _is_blocked(self, entity: Any) -> bool:
         """Whether a suspended callback of the same callback group excludes *entity*."""

@@ -1,6 +1,7 @@
 """Taking what has arrived for a ROS node with rclpy's executor."""
 
-from typing import TYPE_CHECKING
+import time
+from typing import TYPE_CHECKING, Any
 
 from rclpy.executors import TimeoutException
 
@@ -46,3 +47,7 @@ class ExecutorTake:
             if task.done():
                 completed += 1
                 task.result()  # raises the exception of the callback
+
+    def rest(self, entity: Any, pause: float) -> None:
+        """Sleep for *pause* (s); see `DirectTake.rest`."""
+        time.sleep(pause)

@@ -75,21 +75,40 @@ def btcore(*arguments: object) -> Command:
 
 
 @contextlib.contextmanager
-def processes(*commands: Command) -> "Iterator[list[Popen[str]]]":
-    """Run *commands* in a ROS domain that no other run uses; they are killed at the end."""
+def ros_domain() -> "Iterator[Callable[[Command], Popen[str]]]":
+    """Reserve a ROS domain, and return a function that starts a process in it; they are killed at the end."""
     domain = domains.get()
     single_threaded = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     variables = environment(ROS_DOMAIN_ID=str(domain), **single_threaded)
     started: list[Popen[str]] = []
+
+    def start(command: Command) -> "Popen[str]":
+        started.append(Popen(command, stdout=PIPE, stderr=PIPE, text=True, env=variables))
+        return started[-1]
+
     try:
-        for command in commands:
-            started.append(Popen(command, stdout=PIPE, stderr=PIPE, text=True, env=variables))
-        yield started
+        yield start
     finally:
         for process in started:
             process.kill()
             process.communicate()
         domains.put(domain)
+
+
+def start_simulation(start: "Callable[[Command], Popen[str]]", *options: object) -> "Popen[str]":
+    """Start the simulation with *options*, and wait until it is on ROS 2.
+
+    Raises:
+        RunError: The simulation has ended.
+    """
+    simulation = start(btcore("ros2", "sim", *WORLD, *options, "--json"))
+    assert simulation.stderr is not None
+    lines = []
+    for line in simulation.stderr:
+        if "is on ROS 2" in line:
+            return simulation
+        lines.append(line)
+    raise RunError(f"the simulation has ended: {''.join(lines)[-500:]}")
 
 
 def last_object(process: "Popen[str]", code: int, limit: float) -> Result:
@@ -116,13 +135,12 @@ def last_object(process: "Popen[str]", code: int, limit: float) -> Result:
 def drive(case: Case, seed: int) -> Result:
     """Run *case* with *seed*: the simulation in one process, the tree in another."""
     tree, *options = case.arguments
-    lockstep = ("--lockstep", "--seed", seed, "--json")
+    lockstep = ("--lockstep", "--seed", seed)
     duration = float(options[options.index("--duration") + 1])
     try:
-        with processes(
-            btcore("ros2", "sim", *WORLD, *lockstep),
-            btcore("run", tree, "--ros2", "tiago", *options, *lockstep),
-        ) as (simulation, client):
+        with ros_domain() as start:
+            simulation = start_simulation(start, *lockstep)
+            client = start(btcore("run", tree, "--ros2", "tiago", *options, *lockstep, "--json"))
             driven = last_object(client, 0, START_LIMIT + 10.0 * duration)
             simulation.send_signal(signal.SIGINT)
             measured = last_object(simulation, 130, START_LIMIT)
@@ -211,11 +229,10 @@ def real_time_run(seconds: int) -> list[str]:
         robot.write_text(f"{tiago}\nuse_sim_time: false\n", encoding="utf-8", newline="\n")
         run_options = ("--ros2", robot, "--duration", seconds, "--log", log, "--json")
         try:
-            with processes(
-                btcore("ros2", "sim", *WORLD, "--json"),
-                btcore("run", "bumpgo_wide", *run_options),
-                [sys.executable, __file__, "--timer", str(seconds)],
-            ) as (simulation, client, timer):
+            with ros_domain() as start:
+                simulation = start_simulation(start)
+                client = start(btcore("run", "bumpgo_wide", *run_options))
+                timer = start([sys.executable, __file__, "--timer", str(seconds)])
                 driven = last_object(client, 0, START_LIMIT + 2.0 * seconds)
                 timed = last_object(timer, 0, START_LIMIT)
                 simulation.send_signal(signal.SIGINT)

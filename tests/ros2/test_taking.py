@@ -18,6 +18,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
 
+from btcore_robot.robot import NS_PER_S
 from btcore_ros2 import direct_take
 from btcore_ros2.executor_take import MAX_CALLBACKS
 from btcore_ros2.session import RosSession
@@ -169,6 +170,21 @@ def test_response_to_a_removed_request_is_ignored(session: RosSession, server: N
     arrives(session, kept.done)
     assert kept.result().success
     assert not removed.done()
+
+
+def test_waiting_for_a_response_drains_rarely(server: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    with RosSession("test") as session:
+        client = session.node.create_client(SetBool, "set_bool")
+        arrives(session, client.service_is_ready)
+        drains: list[None] = []
+        session.after_drain(lambda: drains.append(None))
+        assert not session.wait_for(lambda: False, 0.1, client)
+        assert 1 < len(drains) < 20
+        drains.clear()
+        monkeypatch.setattr(direct_take, "REST_NS", LIMIT * NS_PER_S)
+        for _ in range(10):
+            assert session.wait_for(client.call_async(SetBool.Request()).done, LIMIT, client)
+        assert len(drains) <= 20  # before and after the arrival of each response
 
 
 def fibonacci(session: RosSession) -> ActionClient:

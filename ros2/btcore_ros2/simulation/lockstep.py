@@ -25,6 +25,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Generator, Mapping
+from functools import partial
 from types import coroutine
 from typing import Any, Protocol
 
@@ -106,7 +107,7 @@ class LockstepServer:
         # A group of its own: a request that waits must not block the subscriptions for commands.
         group = ReentrantCallbackGroup()
         create = session.node.create_service
-        create(SetParametersAtomically, "sim/step", self._answer_step, callback_group=group)
+        self._steps = create(SetParametersAtomically, "sim/step", self._answer_step, callback_group=group)
         create(Trigger, "sim/sync", self._answer_sync, callback_group=group)
 
     def pace(self, now: int, moment: int, wake: threading.Event) -> bool:
@@ -147,7 +148,7 @@ class LockstepServer:
         limit = time.monotonic() + self._wait_limit
         while moment > self._goal and not (wake.is_set() or self.is_abandoned):
             # In slices, so that an interrupt is noticed and the pauses between drains stay short.
-            if self._session.wait_for(lambda: self._requests or wake.is_set(), 0.1):
+            if self._session.wait_for(lambda: self._requests or wake.is_set(), 0.1, self._steps):
                 self._goal = max(self._goal, self._next_request())
                 self._reach(min(self._goal, self._time))
             self.is_abandoned = time.monotonic() > limit
@@ -276,7 +277,8 @@ class LockstepClock(SimulatedTime):
         limit = time.monotonic() + PATIENCE
         while True:
             future = client.call_async(request)
-            if self._session.wait_for(lambda: future.done() or (wake is not None and wake.is_set()), RETRY):  # noqa: B023 (called at once)
+            done = partial(_is_done, future, wake)
+            if self._session.wait_for(done, RETRY, client):
                 return future.result() if future.done() else None
             client.remove_pending_request(future)
             if not client.service_is_ready():
@@ -377,6 +379,11 @@ class LockstepClock(SimulatedTime):
             return callback(message, info) if with_info else callback(message)
 
         return receive
+
+
+def _is_done(future: Future, wake: threading.Event | None) -> bool:
+    """Whether *future* is done, or *wake* is set."""
+    return bool(future.done()) or (wake is not None and wake.is_set())
 
 
 @coroutine
