@@ -144,7 +144,8 @@ compiled: .venv-compiled/ready
 ifneq ($(ROS2),)
 ros2: .venv-ros/ready
 	@echo '· the tests of ROS 2'
-	@BTCORE_EXPECT=pure .venv-ros/bin/pytest -n $(TEST_PROCESSES) --dist worksteal tests/ros2
+	@# All tests of a file in one process: they share the processes that they start.
+	@BTCORE_EXPECT=pure .venv-ros/bin/pytest -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder tests/ros2
 else
 ros2:
 	@echo 'note: PyPI has no wheels of ROS 2 for this platform; its tests are skipped'

@@ -172,6 +172,7 @@ def main() -> None:
     report(0, "ready")
     with suppress(KeyboardInterrupt, ExternalShutdownException, rclpy_implementation.RCLError):
         executor.spin()  # the shutdown of the context may raise in any of its threads
+    executor.shutdown()  # waits for the threads that work on goals
     server.destroy()
     node.destroy_node()
 

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-LIMIT_S = 60.0
+LIMIT_S = 120.0
 
 
 class ClientProcess:

@@ -17,7 +17,7 @@ from test_msgs.action import Fibonacci
 from btcore_ros2.action_server import RosActionServer
 from btcore_ros2.session import RosSession
 
-LIMIT_S = 30.0
+LIMIT_S = 60.0
 
 CLIENT = """
 import sys
@@ -29,11 +29,11 @@ from test_msgs.action import Fibonacci
 rclpy.init()
 node = rclpy.create_node("client")
 client = ActionClient(node, Fibonacci, "count")
-assert client.wait_for_server(20)
+assert client.wait_for_server(60)
 
 
 def wait(future):
-    rclpy.spin_until_future_complete(node, future, timeout_sec=20)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=60)
     return future.result()
 
 
@@ -100,6 +100,11 @@ class Setting:
         assert self.client.lines == list(lines)
         self.client.lines.clear()
 
+    def wait_for_result_request(self) -> None:
+        """Wait until the client waits for a result."""
+        futures = self.server._server._result_futures
+        self.wait_for(lambda: any(future._callbacks for future in futures.values()))
+
     def send(self, order: int) -> int:
         """Send a goal, and return its number."""
         self.client.request(f"send {order}")
@@ -143,7 +148,7 @@ def test_result_that_is_requested_before_the_end(setting: Setting) -> None:
     number = setting.send(1)
     goal = setting.server.take()
     setting.client.request(f"result {number}")
-    setting.session.wait_for(lambda: False, 0.2)
+    setting.wait_for_result_request()
     goal.abort(Fibonacci.Result(sequence=[7]))
     setting.expect(f"result {GoalStatus.STATUS_ABORTED} [7]")
 
@@ -214,6 +219,6 @@ def test_close_ends_goals(setting: Setting) -> None:
     setting.server.take()
     setting.client.request(f"result {first}")
     setting.client.request(f"result {second}")
-    setting.session.wait_for(lambda: False, 0.2)
+    setting.wait_for_result_request()
     setting.server.close()
     setting.expect(*[f"result {GoalStatus.STATUS_ABORTED} []"] * 2)

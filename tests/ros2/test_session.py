@@ -25,7 +25,7 @@ from btcore_ros2.errors import RosError
 from btcore_ros2.session import RosSession
 from btcore_ros2.testing import DOMAINS
 
-LIMIT = 30  # s
+LIMIT = 60  # s
 
 
 class Listen(btcore.StatefulAction):

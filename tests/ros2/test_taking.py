@@ -23,7 +23,7 @@ from btcore_ros2 import direct_take
 from btcore_ros2.executor_take import MAX_CALLBACKS
 from btcore_ros2.session import RosSession
 
-LIMIT = 30  # s, for something that takes some milliseconds
+LIMIT = 60  # s, for something that takes some milliseconds
 KEEP_ALL = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE)
 
 

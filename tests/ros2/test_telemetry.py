@@ -22,7 +22,7 @@ from btcore.cli.main import main
 from btcore_ros2.errors import RosError
 from btcore_ros2.telemetry import MAX_WAITING, RosTelemetry
 
-LIMIT_S = 30
+LIMIT_S = 60
 
 
 def wait(condition: Callable[[], Any], shown: object = "") -> None:

@@ -20,7 +20,7 @@ from btcore import Blackboard, NodeExecutionError, Registry, Status, Tree, TreeE
 from btcore_ros2.leaves import register
 from btcore_ros2.session import RosSession
 
-LIMIT_S = 30
+LIMIT_S = 60
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def tree_of(body: str, session: RosSession, **entries: object) -> Tree:
 
 
 COUNT = """<RosActionCall name="/count" type="test_msgs/action/Fibonacci" goal='json:{"order": 3}'
-    result="{result}" feedback="{feedback}" error="{error}" server_timeout="20000"/>"""
+    result="{result}" feedback="{feedback}" error="{error}" server_timeout="60000"/>"""
 
 
 def test_goal_in_json_is_sent_to_the_action_that_the_instance_name_names(session: RosSession) -> None:
@@ -162,7 +162,7 @@ def test_invalid_literal_is_an_error_when_the_tree_is_loaded(
 
 
 SWITCH = """<RosServiceCall name="switch" type="std_srvs/SetBool" request='json:{"data": true}'
-    response="{response}" response_field="message" error="{error}" server_timeout="20000"/>"""
+    response="{response}" response_field="message" error="{error}" server_timeout="60000"/>"""
 
 
 def test_service_is_called_and_its_field_success_is_the_result(session: RosSession) -> None:
@@ -185,7 +185,7 @@ def test_message_is_published_and_read(session: RosSession) -> None:
     body = """<Sequence>
       <RosTopicPublish topic_name="words" type="std_msgs/String" message='json:{"data": "{word}"}'/>
       <RosTopicRead name="heard" type="std_msgs/String" qos="latched" message="{answer}" field="data"
-          timeout="20000"/>
+          timeout="60000"/>
     </Sequence>"""
     tree = tree_of(body, session, word="hello")
     assert session.wait_for(lambda: session.node.count_subscribers("words"), LIMIT_S)
@@ -196,7 +196,7 @@ def test_message_is_published_and_read(session: RosSession) -> None:
 
 def test_best_effort_topic_is_read_with_the_profile_of_sensors(session: RosSession) -> None:
     body = """<RosTopicRead name="battery" type="sensor_msgs/msg/BatteryState" qos="sensor_data"
-        message="{battery}" timeout="20000"/>"""
+        message="{battery}" timeout="60000"/>"""
     tree = tree_of(body, session)
     assert tree.tick_while_running() is Status.SUCCESS
     assert isinstance(tree.blackboard["battery"], BatteryState)
@@ -232,9 +232,9 @@ def test_topic_without_a_message_fails_with_the_reason(
 
 
 def test_old_message_does_not_count(session: RosSession) -> None:
-    body = """<RosTopicRead name="place" type="std_msgs/String" qos="latched" timeout="20000"/>"""
+    body = """<RosTopicRead name="place" type="std_msgs/String" qos="latched" timeout="60000"/>"""
     assert tree_of(body, session).tick_while_running() is Status.SUCCESS
-    old = body.replace("20000", "50").replace("/>", ' max_age="0.001" error="{error}"/>')
+    old = body.replace("60000", "50").replace("/>", ' max_age="0.001" error="{error}"/>')
     tree = tree_of(old, session)
     start = session.clock.now()
     assert session.wait_for(lambda: session.clock.now() > start + 2_000_000, LIMIT_S)

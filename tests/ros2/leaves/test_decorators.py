@@ -25,7 +25,7 @@ from btcore_ros2.leaves import (
 from btcore_ros2.session import RosSession
 
 S, F, R = Status.SUCCESS, Status.FAILURE, Status.RUNNING
-LIMIT_S = 30
+LIMIT_S = 60
 CLOSED: list[str] = []
 
 
@@ -36,13 +36,13 @@ class Notebook:
         self.lines: list[str] = []
 
 
-@ros_action(Fibonacci, "planned", server_timeout=5000, wait_for_server_timeout=10_000)
+@ros_action(Fibonacci, "planned", server_timeout=60_000, wait_for_server_timeout=60_000)
 def send(order: In[int]) -> Any:
     """Send a goal."""
     return Fibonacci.Goal(order=order) if order >= 0 else None
 
 
-@ros_action("test_msgs/action/Fibonacci", "planned", server_timeout=5000, wait_for_server_timeout=10_000)
+@ros_action("test_msgs/action/Fibonacci", "planned", server_timeout=60_000, wait_for_server_timeout=60_000)
 def send_and_read(book: Notebook, order: In[int], tag: Put[int], fallback: In[int] = 7) -> Any:
     try:
         result = yield Fibonacci.Goal(order=order)
@@ -56,13 +56,13 @@ def send_and_read(book: Notebook, order: In[int], tag: Put[int], fallback: In[in
     return True
 
 
-@ros_action(Fibonacci, "planned", server_timeout=5000, wait_for_server_timeout=10_000)
+@ros_action(Fibonacci, "planned", server_timeout=60_000, wait_for_server_timeout=60_000)
 def send_twice(order: In[int]) -> Any:
     yield Fibonacci.Goal(order=order)
     yield Fibonacci.Goal(order=order)
 
 
-@ros_service(BasicTypes, "planned_service", server_timeout=5000, wait_for_server_timeout=10_000)
+@ros_service(BasicTypes, "planned_service", server_timeout=60_000, wait_for_server_timeout=60_000)
 def increment(number: In[int], sum: Put[int]) -> Any:
     response = yield BasicTypes.Request(int32_value=number)
     sum(response.int32_value)

@@ -21,7 +21,7 @@ from btcore_ros2.leaves import ActionErrorCode, RosAction
 from btcore_ros2.session import RosSession
 
 S, F, R = Status.SUCCESS, Status.FAILURE, Status.RUNNING
-LIMIT_S = 30
+LIMIT_S = 60
 OWN = '<Planned action_name="/{}/planned" order="{}"/>'
 TAGS = itertools.count(1)
 
@@ -31,8 +31,8 @@ class Planned(RosAction):
 
     action_name = "planned"
     action_type = Fibonacci
-    server_timeout = 5000
-    wait_for_server_timeout = 10_000
+    server_timeout = 60_000
+    wait_for_server_timeout = 60_000
 
     order: In[int]
 
@@ -348,7 +348,7 @@ def test_refused_cancellation_is_reported(
     server: ServerProcess, session: RosSession, caplog: pytest.LogCaptureFixture
 ) -> None:
     tag = next(TAGS)
-    plan = Plan(work_slots=20, tag=tag, cancel=Cancel.REFUSE)
+    plan = Plan(work_slots=60, tag=tag, cancel=Cancel.REFUSE)
     tree = load(session, f'<Planned order="{plan.order}"/>')
     tick_until(session, tree, lambda: "executing" in server.of(tag))
     tree.halt()

@@ -22,7 +22,8 @@ from btcore_ros2.leaves import RosAction
 class Send(RosAction):
     action_type = "test_msgs/action/Fibonacci"
     action_name = "plan"
-    wait_for_server_timeout = 30_000
+    server_timeout = 60_000
+    wait_for_server_timeout = 60_000
     order: In[int]
 
     def make_goal(self):

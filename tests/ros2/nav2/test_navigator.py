@@ -20,16 +20,16 @@ from btcore_robot.robot import Pose2D
 from btcore_ros2.nav2.conversions import pose_to_stamped, poses_to_goals
 
 PLAIN_NAV2 = ("--without-navigator",)
-LIMIT = 30.0
+LIMIT = 60.0
 
 DRIVE = """
 <root BTCPP_format="4" main_tree_to_execute="Drive">
   <BehaviorTree ID="Drive">
     <PipelineSequence>
       <GoalUpdatedController>
-        <ComputePathToPose goal="{goal}" path="{path}"/>
+        <ComputePathToPose goal="{goal}" path="{path}" server_timeout="60000"/>
       </GoalUpdatedController>
-      <FollowPath path="{path}" server_name="hang/follow_path"/>
+      <FollowPath path="{path}" server_name="hang/follow_path" server_timeout="60000"/>
     </PipelineSequence>
   </BehaviorTree>
 </root>
@@ -38,8 +38,8 @@ FAIL = """
 <root BTCPP_format="4">
   <BehaviorTree ID="Fail">
     <Sequence>
-      <ComputePathToPose goal="{goal}" path="{path}"/>
-      <FollowPath path="{path}" server_name="abort/follow_path"/>
+      <ComputePathToPose goal="{goal}" path="{path}" server_timeout="60000"/>
+      <FollowPath path="{path}" server_name="abort/follow_path" server_timeout="60000"/>
     </Sequence>
   </BehaviorTree>
 </root>

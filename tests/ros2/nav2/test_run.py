@@ -10,13 +10,15 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("nav2_msgs")
 
+from tests.ros2.nav2.conftest import LIMIT
+
 NAVIGATE = """
 <root BTCPP_format="4">
   <BehaviorTree ID="T">
     <Sequence>
-      <ComputePathToPose goal="2;0" path="{path}" planner_id="Lattice"/>
-      <FollowPath path="{path}"/>
-      <Wait wait_duration="1"/>
+      <ComputePathToPose goal="2;0" path="{path}" planner_id="Lattice" server_timeout="60000"/>
+      <FollowPath path="{path}" server_timeout="60000"/>
+      <Wait wait_duration="1" server_timeout="60000"/>
     </Sequence>
   </BehaviorTree>
 </root>
@@ -27,21 +29,20 @@ def run(folder: Path, text: str, *options: str) -> subprocess.CompletedProcess[s
     file = folder / "tree.xml"
     file.write_text(text)
     command = [sys.executable, "-m", "btcore", "run", str(file), *options]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT, check=False)
 
 
 def test_the_tree_uses_the_servers_of_nav2(bench: Any, tmp_path: Path) -> None:
     done = run(tmp_path, NAVIGATE, "--nav2")
     assert done.returncode == 0, done.stderr
-    assert bench.session.wait_for(lambda: "wait" in bench.names(), 10)
+    assert bench.session.wait_for(lambda: "wait" in bench.names(), LIMIT)
     assert bench.names() == ["compute_path_to_pose", "follow_path", "wait"]
     assert bench.received[0][1]["planner_id"] == "Lattice"
 
 
 def test_a_failure_names_the_server_and_the_reason(bench: Any, tmp_path: Path) -> None:
-    text = (
-        '<root BTCPP_format="4"><BehaviorTree ID="T"><Spin server_name="abort/spin"/></BehaviorTree></root>'
-    )
+    leaf = '<Spin server_name="abort/spin" server_timeout="60000"/>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{leaf}</BehaviorTree></root>'
     done = run(tmp_path, text, "--nav2")
     assert done.returncode == 1
     assert "no transform" in done.stderr

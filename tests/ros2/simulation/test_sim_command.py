@@ -3,6 +3,7 @@
 import threading
 
 import pytest
+from click.testing import CliRunner
 
 pytest.importorskip("rclpy")
 pytest.importorskip("pybullet")
@@ -12,6 +13,7 @@ from collections.abc import Callable
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
+from btcore.cli.main import main
 from btcore_ros2.session import RosSession
 from btcore_ros2.simulation.topics import RobotTopics
 from btcore_sim.camera import CameraSettings
@@ -48,10 +50,10 @@ def test_duration_and_options_of_the_simulator_apply(start: Callable[..., Simula
         (["--ros-args", "-r scan"], {}, "remap rule: '-r scan'"),
         ([], {"ROS_DOMAIN_ID": "999"}, "no domain 999"),
         ([], {"ROS_DOMAIN_ID": "mine"}, "no domain mine"),
+        (["--ros2", "tiago"], {}, "--ros2 does not belong here"),
     ],
 )
 def test_a_mistake_of_the_user_is_a_message(
-    start: Callable[..., Simulation],
     monkeypatch: pytest.MonkeyPatch,
     arguments: list[str],
     environment: dict[str, str],
@@ -59,10 +61,10 @@ def test_a_mistake_of_the_user_is_a_message(
 ) -> None:
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    simulation = start("--duration", "1", *arguments)
-    assert simulation.process.wait(LIMIT) == 2
-    assert message in simulation.errors
-    assert "Traceback" not in simulation.errors
+    done = CliRunner().invoke(main, ["ros2", "sim", "--duration", "1", *arguments])
+    assert done.exit_code == 2
+    assert isinstance(done.exception, SystemExit)
+    assert message in done.output
 
 
 def test_no_picture_is_rendered_without_a_subscriber(session: RosSession) -> None:
