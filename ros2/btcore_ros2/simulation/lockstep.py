@@ -103,6 +103,8 @@ class LockstepServer:
         self._wait_limit = wait_limit
         self._time = 0
         self._goal = 0
+        # The latest time that a client has requested. A client that is woken does not wait for the response.
+        self._requested = 0
         self._requests: list[tuple[int, Future]] = []
         # A group of its own: a request that waits must not block the subscriptions for commands.
         group = ReentrantCallbackGroup()
@@ -158,11 +160,12 @@ class LockstepServer:
         try:
             numbers = _numbers(request.parameters)
             until, since = numbers.pop("until"), numbers.pop("from", 0)
-            if since > self._time:
+            if since > max(self._time, self._requested):
                 raise ValueError(
                     f"the world is at {_seconds(self._time)}, before the client's {_seconds(since)}: it was "
                     "started again"
                 )
+            self._requested = max(self._requested, until)
         except ValueError as error:
             result.reason = str(error)
             return response

@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -171,6 +172,28 @@ def test_world_outlives_a_client_that_dies(world: Simulation) -> None:
         assert now >= 3 * TENTH
         clock.wait_until(now + TENTH, threading.Event())
         assert clock.now() == now + TENTH
+
+
+def test_client_that_did_not_wait_for_a_response_may_request_the_next_step(
+    world: Simulation, client: Client
+) -> None:
+    state = json.loads(client.call(Trigger, "/sim/sync").message)
+    times = [state["time"] + number * TENTH for number in range(3)]
+    steps = client.node.create_client(SetParametersAtomically, "/sim/step")
+    client.wait(steps.service_is_ready)
+    requests = [
+        SetParametersAtomically.Request(
+            parameters=[
+                Parameter(name="from", value=integer(begin)),
+                Parameter(name="until", value=integer(end)),
+            ]
+        )
+        for begin, end in pairwise(times)
+    ]
+    responses = [steps.call_async(request) for request in requests]
+    client.wait(lambda: all(response.done() for response in responses))
+    assert [response.result().result.successful for response in responses] == [True, True]
+    client.node.destroy_client(steps)
 
 
 def test_client_of_a_world_that_ends_raises(world: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
