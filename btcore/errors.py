@@ -271,6 +271,10 @@ class MissingEntryError(BlackboardError, KeyError):
     __str__ = Exception.__str__  # KeyError would quote the message
 
 
+class EndOfTimeError(BtcoreError):
+    """Raised by waiting on a clock whose time has ended, such as that of a recording. Ends `btcore run`."""
+
+
 class ConversionError(BtcoreError, ValueError):
     """A text or a value cannot be converted to a type."""
 

@@ -14,11 +14,12 @@ from types import FrameType
 from typing import Final, Literal
 
 from btcore.clock import NS_PER_S
+from btcore.errors import EndOfTimeError
 from btcore.status import Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
-EndReason = Literal["done", "duration", "interrupted", "saved"]
+EndReason = Literal["done", "duration", "ended", "interrupted", "saved"]
 
 POLL_INTERVAL_S: Final = 0.05
 """The longest time (s) between two checks whether the file was saved."""
@@ -105,7 +106,10 @@ class TickLoop:
         return self.tree.clock.now() - self.start
 
     def run(self) -> EndReason:
-        """Tick until the tree's status, the duration, a save or a signal ends the loop; return the reason."""
+        """Tick until the tree's status, the duration, a save or a signal ends the loop; return the reason.
+
+        The loop also ends when the time of the tree's clock ends, as that of a recording.
+        """
         due = self.tree.clock.now()
         while True:
             self.status = self.tree.tick_once()
@@ -120,7 +124,10 @@ class TickLoop:
                 missed = (now - due) // self.period
                 self.late += missed
                 due += (missed + 1) * self.period
-            saved = self._wait(due if self.end is None else min(due, self.end))
+            try:
+                saved = self._wait(due if self.end is None else min(due, self.end))
+            except EndOfTimeError:
+                return "ended"
             if self._stop:
                 return "interrupted"
             if self.end is not None and self.tree.clock.now() >= self.end:
@@ -143,9 +150,13 @@ class TickLoop:
                 return "saved"
             self._waiting = True
             # Checked again, because a signal that arrived before `_waiting` was set does not end the wait.
-            if not self._stop:
-                self._rest_until(now)
-            self._waiting = False
+            try:
+                if not self._stop:
+                    self._rest_until(now)
+            except EndOfTimeError:
+                return "ended"
+            finally:
+                self._waiting = False
         return "interrupted"
 
     def _rest_until(self, now: int) -> None:
@@ -162,14 +173,16 @@ class TickLoop:
         """Wait until *moment*, a wake-up, a stop or a save; return whether the file was saved."""
         saved = self.saved is not None and self.saved()
         self._waiting = True
-        while not (self._stop or saved):
-            step = moment
-            if self.saved is not None:
-                step = min(moment, self.tree.clock.now() + round(POLL_INTERVAL_S * NS_PER_S))
-            if self.tree.context.wait_until(step) or step == moment:
-                break
-            saved = self.saved is not None and self.saved()
-        self._waiting = False
+        try:
+            while not (self._stop or saved):
+                step = moment
+                if self.saved is not None:
+                    step = min(moment, self.tree.clock.now() + round(POLL_INTERVAL_S * NS_PER_S))
+                if self.tree.context.wait_until(step) or step == moment:
+                    break
+                saved = self.saved is not None and self.saved()
+        finally:
+            self._waiting = False
         return saved
 
     def signals(self) -> AbstractContextManager[None]:

@@ -21,6 +21,8 @@ OPTIONAL: Final = (
 )
 """The fields that older releases of ROS 2 lack, as (type, field)."""
 
+_BIG_ENDIAN, _LITTLE_ENDIAN = b"\x00\x00", b"\x00\x01"
+
 _MAX_REASON: Final = 200
 """The greatest length of an error message of rosbags that is quoted."""
 
@@ -95,7 +97,15 @@ class BagReader:
         kind = self.topics[topic]
         with self._explained():
             self._check_definition(kind)
-            return self._reader.deserialize(data, kind)
+            types = self._reader.typestore
+            if data[:2] not in (_BIG_ENDIAN, _LITTLE_ENDIAN):
+                raise LogError(f"{self.path}: a message on {topic} is not in the encoding CDR")
+            # Typestore.deserialize_cdr refuses the bytes that rclpy's serialize_message may add at the end.
+            definition = types.get_msgdef(kind)
+            is_little = data[:2] == _LITTLE_ENDIAN
+            read = definition.deserialize_cdr_le if is_little else definition.deserialize_cdr_be
+            message, _ = read(data[4:], 0, definition.cls, types)
+            return message
 
     def close(self) -> None:
         """Close the file."""

@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from btcore import Tree
+from btcore.logs import LogError
 from btcore.run_extension import RunExtension
 from btcore_robot.robot import BaseInfo, Robot
 from btcore_ros2.errors import RosError
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from btcore_ros2.nav2.client import Nav2Client
+    from btcore_ros2.robot.bag_robot import BagRobot
     from btcore_ros2.robot.ros_robot import RosRobot
 
 POSE_WAIT_S = 5.0
@@ -32,6 +35,13 @@ class RosExtension(RunExtension):
             metavar="FILE.yaml",
             help="Use a ROS 2 robot instead of the simulated robot: tiago, turtlebot3, turtlebot4, or a file "
             "that describes its topics.",
+        ),
+        click.Option(
+            ["--bag"],
+            type=click.Path(dir_okay=False, path_type=Path),
+            metavar="FILE.mcap",
+            help="Run on the sensors that were recorded in a bag, without ROS, and compare the commands with "
+            "the recorded commands. --ros2 describes the robot; default: tiago.",
         ),
         click.Option(
             ["--nav2"],
@@ -54,6 +64,7 @@ class RosExtension(RunExtension):
     def __init__(self) -> None:
         self._session: RosSession | None = None
         self._robot: RosRobot | None = None
+        self._bag_robot: BagRobot | None = None
         self._nav2: Nav2Client | None = None
 
     def takes_over(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[type]:
@@ -72,8 +83,10 @@ class RosExtension(RunExtension):
 
         See `RunExtension.provide`.
         """
+        if settings.get("bag") is not None:
+            return self._provide_from_bag(settings, wanted)
         name = settings.get("ros2_robot")
-        drives = name is not None and any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
+        drives = name is not None and _has_robot(wanted)
         navigates = bool(self.takes_over(settings, wanted))
         if RosSession not in wanted and not drives and not navigates:
             if settings.get("lockstep"):
@@ -112,6 +125,36 @@ class RosExtension(RunExtension):
             raise click.UsageError(str(error)) from error
         return (*resources, self._session)
 
+    def _provide_from_bag(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[object]:
+        """Return the robot of the bag, if a robot is required."""
+        for option in ("nav2", "lockstep", "ros_args"):
+            if settings.get(option):
+                name = option.replace("_", "-")
+                raise click.UsageError(f"--bag and --{name} exclude each other: a bag is read without ROS")
+        if RosSession in wanted:
+            raise click.UsageError(
+                "--bag reads sensors without ROS, but the tree has leaves that use ROS 2: replace them by "
+                "--substitute"
+            )
+        if not _has_robot(wanted):
+            return ()
+        from btcore.logs.bag_reader import BagReader
+        from btcore_ros2.robot.bag_robot import BagRobot
+        from btcore_ros2.robot.description import load_robot
+
+        try:
+            description = load_robot(str(settings.get("ros2_robot") or "tiago"))
+            _check_rate(settings.get("rate"), description.base)
+            reader = BagReader(settings["bag"])
+            try:
+                self._bag_robot = BagRobot(reader, description)
+            except Exception:
+                reader.close()
+                raise
+        except (RosError, LogError) as error:
+            raise click.UsageError(str(error)) from error
+        return [self._bag_robot]
+
     def attach(
         self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]
     ) -> "AbstractContextManager[object]":
@@ -129,10 +172,23 @@ class RosExtension(RunExtension):
                     click.echo(f"warning: --nav2: {POSE_IS_UNKNOWN}", err=True)
             yield
         finally:
+            if self._bag_robot is not None:
+                self._bag_robot.close()
+                if self._bag_robot.warning:
+                    click.echo(f"warning: {self._bag_robot.warning}", err=True)
             if self._robot is not None:
                 self._robot.close()
             if self._session is not None:
                 self._session.close()
+
+    def report(self) -> Mapping[str, object]:
+        """Return the comparison of the commands with those of the bag, if there is a bag."""
+        return {} if self._bag_robot is None else {"commands": self._bag_robot.compare_commands()}
+
+
+def _has_robot(wanted: Sequence[type]) -> bool:
+    """Return whether a robot is among the types *wanted*."""
+    return any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
 
 
 def _check_rate(rate: float | None, base: BaseInfo) -> None:
