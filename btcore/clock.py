@@ -51,6 +51,9 @@ class Clock(Protocol):
 
         Returns:
             Whether *wake* was set.
+
+        Raises:
+            EndOfTimeError: The time ends before *deadline*, as the time of a recording does.
         """
         ...
 
