@@ -183,6 +183,9 @@ class ClientGoal:
 
         A server that was killed is visible for 20 s, until its DDS lease ends. If it was started again in the
         meantime, the number of servers has changed: the new server answers that it does not know the goal.
+
+        The first check requests the result once more: the answer to the first request may be lost, if the goal
+        ended before the server had discovered the client completely.
         """
         if self.cancel_requested and now > self._follow_until:
             state = "answered" if self._handle is None else "ended"
@@ -202,7 +205,7 @@ class ClientGoal:
                 self._finish()
             elif self._handle is not None:
                 count = self._count_servers()
-                if count != self._server_count:
+                if count != self._server_count or len(self._results) == 1:
                     self._server_count = count
                     self._results.append(self._handle.get_result_async())
             elif self.cancel_requested and self._cancellation is None:
