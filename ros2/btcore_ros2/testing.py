@@ -10,6 +10,9 @@ from btcore_ros2.errors import RosError
 DOMAINS = range(1, 102)
 """The domains that are safe on every platform, without the default domain 0."""
 
+LOOPBACK_PROFILE = Path(__file__).with_name("loopback.xml")
+"""A profile of Fast DDS that receives on the loopback interface only."""
+
 _reserved: list[object] = []  # the open files, whose locks last until the process ends
 
 
@@ -40,5 +43,7 @@ def isolate_ros() -> int:
         _reserved.append(file)
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         os.environ["ROS_DOMAIN_ID"] = str(domain)
+        # LOCALHOST alone ignores other machines, but receives from all interfaces.
+        os.environ["FASTDDS_DEFAULT_PROFILES_FILE"] = str(LOOPBACK_PROFILE)
         return domain
     raise RosError(f"all domains from {DOMAINS[0]} to {DOMAINS[-1]} are used by other tests on this machine")
