@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from btcore import Direction, In, LiteralProblem, Port, StatefulAction, Status
+from btcore import Blackboard, Direction, In, LiteralProblem, Port, StatefulAction, Status
 from btcore.clock import NS_PER_MS, NS_PER_S
 from btcore.suggestions import did_you_mean, join_names
 from btcore.values import STRING
@@ -103,6 +103,10 @@ class RosActionCall(_ByName, RosAction):
     The leaf fails if there is no server, if the server does not accept the goal within `server_timeout`, or
     if the goal is aborted or cancelled. Then `error` gets the reason, and `result` the result of the aborted
     goal. If the leaf is halted, the goal is cancelled.
+
+    Args:
+        session: The session, a resource of the tree.
+        board: The blackboard. Because of this parameter, checks know that the leaf can read any entry.
     """
 
     action_name: Annotated[In[str], "the action; default: the instance name"] = ""
@@ -128,7 +132,7 @@ class RosActionCall(_ByName, RosAction):
         fields = {"result_field": "Result", "feedback_field": "Feedback"}
         return message_problems(literals, "action", {"goal": "Goal"}, fields)
 
-    def __init__(self, session: RosSession) -> None:
+    def __init__(self, session: RosSession, board: Blackboard) -> None:
         self.action_type = load_type(self, "action")
         self._goal_port = MessagePort(self, "goal", self.action_type.Goal, session)
         super().__init__(session)
@@ -165,6 +169,10 @@ class RosServiceCall(_ByName, RosService):
     The leaf succeeds when the response has arrived. It fails if the response has a boolean field `success`
     that is false, as in std_srvs, if there is no server, or if the server does not answer within
     `server_timeout`; `error` then gets the reason.
+
+    Args:
+        session: The session, a resource of the tree.
+        board: The blackboard. Because of this parameter, checks know that the leaf can read any entry.
     """
 
     service_name: Annotated[In[str], "the service; default: the instance name"] = ""
@@ -187,7 +195,7 @@ class RosServiceCall(_ByName, RosService):
         """Return the problems of the request and of the field."""
         return message_problems(literals, "srv", {"request": "Request"}, {"response_field": "Response"})
 
-    def __init__(self, session: RosSession) -> None:
+    def __init__(self, session: RosSession, board: Blackboard) -> None:
         self.service_type = load_type(self, "srv")
         self._request_port = MessagePort(self, "request", self.service_type.Request, session)
         super().__init__(session)
@@ -220,6 +228,10 @@ class RosTopicPublish(_ByName, RosPublisher):
     `type` names the message, and `message` holds its fields. In the JSON a text "{key}" stands for the entry
     `key` of the blackboard. The name of the topic is `topic_name`; without it, the instance name (`name`) is
     the name of the topic.
+
+    Args:
+        session: The session, a resource of the tree.
+        board: The blackboard. Because of this parameter, checks know that the leaf can read any entry.
     """
 
     topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
@@ -240,7 +252,7 @@ class RosTopicPublish(_ByName, RosPublisher):
         """Return the problems of the message."""
         return message_problems(literals, "msg", {"message": ""}, {})
 
-    def __init__(self, session: RosSession) -> None:
+    def __init__(self, session: RosSession, board: Blackboard) -> None:
         self.message_type = load_type(self, "msg")
         self._message_port = MessagePort(self, "message", self.message_type, session)
         super().__init__(session)

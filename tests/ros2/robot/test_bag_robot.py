@@ -221,7 +221,7 @@ def test_bag_of_another_robot_is_explained(
 def test_sensor_that_stops_ends_the_run_with_a_warning(replay: Replay, tmp_path: Path) -> None:
     # The next message is a century later: the time does not run until then.
     bag = BagFile(tmp_path, 3.0).without("/scan", 1.0).drive(3e9, 0.0)
-    robot = replay(bag)
+    robot = replay(bag, DESCRIPTION.replace("timeout: 20.0", "timeout: 1.0"))
     with pytest.raises(EndOfTimeError):
         wait(robot, 4e9)
     assert robot.clock.now() == 1000 * NS_PER_S + 1_950_000_000
