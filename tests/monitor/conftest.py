@@ -18,6 +18,9 @@ from btcore.engine.observers import Transitions
 
 ROOT = Path(__file__).parents[2]
 
+LIMIT = 60.0
+"""The longest wait (s) for anything, on a slow machine."""
+
 ENDLESS = """
 <root BTCPP_format="4">
   <BehaviorTree ID="Endless">
@@ -111,12 +114,12 @@ def changes() -> type[Changes]:
 
 @pytest.fixture
 def until() -> Callable[..., None]:
-    """Return a function that calls a function until the result is true, for at most ten seconds."""
+    """Return a function that calls a function until the result is true, for at most a minute."""
 
     def until(true: Callable[[], object], what: str = "") -> None:
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + LIMIT
         while not true():
-            assert time.monotonic() < deadline, f"not within 10 s: {what}"
+            assert time.monotonic() < deadline, f"not within {LIMIT:g} s: {what}"
             time.sleep(0.002)
 
     return until

@@ -21,6 +21,9 @@ from btcore_monitor.serve import serve
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 ROOT = Path(__file__).parents[2]
+
+LIMIT = 60.0
+"""The longest wait (s) for anything, on a slow machine."""
 PYTHON_PATH = os.pathsep.join([str(ROOT), str(ROOT / "monitor")])
 PATROL = """
 <root BTCPP_format="4" main_tree_to_execute="Patrol">
@@ -119,10 +122,10 @@ def test_a_breakpoint_before_the_first_tick_holds_the_robot_until_it_is_released
     with BreakpointClient(robot.address) as breaks:
         assert breaks.break_at("go/l*") == ["go/legs", "go/left"]
         robot.start()
-        assert breaks.wait().path == "go/legs"
+        assert breaks.wait(LIMIT).path == "go/legs"
         assert breaks.status("left") == "IDLE"
         breaks.release("go/legs", remove=True)
-        assert breaks.wait().path == "go/left"
+        assert breaks.wait(LIMIT).path == "go/left"
         assert breaks.status("legs") == "RUNNING"
         assert robot.tree.ticks == 1
         breaks.clear()
@@ -133,10 +136,10 @@ def test_a_release_can_set_the_nodes_status(robot):
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left", after=True)
         robot.start()
-        breaks.wait()
+        breaks.wait(LIMIT)
         breaks.break_at("rescue")
         breaks.release("left", "failure", remove=True)
-        assert breaks.wait().path == "rescue"
+        assert breaks.wait(LIMIT).path == "rescue"
         assert breaks.status("choose") == "RUNNING"
 
 
@@ -144,7 +147,7 @@ def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(robot, until):
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left")
         robot.start()
-        assert breaks.wait().path == "go/left"
+        assert breaks.wait(LIMIT).path == "go/left"
         breaks.disable()
         until(lambda: robot.tree.ticks > 3, "the robot goes on")
         assert [one.enabled for one in breaks.hooks()] == [False]
@@ -155,7 +158,7 @@ def test_a_status_is_injected_into_one_tick(robot):
     robot.start()
     with BreakpointClient(robot.address) as breaks:
         assert breaks.inject("right", 3) == ["go/right"]
-        assert breaks.wait().path == "go/right"
+        assert breaks.wait(LIMIT).path == "go/right"
         breaks.step()
         assert tally.success == 1
         assert [one.uid for one in breaks.hooks()] == [1]
@@ -188,7 +191,7 @@ def test_a_robot_waits_at_a_breakpoint_as_long_as_a_client_is_connected(until):
         with BreakpointClient(publisher.address) as breaks:
             breaks.break_at("left")
             tick.start()
-            breaks.wait()
+            breaks.wait(LIMIT)
             tick.join(3)
             assert tick.is_alive()
         tick.join(10)
@@ -205,7 +208,7 @@ def test_a_restarted_robot_gets_its_breakpoints_again(robot, until):
         try:
             until(lambda: breaks.tree.tree_id != before and again.tree.hooks.all(), "set again")
             again.start()
-            assert breaks.wait().path == "go/left"
+            assert breaks.wait(LIMIT).path == "go/left"
         finally:
             again.end()
 
@@ -217,7 +220,7 @@ def test_a_client_waits_for_a_robot_that_starts_later():
     late = threading.Timer(0.3, lambda: made.append(Robot(port)))
     late.start()
     try:
-        with BreakpointClient(f"{port}", timeout=10) as breaks:
+        with BreakpointClient(f"{port}", timeout=60) as breaks:
             assert breaks.break_at("left") == ["go/left"]
     finally:
         late.join()
@@ -348,7 +351,7 @@ def test_ctrl_c_ends_a_run_that_waits_at_a_breakpoint(tmp_path):
         assert published is not None
         with BreakpointClient(published[1], timeout=20) as breaks:
             breaks.break_at("left")
-            breaks.wait()
+            breaks.wait(LIMIT)
             run.send_signal(signal.SIGINT)
             said = run.communicate(timeout=20)[1]
         assert run.returncode == 130

@@ -15,7 +15,7 @@ def fetched():
     server = PageServer(port, page_files())
 
     def fetched(path: str) -> tuple[int, bytes, http.client.HTTPMessage]:
-        asking = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        asking = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
         asking.request("GET", path)
         answer = asking.getresponse()
         try:

@@ -29,7 +29,7 @@ def ports(publisher: Publisher) -> list[int]:
 def test_both_protocols_work_after_junk_at_any_port(name, endless, no_threads_left):
     with serve(endless, groot2=0, groot1=0) as publisher, zmq.Context() as context:
         for port in ports(publisher):
-            with socket.create_connection(("127.0.0.1", port), timeout=5) as junk:
+            with socket.create_connection(("127.0.0.1", port), timeout=60) as junk:
                 junk.sendall(JUNK[name])
         endless.tick_exactly_once()
         for port, question in ((publisher.port, b"\x02S1234"), (publisher.groot1 + 1, b"")):

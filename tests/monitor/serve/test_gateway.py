@@ -141,7 +141,7 @@ def test_a_client_of_zmtp_2_gets_a_reply(endless, no_threads_left):
     """As libzmq 3.2 sends: the signature, and the rest only after the server's signature."""
     with serve(endless, groot2=0) as publisher:
         address = ("127.0.0.1", publisher.port)
-        with socket.create_connection(address, timeout=10) as client:
+        with socket.create_connection(address, timeout=60) as client:
             client.sendall(SIGNATURE)
             assert receive(client, 10)[0] == 0xFF
             client.sendall(b"\1\3" + frame(b""))  # ZMTP 2.0, REQ, no identity
@@ -152,7 +152,7 @@ def test_a_client_of_zmtp_2_gets_a_reply(endless, no_threads_left):
 
 def test_a_client_of_zmtp_3_0_receives_what_it_subscribes_to(endless, no_threads_left):
     with serve(endless, groot2=0) as publisher:
-        client = socket.create_connection(("127.0.0.1", publisher.port + 2), timeout=10)
+        client = socket.create_connection(("127.0.0.1", publisher.port + 2), timeout=60)
         with client:
             client.sendall(V30)
             receive(client, 64)
@@ -167,7 +167,7 @@ def test_requests_and_subscriptions_of_the_maximum_size_are_forwarded(endless, n
         serve(endless, groot2=0, allow_control=True) as publisher,
         zmq.Context() as context,
         context.socket(zmq.REQ) as client,
-        socket.create_connection(("127.0.0.1", publisher.port + 1), timeout=10) as topics,
+        socket.create_connection(("127.0.0.1", publisher.port + 1), timeout=60) as topics,
     ):
         client.linger = 0
         client.connect(publisher.address)
@@ -316,14 +316,14 @@ def test_a_connection_more_than_permitted_waits_until_another_ends(endless, no_t
         held = []
         try:
             for _ in range(gateway_process.CONNECTIONS):
-                held.append(socket.create_connection(address, timeout=10))
+                held.append(socket.create_connection(address, timeout=60))
                 held[-1].sendall(greeting(1))
                 receive(held[-1], 64)
             # Another port has connections of its own.
-            with socket.create_connection(("127.0.0.1", publisher.port + 1), timeout=10) as other:
+            with socket.create_connection(("127.0.0.1", publisher.port + 1), timeout=60) as other:
                 other.sendall(greeting(1))
                 receive(other, 64)
-            with socket.create_connection(address, timeout=10) as further:
+            with socket.create_connection(address, timeout=60) as further:
                 further.sendall(greeting(1))
                 further.settimeout(0.2)
                 with pytest.raises(TimeoutError):
@@ -347,7 +347,7 @@ def in_a_thread(monkeypatch) -> None:
 @pytest.mark.usefixtures("in_a_thread")
 def test_a_client_that_sends_nothing_is_disconnected(endless, no_threads_left):
     with serve(endless, groot2=0) as publisher:
-        silent = socket.create_connection(("127.0.0.1", publisher.port), timeout=10)
+        silent = socket.create_connection(("127.0.0.1", publisher.port), timeout=60)
         with silent:
             assert silent.recv(1) == b""
 

@@ -42,7 +42,7 @@ def connect() -> Iterator[Connect]:
     clients: list[Groot2Client] = []
 
     def connect(address: str) -> Groot2Client:
-        clients.append(Groot2Client(parse_address(address), timeout=10))
+        clients.append(Groot2Client(parse_address(address), timeout=60))
         return clients[-1]
 
     yield connect
