@@ -92,7 +92,8 @@ class GoalHandle(Generic[Goal, Feedback, Value]):
         self._end(GoalStatus.CANCELED, ActionResult(0, message))
 
     def _end(self, status: GoalStatus, result: ActionResult[Value]) -> None:
-        if not self.done:
+        # Not `done`, which may take what has arrived: a cancelled goal would end before it gets this result.
+        if self.status not in ENDED:
             self.status = status
             self.result = result
 
