@@ -127,6 +127,8 @@ class RosExtension(RunExtension):
 
     def _provide_from_bag(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[object]:
         """Return the robot of the bag, if a robot is required."""
+        if settings.get("ros_session") is not None:
+            raise click.UsageError("--bag does not belong here: this command serves on ROS 2")
         for option in ("nav2", "lockstep", "ros_args"):
             if settings.get(option):
                 name = option.replace("_", "-")

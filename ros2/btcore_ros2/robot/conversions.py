@@ -57,8 +57,11 @@ class ScanConverter:
     def __init__(self, first: Any, mount: Transform, rate: float, sigma: float) -> None:
         count, increment = len(first.ranges), first.angle_increment
         name = first.header.frame_id.lstrip("/")
-        if not count or not increment or not math.isfinite(increment):
-            raise RosError(f"a scan has {count} rays, and an angle of {increment:g} rad between two rays")
+        if not count or not increment or not math.isfinite(first.angle_min + increment):
+            raise RosError(
+                f"a scan has {count} rays from {first.angle_min:g} rad on, and an angle of {increment:g} rad"
+                " between two rays"
+            )
         rotation = mount.rotation
         if abs(rotation[2, 2]) < _LEVEL:
             raise RosError(f"the laser's frame '{name}' is not horizontal: only planar lasers are supported")
@@ -117,11 +120,12 @@ class ScanConverter:
 
     def _adapted(self, message: Any, ranges: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the nearest ray of another scan for each ray of the first scan."""
-        if not len(ranges) or not message.angle_increment:
+        increment = message.angle_increment
+        if not len(ranges) or not increment or not math.isfinite(message.angle_min + increment):
             return np.full(self._raw[0], np.inf, dtype=np.float32)
-        places = np.rint((self._raw_angles - message.angle_min) / message.angle_increment).astype(int)
+        places = np.rint((self._raw_angles - message.angle_min) / increment).astype(int)
         if self._around:
-            places %= max(1, round(math.tau / abs(message.angle_increment)))
+            places %= max(1, round(math.tau / abs(increment)))
         inside = (places >= 0) & (places < len(ranges))
         adapted = np.full(self._raw[0], np.inf, dtype=np.float32)
         adapted[inside] = ranges[places[inside]]

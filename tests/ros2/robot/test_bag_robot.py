@@ -307,6 +307,26 @@ def test_options_that_do_not_fit_a_bag(
     assert message in result.stderr
 
 
+def test_missing_package_is_named(
+    run: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    BagFile(tmp_path).write()
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    result = run()
+    assert result.exit_code == 2
+    assert "pip install 'btcore[bags]'" in result.stderr
+
+
+def test_wait_for_a_save_ends_with_the_bag(run: Callable[..., Result], tmp_path: Path) -> None:
+    BagFile(tmp_path, 2.0).write()
+    tree = TREE.replace("<Forward/>", "<AlwaysSuccess/>")
+    (tmp_path / "short.xml").write_text(tree)
+    result = run("--watch", tree="short.xml")
+    assert result.exit_code == 0
+    assert "2.0 s, 1 tick" in result.stderr
+    assert "until the end of the recording" in result.stderr
+
+
 def test_trees_without_a_robot_and_with_ros_leaves(run: Callable[..., Result], tmp_path: Path) -> None:
     tree = '<root BTCPP_format="4"><BehaviorTree ID="Main">{}</BehaviorTree></root>'
     (tmp_path / "plain.xml").write_text(tree.format("<AlwaysSuccess/>"))
