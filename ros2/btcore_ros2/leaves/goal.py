@@ -184,8 +184,8 @@ class ClientGoal:
         A server that was killed is visible for 20 s, until its DDS lease ends. If it was started again in the
         meantime, the number of servers has changed: the new server answers that it does not know the goal.
 
-        The first check requests the result once more, because the answer to the first request may be lost: the
-        goal may have ended before the server had discovered the client completely.
+        The first check requests the result once more, because the answer to the first request may be lost:
+        the goal may have ended before the server had discovered the client completely.
         """
         if self.cancel_requested and now > self._follow_until:
             state = "answered" if self._handle is None else "ended"
