@@ -164,6 +164,7 @@ SHARED = (
     "btcore_robot.command_multiplexer",
     "btcore_robot.robot",
     "btcore_robot.rigid_transform",
+    "btcore_robot.scene_messages",
     "btcore_robot.schedule",
     "btcore_robot.field_reader",
 )

@@ -5,15 +5,12 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from typing import Any
 
-from btcore_robot.robot import CameraImage, CameraInfo, LaserInfo, LaserScan, TransformStamped
-from btcore_scene import UPRIGHT, Box, Camera, Cylinder, Frame, Laser, Part, Picture, Place, Scan, Sphere
+from btcore_robot.robot import TransformStamped
+from btcore_scene import UPRIGHT, Box, Cylinder, Frame, Part, Place, Sphere
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import SceneObject
 from btcore_sim.world import World, scene_extent
-
-_CAMERA = "camera"
-"""Name of the robot's camera, and of its pictures."""
 
 
 def world_parts(world: World) -> list[Part]:
@@ -80,44 +77,10 @@ def frames(world: World, model: PhysicsBody) -> list[Frame]:
     return [*links, Frame(mount.facts.frame, mount.link, mount.position, UPRIGHT)]
 
 
-def laser_data(laser: LaserInfo) -> Laser:
-    """Return the frame, angles and range limits of *laser* as a message."""
-    return Laser(
-        frame=laser.frame,
-        angle_min=laser.angle_min,
-        angle_increment=laser.angle_increment,
-        range_min=laser.range_min,
-        range_max=laser.range_max,
-    )
-
-
 def waypoint_data(world: World) -> list[Place]:
     """Return the world's waypoints, except `start`, because the robot is displayed there."""
     named = world.scene.waypoints.items()
     return [Place(name=name, position=(x, y, 0.0)) for name, (x, y) in named if name != "start"]
-
-
-def camera_data(lens: CameraInfo) -> Camera:
-    """Return the frame, picture size and focal lengths of a camera as a message."""
-    return Camera(
-        name=_CAMERA,
-        frame=lens.frame,
-        size=(lens.width, lens.height),
-        focal=(lens.fx, lens.fy),
-        center=(lens.cx, lens.cy),
-    )
-
-
-def scan_data(scan: LaserScan) -> Scan:
-    """Return *scan* as a message."""
-    return Scan(stamp=scan.stamp, ranges=scan.ranges.astype("<f4", copy=False).tobytes())
-
-
-def picture_data(picture: CameraImage) -> Picture:
-    """Return *picture* as a message."""
-    height, width, _ = picture.rgb.shape
-    data = picture.rgb.tobytes()
-    return Picture(name=_CAMERA, stamp=picture.stamp, size=(width, height), format="rgb8", data=data)
 
 
 def frame_chain(name: str, known: Iterable[TransformStamped], placed: Collection[str]) -> list[Frame]:

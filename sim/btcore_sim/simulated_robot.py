@@ -24,6 +24,7 @@ from btcore_robot.robot import (
     TransformStamped,
     Twist2D,
 )
+from btcore_robot.scene_messages import camera_message, laser_message, picture_message, scan_message
 from btcore_robot.schedule import SimulatedTime
 from btcore_scene import Frame, MovingScene, StaticScene
 from btcore_sim import scene_data
@@ -293,11 +294,11 @@ class SimulatedRobot(Robot):
         return StaticScene(
             frame="map",
             parts=scene_data.world_parts(self.world) + scene_data.robot_parts(self.world, self.model),
-            laser=scene_data.laser_data(self.laser),
+            laser=laser_message(self.laser),
             places=scene_data.waypoint_data(self.world),
             footprint_radius=self.base.radius,
             battery=self.cells.level,
-            cameras=() if lens is None else [scene_data.camera_data(lens)],
+            cameras=() if lens is None else [camera_message(lens)],
         )
 
     def scene_moving(self) -> MovingScene:
@@ -318,8 +319,8 @@ class SimulatedRobot(Robot):
             battery=self.cells.level,
             collisions=self.contacts.collisions,
             grazes=self.contacts.grazes,
-            scan=None if self._scan is None else scene_data.scan_data(self._scan),
-            pictures=() if picture is None else [scene_data.picture_data(picture)],
+            scan=None if self._scan is None else scan_message(self._scan),
+            pictures=() if picture is None else [picture_message(picture)],
         )
 
     def _before_step(self, now: int) -> None:

@@ -277,7 +277,11 @@ class SceneView:
         if not self.present:
             return None
         data = self._static
-        (x0, y0), (x1, y1) = extent([part for part in data.parts if part.frame in (None, self._root)])
+        fixed = (None, self._root)
+        (x0, y0), (x1, y1) = extent(
+            [part for part in data.parts if part.frame in fixed],
+            [grid for grid in data.grids if grid.frame in fixed],
+        )
         x, y, span = (x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0, _SPAN)
         return Eye(
             position=(x - 0.08 * span, y - 0.71 * span, 0.885 * span),

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import rerun as rr
 
-from btcore_scene import UPRIGHT, Box, Color, Cylinder, Part, Sphere
+from btcore_scene import UPRIGHT, Box, Color, Cylinder, Grid, Part, Sphere
 
 CUT_AT: Final = 0.4
 """Height (m) above which objects of the world are drawn as outlines, and walls not at all.
@@ -41,9 +41,19 @@ def archetypes(parts: Sequence[Part], around: bool) -> Iterator[tuple[str, Any]]
         yield f"{kind}_outlines", _shape(high, "majorwireframe")
 
 
-def extent(parts: Sequence[Part]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the lower and upper corner (x, y in m) of the bounding box of *parts*; ±3 m without parts."""
-    corners = [(-3.0, -3.0), (3.0, 3.0)] if not parts else []
+def extent(
+    parts: Sequence[Part], grids: Sequence[Grid] = ()
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the lower and upper corner (x, y in m) of the bounding box of *parts*.
+
+    Args:
+        parts: The parts.
+        grids: Without parts, the box is that of these grids. Without both, it is ±3 m.
+    """
+    corners = [] if parts or grids else [(-3.0, -3.0), (3.0, 3.0)]
+    for grid in () if parts else grids:
+        (x, y), (columns, rows) = grid.origin, grid.size
+        corners += [(x, y), (x + columns * grid.resolution, y + rows * grid.resolution)]
     for part in parts:
         x, y = part.position[:2]
         if isinstance(part, Box):

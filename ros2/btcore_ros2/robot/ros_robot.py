@@ -17,6 +17,7 @@ from btcore_ros2.robot.topic_report import DOMAIN_HINT, has_other_type, sees_oth
 from btcore_ros2.robot.topic_robot import TopicRobot
 from btcore_ros2.robot.velocity import VelocityPublishers
 from btcore_ros2.session import RosClock, RosSession
+from btcore_scene import StaticScene
 
 _log = logging.getLogger(__name__)
 
@@ -26,6 +27,8 @@ MISMATCH_TIME = 2.0
 """The time (s) after which a topic with another type than expected is an error at the start."""
 CLOCK_SEARCH = 0.5
 """The time (s) in which a publisher of `/clock` is searched at the start."""
+SHAPES_WAIT = 1.0
+"""The longest time (s) for which the monitor waits for the robot's description."""
 CAMERA_WAIT = 3 * NS_PER_S
 """The time (ns) after the first use of the camera after which a warning reports that there is no picture."""
 
@@ -68,6 +71,7 @@ class RosRobot(TopicRobot):
         self._start_deadline = time.monotonic() + description.start_timeout
         self._watches: list[_Watch] = []
         self._watches_camera = False
+        self._watches_shapes = False
         self._camera_limit: int | None = None
         try:
             self._time = self._choose_time()
@@ -128,6 +132,19 @@ class RosRobot(TopicRobot):
             self._camera_limit = self._time.now() + CAMERA_WAIT
         self._watch_camera()
         return super().camera()
+
+    def scene_static(self) -> StaticScene:
+        """Return the robot's shapes and sensors. The first call subscribes to the robot's description."""
+        topic = self.description.frames.robot_description
+        if topic is not None and not self._watches_shapes:
+            self._watches_shapes = True
+            from std_msgs.msg import String
+
+            model = TopicSource(topic, reliable=True)
+            self._subscribe(String, model, self._receive_shapes, depth=1, latched=True)
+            if self._node.count_publishers(self._node.resolve_topic_name(topic)):
+                self._session.wait_for(lambda: self._shapes is not None, SHAPES_WAIT)
+        return super().scene_static()
 
     def close(self) -> None:
         """Stop the robot if it was driven. Call it before the session is closed."""

@@ -1,8 +1,10 @@
 """`TopicRobot`: the readings and commands of a robot whose messages come from ROS 2 or from a bag."""
 
+import logging
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from btcore_robot.rigid_transform import Transform
@@ -36,9 +38,13 @@ from btcore_ros2.robot.conversions import (
 )
 from btcore_ros2.robot.description import RosRobotDescription
 from btcore_ros2.robot.frames import FOOTPRINT, FrameStore, pose_of
+from btcore_ros2.robot.scene import RobotScene
 from btcore_ros2.robot.stamps import StampConverter
-from btcore_ros2.robot.urdf import UrdfJoint, read_urdf
+from btcore_ros2.robot.urdf import UrdfJoint, read_shapes, read_urdf
 from btcore_ros2.robot.velocity import VelocityCommands, check_finite
+from btcore_scene import Frame, MovingScene, Part, StaticScene
+
+_log = logging.getLogger(__name__)
 
 PAIRED = NS_PER_S // 10
 """The greatest difference (ns) between the stamps of a picture and its depth."""
@@ -73,6 +79,9 @@ class TopicRobot(Robot):
         self._moving_joints: dict[str, UrdfJoint] = {}
         self._battery: BatteryState | None = None
         self._sonars: dict[str, SonarReading] = {}
+        self._scene = RobotScene(self)
+        self._shapes: list[Part] | None = None
+        self._model_joints: list[UrdfJoint] = []
         self._camera_info: CameraInfo | None = None
         self._raw_image: tuple[Any, int] | None = None
         self._raw_depth: tuple[Any, int] | None = None
@@ -192,6 +201,17 @@ class TopicRobot(Robot):
                 raise RosError(f"{source.image.topic}: {error}") from None
         return self._image
 
+    def scene_static(self) -> StaticScene:
+        """Return the robot's shapes and sensors, for the monitor."""
+        return self._scene.static(self._shapes or (), self._camera_info)
+
+    def scene_moving(self) -> MovingScene:
+        """Return the robot's frames and newest readings, for the monitor.
+
+        Pictures are included only if a leaf uses the camera.
+        """
+        return self._scene.moving(self._drawn_frames(), self._image)
+
     def sonars(self) -> Sequence[SonarReading]:
         """Return the newest reading of every sonar."""
         return tuple(self._sonars.values())
@@ -272,6 +292,26 @@ class TopicRobot(Robot):
         self._moving_joints = {joint.name: joint for joint in joints if joint.moves}
         for name in self._joints:
             self._place_link(name)
+
+    def _receive_shapes(self, message: Any) -> None:
+        base = self.description.base_frame
+        try:
+            self._model_joints, shapes = read_urdf(message.data), read_shapes(message.data)
+        except RosError as error:
+            _log.warning("the monitor cannot draw the robot's shape: %s", error)
+            shapes = []
+        self._shapes = [replace(each, frame=FOOTPRINT) if each.frame == base else each for each in shapes]
+
+    def _drawn_frames(self) -> list[Frame]:
+        """Return the frames, and the links of the model whose poses are on no topic, such as wheels."""
+        frames = [Frame(each.child, each.parent, each.position, each.quaternion) for each in self.frames()]
+        placed = {frame.child for frame in frames} | {FOOTPRINT, self.description.base_frame}
+        for joint in self._model_joints:
+            if joint.child not in placed:
+                pose = joint.pose(self._joints.get(joint.name, (0.0, 0))[0]) if joint.moves else joint.origin
+                parent = FOOTPRINT if joint.parent == self.description.base_frame else joint.parent
+                frames.append(Frame(joint.child, parent, pose.position, pose.quaternion))
+        return frames
 
     def _place_link(self, name: str) -> None:
         """Store the pose of the link that the joint *name* moves, if there is a URDF."""

@@ -1,11 +1,14 @@
-"""The joints of a URDF, and the poses of their links (forward kinematics)."""
+"""The joints of a URDF, the poses of their links (forward kinematics), and the shapes of the links."""
 
 import math
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from btcore_robot.rigid_transform import Transform, Vector
 from btcore_ros2.errors import RosError
+from btcore_scene import Box, Color, Cylinder, Part, Sphere
 from btcore_sim.kinematics import from_rpy
 
 TURNING = ("revolute", "continuous")
@@ -63,6 +66,65 @@ def read_urdf(text: str) -> list[UrdfJoint]:
         raise RosError(f"the robot's description is not a valid URDF: {error}") from None
 
 
+def read_shapes(text: str) -> list[Part]:
+    """Return the boxes, cylinders and spheres that a URDF draws, each in the frame of its link.
+
+    Meshes are left out.
+
+    Raises:
+        RosError: The text is not a URDF, or a number in it is invalid.
+    """
+    try:
+        robot = ElementTree.fromstring(text)
+        colors = {each.get("name", ""): _color(each) for each in robot.iterfind("material")}
+        shapes = [
+            _shape(visual, link.get("name", ""), colors)
+            for link in robot.iterfind("link")
+            for visual in link.iterfind("visual")
+        ]
+    except (ElementTree.ParseError, ValueError) as error:
+        raise RosError(f"the robot's description is not a valid URDF: {error}") from None
+    return [shape for shape in shapes if shape is not None]
+
+
+def _shape(visual: ElementTree.Element, link: str, colors: Mapping[str, Color | None]) -> Part | None:
+    origin = _origin(visual)
+    material = visual.find("material")
+    color = None
+    if material is not None:
+        color = _color(material) or colors.get(material.get("name", ""))
+    where: dict[str, Any] = {
+        "frame": link,
+        "position": origin.position,
+        "quaternion": origin.quaternion,
+        "color": color,
+    }
+    geometry = visual.find("geometry")
+    solid = next(iter(geometry), None) if geometry is not None else None
+    if solid is None:
+        return None
+    if solid.tag == "box":
+        return Box(**where, size=_numbers(solid, "size", "0 0 0"))
+    if solid.tag == "cylinder":
+        return Cylinder(
+            **where, radius=float(solid.get("radius", "0")), length=float(solid.get("length", "0"))
+        )
+    if solid.tag == "sphere":
+        return Sphere(**where, radius=float(solid.get("radius", "0")))
+    return None
+
+
+def _color(material: ElementTree.Element) -> Color | None:
+    color = material.find("color")
+    if color is None:
+        return None
+    values = [round(255 * float(word)) for word in color.get("rgba", "").split()]
+    if len(values) != 4:
+        raise ValueError(f'color rgba="{color.get("rgba")}" does not have four numbers')
+    red, green, blue, opacity = values
+    return red, green, blue, opacity
+
+
 def _joint(element: ElementTree.Element) -> UrdfJoint:
     name = element.get("name", "")
     axis = _triple(element, "axis", "xyz", "1 0 0")
@@ -71,9 +133,7 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
         name=name,
         child=_link(element, "child", name),
         parent=_link(element, "parent", name),
-        origin=Transform(
-            _triple(element, "origin", "xyz", "0 0 0"), from_rpy(_triple(element, "origin", "rpy", "0 0 0"))
-        ),
+        origin=_origin(element),
         axis=(axis[0] / length, axis[1] / length, axis[2] / length),
         kind=element.get("type", ""),
     )
@@ -87,10 +147,19 @@ def _link(element: ElementTree.Element, tag: str, joint: str) -> str:
     return link
 
 
+def _origin(element: ElementTree.Element) -> Transform:
+    position, angles = (_triple(element, "origin", key, "0 0 0") for key in ("xyz", "rpy"))
+    return Transform(position, from_rpy(angles))
+
+
 def _triple(element: ElementTree.Element, tag: str, key: str, default: str) -> Vector:
     inner = element.find(tag)
-    text = default if inner is None else inner.get(key, default)
+    return _numbers(inner if inner is not None else ElementTree.Element(tag), key, default)
+
+
+def _numbers(element: ElementTree.Element, key: str, default: str) -> Vector:
+    text = element.get(key, default)
     numbers = [float(word) for word in text.split()]
     if len(numbers) != 3:
-        raise ValueError(f'{tag} {key}="{text}" does not have three numbers')
+        raise ValueError(f'{element.tag} {key}="{text}" does not have three numbers')
     return numbers[0], numbers[1], numbers[2]

@@ -8,7 +8,8 @@ from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import TransformStamped
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.frames import FrameStore
-from btcore_ros2.robot.urdf import read_urdf
+from btcore_ros2.robot.urdf import read_shapes, read_urdf
+from btcore_scene import Cylinder
 from btcore_sim.kinematics import Kinematics, complete_urdf
 from btcore_sim.robot_description import load_description
 
@@ -88,3 +89,22 @@ def test_urdf_has_the_poses_of_the_simulator() -> None:
 def test_invalid_urdf_is_reported(text: str, message: str) -> None:
     with pytest.raises(RosError, match=message):
         read_urdf(text)
+
+
+def test_shapes_of_a_urdf() -> None:
+    shapes = read_shapes(complete_urdf(load_description()))
+    assert {"box", "cylinder"} <= {shape.kind for shape in shapes}
+    assert {"base_link", "wheel_left_link", "torso_lift_link"} <= {shape.frame for shape in shapes}
+    body = shapes[0]
+    assert body == Cylinder(
+        frame="base_link",
+        radius=0.263,
+        length=0.197,
+        position=(0.0, 0.0, 0.03),
+        quaternion=(0.0, 0.0, 0.0, 1.0),
+        color=(33, 36, 41, 255),
+    )
+    mesh = (
+        "<robot><link name='a'><visual><geometry><mesh filename='a.dae'/></geometry></visual></link></robot>"
+    )
+    assert read_shapes(mesh) == []

@@ -23,6 +23,7 @@ from btcore_ros2.errors import RosError
 from btcore_ros2.robot import ros_robot
 from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.session import RosSession
+from btcore_scene import SceneSource
 from tests.ros2.robot.conftest import DESCRIPTION, LIMIT, PARTS, PointRobotProcess, describe
 
 
@@ -64,6 +65,27 @@ def test_command_expires_without_a_new_command(
     # Within the limits, and with the same radius of the curve.
     wait_for(robot, lambda: ["/cmd_vel", 0.5, 1.0 / 18] in point_robot.send()["commands"])
     wait_for(robot, lambda: point_robot.send()["commands"][-1][1:] == [0.0, 0.0])
+
+
+def test_scene_of_a_robot_without_a_model(
+    session: RosSession, point_robot: PointRobotProcess, tmp_path: Path
+) -> None:
+    robot = RosRobot(session, describe(tmp_path, DESCRIPTION + PARTS))
+    assert isinstance(robot, SceneSource)
+    static = robot.scene_static()
+    assert [(part.kind, part.frame) for part in static.parts] == [("cylinder", "base_footprint")]
+    assert static.laser is not None
+    assert static.laser.frame == robot.laser.frame
+    first, second = robot.scene_moving(), robot.scene_moving()
+    assert first.scan is not None
+    assert [frame[:2] for frame in first.frames if frame.parent in ("odom", "map")] == [
+        ("base_footprint", "odom"),
+        ("odom", "map"),
+    ]
+    # From now on, the pose of the odometry comes from the navigation.
+    assert "map" not in [frame.parent for frame in second.frames]
+    assert robot.laser.frame in [frame.child for frame in second.frames]
+    assert "/image" not in [subscription.topic_name for subscription in session.node.subscriptions]
 
 
 def test_battery_in_percent(session: RosSession, point_robot: PointRobotProcess, tmp_path: Path) -> None:
