@@ -7,12 +7,14 @@ import pytest
 
 from btcore_monitor.events import SceneMoving, SceneStatic, TreeSeen
 from btcore_monitor.screen.navigation_markers import POSE_STYLES
+from btcore_monitor.screen.shapes import extent
 from btcore_monitor.screen.style import GROOT
 from btcore_scene import (
     UPRIGHT,
     Area,
     Arrow,
     BoundingBox,
+    Box,
     Camera,
     Detection,
     Frame,
@@ -240,3 +242,11 @@ def test_the_battery_is_a_curve_and_notes_are_in_the_running_panel(run, recorded
     recording = recorded([*events[:-2], moved, *run(4)[-3:-2]], tmp_path / "run.rrd")
     assert recording.of("/battery/level", "Scalars:scalars") == [(t, [77.5])]
     assert "| localisation | sure |" in recording.of("/now", "TextDocument:text")[-1][1][0]
+
+
+def test_a_robot_without_a_world_is_seen_on_its_whole_map() -> None:
+    grid = Grid(name="map", kind="occupancy", resolution=0.5, origin=(-1.0, 2.0), size=(4, 2), cells=bytes(8))
+    assert extent([], [grid]) == ((-1.0, 2.0), (1.0, 3.0))
+    floor = Box(position=(0.0, 0.0, 0.0), size=(8.0, 6.0, 0.1))
+    assert extent([floor], [grid]) == ((-4.0, -3.0), (4.0, 3.0))
+    assert extent([]) == ((-3.0, -3.0), (3.0, 3.0))
