@@ -184,15 +184,23 @@ def lockstep_runs(plan: Plan, tree: str, map_file: Path, jobs: int) -> list[str]
     inside = Case(f"{tree} one process {plan.lockstep}", (tree, *WORLD, *duration), misses)
     outside = Case(f"{tree} ros2 {plan.lockstep}", (tree, *options), misses)
     again = Case(f"{tree} ros2 again {plan.lockstep}", (tree, *options), misses)
-    alone = print_row(inside, results(inside, plan.seeds, jobs))
+    alone = results(inside, plan.seeds, jobs)
+    missed = print_row(inside, alone)
     driven = results(outside, plan.seeds, jobs, drive)
-    missed = alone + print_row(outside, driven)
+    missed += print_row(outside, driven)
+    equal = sum(way(one) == way(other) for one, other in zip(alone, driven, strict=True))
+    print(f"  {equal} of {len(driven)} runs have the same ticks and the same way as in one process")
     repeated = results(again, plan.repeated, jobs, drive)
     missed += failure_messages(again, repeated)
     summaries = {one["seed"]: summary(one) for one in driven}
     different = [one["seed"] for one in repeated if summary(one) != summaries[one["seed"]]]
     print(f"  {len(repeated) - len(different)} of {len(repeated)} repeated runs have the same summary")
     return missed + [f"{outside.name}, seed {seed}: another summary in the second run" for seed in different]
+
+
+def way(result: Result) -> list[object]:
+    """Return the results of the nodes, and where the robot has driven."""
+    return [result.get("nodes"), *(result.get("robot", {}).get(key) for key in ("distance_m", "pose"))]
 
 
 def summary(result: Result) -> Result:
