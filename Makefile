@@ -15,7 +15,9 @@ CORES ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 TEST_PROCESSES = $(shell expr $(CORES) + 1)
 PIP := -m pip --disable-pip-version-check --quiet
 ENGINE := $(shell find btcore trees benchmarks -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
-ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs tests/fuzz tests/regressions/btcore
+# The pages of the documentation are tested on the pure build only.
+ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs/test_docstring_examples.py tests/fuzz \
+	tests/regressions/btcore
 ENGINE_BENCHMARKS := startup ticking features observers load growth publishing batch
 # PyPI has wheels of ROS 2 for this platform only.
 ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))

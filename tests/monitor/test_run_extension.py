@@ -65,10 +65,10 @@ def tree_file(tmp_path: Path) -> str:
 
 def test_a_run_is_the_same_with_and_without_publisher_and_recording(tmp_path):
     pytest.importorskip("pybullet")
-    plain = report(run(*BUMPGO, "--duration", "12"))
-    published = run(*BUMPGO, "--duration", "12", "--publish", "groot2", "--port", "0")
+    plain = report(run(*BUMPGO, "--duration", "6"))
+    published = run(*BUMPGO, "--duration", "6", "--publish", "groot2", "--port", "0")
     recording = tmp_path / "run.rrd"
-    saved = run(*BUMPGO, "--duration", "12", "--save", str(recording))
+    saved = run(*BUMPGO, "--duration", "6", "--save", str(recording))
 
     assert report(published) == plain
     assert report(saved) == plain
@@ -126,7 +126,7 @@ def test_a_recording_on_a_full_disk_ends_with_an_error_and_the_exit_code_4(tmp_p
     resource = pytest.importorskip("resource", reason="Windows cannot limit the size of files")
     recording, limit = tmp_path / "run.rrd", 1 << 18  # afterwards a write fails as on a full disk
     done = subprocess.run(
-        [sys.executable, "-m", "btcore", "run", *BUMPGO, "--duration", "60", "--save", str(recording)],
+        [sys.executable, "-m", "btcore", "run", *BUMPGO, "--duration", "30", "--save", str(recording)],
         capture_output=True,
         text=True,
         timeout=120,
@@ -134,7 +134,7 @@ def test_a_recording_on_a_full_disk_ends_with_an_error_and_the_exit_code_4(tmp_p
     )
     assert done.returncode == 4, done.stderr
     assert f"error: the recording {recording} is incomplete: no space left on the disk" in done.stderr
-    assert json.loads(done.stdout.splitlines()[-1])["ticks"] == 600
+    assert json.loads(done.stdout.splitlines()[-1])["ticks"] == 300
     assert "not finished" not in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -50,9 +50,12 @@ def fetched(url: str) -> bytes:
 
 
 def test_the_page_is_served_with_all_its_files_and_without_external_links(command):
+    """A second viewer has a relay of its own, and a port in use is reported."""
     port = free_port()
     replay = command("replay", LOG, "--serve-web", port)
+    other = command("replay", LOG, "--serve-web", free_port())
     url = address_of(replay)
+    refused = command("replay", LOG, "--serve-web", port)
     assert url.startswith(
         f"http://127.0.0.1:{port}/?hide_welcome_screen&url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A"
     )
@@ -62,23 +65,15 @@ def test_the_page_is_served_with_all_its_files_and_without_external_links(comman
     assert sources == ["re_viewer.js"]
     assert len(fetched(f"http://127.0.0.1:{port}/re_viewer.js")) > 10_000
     assert fetched(f"http://127.0.0.1:{port}/re_viewer_bg.wasm").startswith(b"\0asm")
+
+    assert address_of(other).rpartition("%3A")[2] != url.rpartition("%3A")[2]
+
+    assert refused.end() == 2
+    assert f"cannot serve the web viewer on port {port}: " in refused.stderr_text
+    assert "Traceback" not in refused.stderr_text
+
     replay.wait_for("Ctrl-C ends it")
     assert replay.end(signal.SIGINT) == 0, replay.stderr_text
-
-
-def test_a_port_in_use_is_reported(command):
-    port = free_port()
-    first = command("replay", LOG, "--serve-web", port)
-    address_of(first)
-    second = command("replay", LOG, "--serve-web", port)
-    assert second.end() == 2
-    assert f"cannot serve the web viewer on port {port}: " in second.stderr_text
-    assert "Traceback" not in second.stderr_text
-
-
-def test_two_viewers_have_a_relay_each(command):
-    pages = [address_of(command("replay", LOG, "--serve-web", free_port())) for _ in range(2)]
-    assert len({page.rpartition("%3A")[2] for page in pages}) == 2
 
 
 def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file):
@@ -89,12 +84,11 @@ def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file):
     assert "Traceback" not in run.stderr_text
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupted_run_closes_the_viewer(command, tree_file, number, code):
+def test_a_run_that_is_ended_closes_the_viewer(command, tree_file):
     run = command("run", tree_file, "--serve-web", free_port(), "--verbose")
     run.wait_for("by btcore's scene channel")
     page = address_of(run)
-    assert run.end(number) == code, run.stderr_text
+    assert run.end(signal.SIGTERM) == 143, run.stderr_text
     with pytest.raises(OSError, match="refused"):
         fetched(page)
 
@@ -135,3 +129,5 @@ def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(comman
     assert painted >= 300, f"no RUNNING leaf is seen; console: {errors}"
     assert errors == []
     assert {one.split("/")[2].partition(":")[0] for one in asked if "://" in one} == {"127.0.0.1"}
+    context.close()
+    assert run.end(signal.SIGINT) == 130, run.stderr_text
