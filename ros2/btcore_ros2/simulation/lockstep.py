@@ -152,7 +152,8 @@ class LockstepServer:
             # In slices, so that an interrupt is noticed and the pauses between drains stay short.
             if self._session.wait_for(lambda: self._requests or wake.is_set(), 0.1, self._steps):
                 self._goal = max(self._goal, self._next_request())
-                self._reach(min(self._goal, self._time))
+                # Nothing happens in the world before *moment*.
+                self._reach(self._goal if self._goal < moment else self._time)
             self.is_abandoned = time.monotonic() > limit
 
     async def _answer_step(self, request: Any, response: Any) -> Any:

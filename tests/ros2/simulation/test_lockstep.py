@@ -196,6 +196,14 @@ def test_client_that_did_not_wait_for_a_response_may_request_the_next_step(
     client.node.destroy_client(steps)
 
 
+def test_steps_may_be_shorter_than_those_of_the_physics(world: Simulation, client: Client) -> None:
+    start = json.loads(client.call(Trigger, "/sim/sync").message)["time"]
+    for number in range(1, 8):
+        result = step(client, ("until", integer(start + number * 1_000_000)))
+        assert result.successful
+        assert json.loads(result.reason)["time"] == start + number * 1_000_000
+
+
 def test_client_of_a_world_that_ends_raises(world: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lockstep, "RETRY", 0.2)
     with RosSession("client") as session:
