@@ -217,7 +217,10 @@ def create_session(
             error.add_note(
                 f"the extension '{point.name}', which may provide it, cannot be loaded: {point.remedy}"
             )
-        own = [kind for kind in wanted if getattr(kind, "__module__", "builtins") != "builtins"]
+        missing_kinds = [
+            kind for kind in wanted if not any(isinstance(resource, kind) for resource in resources)
+        ]
+        own = any(getattr(kind, "__module__", "builtins") != "builtins" for kind in missing_kinds)
         if own and any(diagnostic.code == NODE_NOT_CREATED for diagnostic in error.diagnostics):
             error.add_note(
                 "`btcore run` does not create objects of your own classes: derive the class from "

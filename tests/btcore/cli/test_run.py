@@ -83,6 +83,19 @@ def test_a_missing_object_of_an_own_class_is_explained(cli: Cli, tree_file: Tree
     assert "derive the class from btcore.TreeState" in result.stderr
 
 
+def test_a_leaf_that_fails_with_an_object_that_exists_has_no_hint_about_objects(
+    cli: Cli, tree_file: TreeFile, tmp_path: Path
+) -> None:
+    (tmp_path / "die.py").write_text(
+        "import random\nfrom btcore import NodeError, SyncAction\n\n\nclass Die(SyncAction):\n"
+        "    def __init__(self, rng: random.Random) -> None:\n        raise NodeError('the die is lost')\n\n"
+        "    def tick(self) -> bool:\n        return True\n"
+    )
+    result = cli("run", tree_file("<Die/>"), "--plugin", tmp_path / "die.py")
+    assert "E118 the die is lost" in result.stderr
+    assert "derive the class" not in result.stderr
+
+
 def test_duration_ends_the_run_with_0_and_halts_the_tree(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:
