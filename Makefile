@@ -165,10 +165,8 @@ accept: .venv/ready .venv-compiled/ready
 	@$(MAKE) -s $(if $(ROS2),accept-ros2,ros2)
 
 accept-ros2: .venv-ros/ready
-	@$(call ros2_script,ros2_schedules,--schedules $(SCHEDULES))
-	@$(call ros2_script,ros2_runs,$(ROS2_RUNS))
-
-ros2_script = $(if $(wildcard tests/acceptance/$(1).py),.venv-ros/bin/python tests/acceptance/$(1).py $(2))
+	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)
+	@.venv-ros/bin/python tests/acceptance/ros2_runs.py $(ROS2_RUNS)
 
 docs: .venv/ready
 	@.venv/bin/python docs/site/build.py
