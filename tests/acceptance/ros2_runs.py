@@ -39,9 +39,6 @@ LEAST_SPEED = 0.08
 WAYPOINT_TIME = 150.0
 """The longest time (s) for a waypoint of the patrol in the mean."""
 
-LEAST_TICKS = 0.95
-"""The least part of the ticks of a run in real time that are not skipped."""
-
 START_LIMIT = 120.0
 """The longest time (s) for the start or the end of a process on a busy machine."""
 
@@ -50,16 +47,26 @@ Command = list[str]
 
 @dataclass(frozen=True)
 class Plan:
-    """The *seeds* of the lockstep runs and the seeds that are *repeated*; durations in s."""
+    """The runs to make.
+
+    Attributes:
+        seeds: The seeds of the lockstep runs.
+        repeated: The seeds of those that are repeated.
+        lockstep: The duration (s) of a lockstep run.
+        real_time: The duration (s) of the run in real time.
+        least_ticks: The least part of the ticks of the run in real time that are not skipped.
+    """
 
     seeds: Sequence[int]
     repeated: Sequence[int]
     lockstep: int
     real_time: int
+    least_ticks: float
 
 
-FULL = Plan(seeds=range(1, 11), repeated=(1, 2, 3), lockstep=300, real_time=60)
-SAMPLE = Plan(seeds=(1,), repeated=(1,), lockstep=15, real_time=8)
+FULL = Plan(seeds=range(1, 11), repeated=(1, 2, 3), lockstep=300, real_time=60, least_ticks=0.95)
+# The machine of a sample may be busy, and skip ticks.
+SAMPLE = Plan(seeds=(1,), repeated=(1,), lockstep=15, real_time=8, least_ticks=0.0)
 
 domains: "SimpleQueue[int]" = SimpleQueue()
 """The ROS domains that no run uses at present."""
@@ -223,10 +230,14 @@ def print_row(case: Case, found: Sequence[Result]) -> list[str]:
     return failure_messages(case, found)
 
 
-def real_time_run(seconds: int) -> list[str]:
+def real_time_run(seconds: int, least_ticks: float) -> list[str]:
     """Make a run in real time beside a timer of rclpy, and print the lateness of both.
 
     The robot has no simulated time, like a real robot.
+
+    Args:
+        seconds: The duration (s) of the run.
+        least_ticks: The least part of the ticks that are not skipped.
 
     Returns:
         A message for each miss.
@@ -257,7 +268,7 @@ def real_time_run(seconds: int) -> list[str]:
     print(f"{'ratio':28} " + " ".join(f"{a / b:8.2f}" for a, b in zip(ticks, calls, strict=True)))
     found = {**driven, **measured}
     missed = [f"real time: {kind}" for kind in contacts(found)]
-    if driven["ticks"] < LEAST_TICKS * RATE * seconds:
+    if driven["ticks"] < least_ticks * RATE * seconds:
         missed.append(f"real time: only {driven['ticks']} ticks")
     return missed
 
@@ -314,7 +325,7 @@ def main() -> int:
         for tree in TREES:
             if options.only in tree:
                 missed += lockstep_runs(plan, tree, Path(folder, "house.yaml"), options.jobs)
-    missed += real_time_run(plan.real_time)
+    missed += real_time_run(plan.real_time, plan.least_ticks)
     for one in missed:
         print(f"miss: {one}")
     print(f"{time.monotonic() - began:.0f} s")
