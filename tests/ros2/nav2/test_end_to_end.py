@@ -1,4 +1,4 @@
-"""Nav2's default trees reach their goals: robot and servers, navigator, and client in three processes."""
+"""Nav2's default tree reaches its goal: robot and servers, navigator, and client in three processes."""
 
 import math
 import os
@@ -16,12 +16,12 @@ pytest.importorskip("nav2_msgs")
 pytest.importorskip("tf2_msgs")
 pytest.importorskip("pybullet")
 
-from nav2_msgs.action import NavigateThroughPoses, NavigateToPose
+from nav2_msgs.action import NavigateToPose
 from rclpy.action import ActionClient
 
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.robot import Pose2D
-from btcore_ros2.nav2.conversions import pose_to_stamped, poses_to_goals
+from btcore_ros2.nav2.conversions import pose_to_stamped
 from btcore_ros2.nav2.pose_listener import PoseListener
 from btcore_ros2.session import RosSession
 
@@ -89,11 +89,3 @@ def test_navigate_to_pose(session: RosSession, listener: PoseListener) -> None:
     status, result = send(session, NavigateToPose, "navigate_to_pose", goal)
     assert status is GoalStatus.SUCCEEDED, result.error_msg
     assert distance(listener, 0.5, 0.0) < 0.4
-
-
-def test_navigate_through_poses(session: RosSession, listener: PoseListener) -> None:
-    poses = poses_to_goals([Pose2D(0.7, 0.0, 0.0), Pose2D(1.0, 0.1, 0.0)])
-    goal = NavigateThroughPoses.Goal(poses=poses)
-    status, result = send(session, NavigateThroughPoses, "navigate_through_poses", goal)
-    assert status is GoalStatus.SUCCEEDED, result.error_msg
-    assert distance(listener, 1.0, 0.1) < 0.4

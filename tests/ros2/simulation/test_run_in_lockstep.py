@@ -1,12 +1,10 @@
 """`btcore run --ros2 tiago --lockstep` drives the simulated robot of another process."""
 
-import json
 import math
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -26,18 +24,14 @@ def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, check=False)
 
 
-def test_a_tree_drives_the_robot_and_the_run_is_repeatable(start: Callable[..., Simulation]) -> None:
-    ends: list[tuple[dict[str, Any], dict[str, Any]]] = []
-    for _ in range(2):
-        simulation = start("--world", "arena", "--camera", "64x48@5", "--lockstep", "--seed", "7")
-        simulation.wait_until_ready()
-        ended = run("bumpgo", "--ros2", "tiago", "--lockstep", "--duration", "6", "--json")
-        assert ended.returncode == 0, ended.stderr
-        assert simulation.interrupt() == 130
-        nodes = json.loads(ended.stdout.splitlines()[-1])["nodes"]
-        ends.append((nodes, simulation.result()))
-    assert ends[0] == ends[1]
-    nodes, result = ends[0]
+def test_a_tree_drives_the_robot(start: Callable[..., Simulation]) -> None:
+    """tests/acceptance/ros2_runs.py checks that such a run is repeatable."""
+    simulation = start("--world", "arena", "--camera", "64x48@5", "--lockstep", "--seed", "7")
+    simulation.wait_until_ready()
+    ended = run("bumpgo", "--ros2", "tiago", "--lockstep", "--duration", "6", "--json")
+    assert ended.returncode == 0, ended.stderr
+    assert simulation.interrupt() == 130
+    result = simulation.result()
     assert result["robot"]["distance_m"] > 1.0
     assert result["robot"]["collisions"] == 0
     assert result["time_s"] == 6.0
@@ -58,6 +52,7 @@ def test_a_patrol_drives_to_a_waypoint_beside_the_map(
     start: Callable[..., Simulation], tmp_path: Path
 ) -> None:
     simulation = start("--world", "house", "--camera", "off", "--lockstep")
+    simulation.wait_until_ready()
     save_map(rasterise(load_scene("house")), tmp_path / "house.yaml")
     (tmp_path / "house.waypoints.yaml").write_text("waypoints: {wp1: [0.6, 0.5, 1.57]}")
     (tmp_path / "round.xml").write_text(ROUND)
