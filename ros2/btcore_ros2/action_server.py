@@ -18,7 +18,7 @@ Goal = TypeVar("Goal")
 Result = TypeVar("Result")
 Feedback = TypeVar("Feedback")
 
-DELIVERY_S = 0.2
+DELIVERY_S = 1.0
 """The time (s) before the end of a server in which clients can request the result of the last goal."""
 
 

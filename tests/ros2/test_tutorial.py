@@ -17,7 +17,7 @@ pytest.importorskip("nav2_msgs")
 from tests.docs.test_docs import PROGRESS, commands, environment, files, output_matches
 
 PAGE = Path(__file__).parents[2] / "docs/tutorials/ros2_robot.md"
-LIMIT = 60.0
+LIMIT = 120.0
 """The longest time (s) of a command, on a slow machine."""
 
 SHORTER = {

@@ -45,7 +45,7 @@ _log = logging.getLogger(__name__)
 MAX_STEP = NS_PER_S // 10
 """The longest step (ns) that a client requests: subscriptions keep few messages."""
 
-PATIENCE = 20.0
+PATIENCE = 60.0
 """The longest time (s, real time) that a client waits for a response."""
 
 RETRY = 2.0
