@@ -6,6 +6,7 @@ from typing import Any, Final, Generic, TypeVar
 
 from btcore import NodeError, TreeNode
 from btcore_robot.robot import NS_PER_S
+from btcore_robot.schedule import SimulatedTime
 from btcore_ros2.interfaces import InterfaceError, InterfaceKind, load_interface
 from btcore_ros2.session import RosSession
 
@@ -87,6 +88,8 @@ class Endpoint(Generic[Entity]):
             is_visible: Whether the server is visible.
         """
         shared, key = self._session.shared, ("settled", *self._shared_key)
+        if isinstance(self._session.clock, SimulatedTime):
+            return 0  # a wait in real time would let an unpredictable simulated time pass
         now = time.monotonic_ns()
         if not is_visible:
             shared[key] = now + SETTLING_NS
