@@ -17,7 +17,7 @@ _reserved: list[object] = []  # the open files, whose locks last until the proce
 
 
 def isolate_ros() -> int:
-    """Confine this process to the loopback interface and to a domain that no other test of this machine uses.
+    """Let this process receive on the loopback interface only, in a domain that no other test uses.
 
     Call it before the first import of rclpy. Processes that this process starts inherit both, by environment
     variables. The domain is reserved until this process ends.

@@ -2,17 +2,15 @@
 
 import enum
 import logging
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
-from btcore import In, NodeError, StatefulAction, Status
-from btcore.clock import NS_PER_MS
-from btcore.status import PossibleResults
+from btcore import In, NodeError, Status
 from btcore_robot.navigation.action import GoalStatus
 from btcore_ros2.interfaces import interface_name
 from btcore_ros2.leaves.endpoint import Endpoint, interface_of
 from btcore_ros2.leaves.goal import ClientGoal
 from btcore_ros2.leaves.results import completed
+from btcore_ros2.leaves.server_leaf import ServerLeaf
 from btcore_ros2.leaves.visible_names import hint_for_action
 from btcore_ros2.session import RosSession
 
@@ -36,7 +34,7 @@ class ActionErrorCode(enum.Enum):
     """`make_goal` returned None."""
 
 
-class RosAction(StatefulAction):
+class RosAction(ServerLeaf):
     """Send a goal to an action server: RUNNING while the server works, then the result of a callback.
 
     A subclass sets `action_type`, a default for the port `action_name`, and implements `make_goal`. It may
@@ -71,25 +69,10 @@ class RosAction(StatefulAction):
 
     With a name, the file of the leaf needs no import of ROS 2.
     """
-    server_timeout: int = 1000
-    """The time (ms) that the server has to accept or reject the goal."""
-    wait_for_server_timeout: int = 500
-    """The time (ms), after the client was created, in which the server must appear.
-
-    Meanwhile the leaf is RUNNING. Afterwards, a missing server is a failure at once.
-    """
-
     last_result: Any = None
     """The result message of the last goal, also of an aborted goal; None before."""
-    error_message: str = ""
-    """The description of the last failure; "" if the last goal did not fail."""
-
-    state_fields: ClassVar[tuple[str, ...] | None] = None  # the goal belongs to the server
 
     _goal: ClientGoal | None = None
-    _unsent: Any = None
-    _sent = 0
-    _logged = ""
 
     def __init__(self, session: RosSession) -> None:
         self.session = session
@@ -100,13 +83,6 @@ class RosAction(StatefulAction):
         from rclpy.action import ActionClient
 
         return ActionClient(self.session.node, self.action_type, name)
-
-    @classmethod
-    def possible_results(
-        cls, children: list[PossibleResults], literals: Mapping[str, object]
-    ) -> PossibleResults:
-        """Return that the leaf can fail in its first tick, and ends later otherwise."""
-        return PossibleResults(cls.may_return & {Status.FAILURE}, cls.may_return, True)
 
     # --- for subclasses
 
@@ -178,7 +154,7 @@ class RosAction(StatefulAction):
             return self._send()
         server = self._endpoint.name
         if goal.accepted is None and not goal.lost:
-            if self.now() - self._sent <= self.server_timeout * NS_PER_MS:
+            if not self._is_late():
                 return Status.RUNNING
             goal.cancel()
             return self._fail(
@@ -195,7 +171,8 @@ class RosAction(StatefulAction):
             status = self.on_feedback(goal.feedback.popleft())
             if status is not None and status is not Status.RUNNING:
                 goal.cancel()
-                return self._end(completed(status, "on_feedback()", "RUNNING, SUCCESS or FAILURE"))
+                self._end()
+                return completed(status, "on_feedback()", "RUNNING, SUCCESS or FAILURE")
         if not goal.done:
             return Status.RUNNING
         self.last_result = goal.result
@@ -216,52 +193,33 @@ class RosAction(StatefulAction):
                 f"the goal on '{server}' was cancelled by its server or by another client",
             )
         self.error_message = self._logged = ""
-        return self._end(completed(self.on_result(goal.result), "on_result()"))
+        self._end()
+        return completed(self.on_result(goal.result), "on_result()")
 
     def on_halted(self) -> None:
         """Cancel the goal, without waiting for the server."""
         goal = self._goal
-        self._end(Status.FAILURE)
+        self._end()
         if goal is not None:
             goal.cancel()
 
-    def _send(self) -> Any:
-        """Send the goal if the server is ready, or wait for the server."""
-        client = self._endpoint.get()
+    def _is_ready(self, client: Any) -> bool:
+        return bool(client.server_is_ready())
+
+    def _unreachable(self, name: str) -> tuple[enum.Enum, str]:
+        kind = interface_name(self.action_type)
+        return (
+            ActionErrorCode.SERVER_UNREACHABLE,
+            f"no action server '{name}' ({kind}): {hint_for_action(self.session.node, name, kind)}",
+        )
+
+    def _transmit(self, client: Any, message: Any) -> None:
         name = self._endpoint.name
-        now = self.now()
-        is_ready = client.server_is_ready()
-        settling = self._endpoint.settling_time(is_visible=is_ready)
-        if not is_ready:
-            limit = self._endpoint.created + self.wait_for_server_timeout * NS_PER_MS
-            if now < limit:
-                self.wake_at(limit)
-                return Status.RUNNING
-            kind = interface_name(self.action_type)
-            return self._fail(
-                ActionErrorCode.SERVER_UNREACHABLE,
-                f"no action server '{name}' ({kind}): {hint_for_action(self.session.node, name, kind)}",
-            )
-        if settling:
-            self.wake_at(now + settling)
-            return Status.RUNNING
-        message, self._unsent = self._unsent, None
-        self._sent = now
         self._goal = ClientGoal(self.session, client, name, message, self.path, self.wake_up)
-        self.wake_at(now + self.server_timeout * NS_PER_MS + 1)
-        return Status.RUNNING
 
-    def _fail(self, code: ActionErrorCode, message: str) -> Status:
-        self.error_message = message
-        if message != self._logged:
-            self._logged = message
-            log.warning("%s: %s: %s", self.path, code.name, message)
-        return self._end(completed(self.on_failure(code), "on_failure()"))
-
-    def _end(self, status: Status) -> Status:
-        self.cancel_wake_up()
-        self._goal = self._unsent = None
-        return status
+    def _end(self) -> None:
+        super()._end()
+        self._goal = None
 
 
 def _reason(result: Any) -> str:

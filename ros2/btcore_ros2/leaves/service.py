@@ -2,15 +2,14 @@
 
 import enum
 import logging
-from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar
+from collections.abc import Callable
+from typing import Annotated, Any
 
-from btcore import In, NodeError, StatefulAction, Status
-from btcore.clock import NS_PER_MS
-from btcore.status import PossibleResults
+from btcore import In, NodeError, Status
 from btcore_ros2.interfaces import interface_name
 from btcore_ros2.leaves.endpoint import Endpoint, interface_of
 from btcore_ros2.leaves.results import completed
+from btcore_ros2.leaves.server_leaf import ServerLeaf
 from btcore_ros2.leaves.visible_names import hint_for_service
 from btcore_ros2.session import RosSession
 
@@ -28,7 +27,7 @@ class ServiceErrorCode(enum.Enum):
     """`make_request` returned None."""
 
 
-class RosService(StatefulAction):
+class RosService(ServerLeaf):
     """Call a service: RUNNING until the response arrives, then the result of a callback.
 
     A subclass sets `service_type`, a default for the port `service_name`, and implements `make_request`. It
@@ -55,24 +54,8 @@ class RosService(StatefulAction):
 
     service_type: Any = None
     """The class of the service, or its name, such as `std_srvs/srv/Trigger`."""
-    server_timeout: int = 1000
-    """The time (ms) that the server has to answer."""
-    wait_for_server_timeout: int = 500
-    """The time (ms), after the client was created, in which the server must appear.
-
-    Meanwhile the leaf is RUNNING. Afterwards, a missing server is a failure at once.
-    """
-
-    error_message: str = ""
-    """The description of the last failure; "" if the last call did not fail."""
-
-    state_fields: ClassVar[tuple[str, ...] | None] = None  # the response belongs to the server
-
     _client: Any = None
     _response: Any = None
-    _unsent: Any = None
-    _sent = 0
-    _logged = ""
     _stop_watching: Callable[[], None] | None = None
 
     def __init__(self, session: RosSession) -> None:
@@ -84,13 +67,6 @@ class RosService(StatefulAction):
 
     def _connect(self, name: str) -> Any:
         return self.session.node.create_client(self.service_type, name)
-
-    @classmethod
-    def possible_results(
-        cls, children: list[PossibleResults], literals: Mapping[str, object]
-    ) -> PossibleResults:
-        """Return that the leaf can fail in its first tick, and ends later otherwise."""
-        return PossibleResults(cls.may_return & {Status.FAILURE}, cls.may_return, True)
 
     # --- for subclasses
 
@@ -154,7 +130,7 @@ class RosService(StatefulAction):
             self.error_message = self._logged = ""
             self._end()
             return completed(self.on_response(response), "on_response()")
-        if self.now() - self._sent <= self.server_timeout * NS_PER_MS:
+        if not self._is_late():
             return Status.RUNNING
         return self._fail(
             ServiceErrorCode.SERVICE_TIMEOUT,
@@ -166,33 +142,20 @@ class RosService(StatefulAction):
         """Ignore the response when it arrives."""
         self._end()
 
-    def _send(self) -> Any:
-        """Send the request if the server is ready, or wait for the server."""
-        client = self._endpoint.get()
-        name = self._endpoint.name
-        now = self.now()
-        is_ready = client.service_is_ready()
-        settling = self._endpoint.settling_time(is_visible=is_ready)
-        if not is_ready:
-            limit = self._endpoint.created + self.wait_for_server_timeout * NS_PER_MS
-            if now < limit:
-                self.wake_at(limit)
-                return Status.RUNNING
-            kind = interface_name(self.service_type)
-            return self._fail(
-                ServiceErrorCode.SERVICE_UNREACHABLE,
-                f"no service '{name}' ({kind}): {hint_for_service(self.session.node, name, kind)}",
-            )
-        if settling:
-            self.wake_at(now + settling)
-            return Status.RUNNING
-        request, self._unsent = self._unsent, None
-        self._sent = now
+    def _is_ready(self, client: Any) -> bool:
+        return bool(client.service_is_ready())
+
+    def _unreachable(self, name: str) -> tuple[enum.Enum, str]:
+        kind = interface_name(self.service_type)
+        return (
+            ServiceErrorCode.SERVICE_UNREACHABLE,
+            f"no service '{name}' ({kind}): {hint_for_service(self.session.node, name, kind)}",
+        )
+
+    def _transmit(self, client: Any, message: Any) -> None:
         self._client = client
-        self._response = client.call_async(request)
+        self._response = client.call_async(message)
         self._stop_watching = self.session.after_drain(self._watch)
-        self.wake_at(now + self.server_timeout * NS_PER_MS + 1)
-        return Status.RUNNING
 
     def _watch(self) -> None:
         """Wake the tree when the response has arrived."""
@@ -201,19 +164,11 @@ class RosService(StatefulAction):
             self._stop_watching = None
             self.wake_up()
 
-    def _fail(self, code: ServiceErrorCode, message: str) -> Status:
-        self.error_message = message
-        if message != self._logged:
-            self._logged = message
-            log.warning("%s: %s: %s", self.path, code.name, message)
-        self._end()
-        return completed(self.on_failure(code), "on_failure()")
-
     def _end(self) -> None:
-        self.cancel_wake_up()
+        super()._end()
         if self._stop_watching is not None:
             self._stop_watching()
             self._stop_watching = None
         if self._response is not None and not self._response.done():
             self._client.remove_pending_request(self._response)
-        self._response = self._unsent = None
+        self._response = None

@@ -1,0 +1,111 @@
+"""What the leaves that send a message to a server have in common: waiting for the server, and failures."""
+
+import enum
+import logging
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from btcore import StatefulAction, Status
+from btcore.clock import NS_PER_MS
+from btcore.status import PossibleResults
+from btcore_ros2.leaves.endpoint import Endpoint
+from btcore_ros2.leaves.results import completed
+from btcore_ros2.session import RosSession
+
+log = logging.getLogger(__name__)
+
+
+class ServerLeaf(StatefulAction):
+    """Base of the leaves that send a message to a server when it is ready, and wait for the answer."""
+
+    server_timeout: int = 1000
+    """The time (ms) that the server has to answer: to accept or reject a goal, or to respond to a request."""
+    wait_for_server_timeout: int = 500
+    """The time (ms), after the client was created, in which the server must appear.
+
+    Meanwhile the leaf is RUNNING. Afterwards, a missing server is a failure at once.
+    """
+
+    error_message: str = ""
+    """The description of the last failure; "" if the last goal or call did not fail."""
+
+    state_fields: ClassVar[tuple[str, ...] | None] = None  # the goal or response belongs to the server
+
+    session: RosSession
+    """The session."""
+
+    _endpoint: Endpoint[Any]
+    _unsent: Any = None
+    _sent = 0
+    _logged = ""
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """Return that the leaf can fail in its first tick, and ends later otherwise."""
+        return PossibleResults(cls.may_return & {Status.FAILURE}, cls.may_return, True)
+
+    def on_failure(self, error: Any) -> Any:
+        """Process a failure. `error_message` describes it, and is logged already.
+
+        Args:
+            error: The kind of failure.
+
+        Returns:
+            SUCCESS (True) or FAILURE (False), the result of the leaf.
+        """
+        return Status.FAILURE
+
+    # --- for the base classes of goals and requests
+
+    def _is_ready(self, client: Any) -> bool:
+        """Return whether the server of *client* is visible."""
+        raise NotImplementedError
+
+    def _unreachable(self, name: str) -> tuple[enum.Enum, str]:
+        """Return the code and the message for the missing server *name*."""
+        raise NotImplementedError
+
+    def _transmit(self, client: Any, message: Any) -> None:
+        """Send *message* to the server of *client*."""
+        raise NotImplementedError
+
+    def _send(self) -> Any:
+        """Send the message if the server is ready, or wait for the server."""
+        client = self._endpoint.get()
+        now = self.now()
+        is_ready = self._is_ready(client)
+        settling = self._endpoint.settling_time(is_visible=is_ready)
+        if not is_ready:
+            limit = self._endpoint.created + self.wait_for_server_timeout * NS_PER_MS
+            if now < limit:
+                self.wake_at(limit)
+                return Status.RUNNING
+            return self._fail(*self._unreachable(self._endpoint.name))
+        if settling:
+            self.wake_at(now + settling)
+            return Status.RUNNING
+        message, self._unsent = self._unsent, None
+        self._sent = now
+        self._transmit(client, message)
+        self.wake_at(now + self.server_timeout * NS_PER_MS + 1)
+        return Status.RUNNING
+
+    def _is_late(self) -> bool:
+        """Return whether the server's time to answer is over."""
+        return self.now() - self._sent > self.server_timeout * NS_PER_MS
+
+    def _fail(self, code: enum.Enum, message: str) -> Status:
+        """Log *message* unless it was logged last, and return the result of `on_failure`."""
+        self.error_message = message
+        if message != self._logged:
+            self._logged = message
+            log.warning("%s: %s: %s", self.path, code.name, message)
+        self._end()
+        return completed(self.on_failure(code), "on_failure()")
+
+    def _end(self) -> None:
+        """Forget the message and its answer."""
+        self.cancel_wake_up()
+        self._unsent = None
