@@ -1,4 +1,4 @@
-# Each target sets up what it needs: Python 3.11 or newer, make and a C compiler are enough.
+# Each target sets up what it needs: Python 3.11 or newer, make, and a C and a C++ compiler are enough.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
