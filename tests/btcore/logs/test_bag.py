@@ -222,10 +222,9 @@ def test_replay_stats_and_diff_read_a_bag_with_the_xml_beside_it(tmp_path: Path)
     ]
     for path in paths:
         path.with_suffix(".xml").write_text(XML)
-    code, output = run_command("stats", paths[0])
+    code, output = run_command("stats", "--json", paths[0])
     assert code == 0, output
-    assert "3 transitions of 6 nodes in 2.000 s" in output
-    assert "Again/Wait::4" in output
+    assert '"Again/Wait::4"' in output
     code, output = run_command("diff", *paths)
     assert code == 1, output
     assert "the runs differ after 2 common transitions" in output
