@@ -14,6 +14,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("pybullet")
 pytest.importorskip("nav2_msgs")
 
+from btcore_ros2.testing import isolate_ros
 from tests.docs.test_docs import PROGRESS, commands, environment, files, output_matches
 
 PAGE = Path(__file__).parents[2] / "docs/tutorials/ros2_robot.md"
@@ -40,6 +41,7 @@ class Terminal:
         self._folder.mkdir()
         for name, texts in files(page).items():
             (self._folder / name).write_text(texts[0], encoding="utf-8")
+        isolate_ros()  # tests before may have left ROS nodes in their domain
         self._environment = environment(folder)
         del self._environment["PYTHONWARNINGS"]  # rclpy's messages have deprecated imports
 

@@ -34,6 +34,5 @@ __all__ = [
 
 
 def register(nodes: Registry) -> None:
-    """Register the leaves that need no code, and Nav2's nodes that btcore_robot does not have."""
+    """Register the leaves that need no code."""
     nodes.add(RosActionCall, RosServiceCall, RosTopicPublish, RosTopicRead)
-    nodes.add_plugin("btcore_ros2.nav2.nodes", "btcore_ros2")

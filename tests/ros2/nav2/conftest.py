@@ -83,10 +83,16 @@ class ClientBench:
         end = time.monotonic() + LIMIT
         status = tree.tick_exactly_once()
         while status is Status.RUNNING and not until():
-            assert time.monotonic() < end, f"still running; received: {self.names()}"
+            assert time.monotonic() < end, f"still running; received: {self.names()}; {_handles(tree)}"
             self.wait(0.01)
             status = tree.tick_exactly_once()
         return status
+
+
+def _handles(tree: Tree) -> list[dict[str, object]]:
+    """Return the attributes of the handles of goals and requests in *tree*, and of their goals."""
+    handles = [handle for node in tree.nodes if (handle := getattr(node, "handle", None)) is not None]
+    return [vars(thing) for handle in handles for thing in (handle, getattr(handle, "_sent", None)) if thing]
 
 
 @pytest.fixture(scope="module")
