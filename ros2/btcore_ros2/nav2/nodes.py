@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from btcore import Direction, In, Out, Status, SyncAction
+from btcore import Direction, In, Out, Registry, Status, SyncAction
 from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.navigation_servers import AnyGoalHandle
@@ -151,3 +151,8 @@ class CancelAssistedTeleop(BtServiceNode):
     def send(self) -> AnyGoalHandle:
         """Send the request."""
         return self.servers.cancel_goals("assisted_teleop", self.server_name)
+
+
+def register(nodes: Registry) -> None:
+    """Register the nodes."""
+    nodes.add(ComputeRoute, ExtractRouteNodesAsGoals, AssistedTeleop, CancelAssistedTeleop)
