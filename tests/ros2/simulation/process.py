@@ -68,12 +68,19 @@ class Client:
         assert self.session.wait_for(condition, LIMIT)
 
     def call(self, kind: type, name: str, request: Any = None) -> Any:
-        """Call a service and return its response."""
+        """Call a service and return its response.
+
+        A response is lost if the server does not know the new client yet, so that the request is repeated.
+        """
         client = self.node.create_client(kind, name)
         self.wait(client.service_is_ready)
-        future = client.call_async(kind.Request() if request is None else request)
-        self.wait(future.done)
+        for _ in range(10):
+            future = client.call_async(kind.Request() if request is None else request)
+            if self.session.wait_for(future.done, LIMIT / 10):
+                break
+            client.remove_pending_request(future)
         self.node.destroy_client(client)
+        assert future.done(), f"no response of {name}"
         return future.result()
 
     def publish_until(self, commands: Sequence[tuple[Any, Any]], condition: Callable[[], Any]) -> None:
