@@ -135,16 +135,7 @@ class RosAction(ServerLeaf):
         self.session.refresh()
         self._goal = None
         self._endpoint.get()
-        message = self.make_goal()
-        if message is None:
-            return self._fail(ActionErrorCode.INVALID_GOAL, "make_goal() returned None: no goal was sent")
-        if not isinstance(message, self.action_type.Goal):
-            raise NodeError(
-                f"make_goal() must return a {self.action_type.__name__}.Goal or None, "
-                f"not a {type(message).__name__}"
-            )
-        self._unsent = message
-        return self._send()
+        return self._check_and_send(self.action_type, "Goal", self.make_goal(), ActionErrorCode.INVALID_GOAL)
 
     def on_running(self) -> Any:
         """Process the answers of the server that have arrived since the last tick."""

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from btcore import StatefulAction, Status
+from btcore import NodeError, StatefulAction, Status
 from btcore.clock import NS_PER_MS
 from btcore.status import PossibleResults
 from btcore_ros2.leaves.endpoint import Endpoint
@@ -47,15 +47,8 @@ class ServerLeaf(StatefulAction):
         return PossibleResults(cls.may_return & {Status.FAILURE}, cls.may_return, True)
 
     def on_failure(self, error: Any) -> Any:
-        """Process a failure. `error_message` describes it, and is logged already.
-
-        Args:
-            error: The kind of failure.
-
-        Returns:
-            SUCCESS (True) or FAILURE (False), the result of the leaf.
-        """
-        return Status.FAILURE
+        """Process a failure, and return the result of the leaf; see the subclasses."""
+        raise NotImplementedError
 
     # --- for the base classes of goals and requests
 
@@ -70,6 +63,26 @@ class ServerLeaf(StatefulAction):
     def _transmit(self, client: Any, message: Any) -> None:
         """Send *message* to the server of *client*."""
         raise NotImplementedError
+
+    def _check_and_send(self, interface: Any, part: str, message: Any, invalid: enum.Enum) -> Any:
+        """Check the message of a leaf that starts, and send it.
+
+        Args:
+            interface: The class of the action or service.
+            part: "Goal" or "Request", the class of the message in *interface*.
+            message: What `make_goal` or `make_request` has returned.
+            invalid: The code of the failure without a message.
+        """
+        kind = part.lower()
+        if message is None:
+            return self._fail(invalid, f"make_{kind}() returned None: no {kind} was sent")
+        if not isinstance(message, getattr(interface, part)):
+            raise NodeError(
+                f"make_{kind}() must return a {interface.__name__}.{part} or None, "
+                f"not a {type(message).__name__}"
+            )
+        self._unsent = message
+        return self._send()
 
     def _send(self) -> Any:
         """Send the message if the server is ready, or wait for the server."""

@@ -108,17 +108,7 @@ class RosService(ServerLeaf):
         self._response = None
         self._endpoint.get()
         request = self.make_request()
-        if request is None:
-            return self._fail(
-                ServiceErrorCode.INVALID_REQUEST, "make_request() returned None: no request was sent"
-            )
-        if not isinstance(request, self.service_type.Request):
-            raise NodeError(
-                f"make_request() must return a {self.service_type.__name__}.Request or None, "
-                f"not a {type(request).__name__}"
-            )
-        self._unsent = request
-        return self._send()
+        return self._check_and_send(self.service_type, "Request", request, ServiceErrorCode.INVALID_REQUEST)
 
     def on_running(self) -> Any:
         """Process the response, if it has arrived."""

@@ -8,6 +8,7 @@ from btcore_robot.navigation.action import ActionResult, GoalHandle, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.robot import NS_PER_S
 from btcore_ros2.errors import RosError
+from btcore_ros2.leaves.endpoint import SETTLING_NS
 from btcore_ros2.leaves.goal import ClientGoal
 from btcore_ros2.leaves.visible_names import hint_for_action, hint_for_service
 from btcore_ros2.nav2.conversions import ActionConverter
@@ -18,13 +19,6 @@ DISCOVERY_NS = 5 * NS_PER_S
 """The time (ns) after the creation of a client in which its server may appear.
 
 Afterwards, a server that is missing counts as absent, and only the time-out of the node remains.
-"""
-
-
-SETTLING_NS = NS_PER_S // 10
-"""The time (ns) between the appearance of a server and the first message to it.
-
-The server has to find this client, too: its answer to an earlier message would be lost.
 """
 
 
