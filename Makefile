@@ -38,7 +38,8 @@ KILLS ?= 100
 SCHEDULES ?= 500
 ROS2_RUNS ?=
 
-.PHONY: help setup demo test check lint lint-and-pure pure compiled ros2 vulkan accept accept-ros2 docs dist bench clean
+.PHONY: help setup demo test check lint lint-and-pure pure compiled ros2 vulkan accept accept-robot accept-engine \
+	accept-ros2 docs dist bench clean
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
@@ -153,16 +154,19 @@ ros2:
 	@echo 'note: PyPI has no wheels of ROS 2 for this platform; its tests are skipped'
 endif
 
-accept: .venv/ready .venv-compiled/ready
+accept: accept-robot accept-engine $(if $(ROS2),accept-ros2,ros2)
+
+accept-robot: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
+
+accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/installs.py out/wheel/btcore-*.whl
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
-	@$(MAKE) -s $(if $(ROS2),accept-ros2,ros2)
 
 accept-ros2: .venv-ros/ready
 	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)
