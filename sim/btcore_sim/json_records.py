@@ -34,6 +34,21 @@ class JsonRecord(FieldReader):
             raise self._unexpected(key, value, "a whole number of at least 1")
         return value
 
+    def truth(self, key: str, default: bool) -> bool:
+        """Return `true` or `false`.
+
+        Args:
+            key: The field's name.
+            default: The value for a missing field.
+
+        Raises:
+            SimError: The field has another value.
+        """
+        value = self._field(key, default)
+        if not isinstance(value, bool):
+            raise self._unexpected(key, value, "true or false")
+        return value
+
     def points(self, key: str) -> dict[str, tuple[float, float]]:
         """Return the points [x, y] of an object, by name; empty if the field is missing.
 

@@ -20,6 +20,7 @@ from btcore_robot.rigid_transform import wrap_angles
 from btcore_robot.robot import LaserInfo, LaserScan
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import SceneObject
+from btcore_sim.world import GLASS
 
 Floats = NDArray[np.float64]
 
@@ -31,16 +32,18 @@ _UPRIGHT = 0.9999  # cosine of the greatest tilt (0.8°) at which an object is t
 
 
 class RayCaster:
-    """Intersects horizontal rays with upright boxes and cylinders.
+    """Intersects horizontal rays with upright boxes, cylinders and prisms.
 
     Each of the two arrays *boxes* and *rounds* (the cylinders) has a column for each object and eight rows: x
     and y of the middle, half the length and half the width, cosine and sine of the yaw, lowest and highest z
-    (lengths in m).
+    (lengths in m). The array *sides* has a column for each side of the prisms and six rows: x and y of the
+    first and of the second point, lowest and highest z; the prism is on the left of the side.
     """
 
-    def __init__(self, boxes: Floats, rounds: Floats) -> None:
+    def __init__(self, boxes: Floats, rounds: Floats, sides: Floats) -> None:
         self._boxes = boxes
         self._rounds = rounds
+        self._sides = sides
 
     @classmethod
     def of(cls, things: Iterable[SceneObject]) -> "RayCaster":
@@ -54,14 +57,21 @@ class RayCaster:
         Args:
             things: The objects, each with x, y, z (m) of the middle of its underside, and its yaw (rad).
         """
-        columns: dict[str, list[tuple[float, ...]]] = {"box": [], "cylinder": []}
+        columns: dict[str, list[tuple[float, ...]]] = {"box": [], "cylinder": [], "prism": []}
         for thing, x, y, z, yaw in things:
             long, wide, high = thing.size
-            columns[thing.kind].append((x, y, long / 2, wide / 2, math.cos(yaw), math.sin(yaw), z, z + high))
-        boxes, rounds = (
-            np.array(columns[kind], dtype=np.float64).reshape(-1, 8).T.copy() for kind in ("box", "cylinder")
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            if thing.kind != "prism":
+                columns[thing.kind].append((x, y, long / 2, wide / 2, cos, sin, z, z + high))
+                continue
+            for side in thing.sides():
+                ends = [(x + cos * px - sin * py, y + sin * px + cos * py) for px, py in side]
+                columns["prism"].append((*ends[0], *ends[1], z, z + high))
+        boxes, rounds, sides = (
+            np.array(rows, dtype=np.float64).reshape(-1, count).T.copy()
+            for rows, count in zip(columns.values(), (8, 8, 6), strict=True)
         )
-        return cls(boxes, rounds)
+        return cls(boxes, rounds, sides)
 
     def distances(self, x: float, y: float, z: float, angles: Floats) -> Floats:
         """Return the lengths of horizontal rays.
@@ -83,6 +93,9 @@ class RayCaster:
         rounds = self._rounds[:, (self._rounds[6] <= z) & (z <= self._rounds[7])]
         if rounds.shape[1]:
             _against_rounds(rounds, x, y, angles, distances)
+        sides = self._sides[:, (self._sides[4] <= z) & (z <= self._sides[5])]
+        if sides.shape[1]:
+            _against_sides(sides, x, y, angles, distances)
         return distances
 
 
@@ -124,6 +137,27 @@ def _against_rounds(rounds: Floats, x: float, y: float, angles: Floats, distance
     deep = np.sqrt(np.maximum(room, 0.0))
     near = np.maximum(along - deep, 0.0)
     near[(room < 0.0) | (along + deep < 0.0)] = np.inf
+    np.minimum.at(distances, rays, near)
+
+
+def _against_sides(sides: Floats, x: float, y: float, angles: Floats, distances: Floats) -> None:
+    x0, y0, x1, y1 = sides[0] - x, sides[1] - y, sides[2] - x, sides[3] - y
+    cross = x0 * y1 - y0 * x1
+    # The winding number around the origin of the rays: each prism that contains the origin adds 1.
+    up, down = (y0 <= 0.0) & (y1 > 0.0) & (cross > 0.0), (y0 > 0.0) & (y1 <= 0.0) & (cross < 0.0)
+    if np.count_nonzero(up) > np.count_nonzero(down):
+        distances[:] = 0.0
+        return
+    turn = np.arctan2(cross, x0 * x1 + y0 * y1)
+    begin = np.arctan2(y0, x0) + np.minimum(turn, 0.0)
+    rays, things = _pairs(begin, np.abs(turn), angles)
+    dx, dy = np.cos(angles)[rays], np.sin(angles)[rays]
+    ex, ey = (x1 - x0)[things], (y1 - y0)[things]
+    # The ray t·d meets the line through the side at t = (p × e) / (d × e). The angles already chose the rays.
+    across = dx * ey - dy * ex
+    near = np.full(len(rays), np.inf)
+    np.divide(cross[things], across, out=near, where=np.abs(across) > _PARALLEL)
+    near[near < 0.0] = np.inf
     np.minimum.at(distances, rays, near)
 
 
@@ -204,7 +238,9 @@ class MovableObstacles:
         ends[:, 0] = x + length * np.cos(angles[rays])
         ends[:, 1] = y + length * np.sin(angles[rays])
         starts = np.tile((x, y, z), (len(rays), 1))
-        hits = pybullet.rayTestBatch(starts.tolist(), ends.tolist(), physicsClientId=self._client)
+        hits = pybullet.rayTestBatch(
+            starts.tolist(), ends.tolist(), collisionFilterMask=~GLASS, physicsClientId=self._client
+        )
         for ray, hit in zip(rays, hits, strict=True):
             if hit[0] == body:
                 distances[ray] = min(distances[ray], hit[2] * length)  # hit[2] is a fraction of the ray

@@ -9,7 +9,7 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import RobotDescription
-from btcore_sim.world import FLOOR, GROUND_LINK, HULL, MOVABLE, STATIC, World
+from btcore_sim.world import FLOOR, GROUND_LINK, HULL, OBJECTS, World
 
 Pose3D = tuple[Vector, Quaternion]
 """A position (m) and a quaternion (x, y, z, w)."""
@@ -140,7 +140,7 @@ class PhysicsBody:
         engine = {"physicsClientId": self._client}
         for link in self.links.values():
             if link not in ground:
-                pybullet.setCollisionFilterGroupMask(self.body_id, link, HULL, MOVABLE | STATIC, **engine)
+                pybullet.setCollisionFilterGroupMask(self.body_id, link, HULL, OBJECTS, **engine)
                 continue
             pybullet.setCollisionFilterGroupMask(self.body_id, link, GROUND_LINK, FLOOR, **engine)
             # A separate call: the engine silently ignores a link's friction when the call also sets damping.

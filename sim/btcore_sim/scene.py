@@ -6,10 +6,17 @@ A world is a JSON object. Lengths are in metres, angles in radians, colours `#rr
      "start": {"area": [-3, -3, 3, 3], "clearance": 1.0},
      "objects": [{"name": "crate", "kind": "box", "position": [1, 2], "size": [0.5, 0.5, 0.8], "yaw": 0.3}]}
 
-`position` is the middle of the object's underside; z is optional and 0 by default. `kind` is `box` with
-`size`, `cylinder` with `radius` and `height`, or `table` with `size`, `top` and `leg`: a
-board of thickness *top* on four square legs of width *leg*. A `mass` (kg) above 0 makes a box or a cylinder
-movable. `start` is either an `area` in which the pose is drawn at random, or a `pose` (x, y, yaw).
+`position` is the middle of the object's underside; z is optional and 0 by default. `kind` is one of:
+
+- `box` with `size`, and `cylinder` with `radius` and `height`. A `mass` (kg) above 0 makes them movable.
+- `table` with `size`, `top` and `leg`: a board of thickness *top* on four square legs of width *leg*.
+- `wall` with `points`, `thickness` and `height`: a wall along a line, `closed` or not.
+- `polygon` with `points` and `height`: a solid block with that outline.
+- `hinged_door` and `sliding_door` with `width`, `height` and `thickness`: see `Door`.
+
+The `points` of walls and polygons are relative to `position`, which is the origin by default. With
+`"material": "glass"` an object is invisible to the laser. `start` is either an `area` in which the pose is
+drawn at random, or a `pose` (x, y, yaw). `world.schema.json` describes all keys for editors.
 
 A world may also have `waypoints` (name → [x, y]), `keepout`, a list of rectangles that robots must not
 enter although they may be empty, and `physics_rate` (Hz), the rate of the physics steps. An `area` and a
@@ -18,6 +25,7 @@ rectangle consist of smallest x, smallest y, greatest x and greatest y.
 
 import itertools
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,10 +36,25 @@ from btcore_robot.field_reader import did_you_mean
 from btcore_robot.robot import Pose2D, Waypoints
 from btcore_sim.errors import SimError
 from btcore_sim.json_records import JsonRecord, read_record
+from btcore_sim.polygons import (
+    Floats,
+    OutlineError,
+    Point,
+    boundary,
+    distance_to_parts,
+    polygon_triangles,
+    wall_quads,
+)
 
-__all__ = ["Scene", "SceneObject", "load_scene", "scene_names"]
+__all__ = ["Door", "Scene", "SceneObject", "load_scene", "scene_names"]
 
 SCENES = Path(__file__).parent / "scenes"
+
+KINDS = ("box", "cylinder", "table", "wall", "polygon", "hinged_door", "sliding_door")
+"""The kinds of objects in a world's file."""
+
+GLASS_COLOR = "#9fd0e060"
+"""The default colour of glass: a light blue that lets most of the light through."""
 
 Color = tuple[int, int, int, int]
 
@@ -41,17 +64,21 @@ Rectangle = tuple[float, float, float, float]
 PHYSICS_RATE = 240
 """Default number of physics steps per second of simulated time; 240 Hz is PyBullet's default too."""
 
+WALL_THICKNESS = 0.1
+"""Default thickness (m) of a wall."""
+
+_DOOR_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TRIES = 10_000
 _ORDER = "x and y from, then x and y to, and 'to' has to be greater"
 
 
 @dataclass(frozen=True, slots=True)
 class SceneObject:
-    """An upright box or cylinder.
+    """An upright box, cylinder or prism.
 
     Attributes:
         name: The name of the object.
-        kind: `box` or `cylinder`.
+        kind: `box`, `cylinder` or `prism`.
         size: The full extent (m) along the object's own x, y and z; a cylinder's first two values are its
             diameter.
         position: The middle of the underside (m).
@@ -60,6 +87,9 @@ class SceneObject:
         color: The colour (RGBA, 0–255).
         is_kinematic: Whether `World.move_kinematic_body` moves the object, for example a person; *position*
             and *yaw* are then its initial pose.
+        is_glass: Whether the object is of glass: the laser does not detect it, sonars do.
+        parts: The convex polygons of a prism's outline, each with counter-clockwise corners (m) relative to
+            *position* and *yaw*; neighbouring polygons share whole sides. A prism never moves.
     """
 
     name: str
@@ -70,6 +100,8 @@ class SceneObject:
     mass: float
     color: Color
     is_kinematic: bool = False
+    is_glass: bool = False
+    parts: tuple[tuple[Point, ...], ...] = ()
 
     @property
     def still(self) -> bool:
@@ -88,7 +120,7 @@ class SceneObject:
     def outline(self) -> Rectangle:
         """Return the axis-aligned bounding rectangle (m) of the object on the floor."""
         half_x, half_y = self.size[0] / 2, self.size[1] / 2
-        if self.kind == "box":
+        if self.kind != "cylinder":
             cos, sin = abs(math.cos(self.yaw)), abs(math.sin(self.yaw))
             half_x, half_y = cos * half_x + sin * half_y, sin * half_x + cos * half_y
         x, y, _ = self.position
@@ -101,6 +133,8 @@ class SceneObject:
             x: The x coordinate of the point in the world frame (m).
             y: The y coordinate of the point in the world frame (m).
         """
+        if self.kind == "prism":
+            return float(self.distances(np.array(x), np.array(y)))
         dx, dy = x - self.position[0], y - self.position[1]
         if self.kind == "cylinder":
             return max(0.0, math.hypot(dx, dy) - self.size[0] / 2)
@@ -108,6 +142,80 @@ class SceneObject:
         along = abs(cos * dx + sin * dy) - self.size[0] / 2
         across = abs(cos * dy - sin * dx) - self.size[1] / 2
         return math.hypot(max(0.0, along), max(0.0, across))
+
+    def distances(self, x: Floats, y: Floats) -> Floats:
+        """Return the distances (m) from points to the object's outline on the floor; 0 inside.
+
+        Args:
+            x: The x coordinates of the points in the world frame (m), of any shape.
+            y: The y coordinates of the points (m), of a shape that broadcasts with *x*.
+        """
+        dx, dy = x - self.position[0], y - self.position[1]
+        if self.kind == "cylinder":
+            return np.maximum(0.0, np.hypot(dx, dy) - self.size[0] / 2)
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        along, across = cos * dx + sin * dy, cos * dy - sin * dx
+        if self.kind == "prism":
+            return distance_to_parts(self.parts, along, across)
+        along, across = np.abs(along) - self.size[0] / 2, np.abs(across) - self.size[1] / 2
+        return np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
+
+    def sides(self) -> list[tuple[Point, Point]]:
+        """Return the sides of a prism's outline (m), relative to *position* and *yaw*.
+
+        The prism is on the left of each side, seen from the side's first point to its second point.
+        """
+        return boundary(self.parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """A door in an opening. Its leaf is an object of the scene with the same name.
+
+    A hinged door has its hinge at the end of the opening from which the *yaw* points to the other end. A
+    sliding door moves in the direction of its *yaw*.
+
+    Attributes:
+        name: The name of the door and of its leaf.
+        position: The middle of the opening (x, y; m).
+        width: The width of the opening and of the leaf (m).
+        yaw: The direction of the closed leaf (rad).
+        swing: The angle (rad) by which the leaf of a hinged door turns to open, positive if
+            counter-clockwise; 0 for a sliding door.
+        open: Whether the door is open at the start.
+    """
+
+    name: str
+    position: Point
+    width: float
+    yaw: float
+    swing: float
+    open: bool
+
+    @property
+    def hinge(self) -> Point:
+        """The axis (x, y; m) about which the leaf of a hinged door turns."""
+        x, y = self.position
+        return x - self.width / 2 * math.cos(self.yaw), y - self.width / 2 * math.sin(self.yaw)
+
+    def leaf_pose(self, opening: float) -> Pose2D:
+        """Return the pose of the middle of the leaf.
+
+        Args:
+            opening: How far the door is open, from 0 (closed) to 1 (open).
+        """
+        if self.swing:
+            x, y = self.hinge
+            yaw, away = self.yaw + opening * self.swing, self.width / 2
+        else:
+            x, y = self.position
+            yaw, away = self.yaw, opening * self.width
+        return Pose2D(x + away * math.cos(yaw), y + away * math.sin(yaw), yaw)
+
+    def placed(self, leaf: SceneObject, opening: float) -> SceneObject:
+        """Return the *leaf* of the door at the pose for *opening* (0 closed … 1 open)."""
+        pose = self.leaf_pose(opening)
+        return replace(leaf, position=(pose.x, pose.y, leaf.position[2]), yaw=pose.yaw)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +233,7 @@ class Scene:
         waypoints: The positions x, y (m) of the waypoints by name.
         keepout: The areas that robots must not enter.
         physics_rate: The rate of the physics steps (Hz).
+        doors: The doors by name.
     """
 
     name: str
@@ -137,6 +246,19 @@ class Scene:
     waypoints: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     keepout: tuple[Rectangle, ...] = ()
     physics_rate: int = PHYSICS_RATE
+    doors: Mapping[str, Door] = field(default_factory=dict)
+
+    def door(self, name: str) -> Door:
+        """Return the door *name*.
+
+        Raises:
+            SimError: The world has no door of this name.
+        """
+        if name not in self.doors:
+            known = f"doors are {', '.join(self.doors)}" if self.doors else "it has no doors"
+            hint = did_you_mean(name, self.doors)
+            raise SimError(f"world '{self.name}': there is no door '{name}': {hint}{known}")
+        return self.doors[name]
 
     def waypoint_poses(self) -> Waypoints:
         """Return the waypoints with the heading 0."""
@@ -220,8 +342,10 @@ def load_scene(name: str) -> Scene:
 
 def _scene(record: JsonRecord, name: str) -> Scene:
     numbers = itertools.count()
-    objects = record.nested_list("objects", lambda item: _things(item, next(numbers)))
+    doors: dict[str, Door] = {}
+    objects = record.nested_list("objects", lambda item: _things(item, next(numbers), doors))
     things = tuple(itertools.chain.from_iterable(objects))
+    record.has("$schema")  # for editors
     seen: set[str] = set()
     for thing in things:
         if thing.name in seen:
@@ -239,6 +363,7 @@ def _scene(record: JsonRecord, name: str) -> Scene:
         waypoints=record.points("waypoints"),
         keepout=tuple(map(_rectangle, record.rows("keepout", 4, []))),
         physics_rate=record.whole("physics_rate", PHYSICS_RATE),
+        doors=doors,
     )
     for x0, y0, x1, y1 in scene.keepout:
         if not (x0 < x1 and y0 < y1):
@@ -260,9 +385,18 @@ def _start(record: JsonRecord) -> tuple[tuple[float, float, float, float], float
     return (x0, y0, x1, y1), record.number("clearance", 1.0), None
 
 
-def _things(record: JsonRecord, index: int) -> list[SceneObject]:
-    name = record.text("name", f"object_{index}")
-    kind = record.text("kind", among=("box", "cylinder", "table"))
+def _things(record: JsonRecord, index: int, doors: dict[str, Door]) -> list[SceneObject]:
+    """Return the objects of an entry of `objects`, and add the door of the entry, if any, to *doors*."""
+    kind = record.text("kind", among=KINDS)
+    is_door = kind in ("hinged_door", "sliding_door")
+    name = record.text("name", None if is_door else f"object_{index}")
+    is_glass = record.text("material", "solid", among=("solid", "glass")) == "glass"
+    color = record.color("color", GLASS_COLOR if is_glass else "#c9b79c")
+    yaw = record.number("yaw", 0.0)
+    if kind in ("wall", "polygon"):
+        return [_prism(record, kind, name, yaw, color, is_glass)]
+    if is_door:
+        return [_door(record, kind, name, yaw, color, is_glass, doors)]
     if kind == "cylinder":
         x = y = 2 * record.number("radius", over=0.0)
         z = record.number("height", over=0.0)
@@ -274,16 +408,62 @@ def _things(record: JsonRecord, index: int) -> list[SceneObject]:
     mass = record.number("mass", 0.0) if kind != "table" else 0.0
     if mass < 0.0:
         raise record.error(f"'mass' is {mass:g}, but it has to be at least 0")
-    thing = SceneObject(
-        name=name,
-        kind=kind,
-        size=(x, y, z),
-        position=(place[0], place[1], place[2] if len(place) == 3 else 0.0),
-        yaw=record.number("yaw", 0.0),
-        mass=mass,
-        color=record.color("color", "#c9b79c"),
-    )
+    position = (place[0], place[1], place[2] if len(place) == 3 else 0.0)
+    thing = SceneObject(name, kind, (x, y, z), position, yaw, mass, color, is_glass=is_glass)
     return [thing] if kind != "table" else _table(record, thing)
+
+
+def _prism(record: JsonRecord, kind: str, name: str, yaw: float, color: Color, is_glass: bool) -> SceneObject:
+    points = [(x, y) for x, y in record.rows("points", 2)]
+    height = record.number("height", over=0.0)
+    place = record.numbers("position", [2, 3], [0.0, 0.0])
+    try:
+        if kind == "polygon":
+            parts = polygon_triangles(points)
+        else:
+            thickness = record.number("thickness", WALL_THICKNESS, over=0.0)
+            parts = wall_quads(points, thickness, record.truth("closed", False))
+    except OutlineError as error:
+        raise record.error(str(error)) from None
+    xs, ys = zip(*itertools.chain.from_iterable(parts), strict=True)
+    # The position of an object is the middle of its extent.
+    x, y = (min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return SceneObject(
+        name=name,
+        kind="prism",
+        size=(max(xs) - min(xs), max(ys) - min(ys), height),
+        position=(
+            place[0] + cos * x - sin * y,
+            place[1] + sin * x + cos * y,
+            place[2] if len(place) == 3 else 0.0,
+        ),
+        yaw=yaw,
+        mass=0.0,
+        color=color,
+        is_glass=is_glass,
+        parts=tuple(tuple((px - x, py - y) for px, py in part) for part in parts),
+    )
+
+
+def _door(
+    record: JsonRecord, kind: str, name: str, yaw: float, color: Color, is_glass: bool, doors: dict[str, Door]
+) -> SceneObject:
+    if not _DOOR_NAME.fullmatch(name):
+        raise record.error(
+            f"a door is named '{name}', but names of doors consist of letters, digits, '_' and '-'"
+        )
+    x, y = record.numbers("position", [2])
+    swing = 0.0
+    if kind == "hinged_door":
+        swing = (
+            math.pi / 2 if record.text("swing", "left", among=("left", "right")) == "left" else -math.pi / 2
+        )
+    width = record.number("width", 0.9, over=0.0)
+    size = (width, record.number("thickness", 0.04, over=0.0), record.number("height", 2.1, over=0.0))
+    door = doors[name] = Door(name, (x, y), width, yaw, swing, record.truth("open", False))
+    leaf = SceneObject(name, "box", size, (x, y, 0.0), yaw, 0.0, color, is_kinematic=True, is_glass=is_glass)
+    return door.placed(leaf, float(door.open))
 
 
 def _table(record: JsonRecord, whole: SceneObject) -> list[SceneObject]:

@@ -117,9 +117,12 @@ class SimulatedRobot(Robot):
         """The true distance driven (m), without the distances over which the robot was carried."""
         self.teleport_times: list[int] = []
         """The times (ns) at which the robot was carried to another place."""
-        still = [thing for thing in world.scene.things if thing.still]
+        # The laser's light passes through glass.
+        opaque = {body: thing for body, thing in world.bodies.items() if not thing.is_glass}
+        still = [thing for thing in opaque.values() if thing.still]
         facts = self.description.laser.facts
-        moved = MovableObstacles(world.client, {body: world.bodies[body] for body in world.movable})
+        movable = {body: opaque[body] for body in world.movable if body in opaque}
+        moved = MovableObstacles(world.client, movable)
         self._laser = Laser(facts, RayCaster.of(still), world.random("laser"), moved)
         self._camera = (
             Camera(RenderScene(world, self.model), self.description.camera, camera)

@@ -8,7 +8,7 @@ from btcore_sim.kinematics import from_rpy
 from btcore_sim.physics_body import Pose3D
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import SonarMount
-from btcore_sim.world import MOVABLE, STATIC
+from btcore_sim.world import OBJECTS
 
 _AROUND = 6  # number of rays on each ring of the cone
 _RINGS = (0.5, 1.0)  # angles of the rings, as fractions of half the cone's angle
@@ -41,9 +41,7 @@ class Sonars:
                 starts.append(at)
                 ends.append(pybullet.multiplyTransforms(at, facing, ray, (0.0, 0.0, 0.0, 1.0))[0])
         # The mask leaves out the robot itself, and the floor, which reflects the sound away from the sonar.
-        hits = pybullet.rayTestBatch(
-            starts, ends, collisionFilterMask=MOVABLE | STATIC, physicsClientId=self._client
-        )
+        hits = pybullet.rayTestBatch(starts, ends, collisionFilterMask=OBJECTS, physicsClientId=self._client)
         readings: list[SonarReading] = []
         begin = 0
         for mount, rays in zip(self._mounts, self._rays, strict=True):

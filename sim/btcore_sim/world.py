@@ -19,6 +19,7 @@ import numpy as np
 
 from btcore_robot.robot import NS_PER_S, Phase
 from btcore_robot.schedule import SimulatedTime
+from btcore_sim.doors import MovingDoors
 from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import Rectangle, Scene, SceneObject
@@ -32,7 +33,10 @@ With 50 iterations the driven distance is exact to 0.2 % at 240 steps a second, 
 """
 
 # Collision groups: two bodies collide if the group of each is in the mask of the other.
-MOVABLE, STATIC, GROUND_LINK, FLOOR, HULL = 1, 2, 4, 8, 16
+MOVABLE, STATIC, GROUND_LINK, FLOOR, HULL, GLASS = 1, 2, 4, 8, 16, 32
+
+OBJECTS = MOVABLE | STATIC | GLASS
+"""The collision groups of all objects of a scene."""
 
 _OPEN = 5.0  # m of visible floor around the start in a scene without objects
 _PATIENCE = NS_PER_S // 5  # ns: a real-time run catches up after a delay of at most this duration
@@ -90,6 +94,7 @@ class World:
         """The objects of the scene, by PyBullet's IDs of their bodies."""
         self.movable = tuple(body for body, thing in self.bodies.items() if not thing.still)
         """PyBullet's IDs of the bodies that can move: by a push, or by `move_kinematic_body`."""
+        self._doors = MovingDoors(self.client, scene.doors, self.bodies, self.floor, self.rate)
         self.schedule.every(self.rate, Phase.PHYSICS, self._step)
 
     def now(self) -> int:
@@ -138,7 +143,7 @@ class World:
         return [
             body
             for body, thing in self.bodies.items()
-            if thing.is_kinematic and thing.name.startswith(prefix)
+            if thing.is_kinematic and thing.name.startswith(prefix) and thing.name not in self.scene.doors
         ]
 
     def move_kinematic_body(
@@ -162,6 +167,42 @@ class World:
         speed = [v * math.cos(yaw), v * math.sin(yaw), 0.0]
         pybullet.resetBaseVelocity(body, speed, [0.0, 0.0, 0.0], **engine)
 
+    def set_door(self, name: str, open: bool) -> None:
+        """Open or close a door, in `doors.OPENING_TIME` seconds from its other end position.
+
+        The door waits while the robot, a person or a movable object is in its way.
+
+        Args:
+            name: The name of the door, one of `Scene.doors`.
+            open: True to open the door, False to close it.
+
+        Raises:
+            SimError: The world has no door of this name.
+        """
+        self.scene.door(name)
+        self._doors.set(name, open)
+
+    def door_opening(self, name: str) -> float:
+        """Return how far a door is open at present, from 0 (closed) to 1 (open).
+
+        Args:
+            name: The name of the door.
+
+        Raises:
+            SimError: The world has no door of this name.
+        """
+        self.scene.door(name)
+        return self._doors.opening(name)
+
+    def door_distance(self, x: float, y: float) -> float:
+        """Return the distance (m) from a point to the nearest leaf of a door at present; inf without doors.
+
+        Args:
+            x: The x coordinate of the point in the world frame (m).
+            y: The y coordinate of the point in the world frame (m).
+        """
+        return self._doors.distance(x, y)
+
     def close(self) -> None:
         """Disconnect from the engine. The world cannot be used afterwards; a second call does nothing."""
         self._disconnect()
@@ -169,6 +210,7 @@ class World:
     def _step(self, now: int) -> None:
         for call in self._before:
             call(now)
+        self._doors.step()
         pybullet.stepSimulation(physicsClientId=self.client)
         for call in self._after:
             call(now)
@@ -197,10 +239,14 @@ class World:
         if thing.kind == "box":
             kind, hull = pybullet.GEOM_BOX, {"halfExtents": [side / 2 for side in thing.size]}
             drawn = hull
-        else:
+        elif thing.kind == "cylinder":
             kind, hull = pybullet.GEOM_CYLINDER, {"radius": thing.size[0] / 2, "height": thing.size[2]}
             # PyBullet calls a cylinder's height "length" in a visual shape.
             drawn = {"radius": hull["radius"], "length": hull["height"]}
+        else:
+            kind, drawn = pybullet.GEOM_MESH, _prism_mesh(thing)
+            # One body and one shape for a concave outline; the engine fills the convex hull of other meshes.
+            hull = {**drawn, "flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH}
         shape = pybullet.createCollisionShape(kind, **hull, **engine)
         visual = pybullet.createVisualShape(kind, **drawn, rgbaColor=color, **engine)
         x, y, z = thing.position
@@ -208,9 +254,10 @@ class World:
         middle = [x, y, z + thing.size[2] / 2]
         body: int = pybullet.createMultiBody(thing.mass, shape, visual, middle, turned, **engine)
         if thing.mass > 0.0:
-            pybullet.setCollisionFilterGroupMask(body, -1, MOVABLE, MOVABLE | STATIC | FLOOR | HULL, **engine)
+            group, mask = MOVABLE, OBJECTS | FLOOR | HULL
         else:
-            pybullet.setCollisionFilterGroupMask(body, -1, STATIC, MOVABLE | HULL, **engine)
+            group, mask = GLASS if thing.is_glass else STATIC, MOVABLE | HULL
+        pybullet.setCollisionFilterGroupMask(body, -1, group, mask, **engine)
         return body
 
 
@@ -269,6 +316,24 @@ def scene_extent(scene: Scene) -> Rectangle:
     outlines = [thing.outline() for thing in scene.things if not thing.parked]
     lows, highs = [(x0, y0), *(box[:2] for box in outlines)], [(x1, y1), *(box[2:] for box in outlines)]
     return *map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))
+
+
+def _prism_mesh(thing: SceneObject) -> dict[str, Any]:
+    """Return the corners and triangles of a prism around the middle of its extent, for PyBullet."""
+    half = thing.size[2] / 2
+    corners: list[tuple[float, float, float]] = []
+    indices: list[int] = []
+    for part in thing.parts:
+        first, count = len(corners), len(part)
+        corners += [(x, y, -half) for x, y in part] + [(x, y, half) for x, y in part]
+        for k in range(1, count - 1):
+            indices += [first, first + k + 1, first + k]
+            indices += [first + count, first + count + k, first + count + k + 1]
+    for (x0, y0), (x1, y1) in thing.sides():
+        first = len(corners)
+        corners += [(x0, y0, -half), (x1, y1, -half), (x1, y1, half), (x0, y0, half)]
+        indices += [first, first + 1, first + 2, first, first + 2, first + 3]
+    return {"vertices": corners, "indices": indices}
 
 
 def _connect(gui: bool) -> int:

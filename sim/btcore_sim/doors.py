@@ -1,0 +1,127 @@
+"""The motion of doors. A door stops in front of the robot, people and movable objects, and waits."""
+
+import math
+from collections.abc import Mapping
+
+from btcore_sim.quiet_pybullet import pybullet
+from btcore_sim.scene import Door, SceneObject
+
+OPENING_TIME = 3.0
+"""Time (s) in which a door opens or closes."""
+
+MARGIN = 0.1
+"""Distance (m) from an obstacle at which a door stops that moves towards the obstacle."""
+
+_TOWARDS = 0.01  # m/s: a part of the door that moves more slowly towards an obstacle does not stop the door
+
+
+class MovingDoors:
+    """The doors of a world. `step` moves them; it is called before every physics step.
+
+    Args:
+        client: The number of the connection to the physics engine.
+        doors: The doors by name.
+        bodies: The objects of the world, by PyBullet's IDs of their bodies; the leaves of the doors are among
+            them.
+        floor: PyBullet's ID of the floor.
+        rate: The number of physics steps per second.
+    """
+
+    def __init__(
+        self, client: int, doors: Mapping[str, Door], bodies: Mapping[int, SceneObject], floor: int, rate: int
+    ) -> None:
+        self._client = client
+        self._step = 1.0 / (OPENING_TIME * rate)
+        leaves = {thing.name: body for body, thing in bodies.items() if thing.name in doors}
+        self._doors = {name: _State(door, leaves[name], bodies[leaves[name]]) for name, door in doors.items()}
+        still = {body for body, thing in bodies.items() if thing.still}
+        self._fixed = {floor, *still, *leaves.values()}
+        self._moving: dict[str, _State] = {}
+
+    def set(self, name: str, open: bool) -> None:
+        """Let a door move to its open or its closed position.
+
+        Args:
+            name: The name of the door.
+            open: Whether the door opens.
+        """
+        state = self._doors[name]
+        state.target = float(open)
+        self._moving[name] = state
+
+    def opening(self, name: str) -> float:
+        """Return how far the door *name* is open, from 0 (closed) to 1 (open)."""
+        return self._doors[name].opening
+
+    def distance(self, x: float, y: float) -> float:
+        """Return the distance (m) from a point to the nearest leaf at its present pose; inf without doors.
+
+        Args:
+            x: The x coordinate of the point in the world frame (m).
+            y: The y coordinate of the point in the world frame (m).
+        """
+        return min((state.leaf().distance(x, y) for state in self._doors.values()), default=math.inf)
+
+    def step(self) -> None:
+        """Set poses and velocities of the moving doors for the coming physics step."""
+        for name, state in list(self._moving.items()):
+            left = state.target - state.opening
+            if abs(left) < self._step / 2:
+                state.opening = state.target
+                del self._moving[name]
+                self._place(state, 0.0)
+                continue
+            direction = math.copysign(1.0, left)
+            if self._blocked(state, direction):
+                self._place(state, 0.0)
+                continue
+            self._place(state, direction)
+            state.opening = min(max(state.opening + direction * self._step, 0.0), 1.0)
+
+    def _place(self, state: "_State", direction: float) -> None:
+        """Place a leaf at its opening; the physics step moves it in *direction* (+1 opens, -1 closes)."""
+        leaf = state.door.leaf_pose(state.opening)
+        middle = [leaf.x, leaf.y, state.thing.size[2] / 2]
+        turned = [0.0, 0.0, math.sin(leaf.yaw / 2), math.cos(leaf.yaw / 2)]
+        engine = {"physicsClientId": self._client}
+        pybullet.resetBasePositionAndOrientation(state.body, middle, turned, **engine)
+        speed = direction / OPENING_TIME
+        vx, vy = state.velocity(leaf.x, leaf.y, speed)
+        pybullet.resetBaseVelocity(state.body, [vx, vy, 0.0], [0.0, 0.0, speed * state.door.swing], **engine)
+
+    def _blocked(self, state: "_State", direction: float) -> bool:
+        """Return whether an obstacle is near a part of the leaf that moves towards the obstacle."""
+        engine = {"physicsClientId": self._client}
+        low, high = pybullet.getAABB(state.body, -1, **engine)
+        low, high = [edge - MARGIN for edge in low], [edge + MARGIN for edge in high]
+        near = {body for body, _ in pybullet.getOverlappingObjects(low, high, **engine) or ()}
+        for body in near - self._fixed:
+            # Elements of a point: [5] is its place on the leaf, [7] the direction from the body to the leaf.
+            for point in pybullet.getClosestPoints(state.body, body, MARGIN, **engine):
+                vx, vy = state.velocity(point[5][0], point[5][1], direction / OPENING_TIME)
+                if -(vx * point[7][0] + vy * point[7][1]) > _TOWARDS:
+                    return True
+        return False
+
+
+class _State:
+    """A door with its leaf: how far it is open, and how far it is to be open, each from 0 to 1."""
+
+    def __init__(self, door: Door, body: int, thing: SceneObject) -> None:
+        self.door = door
+        self.body = body
+        self.thing = thing
+        self.opening = self.target = float(door.open)
+
+    def leaf(self) -> SceneObject:
+        """Return the leaf at its present pose."""
+        return self.door.placed(self.thing, self.opening)
+
+    def velocity(self, x: float, y: float, speed: float) -> tuple[float, float]:
+        """Return the velocity (m/s) of a point (x, y; m) of the leaf whose opening grows by *speed* (1/s)."""
+        if self.door.swing:
+            turn = speed * self.door.swing
+            hinge_x, hinge_y = self.door.hinge
+            return -turn * (y - hinge_y), turn * (x - hinge_x)
+        along = speed * self.door.width
+        return along * math.cos(self.door.yaw), along * math.sin(self.door.yaw)
