@@ -37,6 +37,8 @@ Float32 = Annotated[bytes, 4, "float32"]
 """float32 values of shape (n,). The annotation has the bytes per value, and a name for error messages."""
 Float32Rows = Annotated[bytes, 12, "rows of three float32"]
 """float32 values of shape (n, 3)."""
+UInt32Rows = Annotated[bytes, 12, "rows of three uint32"]
+"""uint32 values of shape (n, 3)."""
 
 UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 """The quaternion of no rotation."""
@@ -118,6 +120,27 @@ class Sphere(Shape):
 
 Part = Box | Cylinder | Sphere
 """A body of the scene."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mesh:
+    """A surface of triangles, for bodies that are neither boxes nor cylinders nor spheres.
+
+    Attributes:
+        name: A label, or None.
+        frame: The frame of the vertices; None = the root frame.
+        color: The colour (RGBA); None = grey.
+        vertices: The corners of the triangles (m).
+        normals: The outward unit normal of the surface at each vertex, for the shading.
+        triangles: Three indices of vertices for each triangle, counter-clockwise seen from outside.
+    """
+
+    name: str | None = None
+    frame: str | None = None
+    color: Color | None = None
+    vertices: Float32Rows
+    normals: Float32Rows
+    triangles: UInt32Rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -327,6 +350,7 @@ class StaticScene:
     Attributes:
         frame: The root of all frames, by default `map`.
         parts: The bodies of the robot and of the world.
+        meshes: Further bodies, as surfaces.
         laser: The laser, if the robot has one.
         places: Named points, such as waypoints.
         footprint_radius: The radius (m) of the robot's footprint.
@@ -339,6 +363,7 @@ class StaticScene:
 
     frame: str | None = None
     parts: Sequence[Part] = ()
+    meshes: Sequence[Mesh] = ()
     laser: Laser | None = None
     places: Sequence[Place] = ()
     footprint_radius: float | None = None

@@ -23,19 +23,18 @@ class MovingDoors:
         doors: The doors by name.
         bodies: The objects of the world, by PyBullet's IDs of their bodies; the leaves of the doors are among
             them.
-        floor: PyBullet's ID of the floor.
         rate: The number of physics steps per second.
     """
 
     def __init__(
-        self, client: int, doors: Mapping[str, Door], bodies: Mapping[int, SceneObject], floor: int, rate: int
+        self, client: int, doors: Mapping[str, Door], bodies: Mapping[int, SceneObject], rate: int
     ) -> None:
         self._client = client
         self._step = 1.0 / (OPENING_TIME * rate)
         leaves = {thing.name: body for body, thing in bodies.items() if thing.name in doors}
         self._doors = {name: _State(door, leaves[name], bodies[leaves[name]]) for name, door in doors.items()}
-        still = {body for body, thing in bodies.items() if thing.still}
-        self._fixed = {floor, *still, *leaves.values()}
+        self._leaves = frozenset(leaves.values())
+        self._kinematic = frozenset(body for body, thing in bodies.items() if thing.is_kinematic)
         self._moving: dict[str, _State] = {}
 
     def set(self, name: str, open: bool) -> None:
@@ -95,7 +94,10 @@ class MovingDoors:
         low, high = pybullet.getAABB(state.body, -1, **engine)
         low, high = [edge - MARGIN for edge in low], [edge + MARGIN for edge in high]
         near = {body for body, _ in pybullet.getOverlappingObjects(low, high, **engine) or ()}
-        for body in near - self._fixed:
+        for body in near - self._leaves:
+            # The base of a robot and movable objects have a mass, people are kinematic; walls are neither.
+            if pybullet.getDynamicsInfo(body, -1, **engine)[0] == 0.0 and body not in self._kinematic:
+                continue
             # Elements of a point: [5] is its place on the leaf, [7] the direction from the body to the leaf.
             for point in pybullet.getClosestPoints(state.body, body, MARGIN, **engine):
                 vx, vy = state.velocity(point[5][0], point[5][1], direction / OPENING_TIME)

@@ -1,4 +1,8 @@
-"""Drawing of a world's occupancy map from its objects, as a perfect mapping run would make it."""
+"""Drawing of a world's occupancy map from its objects, as a perfect mapping run would make it.
+
+The map has what the robot's laser detects: it does not have glass, which is a keep-out area instead, so that
+the robot avoids the glass and laser and map agree. It does not have doors, so that paths lead through them.
+"""
 
 import math
 
@@ -31,8 +35,9 @@ def rasterise(
     """Return the map of the static objects that cut the laser's plane.
 
     A cell is occupied if its middle is less than half a cell from an object, free if it can be reached from
-    the robot's start over cells that are not occupied, and otherwise unknown. The keep-out areas are the
-    scene's own, and the outlines of objects below the robot's height that do not cut the plane (table tops).
+    the robot's start over cells that are not occupied, and otherwise unknown. A way through glass does not
+    count. The keep-out areas are the scene's own, glass, and the outlines of objects below the robot's height
+    that do not cut the plane (table tops).
 
     Args:
         scene: The world.
@@ -45,32 +50,72 @@ def rasterise(
     width = math.ceil((x1 - origin[0]) / resolution - 1e-9) + _MARGIN
     rows = math.ceil((y1 - origin[1]) / resolution - 1e-9) + _MARGIN
     occupied = np.zeros((rows, width), dtype=np.bool_)
+    glass = np.zeros((rows, width), dtype=np.bool_)
     for thing in scene.things:
         if thing.meets(height) and (thing.still or (movable and thing.mass > 0.0)):
-            draw(thing, occupied, origin, resolution)
+            draw(thing, glass if thing.is_glass else occupied, origin, resolution)
     cells = np.where(occupied, 100, -1).astype(np.int8)
-    map = OccupancyMap(cells, round(resolution, 9), origin, scene.keepout + overhangs(scene, height))
-    cells[_reached(map, scene)] = 0
+    keepout = scene.keepout + overhangs(scene, height, resolution)
+    map = OccupancyMap(cells, round(resolution, 9), origin, keepout)
+    cells[_reached(map, glass, scene)] = 0
     return map
 
 
-def overhangs(scene: Scene, height: float = LASER_HEIGHT) -> tuple[Rectangle, ...]:
+def overhangs(
+    scene: Scene, height: float = LASER_HEIGHT, resolution: float = RESOLUTION
+) -> tuple[Rectangle, ...]:
     """Return the outlines of the static objects that the robot can hit but its laser does not detect.
 
     Args:
         scene: The world.
         height: The height of the laser above the floor (m).
+        resolution: The length (m) up to which the outlines of prisms and of glass are exact.
 
     Returns:
-        The axis-aligned bounding rectangles of the objects (m).
+        The axis-aligned bounding rectangles (m) of boxes and cylinders, and for each prism and each turned
+        pane of glass the rectangles that cover it.
     """
-    outlines = []
+    outlines: list[Rectangle] = []
     for thing in scene.things:
         low, high = thing.position[2], thing.position[2] + thing.size[2]
-        if thing.still and not thing.meets(height) and low < ROBOT_HEIGHT and high > _UNDERFOOT:
-            x0, y0, x1, y1 = thing.outline()
-            outlines.append((round(x0, 6), round(y0, 6), round(x1, 6), round(y1, 6)))
-    return tuple(outlines)
+        unseen = thing.is_glass or not thing.meets(height)
+        if not (thing.still and unseen and low < ROBOT_HEIGHT and high > _UNDERFOOT):
+            continue
+        if thing.kind == "prism" or (thing.is_glass and thing.yaw):
+            outlines += _covering(thing, resolution)
+        else:
+            outlines.append(thing.outline())
+    return tuple((round(x0, 6), round(y0, 6), round(x1, 6), round(y1, 6)) for x0, y0, x1, y1 in outlines)
+
+
+def _covering(thing: SceneObject, resolution: float) -> list[Rectangle]:
+    """Return rectangles that cover *thing*: rows of cells, of which equal rows are one rectangle.
+
+    The rectangles end a quarter of a cell inside the outer cells, so that they touch no further cells.
+    """
+    x0, y0, x1, y1 = thing.outline()
+    origin = _snapped(x0, resolution), _snapped(y0, resolution)
+    shape = (
+        math.ceil((y1 - origin[1]) / resolution) + _MARGIN,
+        math.ceil((x1 - origin[0]) / resolution) + _MARGIN,
+    )
+    cells = np.zeros(shape, dtype=np.bool_)
+    draw(thing, cells, origin, resolution)
+    rectangles: list[Rectangle] = []
+    above: dict[tuple[int, int], int] = {}
+    for row in range(shape[0] + 1):
+        filled = cells[row] if row < shape[0] else np.zeros(shape[1], dtype=np.bool_)
+        edges = np.flatnonzero(np.diff(filled, prepend=False, append=False)).tolist()
+        runs = set(zip(edges[::2], edges[1::2], strict=True))
+        for (begin, end), first in list(above.items()):
+            if (begin, end) not in runs:
+                del above[begin, end]
+                left, right = (origin[0] + edge * resolution for edge in (begin + 0.25, end - 0.25))
+                bottom, top = (origin[1] + edge * resolution for edge in (first + 0.25, row - 0.25))
+                rectangles.append((left, bottom, right, top))
+        for run in sorted(runs):
+            above.setdefault(run, row)
+    return rectangles
 
 
 def _snapped(edge: float, resolution: float) -> float:
@@ -92,26 +137,21 @@ def draw(
         origin: The lower left corner of the cells (m).
         resolution: The side length of a cell (m).
     """
-    x0, y0, x1, y1 = thing.outline()
-    first_row, last_row = (math.floor((y - origin[1]) / resolution) for y in (y0, y1))
-    first_col, last_col = (math.floor((x - origin[0]) / resolution) for x in (x0, x1))
-    rows = np.arange(max(first_row - 1, 0), min(last_row + 2, len(cells)))
-    cols = np.arange(max(first_col - 1, 0), min(last_col + 2, len(cells[0])))
-    x = origin[0] + (cols + 0.5) * resolution - thing.position[0]
-    y = origin[1] + (rows[:, None] + 0.5) * resolution - thing.position[1]
-    if thing.kind == "cylinder":
-        away = np.hypot(x, y) - thing.size[0] / 2
-    else:
-        cos, sin = math.cos(thing.yaw), math.sin(thing.yaw)
-        along = np.abs(cos * x + sin * y) - thing.size[0] / 2
-        across = np.abs(cos * y - sin * x) - thing.size[1] / 2
-        away = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
-    cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] |= away < resolution / 2 - 1e-6
+    for piece in thing.pieces():
+        x0, y0, x1, y1 = piece.outline()
+        first_row, last_row = (math.floor((y - origin[1]) / resolution) for y in (y0, y1))
+        first_col, last_col = (math.floor((x - origin[0]) / resolution) for x in (x0, x1))
+        rows = np.arange(max(first_row - 1, 0), min(last_row + 2, len(cells)))
+        cols = np.arange(max(first_col - 1, 0), min(last_col + 2, len(cells[0])))
+        x = np.asarray(origin[0] + (cols + 0.5) * resolution, dtype=np.float64)
+        y = np.asarray(origin[1] + (rows[:, None] + 0.5) * resolution, dtype=np.float64)
+        near = piece.distances(x, y) < resolution / 2 - 1e-6
+        cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] |= near
 
 
-def _reached(map: OccupancyMap, scene: Scene) -> NDArray[np.bool_]:
+def _reached(map: OccupancyMap, glass: NDArray[np.bool_], scene: Scene) -> NDArray[np.bool_]:
     """Return the cells that are connected (by their sides) with the start pose or the start area."""
-    empty = ~map.occupied
+    empty = ~map.occupied & ~glass
     _, regions = cv2.connectedComponents(empty.astype(np.uint8), connectivity=4)
     x0, y0, x1, y1 = scene.area
     (row, col), (last_row, last_col) = map.cell(x0, y0), map.cell(x1, y1)

@@ -27,6 +27,9 @@ POLITE = 0.5
 FROM_WALLS = 0.35
 """Distance (m) that a person keeps from walls and objects."""
 
+FROM_DOORS = 0.1
+"""Distance (m) that a person keeps from the leaf of a door."""
+
 _NAME = "person_"
 _RATE = 20.0  # Hz of decisions; between two decisions the engine moves the bodies by their velocities
 _ROOM = RADIUS + FROM_WALLS + 0.03  # m: the clearance of a path; the map is exact to half a cell (0.025 m)
@@ -53,8 +56,9 @@ def with_people(scene: Scene, count: int, random: np.random.Generator) -> Scene:
     floor = ClearanceMap.of(scene)
     taken = [(scene.pose.x, scene.pose.y)] if scene.pose is not None else []
     things: list[SceneObject] = []
+    leaves = [thing for thing in scene.things if thing.name in scene.doors]
     for number in range(count):
-        place = _place(floor, random, taken, things)
+        place = _place(floor, random, taken, [*leaves, *things])
         if place is None:
             raise SimError(f"world '{scene.name}': there is no room for {count} people, only for {number}")
         shirt = _SHIRTS[number % len(_SHIRTS)]
@@ -68,14 +72,14 @@ def with_people(scene: Scene, count: int, random: np.random.Generator) -> Scene:
 
 
 def _place(
-    floor: ClearanceMap, random: np.random.Generator, robots: list[Point], people: list[SceneObject]
+    floor: ClearanceMap, random: np.random.Generator, robots: list[Point], others: list[SceneObject]
 ) -> Point | None:
     for _ in range(200):
         place = floor.random_point(random, _ROOM)
         if place is None:
             return None
         near = min((math.dist(place, robot) for robot in robots), default=math.inf)
-        if near >= _FAR and all(other.distance(*place) >= 1.0 for other in people):
+        if near >= _FAR and all(other.distance(*place) >= 1.0 for other in others):
             return place
     return None
 
@@ -106,7 +110,7 @@ class PeopleSimulation:
 
     *robot* returns the robot's pose, and *radius* (m) is the robot's radius. A person stops when the robot is
     ahead and nearer than `POLITE`. After 2 s the person chooses a goal in a direction away from the robot.
-    People do not walk into a standing robot, nor into the obstacles of the *floor*.
+    People do not walk into a standing robot, a closed door, nor into the obstacles of the *floor*.
     """
 
     def __init__(self, world: World, floor: ClearanceMap, robot: Callable[[], Pose2D], radius: float) -> None:
@@ -156,7 +160,14 @@ class PeopleSimulation:
         ahead = min(0.3, left)
         x = person.x + ahead * math.cos(person.heading)
         y = person.y + ahead * math.sin(person.heading)
+        if self._leads_to_door(person, x, y):
+            return False
         return self._floor.clearance_at(x, y) >= self._needed(person) - self._floor.map.resolution
+
+    def _leads_to_door(self, person: Person, x: float, y: float) -> bool:
+        """Return whether the way to the point (x, y; m) leads nearer to a door's leaf than `FROM_DOORS`."""
+        after = self._world.door_distance(x, y)
+        return after < RADIUS + FROM_DOORS and after < self._world.door_distance(person.x, person.y)
 
     def _needed(self, person: Person) -> float:
         """Return the clearance (m) that a path needs: less if the person's own place has less clearance."""

@@ -1,8 +1,8 @@
 """The visible surfaces of a world and its robot, as coloured faces at their present poses.
 
-Boxes, cylinders and spheres consist of flat faces with four corners. A face's corners are counter-clockwise
-when seen from outside. Round shapes become prisms and polyhedra with enough sides that the difference in a
-picture is at most a pixel.
+Boxes, cylinders, prisms and spheres consist of flat faces with four corners. A face's corners are
+counter-clockwise when seen from outside. Round shapes become prisms and polyhedra with enough sides that the
+difference in a picture is at most a pixel.
 """
 
 import math
@@ -96,6 +96,17 @@ def shape_faces(kind: str, size: Sequence[float]) -> Floats:
     return sphere_faces(size[0])
 
 
+def prism_faces(thing: SceneObject) -> Floats:
+    """Return the faces of a prism around the middle of its extent, shape `(n, 4, 3)`."""
+    half = thing.size[2] / 2
+    faces = [[(*a, -half), (*b, -half), (*b, half), (*a, half)] for a, b in thing.sides()]
+    for part in thing.parts:
+        corners = part if len(part) == 4 else (*part, part[-1])
+        faces.append([(*corner, half) for corner in corners])
+        faces.append([(*corner, -half) for corner in reversed(corners)])
+    return np.array(faces, dtype=np.float64)
+
+
 class RenderScene:
     """The faces of the floor, of all objects and of the robot. The meshes of its URDF are left out."""
 
@@ -110,7 +121,7 @@ class RenderScene:
         # The order of the faces in `now`.
         painted = [*still, *(entry[1:] for entry in self._moved), *(entry[1:] for entry in self._robot)]
         self.colors = np.concatenate([np.tile(color, (len(shape), 1)) for shape, color in painted])
-        """The colour (RGB, 0–255) of every face, shape `(n, 3)`."""
+        """The colour (RGBA, 0–255) of every face, shape `(n, 4)`."""
 
     def now(self) -> Floats:
         """Return all faces in the world frame (m), shape `(n, 4, 3)`; the robot's own faces come last."""
@@ -127,7 +138,10 @@ class RenderScene:
 
 
 def _shaped(thing: SceneObject) -> tuple[Floats, Floats]:
-    return shape_faces(thing.kind, thing.size), np.array(thing.color[:3], dtype=np.float64)
+    faces = prism_faces(thing) if thing.kind == "prism" else shape_faces(thing.kind, thing.size)
+    # Only glass is transparent: alpha of other objects is for the monitor alone.
+    color = thing.color if thing.is_glass else (*thing.color[:3], 255)
+    return faces, np.array(color, dtype=np.float64)
 
 
 def _standing(thing: SceneObject) -> tuple[Floats, Floats]:
@@ -141,7 +155,7 @@ def _floor(world: World) -> tuple[Floats, Floats]:
     x0, y0, x1, y1 = scene_extent(world.scene)
     shape = box_faces((x1 - x0, y1 - y0, _THICK))
     middle = ((x0 + x1) / 2, (y0 + y1) / 2, -_THICK / 2)
-    return Transform(middle).apply(shape), np.array(world.scene.floor[:3], dtype=np.float64)
+    return Transform(middle).apply(shape), np.array((*world.scene.floor[:3], 255), dtype=np.float64)
 
 
 def _robot(world: World, model: PhysicsBody) -> list[tuple[int, Floats, Floats]]:
@@ -154,5 +168,5 @@ def _robot(world: World, model: PhysicsBody) -> list[tuple[int, Floats, Floats]]
         # The engine's size of a cylinder is its length, then its radius.
         sizes = (2 * size[1], 2 * size[1], size[0]) if geometry == pybullet.GEOM_CYLINDER else size
         shape = Transform(place, turned).apply(shape_faces(_KINDS[geometry], sizes))
-        shapes.append((link, shape, 255.0 * np.array(color[:3], dtype=np.float64)))
+        shapes.append((link, shape, 255.0 * np.array((*color[:3], 1.0), dtype=np.float64)))
     return shapes

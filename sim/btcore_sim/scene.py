@@ -50,6 +50,9 @@ __all__ = ["Door", "Scene", "SceneObject", "load_scene", "scene_names"]
 
 SCENES = Path(__file__).parent / "scenes"
 
+SCHEMA = Path(__file__).with_name("world.schema.json")
+"""The JSON schema of a world's file."""
+
 KINDS = ("box", "cylinder", "table", "wall", "polygon", "hinged_door", "sliding_door")
 """The kinds of objects in a world's file."""
 
@@ -159,6 +162,14 @@ class SceneObject:
             return distance_to_parts(self.parts, along, across)
         along, across = np.abs(along) - self.size[0] / 2, np.abs(across) - self.size[1] / 2
         return np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
+
+    def pieces(self) -> list["SceneObject"]:
+        """Return the convex pieces of a prism, each as an object, or the object itself if it is no prism."""
+        return (
+            [_centred(replace(self, parts=(part,))) for part in self.parts]
+            if self.kind == "prism"
+            else [self]
+        )
 
     def sides(self) -> list[tuple[Point, Point]]:
         """Return the sides of a prism's outline (m), relative to *position* and *yaw*.
@@ -425,24 +436,24 @@ def _prism(record: JsonRecord, kind: str, name: str, yaw: float, color: Color, i
             parts = wall_quads(points, thickness, record.truth("closed", False))
     except OutlineError as error:
         raise record.error(str(error)) from None
-    xs, ys = zip(*itertools.chain.from_iterable(parts), strict=True)
-    # The position of an object is the middle of its extent.
+    position = (place[0], place[1], place[2] if len(place) == 3 else 0.0)
+    size = (0.0, 0.0, height)
+    return _centred(
+        SceneObject(name, "prism", size, position, yaw, 0.0, color, is_glass=is_glass, parts=tuple(parts))
+    )
+
+
+def _centred(prism: SceneObject) -> SceneObject:
+    """Return *prism* with its extent as *size*, and with the middle of its extent as *position*."""
+    xs, ys = zip(*itertools.chain.from_iterable(prism.parts), strict=True)
     x, y = (min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return SceneObject(
-        name=name,
-        kind="prism",
-        size=(max(xs) - min(xs), max(ys) - min(ys), height),
-        position=(
-            place[0] + cos * x - sin * y,
-            place[1] + sin * x + cos * y,
-            place[2] if len(place) == 3 else 0.0,
-        ),
-        yaw=yaw,
-        mass=0.0,
-        color=color,
-        is_glass=is_glass,
-        parts=tuple(tuple((px - x, py - y) for px, py in part) for part in parts),
+    cos, sin = math.cos(prism.yaw), math.sin(prism.yaw)
+    x0, y0, z0 = prism.position
+    return replace(
+        prism,
+        size=(max(xs) - min(xs), max(ys) - min(ys), prism.size[2]),
+        position=(x0 + cos * x - sin * y, y0 + sin * x + cos * y, z0),
+        parts=tuple(tuple((px - x, py - y) for px, py in part) for part in prism.parts),
     )
 
 

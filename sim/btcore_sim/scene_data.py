@@ -5,16 +5,19 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from typing import Any
 
+import numpy as np
+
+from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import TransformStamped
-from btcore_scene import UPRIGHT, Box, Cylinder, Frame, Part, Place, Sphere
+from btcore_scene import UPRIGHT, Box, Cylinder, Frame, Mesh, Part, Place, Sphere
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import SceneObject
-from btcore_sim.world import World, scene_extent
+from btcore_sim.world import World, prism_mesh, scene_extent
 
 
 def world_parts(world: World) -> list[Part]:
-    """Return the floor and all objects. A movable object has a frame of its own."""
+    """Return the floor and all objects except prisms. A movable object has a frame of its own."""
     x0, y0, x1, y1 = scene_extent(world.scene)
     floor = Box(
         name=f"{world.scene.name}/floor",
@@ -24,7 +27,13 @@ def world_parts(world: World) -> list[Part]:
         quaternion=UPRIGHT,
         color=world.scene.floor,
     )
-    return [floor, *(_object_part(world.scene.name, thing) for thing in world.scene.things)]
+    simple = (thing for thing in world.scene.things if thing.kind != "prism")
+    return [floor, *(_object_part(world.scene.name, thing) for thing in simple)]
+
+
+def world_meshes(world: World) -> list[Mesh]:
+    """Return the prisms among the objects."""
+    return [_prism(world.scene.name, thing) for thing in world.scene.things if thing.kind == "prism"]
 
 
 def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
@@ -98,6 +107,25 @@ def frame_chain(name: str, known: Iterable[TransformStamped], placed: Collection
         chain.append(Frame(frame.child, frame.parent, frame.position, frame.quaternion))
         name = frame.parent
     return chain
+
+
+def _prism(scene: str, thing: SceneObject) -> Mesh:
+    corners, indices = prism_mesh(thing)
+    x, y, z = thing.position
+    turned = (0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2))
+    placed = Transform((x, y, z + thing.size[2] / 2), turned).apply(np.array(corners))
+    # Each triangle has corners of its own, so that the edges of the prism are sharp.
+    triangles = placed[indices].reshape(-1, 3, 3)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    return Mesh(
+        name=f"{scene}/{thing.name}",
+        frame="map",
+        color=thing.color,
+        vertices=triangles.astype("<f4").tobytes(),
+        normals=np.repeat(normals, 3, axis=0).astype("<f4").tobytes(),
+        triangles=np.arange(3 * len(triangles), dtype="<u4").tobytes(),
+    )
 
 
 def _object_part(scene: str, thing: SceneObject) -> Part:

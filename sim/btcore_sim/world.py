@@ -94,7 +94,7 @@ class World:
         """The objects of the scene, by PyBullet's IDs of their bodies."""
         self.movable = tuple(body for body, thing in self.bodies.items() if not thing.still)
         """PyBullet's IDs of the bodies that can move: by a push, or by `move_kinematic_body`."""
-        self._doors = MovingDoors(self.client, scene.doors, self.bodies, self.floor, self.rate)
+        self._doors = MovingDoors(self.client, scene.doors, self.bodies, self.rate)
         self.schedule.every(self.rate, Phase.PHYSICS, self._step)
 
     def now(self) -> int:
@@ -244,7 +244,8 @@ class World:
             # PyBullet calls a cylinder's height "length" in a visual shape.
             drawn = {"radius": hull["radius"], "length": hull["height"]}
         else:
-            kind, drawn = pybullet.GEOM_MESH, _prism_mesh(thing)
+            corners, indices = prism_mesh(thing)
+            kind, drawn = pybullet.GEOM_MESH, {"vertices": corners, "indices": indices}
             # One body and one shape for a concave outline; the engine fills the convex hull of other meshes.
             hull = {**drawn, "flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH}
         shape = pybullet.createCollisionShape(kind, **hull, **engine)
@@ -318,8 +319,16 @@ def scene_extent(scene: Scene) -> Rectangle:
     return *map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))
 
 
-def _prism_mesh(thing: SceneObject) -> dict[str, Any]:
-    """Return the corners and triangles of a prism around the middle of its extent, for PyBullet."""
+def prism_mesh(thing: SceneObject) -> tuple[list[tuple[float, float, float]], list[int]]:
+    """Return the surface of a prism around the middle of its extent.
+
+    Args:
+        thing: The prism.
+
+    Returns:
+        The corners (x, y, z in m), and three indices of corners for each triangle, counter-clockwise seen
+        from outside.
+    """
     half = thing.size[2] / 2
     corners: list[tuple[float, float, float]] = []
     indices: list[int] = []
@@ -333,7 +342,7 @@ def _prism_mesh(thing: SceneObject) -> dict[str, Any]:
         first = len(corners)
         corners += [(x0, y0, -half), (x1, y1, -half), (x1, y1, half), (x0, y0, half)]
         indices += [first, first + 1, first + 2, first, first + 2, first + 3]
-    return {"vertices": corners, "indices": indices}
+    return corners, indices
 
 
 def _connect(gui: bool) -> int:

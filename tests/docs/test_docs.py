@@ -57,6 +57,7 @@ NEEDS = {
     "patrol": BOOK_NEEDS,
     "sweeps": ("distributed",),
     "type_checkers": ("mypy",),
+    "worlds": BOOK_NEEDS,
 }
 FENCE = re.compile(r"( *)(`{3,}|~{3,}) *(.*?) *$")
 FILE = re.compile(r"(python|xml|json|yaml) ([\w.]+\.(?:py|xml|urdf|json|yaml))")

@@ -146,7 +146,7 @@ FACTS = CameraInfo(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1, 20.0, 10.0, "lens")
 def painted(*boxes: tuple[tuple[float, float, float], tuple[float, float, float], int]) -> tuple:
     """Draw boxes (size, place, shade of grey) before a camera at the origin that faces z."""
     shapes = [Transform(place).apply(box_faces(size)) for size, place, _ in boxes]
-    colors = np.concatenate([np.full((6, 3), float(shade)) for *_, shade in boxes])
+    colors = np.concatenate([np.tile((shade, shade, shade, 255.0), (6, 1)) for *_, shade in boxes])
     return Renderer(FACTS).draw(np.concatenate(shapes), colors, np.zeros(3), np.eye(3))
 
 
@@ -163,7 +163,7 @@ def test_intersecting_objects_are_separated_where_their_depths_are_equal():
     turned = (0.0, math.sin(0.3), 0.0, math.cos(0.3))
     slanted = Transform((0.0, 0.0, 3.0), turned).apply(box_faces((4.0, 0.4, 0.02)))
     flat = Transform((0.0, 0.0, 3.0)).apply(box_faces((4.0, 4.0, 0.02)))
-    colors = np.concatenate((np.full((6, 3), 40.0), np.full((6, 3), 200.0)))
+    colors = np.repeat([(40.0, 40.0, 40.0, 255.0), (200.0, 200.0, 200.0, 255.0)], 6, axis=0)
     rgb, _ = Renderer(FACTS).draw(np.concatenate((slanted, flat)), colors, np.zeros(3), np.eye(3))
     row = rgb[24, :, 0] < 100
     assert row[40:50].all() != row[14:24].all()

@@ -14,9 +14,9 @@ from btcore_monitor.screen.camera_view import CameraView
 from btcore_monitor.screen.floor import Floor
 from btcore_monitor.screen.navigation_markers import NavigationMarkers
 from btcore_monitor.screen.row_buffer import RowBuffer, Series, curve, entity_part, scalars
-from btcore_monitor.screen.shapes import archetypes, extent
+from btcore_monitor.screen.shapes import archetypes, extent, surface
 from btcore_monitor.screen.style import Palette
-from btcore_scene import UPRIGHT, Laser, MovingScene, Part, StaticScene
+from btcore_scene import UPRIGHT, Laser, Mesh, MovingScene, Part, StaticScene
 
 ORIGIN: Final = "scene"
 TRAIL: Final = f"{ORIGIN}/trail"
@@ -46,6 +46,7 @@ _FAN_REACH: Final = 6.0
 _BODIES: Final = ("base_footprint", "base_link")
 """Frames that stand for the whole robot (names by REP 105)."""
 _FRAMES_DEEP: Final = 100
+_MESH: Final = "mesh"
 _SPAN: Final = 6.0
 """Smallest extent (m) of the world that is in view."""
 _TRAIL_STEP: Final = 0.02
@@ -131,6 +132,13 @@ class SceneView:
             for name, shape in archetypes(parts, around=frame == self._root):
                 entity = f"{ORIGIN}/parts/{entity_part(frame)}/{name}"
                 log(entity, self._rows.in_frame(frame), shape, static=True)
+        surfaces: dict[str, list[Mesh]] = defaultdict(list)
+        for mesh in data.meshes:
+            surfaces[mesh.frame or self._root].append(mesh)
+        for frame, meshes in surfaces.items():
+            entity = f"{ORIGIN}/parts/{entity_part(frame)}/{_MESH}"
+            shape = surface(meshes, around=frame == self._root)
+            log(entity, self._rows.in_frame(frame), shape, static=True)
         if data.footprint_radius is not None:
             self._markers.footprint = data.footprint_radius
         self._draw_sensors()
@@ -294,7 +302,8 @@ class SceneView:
 
     def _body(self) -> str:
         """Return the entity of the robot's body, which a close-up follows, or "" without a body."""
-        frames = {part.frame or self._root: part.kind for part in self._static.parts}
+        frames = {mesh.frame or self._root: _MESH for mesh in self._static.meshes}
+        frames |= {part.frame or self._root: part.kind for part in self._static.parts}
         for frame in (*_BODIES, *frames):
             if frame in frames and frame != self._root:
                 return f"{ORIGIN}/parts/{entity_part(frame)}/{frames[frame]}"

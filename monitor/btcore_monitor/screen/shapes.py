@@ -1,4 +1,4 @@
-"""Drawings of boxes, cylinders and spheres, with walls cut at a low height, on a dark floor."""
+"""Drawings of boxes, cylinders, spheres and meshes, with walls cut at a low height, on a dark floor."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -6,8 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
-from btcore_scene import UPRIGHT, Box, Color, Cylinder, Grid, Part, Sphere
+from btcore_scene import UPRIGHT, Box, Color, Cylinder, Grid, Mesh, Part, Sphere
 
 CUT_AT: Final = 0.4
 """Height (m) above which objects of the world are drawn as outlines, and walls not at all.
@@ -39,6 +40,33 @@ def archetypes(parts: Sequence[Part], around: bool) -> Iterator[tuple[str, Any]]
     high = [_lit(part, _OUTLINE_LIGHT) for part in parts if _height(part) > CUT_AT and not _is_wall(part)]
     if high:
         yield f"{kind}_outlines", _shape(high, "majorwireframe")
+
+
+def surface(meshes: Sequence[Mesh], around: bool) -> Any:
+    """Return a rerun archetype with all *meshes*, which have the same frame.
+
+    Args:
+        meshes: The meshes.
+        around: Whether the meshes belong to the robot's world; their upper parts are then flattened at
+            `CUT_AT`, which cuts vertical walls.
+    """
+    vertices = [_rows(mesh.vertices, "<f4") for mesh in meshes]
+    if around:
+        vertices = [np.minimum(points, np.array((np.inf, np.inf, CUT_AT))) for points in vertices]
+    counts = [len(points) for points in vertices]
+    before = np.cumsum([0, *counts[:-1]])
+    triangles = [_rows(mesh.triangles, "<u4") + first for mesh, first in zip(meshes, before, strict=True)]
+    colors = np.array([mesh.color or _COLOR for mesh in meshes], dtype=np.uint8)
+    return rr.Mesh3D(
+        vertex_positions=np.concatenate(vertices),
+        vertex_normals=np.concatenate([_rows(mesh.normals, "<f4") for mesh in meshes]),
+        triangle_indices=np.concatenate(triangles),
+        vertex_colors=np.repeat(colors, counts, axis=0),
+    )
+
+
+def _rows(data: bytes, kind: str) -> NDArray[Any]:
+    return np.frombuffer(data, dtype=kind).reshape(-1, 3)
 
 
 def extent(

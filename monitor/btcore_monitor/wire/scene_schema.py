@@ -6,6 +6,7 @@ entry has the key `coding` with the value `zlib`. Received maps are checked agai
 of the messages. Unknown keys of a received scene become its `extra`.
 """
 
+import struct
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
@@ -14,7 +15,7 @@ from types import NoneType
 from typing import Annotated, Any, Final, Literal, get_args, get_origin, get_type_hints
 
 from btcore_monitor.wire.errors import ProtocolError, describe_value
-from btcore_scene import Grid, MovingScene, Picture, StaticScene
+from btcore_scene import Grid, Mesh, MovingScene, Picture, StaticScene
 
 CELLS_AT_MOST: Final = 1 << 25
 """Maximum accepted cells and pixels of a message: a few compressed bytes could fill the memory."""
@@ -62,12 +63,23 @@ def unpack_scene(data: Mapping[str, Any], kind: str) -> Scene:
     if sum(abs(width * height) for width, height in sizes) > CELLS_AT_MOST:
         raise ProtocolError(f"expected at most {CELLS_AT_MOST} cells and pixels in a '{kind}' message")
     known = {field.name for field in fields(scene)}
+    for mesh in getattr(scene, "meshes", ()):
+        _check_mesh(mesh)
     changed: dict[str, Any] = {"extra": {key: value for key, value in data.items() if key not in known}}
     for key, blob in _BLOBS.items():
         if key in known and key in data:
             entries = zip(getattr(scene, key), data[key], strict=True)
             changed[key] = tuple(_inflated(entry, sent, key, blob) for entry, sent in entries)
     return replace(scene, **changed)
+
+
+def _check_mesh(mesh: Mesh) -> None:
+    count = len(mesh.vertices) // 12
+    if len(mesh.normals) != len(mesh.vertices):
+        raise ProtocolError(f"expected a normal for each of the {count} vertices of a mesh")
+    highest = max(struct.unpack(f"<{len(mesh.triangles) // 4}I", mesh.triangles), default=-1)
+    if highest >= count:
+        raise ProtocolError(f"expected triangles of {count} vertices, and got the vertex {highest}")
 
 
 def _plain(value: Any) -> Any:

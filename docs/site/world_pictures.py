@@ -1,0 +1,104 @@
+"""Draw the pictures of docs/guides/worlds.md with the renderer of the simulated camera.
+
+``python docs/site/world_pictures.py docs/images/world_kinds.png`` draws the example of each kind of object in
+the JSON schema of worlds, beside the robot; ``… docs/images/world_lobby.png lobby`` draws a whole world.
+"""
+
+import json
+import math
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_robot.robot import CameraInfo
+from btcore_sim.render_scene import RenderScene
+from btcore_sim.renderer import Renderer
+from btcore_sim.scene import KINDS, SCHEMA, Scene, load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World, scene_extent
+
+FINER = 3  # each pixel is the mean of 3 x 3 pixels, for smooth edges
+TILE = (300, 225)
+CRATE = {"name": "crate", "kind": "box", "position": [0, 0.5], "size": [0.5, 0.5, 0.5], "color": "#b5793c"}
+PANE = {"name": "pane", "kind": "box", "position": [0, -0.3], "size": [1.6, 0.03, 1.2], "material": "glass"}
+JAMBS = (
+    {"name": "west", "kind": "wall", "points": [[-1.6, 0], [-0.45, 0]], "height": 1.6, "color": "#d9d4c7"},
+    {"name": "east", "kind": "wall", "points": [[0.45, 0], [1.6, 0]], "height": 1.6, "color": "#d9d4c7"},
+)
+GROUND = {
+    "name": "ground",
+    "kind": "box",
+    "position": [0, 0.1, -0.01],
+    "size": [3.6, 3.0, 0.01],
+    "color": "#a8adb2",
+}
+HALF_OPEN = 0.4
+
+
+def draw(scene: Scene, size: tuple[int, int], span: float, up: float) -> NDArray[np.uint8]:
+    """Return a picture (BGR) of a world with its robot, seen from the south.
+
+    Args:
+        scene: The world. Its doors are drawn at `HALF_OPEN`.
+        size: Width and height (pixels).
+        span: The width (m) that the picture shows at the middle of the world.
+        up: The angle (rad) of the view above the horizon.
+    """
+    leaves = {name: door.placed(_thing(scene, name), HALF_OPEN) for name, door in scene.doors.items()}
+    things = tuple(leaves.get(thing.name, thing) for thing in scene.things)
+    world = World(replace(scene, things=things, doors={}))
+    body = SimulatedRobot(world, camera=None)
+    visible = RenderScene(world, body.model)
+    width, height = (FINER * side for side in size)
+    x0, y0, x1, y1 = scene_extent(scene) if scene.waypoints else (-1.0, -1.0, 1.0, 1.0)
+    away = 2.2 * span
+    ahead = np.array((0.0, math.cos(up), -math.sin(up)))
+    eye = np.array(((x0 + x1) / 2, (y0 + y1) / 2, 0.5)) - away * ahead
+    right = np.array((1.0, 0.0, 0.0))
+    focal = width * away / span
+    lens = CameraInfo(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, 0.1, 99.0, 1.0, "eye")
+    axes = np.stack((right, np.cross(ahead, right), ahead), axis=1)
+    rgb, _ = Renderer(lens).draw(visible.now(), visible.colors, eye, axes)
+    world.close()
+    picture: NDArray[np.uint8] = cv2.resize(rgb[:, :, ::-1], size, interpolation=cv2.INTER_AREA)
+    return picture
+
+
+def _thing(scene: Scene, name: str) -> Any:
+    return next(thing for thing in scene.things if thing.name == name)
+
+
+def kinds() -> NDArray[np.uint8]:
+    """Return a picture (BGR) with a tile for each kind of object, and one for glass."""
+    examples = json.loads(SCHEMA.read_text(encoding="utf-8"))["$defs"]
+    tiles = {kind: [examples[kind]["examples"][0]] for kind in KINDS}
+    for kind in ("hinged_door", "sliding_door"):
+        tiles[kind] += JAMBS
+    tiles['"material": "glass"'] = [CRATE, PANE]
+    drawn = []
+    for name, objects in tiles.items():
+        world = {"start": {"pose": [-1.15, 1.0, -0.8]}, "objects": [GROUND, *objects]}
+        with tempfile.NamedTemporaryFile("w", suffix=".json", encoding="utf-8") as file:
+            json.dump(world, file)
+            file.flush()
+            tile = draw(load_scene(file.name), TILE, 4.2, math.radians(32))
+        cv2.putText(tile, name, (8, 20), cv2.FONT_HERSHEY_DUPLEX, 0.55, (60, 50, 40), 1, cv2.LINE_AA)
+        drawn.append(cv2.copyMakeBorder(tile, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=(255, 255, 255)))
+    return np.vstack([np.hstack(drawn[:4]), np.hstack(drawn[4:])])
+
+
+def main(target: str, world: str = "") -> None:
+    """Draw a picture into the file *target*: the kinds of objects, or the *world*."""
+    picture = draw(load_scene(world), (900, 680), 11.8, math.radians(66)) if world else kinds()
+    cv2.imwrite(target, picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    print(f"{target}: {Path(target).stat().st_size / 1000:.0f} kB")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
