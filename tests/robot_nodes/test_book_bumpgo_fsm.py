@@ -13,6 +13,7 @@ from btcore_robot.control.bumpgo_fsm import (
     Diagonals,
     OpenLoop,
     freest_direction,
+    is_lane_blocked,
 )
 from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.process.robot_bridge import RobotBridge
@@ -157,9 +158,33 @@ def test_exercise_the_freest_direction_has_room_to_both_sides(robot):
     assert freest_direction(scan) == pytest.approx(math.radians(60.0), abs=0.02)
 
 
-def turned(kind: type[BumpGo], seconds: float) -> tuple[SimulatedRobot, BumpGo, float]:
+@pytest.mark.parametrize(
+    ("ahead", "aside", "blocked"),
+    [
+        (0.5, 0.0, True),
+        (0.9, 0.35, True),
+        (0.9, -0.35, True),
+        (0.05, 0.39, True),
+        (0.5, 0.45, False),
+        (1.05, 0.0, False),
+        (-0.1, 0.3, False),
+    ],
+)
+def test_exercise_an_obstacle_anywhere_in_the_lane_blocks_it(ahead: float, aside: float, blocked: bool):
+    ranges = np.full(1081, np.inf, dtype=np.float32)
+    ranges[::7] = np.nan
+    increment = math.radians(0.25)
+    ray = round((math.atan2(aside, ahead) + math.radians(135.0)) / increment)
+    ranges[ray] = math.hypot(ahead, aside)
+    scan = LaserScan(ranges, 0, -math.radians(135.0), increment, 0.05, 25.0, "laser")
+    assert is_lane_blocked(scan) is blocked
+    ranges[540] = -math.inf
+    assert is_lane_blocked(scan)
+
+
+def turned(kind: type[BumpGo], seconds: float, seed: int = 2) -> tuple[SimulatedRobot, BumpGo, float]:
     """Run the process in the simulator; return the robot, the process, and the distance."""
-    body = SimulatedRobot(World(load_scene("arena_boxes"), seed=2))
+    body = SimulatedRobot(World(load_scene("arena_boxes"), seed=seed))
     context = ProcessContext(body.clock, body.schedule, lambda line: None, robot=body)
     executor = Executor(body.schedule, body.clock)
     process = kind(context, ProcessOptions(remap={"input_scan": "scan_raw", "output_vel": "nav_vel"}))
@@ -175,6 +200,14 @@ def test_in_the_simulator_the_robot_avoids_obstacles(kind: type[BumpGo]):
     assert distance > 6.0
     assert process.changes >= 3
     assert body.contacts.collisions == 0
+    body.world.close()
+
+
+def test_exercise_closed_loop_the_robot_does_not_run_into_corners_beside_the_middle_beam():
+    # With seed 15, a box covers half of the robot's width after 1.3 m, and the middle beam misses the box.
+    body, _, distance = turned(ClosedLoop, 8.0, seed=15)
+    assert distance > 1.3
+    assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
     body.world.close()
 
 

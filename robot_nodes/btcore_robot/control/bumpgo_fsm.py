@@ -34,6 +34,8 @@ AHEAD = math.radians(30.0)
 
 At 1 m this is 0.5 m to each side: the robot's radius and 0.2 m of margin.
 """
+HALF_WIDTH = 0.4
+"""Half the width (m) of the lane that `OpenLoop` and `ClosedLoop` keep free: Tiago's radius and 0.13 m."""
 LONGEST_TURN = 2 * math.pi / SPEED_ANGULAR
 """The maximum duration (s) of a turn in `ClosedLoop`: after a full turn the laser has seen all directions."""
 
@@ -210,6 +212,20 @@ def freest_direction(scan: LaserScan) -> float:
     return float(angles[freest[np.argmin(np.abs(angles[freest]))]])
 
 
+def is_lane_blocked(scan: LaserScan) -> bool:
+    """Return whether an obstacle is in the lane ahead, `OBSTACLE_DISTANCE` long and twice `HALF_WIDTH` wide.
+
+    An echo that is too near for the laser is an obstacle.
+    """
+    angles = scan.angles()
+    ranges = np.where(np.isneginf(scan.ranges), 0.0, scan.ranges)
+    # Rays without an echo are infinite or NaN: their products with a sine or cosine are no distances.
+    near = ranges <= math.hypot(OBSTACLE_DISTANCE, HALF_WIDTH)
+    ahead, aside = ranges[near] * np.cos(angles[near]), ranges[near] * np.sin(angles[near])
+    in_lane = (ahead >= 0.0) & (ahead < OBSTACLE_DISTANCE) & (np.abs(aside) < HALF_WIDTH)
+    return bool(in_lane.any())
+
+
 class Diagonals(BumpGo):
     """Check the middle beam and both diagonals for obstacles, and turn to the side with more room."""
 
@@ -234,12 +250,20 @@ class Diagonals(BumpGo):
 
 
 class OpenLoop(BumpGo):
-    """Turn to the freest direction for a time that is computed before the turn: angle divided by speed."""
+    """Turn to the freest direction for a time that is computed before the turn: angle divided by speed.
+
+    The freest direction often leads past corners that the middle beam misses. Therefore an obstacle is
+    anything in the lane ahead that is as wide as the robot.
+    """
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__(context, options)
         self.angle = 0.0
         """The angle (rad) to turn by, from the direction in which the turn starts."""
+
+    def is_blocked(self, scan: LaserScan) -> bool:
+        """Return whether there is an obstacle in the lane ahead."""
+        return is_lane_blocked(scan)
 
     def enter(self, state: BumpGoState) -> None:
         """Change to *state*; before a turn, choose the direction."""
@@ -264,5 +288,6 @@ class ClosedLoop(OpenLoop):
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
         """Return the velocity of the turn; the next state is FORWARD when there is free space ahead."""
-        done = clearance_ahead(scan) >= 2 * OBSTACLE_DISTANCE or elapsed > LONGEST_TURN * NS_PER_S
+        is_free = clearance_ahead(scan) >= 2 * OBSTACLE_DISTANCE and not self.is_blocked(scan)
+        done = is_free or elapsed > LONGEST_TURN * NS_PER_S
         return Twist2D(0.0, math.copysign(SPEED_ANGULAR, self.angle)), BumpGoState.FORWARD if done else None
