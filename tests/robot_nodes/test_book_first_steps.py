@@ -301,6 +301,10 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
         ("nodes: []\n", ":1: a launch file is 'launch:'"),
         ("launch: [\n", ":2:1: not valid YAML"),
         ("launch:\n- include: {file: f.yaml}\n", "includes itself, directly or through other files"),
+        (
+            "launch:\n- include: {file: bringup.launch.py}\n",
+            r"bringup\.launch\.py is a launch file in Python, but only .* YAML .* 'launch:'.* `ros2 launch`",
+        ),
         ("launch:\n- include: {file: none.yaml}\n", "none.yaml: no such file"),
     ],
 )

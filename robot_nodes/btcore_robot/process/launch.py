@@ -33,6 +33,7 @@ from btcore_robot.yaml_errors import yaml_errors
 
 _LINE = "__line__"
 _NODE_KEYS = {"exec", "name", "pkg", "remap", "param", "output"}
+_OTHER_FORMATS = {".py": "Python", ".xml": "XML"}  # the other formats of ROS 2's launch files, by suffix
 _MAX_DEPTH = 16  # levels of includes; a deeper level means that a file includes itself
 
 
@@ -92,6 +93,12 @@ def read_launch(path: Path, depth: int = 0) -> list[LaunchEntry]:
     """
     if depth > _MAX_DEPTH:
         raise LaunchError(f"{path} includes itself, directly or through other files")
+    if path.suffix in _OTHER_FORMATS:
+        raise LaunchError(
+            f"{path} is a launch file in {_OTHER_FORMATS[path.suffix]}, but only launch files in YAML are "
+            "supported: write its nodes to a .launch.yaml file as 'launch:' and a list of '- node: {exec: "
+            "PROGRAM}'; a launch file for other ROS nodes is started by `ros2 launch`"
+        )
     text = read_text(path, "a launch file in YAML", LaunchError)
     with yaml_errors(path, LaunchError):
         content = yaml.load(text, Loader=_LineLoader)
