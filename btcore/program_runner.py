@@ -18,7 +18,7 @@ from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import GatheredResources, gather_resources, load_extensions, merge_reports
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.run import FiniteRange, RunCommand, clock_of
+from btcore.cli.run import FiniteRange, RunCommand, clock_of, warn_unused_options
 from btcore.cli.run_report import END_REASON_TEXT, print_figures
 from btcore.cli.terminal import print_json
 from btcore.cli.tick_loop import EndReason, TickLoop, ending_signals, signal_handlers
@@ -108,6 +108,7 @@ def require_resources(
         ExtensionError: An installed extension cannot be used.
     """
     gathered = provide_resources(ctx, settings, wanted)
+    warn_unused_options(ctx, gathered.idle, "this command")
     missing = load_extensions(ctx).missing
     for kind in wanted:
         if not any(isinstance(resource, kind) for resource in gathered.resources):

@@ -230,7 +230,7 @@ def create_session(
     initial_blackboard.write(tree, settings["entries"])
     terminal.print_diagnostics(examined.diagnostics.warnings)
     substitute.warn_unused_rules(tree)
-    _warn_unused_options(ctx, idle)
+    warn_unused_options(ctx, idle)
     return RunSession(tree, source, settings, [*extensions, *joining], resources, saves)
 
 
@@ -265,12 +265,13 @@ def read_tree_source(
     return source, examined, nodes
 
 
-def _warn_unused_options(ctx: click.Context, idle: Sequence[RunExtension]) -> None:
+def warn_unused_options(ctx: click.Context, idle: Sequence[RunExtension], subject: str = "the tree") -> None:
     """Print a warning for options on the command line that no leaf of the tree uses.
 
     Args:
         ctx: The context of the command.
         idle: The extensions that provided no resource.
+        subject: The subject of the sentence: what has no such leaf.
     """
     for extension in idle:
         given = [
@@ -281,7 +282,7 @@ def _warn_unused_options(ctx: click.Context, idle: Sequence[RunExtension]) -> No
         if extension.used_by is not None and given:
             have = "has" if len(given) == 1 else "have"
             terminal.print_warning(
-                f"{join_names(given)} {have} no effect: the tree has no {extension.used_by}"
+                f"{join_names(given)} {have} no effect: {subject} has no {extension.used_by}"
             )
 
 

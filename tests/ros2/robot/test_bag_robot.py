@@ -327,6 +327,16 @@ def test_wait_for_a_save_ends_with_the_bag(run: Callable[..., Result], tmp_path:
     assert "until the end of the recording" in result.stderr
 
 
+def test_options_of_the_simulated_robot_have_no_effect_on_a_bag(
+    run: Callable[..., Result], tmp_path: Path
+) -> None:
+    BagFile(tmp_path).write()
+    assert (
+        "warning: --world has no effect: the tree has no leaf that needs a simulated robot, "
+        "because its robot is the BagRobot of btcore_ros2"
+    ) in run("--world", "house").stderr
+
+
 def test_trees_without_a_robot_and_with_ros_leaves(run: Callable[..., Result], tmp_path: Path) -> None:
     tree = '<root BTCPP_format="4"><BehaviorTree ID="Main">{}</BehaviorTree></root>'
     (tmp_path / "plain.xml").write_text(tree.format("<AlwaysSuccess/>"))
