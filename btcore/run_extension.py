@@ -64,7 +64,7 @@ class RunExtension(Protocol):
     """The leaves without which *options* have no effect, as a noun phrase: "leaf that needs a robot".
 
     `btcore run` prints a warning if the options are given for a tree without such leaves. None means that
-    the options always have an effect.
+    the options always have an effect. `provide` may change the value, to give the reason for the warning.
     """
 
     is_fallback: bool = False
@@ -125,6 +125,8 @@ class RunExtension(Protocol):
 
         Raises:
             click.UsageError: The tree cannot be run with these options.
+            click.ClickException: On exit: the run could not continue. The message is printed, and the exit
+                code is 2.
             OutputError: On exit: an output is incomplete. The summary is printed, and the exit code is 4.
         """
         return nullcontext()

@@ -42,8 +42,8 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
         A dict. `code`: the exit code; `report`: the object that `--json` prints, or None if the run
         could not start; `failed_at`: the path of the node that made the tree fail or that raised an
         exception, or None; `warnings`: the messages of the first warnings; `fault`: why the run could not
-        start, or None (code 2: an error of the user, 70: an internal error); `wall_s`: the duration (s of
-        real time).
+        start or continue, or None (code 2: an error of the user, 70: an internal error); `began`: True if
+        the run could not continue, otherwise missing; `wall_s`: the duration (s of real time).
     """
     stderr = io.StringIO()
     result: Result
@@ -77,7 +77,12 @@ def _run(command: Sequence[str]) -> Result:
     with run.make_context("run", list(command)) as context:
         cause = FailureCause()
         session = create_session(context, context.params, [cause], _installed())
-        _, code, figures = session.execute()
+        try:
+            _, code, figures = session.execute()
+        except click.UsageError:
+            raise
+        except click.ClickException as reason:
+            return {**_not_started(ExitCode.USER_ERROR, reason.format_message()), "began": True}
         # Convert to JSON and back, as for --json: a report that is not JSON data raises here, in the worker.
         report = json.loads(json.dumps(session.outcome.report(session.tree, figures)))
         error = session.outcome.error

@@ -92,8 +92,12 @@ def run_sweep(
 
 
 def _raise_user_error(record: Record, episode: Episode, sweep: SweepDefinition) -> None:
-    """Raise UsageError if an episode with the first seed had a user error, which all seeds would repeat."""
-    if record["code"] == ExitCode.USER_ERROR and episode.number < len(sweep.settings):
+    """Raise UsageError if an episode with the first seed had a user error, which all seeds would repeat.
+
+    An error after the start of a run, such as an event that was not possible, may be due to the seed.
+    """
+    had_error = record["code"] == ExitCode.USER_ERROR and not record.get("began")
+    if had_error and episode.number < len(sweep.settings):
         values = f"\n({format_setting(episode.values)})" if episode.values else ""
         raise click.UsageError(f"{record['fault']}{values}")
 

@@ -473,6 +473,16 @@ class Waypoints:
 
 
 @dataclass(frozen=True, slots=True)
+class InitialPose:
+    """The *pose* of the robot in the frame `map` at the start of a run; None if it is unknown.
+
+    The localiser begins with this pose. If it is unknown, the localiser searches the whole map.
+    """
+
+    pose: Pose2D | None
+
+
+@dataclass(frozen=True, slots=True)
 class GoalOutcome:
     """The end of a navigation to *goal* (in the frame `map`) at the time *stamp* (ns).
 

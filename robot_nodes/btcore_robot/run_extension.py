@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from btcore_robot.leaves.explore import Explorer, MapFile
 from btcore_robot.leaves.lifecycle_leaves import HeadTrackerProtocol, ObjectLocatorProtocol
 from btcore_robot.leaves.navigate import PoseNavigator
 from btcore_robot.leaves.waypoint import GetWaypoint
-from btcore_robot.robot import Robot, Waypoints
+from btcore_robot.robot import InitialPose, Robot, Waypoints
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,7 +69,8 @@ class NavigationExtension(RunExtension):
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
         """Return the types of the required resources.
 
-        Leaves that navigate or explore require a robot and a map. Leaves that only track require a robot.
+        Leaves that navigate or explore require a robot, a map and, if it is available, the robot's initial
+        pose. Leaves that only track require a robot.
         Waypoints are those of the simulated world, if there is one.
         """
         navigates, explores, tracks = _required_features(wanted)
@@ -79,7 +81,7 @@ class NavigationExtension(RunExtension):
             return (Robot, *places)
         from btcore_robot.navigation.occupancy_map import OccupancyMap
 
-        return (Robot, OccupancyMap, *places)
+        return (Robot, OccupancyMap, InitialPose, *places)
 
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
@@ -170,6 +172,7 @@ def _navigation(robot: Robot, settings: Mapping[str, Any], provided: Sequence[ob
     for cells, missing in ((map.free, "free floor"), (map.occupied, "wall")):
         if not cells.any():
             raise click.UsageError(f"there is no {missing} on the map, so navigation is not possible")
+    parameters = _with_initial_pose(parameters, settings, provided)
     with _plugin_errors_reported(settings):
         return Navigation(robot, map, _random(settings), folder(), parameters)
 
@@ -181,6 +184,7 @@ def _exploration(robot: Robot, settings: Mapping[str, Any], provided: Sequence[o
     # Only the keep-out areas of an existing map are used: table tops, which the laser cannot detect.
     map, parameters = _map(settings, provided), _parameters(settings)
     keepout = map.keepout if map is not None else ()
+    parameters = _with_initial_pose(parameters, settings, provided)
     with _plugin_errors_reported(settings):
         return Exploration(robot, _random(settings), folder(), parameters, keepout)
 
@@ -227,6 +231,38 @@ def _parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
     for warning in (*parameters.warnings, *missing):
         click.echo(f"warning: {escape_controls(warning)}", err=True)
     return parameters
+
+
+def _with_initial_pose(
+    parameters: "NavigationParameters | None", settings: Mapping[str, Any], provided: Sequence[object]
+) -> "NavigationParameters | None":
+    """Return *parameters* with the initial pose among *provided*, unless the user's file has another pose.
+
+    If the initial pose is known to be unknown, the file has no effect on it.
+    """
+    from btcore_robot.navigation.parameters import NavigationParameters
+
+    initial = next((resource for resource in provided if isinstance(resource, InitialPose)), None)
+    if initial is None or (initial.pose is not None and _has_initial_pose(settings.get("nav_params"))):
+        return parameters
+    parameters = parameters or NavigationParameters()
+    if initial.pose is None:
+        amcl = replace(parameters.amcl, set_initial_pose=False)
+    else:
+        x, y, yaw = initial.pose.x, initial.pose.y, initial.pose.yaw
+        amcl = replace(parameters.amcl, initial_pose_x=x, initial_pose_y=y, initial_pose_yaw=yaw)
+    return replace(parameters, amcl=amcl)
+
+
+def _has_initial_pose(file: Path | None) -> bool:
+    """Return whether the parameters in *file* determine the initial pose of the localiser."""
+    if file is None:
+        return False
+    from btcore_robot.navigation.parameter_files import EVERY_SERVER, read_settings
+
+    servers = read_settings(file)
+    names = {*servers.get("amcl", ()), *servers.get(EVERY_SERVER, ())}
+    return any(name.startswith("initial_pose") for name in names)
 
 
 def _random(settings: Mapping[str, Any]) -> "np.random.Generator":

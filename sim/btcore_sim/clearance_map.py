@@ -1,5 +1,7 @@
 """Distances to the nearest obstacle on a world's floor, at a point and along a line."""
 
+import heapq
+import itertools
 import math
 
 import cv2
@@ -12,6 +14,7 @@ from btcore_sim.scene import Scene, SceneObject
 
 Point = tuple[float, float]
 
+_NEIGHBOURS = [step for step in itertools.product((-1, 0, 1), repeat=2) if step != (0, 0)]
 _DRAWS = 400  # attempts of a random search before it gives up
 
 
@@ -85,6 +88,45 @@ class ClearanceMap:
         _, regions = cv2.connectedComponents((self.clearances >= room).astype(np.uint8), connectivity=4)
         labels = {int(regions[self.map.cell(*point)]) for point in points}
         return len(labels) <= 1 and 0 not in labels  # 0 is the label of cells without enough clearance
+
+    def way(self, start: Point, end: Point, room: float) -> list[Point] | None:
+        """Return the shortest way from *start* to *end* over cells with the clearance *room* (m).
+
+        Args:
+            start: The first point (m).
+            end: The last point (m).
+            room: The clearance that the way needs (m).
+
+        Returns:
+            The middles of the cells on the way, or None if there is no way.
+        """
+        first, last = self.map.cell(*start), self.map.cell(*end)
+        if not (self.map.inside(*start) and self.map.inside(*end) and self.connected([start, end], room)):
+            return None
+        open_cells = self.clearances >= room
+        height, width = open_cells.shape
+        # Dijkstra's algorithm from the end, so that the links of the cells lead from the start to the end.
+        lengths = {last: 0.0}
+        links: dict[tuple[int, int], tuple[int, int]] = {}
+        queue = [(0.0, last)]
+        while queue:
+            length, cell = heapq.heappop(queue)
+            if cell == first:
+                break
+            if length > lengths[cell]:
+                continue
+            for rows, cols in _NEIGHBOURS:
+                other = cell[0] + rows, cell[1] + cols
+                if not (0 <= other[0] < height and 0 <= other[1] < width and open_cells[other]):
+                    continue
+                whole = length + math.hypot(rows, cols)
+                if whole < lengths.get(other, math.inf):
+                    lengths[other], links[other] = whole, cell
+                    heapq.heappush(queue, (whole, other))
+        cells = [first]
+        while cells[-1] != last:
+            cells.append(links[cells[-1]])
+        return [self.map.center(*cell) for cell in cells]
 
     def random_point(self, random: np.random.Generator, room: float) -> Point | None:
         """Return the middle of a random cell with enough clearance.

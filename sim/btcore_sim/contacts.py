@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from btcore_sim.physics_body import TOUCH
 from btcore_sim.quiet_pybullet import pybullet
 
 COLLISION_SPEED = 0.1
@@ -11,8 +12,6 @@ COLLISION_SPEED = 0.1
 
 MIN_SEPARATION_TIME = 500_000_000
 """How long (ns) two bodies have to be apart before their next touch counts as a new event."""
-
-_TOUCH = 0.001  # m: the engine stops bodies slightly before they overlap
 
 
 @dataclass(slots=True)
@@ -88,7 +87,7 @@ class ContactCounter:
                 continue
             if body not in self._near:
                 self._near.append(body)
-            if point[8] <= _TOUCH:
+            if point[8] <= TOUCH:
                 self._touch(body, self._closing(point), now)
 
     def _touch(self, body: int, speed: float, now: int) -> None:

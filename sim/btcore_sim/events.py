@@ -1,8 +1,8 @@
-"""Events during a run: a box drops in front of the robot, or the robot is carried to another place.
+"""Events during a run: a box drops, the robot is moved to another place, a door opens or closes.
 
-`box:30` drops a box of 0.5 m at 30 s, or later, as soon as the robot drives straight and there is a
-suitable place; `box:30@2,0.3` drops it 2 m ahead and 0.3 m to the left. `kidnap:60` carries the robot to
-another place at 60 s, or later, as soon as the robot moves.
+An event happens exactly at its time: `box:30` drops a box of 0.5 m at 30 s, `kidnap:60` moves the robot at
+60 s. An event that is not possible at its time ends the run with an error. Only an event with a window, such
+as `box:30-60`, waits: from 30 s on for the first suitable moment, and until 60 s at the latest.
 """
 
 import math
@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from btcore_robot.field_reader import did_you_mean
-from btcore_robot.robot import Phase, Pose2D
+from btcore_robot.rigid_transform import wrap_angle
+from btcore_robot.robot import NS_PER_S, Phase, Pose2D
 from btcore_sim.clearance_map import ClearanceMap, Point
 from btcore_sim.errors import SimError
 from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE, passable
@@ -21,35 +22,44 @@ from btcore_sim.world import World
 
 __all__ = ["Event", "parse_event"]
 
-KINDS = {
-    "box": "a box drops in front of the robot, where the robot can pass it",
-    "kidnap": "the robot is carried to another place",
+FORMS = {
+    "box": "box:TIME[@AHEAD[,LEFT]]",
+    "kidnap": "kidnap:TIME",
+    "carry": "carry:TIME",
+    "door": "door:NAME:open@TIME or door:NAME:close@TIME",
 }
-"""The kinds of events, with their descriptions."""
+"""The form of each kind of events; TIME is a time (s), or except for doors a window FROM-TO (s)."""
 
 AHEAD = 1.5
-"""Smallest and default distance (m) between the robot's hull and the near side of a dropped box."""
+"""Default distance (m) between the robot's hull and the near side of a dropped box."""
 
 SIDE = 0.5
 """Side length (m) of a dropped box."""
 
 CLEAR = 0.5
-"""Clearance (m) around the hull at the place to which the robot is carried."""
+"""Clearance (m) around the hull at the place to which the robot is moved."""
 
 FAR = 2.0
-"""Smallest distance (m) over which the robot is carried."""
+"""Smallest distance (m) over which the robot is moved."""
 
-_FORM = re.compile(
-    r"(?P<kind>[^:@]*):(?P<time>\d+(?:\.\d+)?)"
-    r"(?:@(?P<distance>\d+(?:\.\d+)?)(?:,(?P<offset>-?\d+(?:\.\d+)?))?)?"
+CARRYING_SPEED = 1.0
+"""Speed (m/s) at which the robot is carried: a person who walks."""
+
+_TIME = r"\d+(?:\.\d+)?"
+_TIMED = re.compile(
+    rf"(?P<kind>[^:@]*):(?P<time>{_TIME})(?:-(?P<latest>{_TIME}))?"
+    rf"(?:@(?P<distance>{_TIME})(?:,(?P<offset>-?{_TIME}))?)?"
 )
+_DOOR = re.compile(rf"door:(?P<name>.+):(?P<action>[^:@]*)@(?P<time>{_TIME})")
+_DOOR_ACTIONS = ("open", "close")
 _NAME = "dropped_box_"
 _COLOR = (204, 120, 178, 255)
-_RATE = 10.0  # Hz at which the conditions of pending events are checked
+_RATE = 10.0  # Hz at which the conditions of events with a window are checked
 _TRIES = 500
 _STRAIGHT = 0.15  # rad/s: slower turns count as driving straight
 _DRIVING = 0.1  # m/s: slower motion counts as standing
 _PARKED = -2.0  # m: the height, below the floor, of a box that has not dropped yet
+_CARRIED_ROOM = 0.03  # m: least clearance around the hull on the way along which the robot is carried
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,57 +67,121 @@ class Event:
     """An event of a run.
 
     Attributes:
-        kind: The kind of the event.
-        time: The earliest time (ns).
-        distance: The distance ahead (m) at which a box drops.
+        kind: The kind of the event, a key of `FORMS`.
+        time: The time (ns); with *latest* the earliest time.
+        latest: The end of the window (ns) in which the event waits for a suitable moment; None = the event
+            happens exactly at *time*.
+        distance: The distance (m) between the robot's hull and the near side of a dropped box.
         offset: The distance to the left (m) at which a box drops.
+        door: The name of the door.
+        opens: Whether the door opens; False = it closes.
     """
 
     kind: str
-    time: float
+    time: int
+    latest: int | None = None
     distance: float = AHEAD
     offset: float = 0.0
+    door: str = ""
+    opens: bool = False
+
+    def __str__(self) -> str:
+        """Return the event in the form of the option `--event`."""
+        time = f"{self.time / NS_PER_S:g}"
+        if self.kind == "door":
+            return f"door:{self.door}:{'open' if self.opens else 'close'}@{time}"
+        window = "" if self.latest is None else f"-{self.latest / NS_PER_S:g}"
+        place = ""
+        if self.kind == "box" and (self.distance, self.offset) != (AHEAD, 0.0):
+            place = f"@{self.distance:g},{self.offset:g}"
+        return f"{self.kind}:{time}{window}{place}"
 
 
 def parse_event(text: str) -> Event:
     """Parse an event of the option `--event`.
 
     Args:
-        text: `box:TIME[@DISTANCE[,OFFSET]]` or `kidnap:TIME`; the time in s, distance and offset in m.
+        text: `box:TIME[@AHEAD[,LEFT]]`, `kidnap:TIME`, `carry:TIME`, `door:NAME:open@TIME` or
+            `door:NAME:close@TIME`; TIME in s or, except for doors, a window `FROM-TO`; distances in m.
 
     Returns:
         The event.
 
     Raises:
-        SimError: *text* has another form, an unknown kind, or a distance that is too small.
+        SimError: *text* has another form or an unknown kind.
 
     Examples:
         >>> from btcore_sim.events import parse_event
-        >>> parse_event("box:10@1.5").distance
-        1.5
+        >>> parse_event("box:10@2,0.3").distance
+        2.0
+        >>> str(parse_event("kidnap:30-60"))
+        'kidnap:30-60'
     """
-    match = _FORM.fullmatch(text.strip())
+    text = text.strip()
+    kind = text.partition(":")[0]
+    if kind not in FORMS:
+        raise SimError(
+            f"event '{text}': unknown kind '{kind}': {did_you_mean(kind, FORMS)}kinds are {', '.join(FORMS)}"
+        )
+    if kind == "door":
+        return _parse_door(text)
+    match = _TIMED.fullmatch(text)
     if match is None:
-        raise SimError(
-            f"invalid event '{text}': use KIND:TIME in seconds, like kidnap:60; a box may have a place "
-            "in metres, box:TIME@DISTANCE,OFFSET, like box:30@2,0.3"
-        )
-    kind = match["kind"]
-    if kind not in KINDS:
-        raise SimError(
-            f"event '{text}': unknown kind '{kind}': {did_you_mean(kind, KINDS)}kinds are {', '.join(KINDS)}"
-        )
+        raise SimError(f"invalid event '{text}': use {FORMS[kind]}, with TIME in s, {_example(kind)}")
+    time = _nanoseconds(match["time"])
+    latest = None if match["latest"] is None else _nanoseconds(match["latest"])
+    if latest is not None and latest <= time:
+        raise SimError(f"event '{text}': the window ends before it begins; use {kind}:FROM-TO in s")
     if match["distance"] is None:
-        return Event(kind, float(match["time"]) * 1e9)
+        return Event(kind, time, latest)
     if kind != "box":
-        raise SimError(f"event '{text}': only a box has a distance; use {kind}:{match['time']}")
-    distance = float(match["distance"])
-    if distance < AHEAD:
+        raise SimError(f"event '{text}': only a box has a place; use {text.partition('@')[0]}")
+    return Event(kind, time, latest, float(match["distance"]), float(match["offset"] or 0.0))
+
+
+def _parse_door(text: str) -> Event:
+    match = _DOOR.fullmatch(text)
+    if match is None:
+        raise SimError(f"invalid event '{text}': use {FORMS['door']}, with TIME in s, {_example('door')}")
+    action = match["action"]
+    if action not in _DOOR_ACTIONS:
         raise SimError(
-            f"event '{text}': the robot cannot avoid a box that drops {distance:g} m ahead: "
-            f"use {AHEAD:g} m or more"
+            f"event '{text}': unknown action '{action}': {did_you_mean(action, _DOOR_ACTIONS)}"
+            f"a door can {' or '.join(_DOOR_ACTIONS)}"
         )
-    return Event(kind, float(match["time"]) * 1e9, distance, float(match["offset"] or 0.0))
+    return Event("door", _nanoseconds(match["time"]), door=match["name"], opens=action == "open")
+
+
+def _example(kind: str) -> str:
+    if kind == "door":
+        return "like door:kitchen:open@20"
+    place = ", or box:30@2,0.3 with a place in m" if kind == "box" else ""
+    return f"like {kind}:30{place}, or a window, like {kind}:30-60"
+
+
+def _nanoseconds(seconds: str) -> int:
+    return round(float(seconds) * NS_PER_S)
+
+
+def check_events(events: Sequence[Event], scene: Scene, duration: float | None) -> None:
+    """Raise an error for events that cannot happen in a run.
+
+    Args:
+        events: The events of the run.
+        scene: The world of the run.
+        duration: The longest duration of the run (s), or None.
+
+    Raises:
+        SimError: An event is after the end of the run, or its door does not exist.
+    """
+    for event in events:
+        if duration is not None and event.time > duration * NS_PER_S:
+            raise SimError(f"event '{event}' is after the end of the run (--duration {duration:g})")
+        if event.kind == "door":
+            try:
+                scene.door(event.door)
+            except SimError as error:
+                raise SimError(f"event '{event}': {error}") from error
 
 
 def with_boxes(scene: Scene, events: Sequence[Event], spare: int = 0) -> Scene:
@@ -137,13 +211,18 @@ class EventTarget(Protocol):
         """Return the velocity (m/s, rad/s) that is commanded to the wheels."""
 
     def teleport(self, pose: Pose2D) -> None:
-        """Move the robot to *pose*, without a change of its odometry."""
+        """Move the robot to *pose* at once, without a change of its odometry."""
+
+    def carry(self, way: Sequence[Pose2D], speed: float) -> None:
+        """Carry the robot along *way* at *speed* (m/s), without a change of its odometry."""
 
 
 class EventRunner:
     """Triggers *events* for *robot*, which has the radius *radius* (m).
 
     *floor* is the clearance map of the world. *people* returns the positions (m) of all people.
+
+    The world raises `SimError` at the time of an event that is not possible.
     """
 
     def __init__(
@@ -156,7 +235,10 @@ class EventRunner:
         people: Callable[[], Sequence[Point]],
     ) -> None:
         self.event_log: list[dict[str, object]] = []
-        """The events so far: kind, time (s) and place (m); for `kidnap` also the robot's pose before."""
+        """The events so far: kind, time (s) and place (m), for a door its name and whether it opens.
+
+        An event that moves the robot has the robot's pose before it as `from`.
+        """
         self._world = world
         self._robot = robot
         self._radius = radius
@@ -164,41 +246,102 @@ class EventRunner:
         self._people = people
         self._random = world.random("events")
         self._boxes = world.kinematic_bodies(_NAME)
-        self._pending = sorted(events, key=lambda event: event.time)
-        world.schedule.every(_RATE, Phase.PHYSICS, self._trigger_due)
+        self._pending = list(events)
+        for event in sorted(events, key=lambda event: event.time):
+            if event.latest is None:
+                self._schedule(event)
+        if any(event.latest is not None for event in events):
+            world.schedule.every(_RATE, Phase.PHYSICS, self._trigger_suitable)
+
+    @property
+    def pending(self) -> Sequence[Event]:
+        """The events that have not happened yet."""
+        return self._pending
 
     def trigger(self, kind: str) -> None:
-        """Trigger an event of *kind* as soon as its condition is met: the robot drives, and there is a place.
+        """Trigger an event of *kind* (`box`, `kidnap` or `carry`) now.
 
         Raises:
-            SimError: All boxes of the run are used, or *kind* is unknown.
+            SimError: The event is not possible now, all boxes of the run are used, or *kind* is unknown.
         """
-        if kind not in KINDS:
-            raise SimError(f"unknown kind of event '{kind}': kinds are {', '.join(KINDS)}")
-        if kind == "box" and len(self._boxes) <= sum(event.kind == "box" for event in self._pending):
-            raise SimError("there is no further box: all boxes of this run have dropped or are about to drop")
-        self._pending.append(Event(kind, self._world.now()))
+        if kind not in FORMS or kind == "door":
+            raise SimError(f"unknown kind of event '{kind}': kinds are box, kidnap, carry")
+        self._happen(Event(kind, self._world.now()), self._world.now())
 
-    def _trigger_due(self, now: int) -> None:
+    def set_door(self, name: str, opens: bool) -> None:
+        """Open or close a door now.
+
+        Args:
+            name: The name of the door.
+            opens: Whether to open the door.
+
+        Raises:
+            SimError: There is no such door.
+        """
+        now = self._world.now()
+        self._happen(Event("door", now, door=name, opens=opens), now)
+
+    def _schedule(self, event: Event) -> None:
+        def happen(now: int) -> None:
+            end()
+            try:
+                self._happen(event, now)
+            except SimError as error:
+                if event.kind == "door":
+                    raise
+                hint = f"a window, like {event.kind}:30-60, waits for a suitable moment"
+                raise SimError(f"{error}; {hint}") from error
+            self._pending.remove(event)
+
+        end = self._world.schedule.every(_RATE, Phase.PHYSICS, happen, first=event.time)
+
+    def _trigger_suitable(self, now: int) -> None:
+        """Trigger the events with a window for which the moment is suitable."""
         for event in list(self._pending):
-            if event.time <= now and (self._drop(event) if event.kind == "box" else self._kidnap()):
+            if event.latest is None or event.time > now:
+                continue
+            if self._is_suitable(event):
+                self._happen(event, now)
                 self._pending.remove(event)
-                # `_drop` and `_kidnap` log the place; kind and time are put before it.
-                self.event_log[-1] = {"event": event.kind, "t": now / 1e9, **self.event_log[-1]}
+            elif now >= event.latest:
+                wanted = "in motion" if event.kind != "box" else "driving straight towards a suitable place"
+                raise _impossible(event, f"in this time the robot was at no moment {wanted}")
 
-    def _drop(self, event: Event) -> bool:
+    def _is_suitable(self, event: Event) -> bool:
         v, w = self._robot.ramped_twist()
+        if event.kind != "box":
+            return abs(v) >= _DRIVING / 2 or abs(w) >= _STRAIGHT
         if v < _DRIVING or abs(w) > _STRAIGHT:
             return False
         pose = self._robot.true_pose()
-        box = ahead_of(pose, self._radius, event, self._world.bodies[self._boxes[0]])
-        if not self.fits(box, pose):
-            return False
+        return self.fits(ahead_of(pose, self._radius, event, self._world.bodies[self._boxes[0]]), pose)
+
+    def _happen(self, event: Event, now: int) -> None:
+        """Carry out *event* and log it."""
+        match event.kind:
+            case "box":
+                place = self._drop(event)
+            case "door":
+                self._world.set_door(event.door, event.opens)
+                place = {"door": event.door, "open": event.opens}
+            case _:
+                place = self._move_robot(event)
+        self.event_log.append({"event": event.kind, "t": now / NS_PER_S, **place})
+
+    def _drop(self, event: Event) -> dict[str, object]:
+        if not self._boxes:
+            raise SimError("there is no further box: all boxes of this run have dropped or are about to drop")
+        body = self._boxes[0]
+        box = ahead_of(self._robot.true_pose(), self._radius, event, self._world.bodies[body])
         x, y, _ = box.position
-        self._world.move_kinematic_body(self._boxes.pop(0), x, y, box.yaw)
+        self._world.move_kinematic_body(body, x, y, box.yaw)
+        occupant = self._world.overlapping(body)
+        if occupant is not None:
+            self._world.move_kinematic_body(body, x, y, box.yaw, z=_PARKED)
+            raise _impossible(event, f"{occupant} is where the box would drop, at ({x:.2f}, {y:.2f})")
+        self._boxes.pop(0)
         self._floor.add_obstacle(box)
-        self.event_log.append({"x": round(x, 3), "y": round(y, 3)})
-        return True
+        return {"x": round(x, 3), "y": round(y, 3)}
 
     def fits(self, box: SceneObject, pose: Pose2D) -> bool:
         """Return whether *box* may drop in front of a robot at *pose*.
@@ -223,24 +366,45 @@ class EventRunner:
             and floor.with_obstacle(box).connected([*points, (pose.x, pose.y)], self._radius + 0.05)
         )
 
-    def _kidnap(self) -> bool:
-        v, w = self._robot.ramped_twist()
-        if abs(v) < _DRIVING / 2 and abs(w) < _STRAIGHT:
-            return False
+    def _move_robot(self, event: Event) -> dict[str, object]:
         before = self._robot.true_pose()
+        start = (before.x, before.y)
+        # Where the robot is in a narrow place, the way begins with the clearance that there is.
+        narrow = min(self._radius + _CARRIED_ROOM, self._floor.clearance_at(*start))
         for _ in range(_TRIES):
             place = self._floor.random_point(self._random, self._radius + CLEAR + self._floor.map.resolution)
             if place is None:
-                return False
+                break
+            yaw = float(self._random.uniform(-math.pi, math.pi))
             people = min((math.dist(place, person) for person in self._people()), default=math.inf)
-            if math.dist(place, (before.x, before.y)) > FAR and people > 1.0 + self._radius:
-                pose = Pose2D(*place, float(self._random.uniform(-math.pi, math.pi)))
+            if math.dist(place, start) <= FAR or people <= 1.0 + self._radius:
+                continue
+            pose = Pose2D(*place, yaw)
+            if event.kind == "kidnap":
                 self._robot.teleport(pose)
-                self.event_log.append(
-                    {"from": _rounded(before), "x": _rounded(pose)[0], "y": _rounded(pose)[1]}
-                )
-                return True
-        return False
+            else:
+                way = self._floor.way(start, place, narrow)
+                if way is None:
+                    continue
+                self._robot.carry(_with_headings([start, *way, place], before.yaw, yaw), CARRYING_SPEED)
+            return {"from": _rounded(before), "x": _rounded(pose)[0], "y": _rounded(pose)[1]}
+        way_there = "" if event.kind == "kidnap" else " with a way to it"
+        raise _impossible(
+            event,
+            f"there is no free place{way_there} that is more than {FAR:g} m away from the robot and has "
+            f"{CLEAR:g} m of room around it",
+        )
+
+
+def _with_headings(points: Sequence[Point], start: float, end: float) -> list[Pose2D]:
+    """Return the poses at *points*, whose headings turn steadily from *start* to *end* (rad)."""
+    turn = wrap_angle(end - start)
+    last = len(points) - 1
+    return [Pose2D(x, y, wrap_angle(start + turn * number / last)) for number, (x, y) in enumerate(points)]
+
+
+def _impossible(event: Event, reason: str) -> SimError:
+    return SimError(f"event '{event}' is not possible: {reason}")
 
 
 def ahead_of(pose: Pose2D, radius: float, event: Event, box: SceneObject) -> SceneObject:

@@ -11,6 +11,9 @@ from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import RobotDescription
 from btcore_sim.world import FLOOR, GROUND_LINK, HULL, OBJECTS, World
 
+TOUCH = 0.001
+"""Greatest distance (m) between bodies that touch: the engine stops bodies slightly before they overlap."""
+
 Pose3D = tuple[Vector, Quaternion]
 """A position (m) and a quaternion (x, y, z, w)."""
 
@@ -92,13 +95,32 @@ class PhysicsBody:
         place, turned = pybullet.getBasePositionAndOrientation(self.body_id, physicsClientId=self._client)
         return place, turned
 
-    def put(self, pose: Pose2D) -> None:
-        """Place the body at *pose*, upright, at rest, and at its present height."""
-        height = self.place()[0][2]
+    def put(self, pose: Pose2D, height: float | None = None) -> None:
+        """Place the body at *pose*, upright and at rest.
+
+        Args:
+            pose: The pose of the base link on the floor.
+            height: The height of the base link (m); None = its present height.
+        """
+        if height is None:
+            height = self.place()[0][2]
         turned = [0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2)]
         engine = {"physicsClientId": self._client}
         pybullet.resetBasePositionAndOrientation(self.body_id, [pose.x, pose.y, height], turned, **engine)
         pybullet.resetBaseVelocity(self.body_id, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], **engine)
+
+    def touched_object(self, world: World) -> str | None:
+        """Return the name of an object of *world* that the hull overlaps or touches, or None.
+
+        Wheels and casters are ignored: they touch only the floor.
+        """
+        ground = {self.link(name) for name in self.description.wheels.ground}
+        for body, thing in world.bodies.items():
+            points = pybullet.getClosestPoints(self.body_id, body, TOUCH, physicsClientId=self._client)
+            # Element 3 is the link of the robot.
+            if any(point[3] not in ground for point in points):
+                return thing.name
+        return None
 
     def link_place(self, link: int) -> Pose3D:
         """Return the pose of the link with the index *link* in the world frame."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from btcore_robot.robot import BaseInfo, Robot, Waypoints
+from btcore_robot.robot import BaseInfo, InitialPose, Robot, Waypoints
 from btcore_sim.completion import complete_world
 from btcore_sim.errors import SimError
 
@@ -24,6 +24,9 @@ def _option(name: str, metavar: str, help: str, **settings: Any) -> click.Option
     shown = "default" in settings
     return click.Option([f"--{name}"], metavar=metavar, help=help, show_default=shown, **settings)
 
+
+UNKNOWN_START = "unknown"
+"""The value of `--start` for a random start pose of which the navigation is not informed."""
 
 _COUNT = {"type": click.IntRange(min=0), "default": 0}
 
@@ -60,8 +63,9 @@ class RobotExtension:
         ),
         _option(
             "start",
-            "random|X,Y,YAW",
-            "Start pose (m, degrees), or a random free place.  [default: the world's own rule]",
+            "random|unknown|X,Y,YAW",
+            "Start pose (m, degrees), or a random free place; unknown: the navigation has to find the place "
+            "itself.  [default: the world's own rule]",
         ),
         _option(
             "noise",
@@ -93,7 +97,9 @@ class RobotExtension:
         _option(
             "event",
             "KIND:TIME",
-            "box:30 drops a box in front of the robot at 30 s, kidnap:60 carries it away; repeatable.",
+            "At 30 s, box:30 drops a box ahead, or box:30@2,0.3 at 2 m ahead and 0.3 m to the left; "
+            "kidnap:30 moves the robot elsewhere, carry:30 carries it; door:NAME:open@30 opens a door, or "
+            "close. box:30-60 waits until 60 s for a suitable moment. Repeatable.",
             multiple=True,
         ),
     )
@@ -118,7 +124,7 @@ class RobotExtension:
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object] = ()
     ) -> Sequence[object]:
-        """Return the simulated robot with its waypoints, and the world's map, as far as they are needed.
+        """Return the simulated robot with its waypoints and initial pose, and the world's map, as needed.
 
         If another extension provides a robot, return an empty sequence, because the map of the simulated
         world does not fit another robot.
@@ -132,7 +138,12 @@ class RobotExtension:
         Raises:
             click.UsageError: An option has an invalid value, or a module is not installed.
         """
-        if any(isinstance(resource, Robot) for resource in provided):
+        other = next((type(resource) for resource in provided if isinstance(resource, Robot)), None)
+        if other is not None:
+            package = other.__module__.partition(".")[0]
+            self.used_by = (
+                f"leaf that needs a simulated robot, because its robot is the {other.__name__} of {package}"
+            )
             return ()
         robot = any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
         # A leaf that needs a map has imported this module already, so that an import here is not necessary.
@@ -147,6 +158,9 @@ class RobotExtension:
                 resources.append(self._body)
                 if Waypoints in wanted:
                     resources.append(self._body.world.scene.waypoint_poses())
+                if InitialPose in wanted:
+                    is_unknown = settings.get("start") == UNKNOWN_START
+                    resources.append(InitialPose(None if is_unknown else self._body.start_pose))
             if needs_map:
                 resources.append(_map(settings))
         except SimError as error:
@@ -164,11 +178,16 @@ class RobotExtension:
     ) -> Iterator[None]:
         """Record the run. When the run ends, also with an error, stop the robot and close the world.
 
+        Print a warning for each event that has not happened when the run ends.
+
         Args:
             tree: Ignored.
             resources: The resources of all extensions. If a `NavigationReporter` is among them, its pose
                 errors and failed goals are part of the report.
             settings: Ignored.
+
+        Raises:
+            click.ClickException: An event was not possible at its time.
         """
         body = self._body
         if body is None:
@@ -179,6 +198,10 @@ class RobotExtension:
         self._metrics = RunMetrics(body, navigator_among(resources))
         try:
             yield
+            for event in self.events.pending if self.events is not None else ():
+                click.echo(f"warning: event '{event}' did not happen: the run ended before", err=True)
+        except SimError as error:
+            raise click.ClickException(str(error)) from error
         finally:
             body.stop()
             self._report = self.report()
@@ -221,7 +244,7 @@ def _map(settings: Mapping[str, Any]) -> object:
 def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | None]":
     # Imported here, because a tree without a robot must not load the physics engine.
     from btcore_sim.camera import parse_camera
-    from btcore_sim.events import parse_event
+    from btcore_sim.events import check_events, parse_event
     from btcore_sim.faults import parse_fault
     from btcore_sim.robot_description import TIAGO, load_description
     from btcore_sim.scenario import Scenario, with_start
@@ -242,9 +265,10 @@ def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | N
     )
     seed = settings.get("seed", 0)
     scene = load_scene(settings.get("world", "arena"))
+    check_events(events, scene, settings.get("duration"))
     start = settings.get("start")
     if start is not None:
-        scene = with_start(scene, start, random_generator(seed, "start"), description.base.radius)
+        scene = with_start(scene, start, random_generator(seed, "start"))
     scene = scenario.scene(scene, seed)
     world = World(scene, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
     level = settings.get("battery", 100.0)

@@ -65,34 +65,26 @@ class Scenario:
         return EventRunner(world, robot, radius, self.events, floor, people.places)
 
 
-def with_start(scene: Scene, text: str, random: np.random.Generator, radius: float) -> Scene:
+def with_start(scene: Scene, text: str, random: np.random.Generator) -> Scene:
     """Return the scene with another start pose.
 
-    With `random` the start is a free place that is connected with all waypoints by ways of width
+    With `random` or `unknown` the start is a free place that is connected with all waypoints by ways of width
     `PASSAGE`, with a random heading; a world with its own rule for random starts keeps that rule.
 
     Args:
         scene: The world with its own rule for the start.
-        text: `random`, `X,Y` (m) or `X,Y,YAW` (m, degrees).
+        text: `random`, `unknown`, `X,Y` (m) or `X,Y,YAW` (m, degrees).
         random: The source of the random pose.
-        radius: The robot's radius (m).
 
     Raises:
-        SimError: *text* has another form, or there is no room for the robot.
+        SimError: *text* has another form, or the world has no free place.
     """
-    if text == "random":
-        return scene if scene.pose is None else replace(scene, pose=_drawn(scene, random))
-    pose = _parsed(text)
-    room = scene.clearance_at(pose.x, pose.y)
-    if room < radius:
-        raise SimError(
-            f"--start {text}: there is {room:.2f} m of room in world '{scene.name}', but the robot has a "
-            f"radius of {radius:g} m"
-        )
-    return replace(scene, pose=pose)
+    if text in ("random", "unknown"):
+        return scene if scene.pose is None else replace(scene, pose=_drawn(scene, text, random))
+    return replace(scene, pose=_parsed(text))
 
 
-def _drawn(scene: Scene, random: np.random.Generator) -> Pose2D:
+def _drawn(scene: Scene, text: str, random: np.random.Generator) -> Pose2D:
     floor = ClearanceMap.of(scene)
     points: list[Point] = list(scene.waypoints.values())
     for _ in range(_TRIES):
@@ -102,7 +94,7 @@ def _drawn(scene: Scene, random: np.random.Generator) -> Pose2D:
         yaw = random.uniform(-math.pi, math.pi)
         if floor.connected([*points, place], PASSAGE / 2):
             return Pose2D(*place, yaw)
-    raise SimError(f"--start random: world '{scene.name}' has no free place with a way to all its waypoints")
+    raise SimError(f"--start {text}: world '{scene.name}' has no free place with a way to all its waypoints")
 
 
 def _parsed(text: str) -> Pose2D:
@@ -111,7 +103,7 @@ def _parsed(text: str) -> Pose2D:
         (degrees,) = turn or [0.0]
     except ValueError:
         raise SimError(
-            f"--start {text}: use random, or X,Y or X,Y,YAW in metres and degrees, like 1.5,-2,90"
+            f"--start {text}: use random, unknown, X,Y or X,Y,YAW in metres and degrees, like 1.5,-2,90"
         ) from None
     if not all(map(math.isfinite, (x, y, degrees))):
         raise SimError(f"--start {text}: X, Y and YAW have to be finite numbers")

@@ -3,10 +3,15 @@
 import logging
 import math
 from collections.abc import Sequence
+from itertools import accumulate, pairwise
+
+import numpy as np
 
 from btcore_robot.command_multiplexer import CommandMultiplexer
+from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import (
     CMD_VEL,
+    NS_PER_S,
     BaseInfo,
     BatteryState,
     CameraImage,
@@ -36,6 +41,7 @@ from btcore_sim.differential_drive import (
     WheelErrorModel,
     WheelOdometry,
 )
+from btcore_sim.errors import SimError
 from btcore_sim.faults import Fault, FaultSchedule
 from btcore_sim.kinematics import Kinematics
 from btcore_sim.laser import Laser, MovableObstacles, RayCaster
@@ -49,6 +55,33 @@ from btcore_sim.world import World
 _log = logging.getLogger(__name__)
 
 _SETTLING = 0.5  # s of physics before the run begins, in which the wheels settle on the floor
+
+
+class Journey:
+    """The way along which a robot is carried: straight lines between the poses of *way*, at a constant speed.
+
+    Args:
+        way: The poses of the robot's base.
+        speed: The speed (m/s).
+        began: The time of the first pose (ns).
+        height: The height of the robot's base link (m).
+
+    Attributes:
+        end: The time of the last pose (ns).
+        height: The height of the robot's base link (m).
+    """
+
+    def __init__(self, way: Sequence[Pose2D], speed: float, began: int, height: float) -> None:
+        steps = [math.hypot(end.x - start.x, end.y - start.y) for start, end in pairwise(way)]
+        self._times = [began + distance / speed * NS_PER_S for distance in accumulate(steps, initial=0.0)]
+        self._columns = [pose.x for pose in way], [pose.y for pose in way], np.unwrap([p.yaw for p in way])
+        self.end = round(self._times[-1])
+        self.height = height
+
+    def pose(self, now: int) -> Pose2D:
+        """Return the pose at the time *now* (ns)."""
+        x, y, yaw = (float(np.interp(now, self._times, column)) for column in self._columns)
+        return Pose2D(x, y, wrap_angle(yaw))
 
 
 class SimulatedRobot(Robot):
@@ -70,7 +103,8 @@ class SimulatedRobot(Robot):
         contacts: The counter of collisions.
 
     Raises:
-        SimError: The description does not fit the URDF, or the scene has no room for a start pose.
+        SimError: The description does not fit the URDF, the scene has no room for a start pose, or the robot
+            would touch an object there.
     """
 
     def __init__(
@@ -91,6 +125,12 @@ class SimulatedRobot(Robot):
         wheels = self.description.wheels
         start = world.scene.start(world.random("start"), self.description.base.radius)
         self.model = PhysicsBody(world, self.description, start)
+        touched = self.model.touched_object(world)
+        if touched is not None:
+            raise SimError(
+                f"world '{world.scene.name}': the robot cannot start at ({start.x:g}, {start.y:g}), because "
+                f"it would touch '{touched}' there: use another start pose, or --start random"
+            )
         for held in self.description.held:
             self.model.hold(self.model.joint(held.joint), held.position, held.force, held.speed)
         self._wheels = [self.model.joint(wheels.left), self.model.joint(wheels.right)]
@@ -106,6 +146,7 @@ class SimulatedRobot(Robot):
         self._base = DifferentialDrive(self.description.base, wheels.radius, wheels.separation)
         self._sources = CommandMultiplexer()
         self._rates: tuple[float, float] | None = None
+        self._journey: Journey | None = None
         # The motors hold their positions before the physics settles, so that head and torso do not sag.
         self.move_head(0.0, 0.0)
         self.lift(0.0)
@@ -116,7 +157,7 @@ class SimulatedRobot(Robot):
         self.distance = 0.0
         """The true distance driven (m), without the distances over which the robot was carried."""
         self.teleport_times: list[int] = []
-        """The times (ns) at which the robot was carried to another place."""
+        """The times (ns) at which `teleport` and `carry` were called."""
         # The laser's light passes through glass.
         opaque = {body: thing for body, thing in world.bodies.items() if not thing.is_glass}
         still = [thing for thing in opaque.values() if thing.still]
@@ -279,10 +320,25 @@ class SimulatedRobot(Robot):
         return Pose2D(place[0], place[1], pybullet.getEulerFromQuaternion(turned)[2])
 
     def teleport(self, pose: Pose2D) -> None:
-        """Move the robot to *pose* as if it had been carried there: the odometry does not change."""
+        """Move the robot to *pose* at once: the odometry does not change."""
         self.teleport_times.append(self.world.now())
+        self._journey = None
         self.model.put(pose)
         self._place = self.model.place()[0]
+
+    def carry(self, way: Sequence[Pose2D], speed: float) -> None:
+        """Begin to carry the robot along *way*; see `Journey`.
+
+        Until the end of the way the wheels stand still, the odometry does not change, and contacts are not
+        counted. Laser and camera show the way.
+
+        Args:
+            way: The poses of the base, from the present pose on.
+            speed: The speed (m/s).
+        """
+        now = self.world.now()
+        self.teleport_times.append(now)
+        self._journey = Journey(way, speed, now, self.model.place()[0][2])
 
     def ramped_twist(self) -> tuple[float, float]:
         """Return the velocity (m/s, rad/s) that is commanded to the wheels, after limits and ramps."""
@@ -329,6 +385,8 @@ class SimulatedRobot(Robot):
 
     def _before_step(self, now: int) -> None:
         self._command_wheels(now)
+        if self._journey is not None:
+            self.model.put(self._journey.pose(now), self._journey.height)
         self.cells.drain(self._base.commanded_twist(now), 1.0 / self.world.rate)
         if self.cells.empty and not self._empty:
             _log.warning("the robot's battery is empty: the robot stands until it is recharged")
@@ -337,14 +395,17 @@ class SimulatedRobot(Robot):
 
     def _after_step(self, now: int) -> None:
         place = self.model.place()[0]
-        self.distance += math.dist(place[:2], self._place[:2])
+        if self._journey is None:
+            self.distance += math.dist(place[:2], self._place[:2])
+            self.contacts.after_step(now)
+        elif now >= self._journey.end:
+            self._journey = None
         self._place = place
-        self.contacts.after_step(now)
 
     def _command_wheels(self, now: int) -> None:
         seconds = 1.0 / self.world.rate
-        self._base.step(now, seconds, obeys=not self.cells.empty)
-        left, right = self._base.wheel_rates()
+        self._base.step(now, seconds, obeys=not self.cells.empty and self._journey is None)
+        left, right = self._base.wheel_rates() if self._journey is None else (0.0, 0.0)
         if self._faults.dead("wheel", now):
             left = 0.0
         if (left, right) != self._rates:

@@ -39,6 +39,7 @@ OBJECTS = MOVABLE | STATIC | GLASS
 """The collision groups of all objects of a scene."""
 
 _OPEN = 5.0  # m of visible floor around the start in a scene without objects
+_OVERLAP = 0.001  # m: bodies that overlap by less are considered to touch only
 _PATIENCE = NS_PER_S // 5  # ns: a real-time run catches up after a delay of at most this duration
 
 
@@ -202,6 +203,22 @@ class World:
             y: The y coordinate of the point in the world frame (m).
         """
         return self._doors.distance(x, y)
+
+    def overlapping(self, body: int) -> str | None:
+        """Return what overlaps a kinematic body at its present pose: an object's name, "the robot" or None.
+
+        Args:
+            body: PyBullet's ID of the body.
+        """
+        engine = {"physicsClientId": self.client}
+        low, high = pybullet.getAABB(body, **engine)
+        near = {found for found, _ in pybullet.getOverlappingObjects(low, high, **engine) or ()}
+        for other in sorted(near - {body, self.floor}):
+            points = pybullet.getClosestPoints(body, other, 0.0, **engine)
+            # Element 8 is the distance, negative for an overlap.
+            if any(point[8] < -_OVERLAP for point in points):
+                return f"'{self.bodies[other].name}'" if other in self.bodies else "the robot"
+        return None
 
     def close(self) -> None:
         """Disconnect from the engine. The world cannot be used afterwards; a second call does nothing."""

@@ -117,8 +117,8 @@ def all_groups(seeds: int) -> list[Group]:
         patrol = Case(f"patrol {house}", (*PATROL, "1200", *off), patrolled(12, 1))
         camera = Case(f"camera {house}", (*PATROL, "120", *world), safe)
         people = Case(f"people {house}", (*PATROL, "900", *off, "--people", "3"), among_people)
-        box = Case(f"box {house}", (*PATROL, "150", *off, "--event", "box:10"), passed_a_box)
-        kidnap = Case(f"kidnap {house}", (*PATROL, "180", *off, "--event", "kidnap:30"), relocalised)
+        box = Case(f"box {house}", (*PATROL, "150", *off, "--event", "box:10-120"), passed_a_box)
+        kidnap = Case(f"kidnap {house}", (*PATROL, "180", *off, "--event", "kidnap:30-60"), relocalised)
         groups += [
             Group(patrol, range(1, seeds + 1), factor=6.0),
             Group(camera, few[:3], factor=2.0),

@@ -1,7 +1,10 @@
 """Events during a run: their notation, their places and their times."""
 
+import itertools
+import json
 import math
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +12,19 @@ from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.errors import SimError
-from btcore_sim.events import AHEAD, CLEAR, FAR, SIDE, Event, EventRunner, ahead_of, parse_event
+from btcore_sim.events import (
+    AHEAD,
+    CARRYING_SPEED,
+    CLEAR,
+    FAR,
+    SIDE,
+    Event,
+    EventRunner,
+    ahead_of,
+    check_events,
+    parse_event,
+)
+from btcore_sim.faults import parse_fault
 from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scenario import Scenario
@@ -20,28 +35,57 @@ from btcore_sim.world import World
 SECOND = 1_000_000_000
 
 
-def test_events_are_parsed():
-    assert parse_event("box:30") == Event("box", 30 * SECOND, AHEAD, 0.0)
-    assert parse_event("box:30.5@2") == Event("box", 30.5 * SECOND, 2.0, 0.0)
-    assert parse_event("box:30@2,-0.3") == Event("box", 30 * SECOND, 2.0, -0.3)
-    assert parse_event(" kidnap:60 ") == Event("kidnap", 60 * SECOND)
+@pytest.mark.parametrize(
+    ("text", "event"),
+    [
+        ("box:30", Event("box", 30 * SECOND)),
+        ("box:30.5@0.8", Event("box", 30_500_000_000, None, 0.8, 0.0)),
+        ("box:30-60@2,-0.3", Event("box", 30 * SECOND, 60 * SECOND, 2.0, -0.3)),
+        (" kidnap:60 ", Event("kidnap", 60 * SECOND)),
+        ("carry:60-90", Event("carry", 60 * SECOND, 90 * SECOND)),
+        ("door:the kitchen:open@20", Event("door", 20 * SECOND, door="the kitchen", opens=True)),
+        ("door:a:b:close@0.5", Event("door", SECOND // 2, door="a:b", opens=False)),
+    ],
+)
+def test_events_are_parsed_and_shown_in_the_same_form(text: str, event: Event):
+    assert parse_event(text) == event
+    assert parse_event(str(event)) == event
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("bx:3", r"did you mean 'box'\? kinds are box, kidnap"),
-        ("rain:3", "kinds are box, kidnap"),
-        ("box", "use KIND:TIME"),
-        ("box:soon", "use KIND:TIME"),
-        ("box:-3", "use KIND:TIME"),
-        ("box:3@0.5", r"cannot avoid a box that drops 0\.5 m ahead: use 1\.5 m or more"),
-        ("kidnap:3@2", "only a box has a distance; use kidnap:3"),
+        ("bx:3", r"did you mean 'box'\? kinds are box, kidnap, carry, door"),
+        ("rain:3", "unknown kind 'rain': kinds are box"),
+        ("box", r"use box:TIME\[@AHEAD\[,LEFT\]\], with TIME in s, like box:30, or box:30@2,0.3"),
+        ("box:soon", "use box:TIME"),
+        ("box:-3", "use box:TIME"),
+        ("box:3@-1", "use box:TIME"),
+        ("box:30-20", "the window ends before it begins"),
+        ("kidnap:3@2", "only a box has a place; use kidnap:3"),
+        ("door:kitchen:open", "use door:NAME:open@TIME or door:NAME:close@TIME"),
+        ("door:kitchen:opn@3", "unknown action 'opn': did you mean 'open'"),
     ],
 )
 def test_an_invalid_event_raises_with_an_explanation(text: str, said: str):
     with pytest.raises(SimError, match=said):
         parse_event(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "duration", "said"),
+    [
+        ("box:30", 20.0, r"event 'box:30' is after the end of the run \(--duration 20\)"),
+        (
+            "door:kitchen:open@3",
+            None,
+            "'door:kitchen:open@3': world 'house': there is no door 'kitchen'",
+        ),
+    ],
+)
+def test_an_event_that_cannot_happen_in_the_run_raises(text: str, duration: float | None, said: str):
+    with pytest.raises(SimError, match=said):
+        check_events([parse_event(text)], load_scene("house"), duration)
 
 
 @pytest.fixture
@@ -50,11 +94,11 @@ def meet():
     worlds = []
 
     def make(
-        name: str, *events: str, seed: int = 1, people: int = 0, spare_boxes: int = 0
+        name: str, *events: str, seed: int = 1, people: int = 0, spare_boxes: int = 0, faults: str = ""
     ) -> tuple[SimulatedRobot, EventRunner]:
         scenario = Scenario(people, 0, [parse_event(text) for text in events], spare_boxes)
         worlds.append(World(scenario.scene(load_scene(name), seed), seed=seed))
-        body = SimulatedRobot(worlds[-1])
+        body = SimulatedRobot(worlds[-1], faults=[parse_fault(faults)] if faults else [])
         begun = scenario.begin(worlds[-1], body, body.base.radius)
         assert begun is not None
         return body, begun
@@ -91,17 +135,49 @@ def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet):
     assert name in {part.frame for part in body.scene_static().parts}
 
 
-def test_a_triggered_box_drops_as_soon_as_the_robot_drives(meet):
+def test_a_triggered_box_drops_at_once(meet):
     body, events = meet("house", spare_boxes=1)
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
-    go(body, 0.5)
+    go(body, 0.5, 0.0)
     events.trigger("box")
+    assert [(event["event"], event["t"]) for event in events.event_log] == [("box", 0.5)]
     with pytest.raises(SimError, match="no further box"):
         events.trigger("box")
-    go(body, 0.2)
-    assert [(event["event"], event["t"]) for event in events.event_log] == [("box", 0.6)]
-    with pytest.raises(SimError, match="kinds are box, kidnap"):
+    with pytest.raises(SimError, match="kinds are box, kidnap, carry"):
         events.trigger("rain")
+
+
+@pytest.mark.parametrize(
+    ("pose", "event", "said"),
+    [
+        (
+            Pose2D(0.0, 0.0, 0.0),
+            "box:1",
+            r"'box:1' is not possible: 'wall_.*; a window, like box:30-60",
+        ),
+        (Pose2D(-8.0, -0.5, 0.0), "box:1@0,0", "the robot is where the box would drop"),
+        (Pose2D(-8.0, -0.5, 0.0), "box:1@0.3,0.2", None),
+    ],
+)
+def test_a_box_drops_at_its_time_and_place_or_raises(meet, pose: Pose2D, event: str, said: str | None):
+    body, events = meet("house", event)
+    body.teleport(pose)
+    if said is not None:
+        with pytest.raises(SimError, match=said):
+            go(body, 1.5, 0.0)
+        return
+    go(body, 1.5, 0.0, 0.0)
+    (happened,) = events.event_log
+    parsed = parse_event(event)
+    assert happened["x"] == pytest.approx(pose.x + 0.27 + parsed.distance + SIDE / 2, abs=0.02)
+    assert happened["y"] == pytest.approx(pose.y + parsed.offset, abs=0.02)
+
+
+def test_a_second_box_does_not_drop_into_the_first(meet):
+    body, _ = meet("house", "box:1", "box:1.5")
+    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    with pytest.raises(SimError, match="'dropped_box_0' is where the box would drop"):
+        go(body, 2.0, 0.0)
 
 
 def test_driving_into_a_dropped_box_is_a_collision(meet):
@@ -112,11 +188,25 @@ def test_driving_into_a_dropped_box_is_a_collision(meet):
     assert body.contacts.collisions == 1
 
 
-def test_no_box_drops_in_front_of_a_standing_or_turning_robot(meet):
-    body, events = meet("house", "box:0")
-    go(body, 2.0, 0.0, 0.0)
-    go(body, 2.0, 0.1, 0.5)
+def test_a_box_with_a_window_waits_for_a_robot_that_drives_straight(meet):
+    body, events = meet("house", "box:0-20")
+    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    go(body, 1.0, 0.0, 0.0)
+    go(body, 1.0, 0.1, 0.5)
     assert events.event_log == []
+    assert [str(event) for event in events.pending] == ["box:0-20"]
+    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    go(body, 1.0)
+    assert len(events.event_log) == 1
+    assert events.pending == []
+
+
+@pytest.mark.parametrize("kind", ["box", "kidnap"])
+def test_a_window_without_a_suitable_moment_ends_with_an_error(meet, kind: str):
+    body, _ = meet("house", f"{kind}:0.5-1.5")
+    go(body, 1.4, 0.0, 0.0)
+    with pytest.raises(SimError, match=rf"'{kind}:0\.5-1\.5' is not possible: in this time the robot was"):
+        go(body, 0.2, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -134,9 +224,7 @@ def test_no_box_drops_in_front_of_a_standing_or_turning_robot(meet):
 def test_a_box_fits_only_where_there_is_room(meet, pose: tuple[float, float, float], fits: bool):
     body, events = meet("house", "box:100")
     here = Pose2D(*pose)
-    box = ahead_of(
-        here, 0.27, Event("box", 0.0), body.world.bodies[body.world.kinematic_bodies("dropped")[0]]
-    )
+    box = ahead_of(here, 0.27, Event("box", 0), body.world.bodies[body.world.kinematic_bodies("dropped")[0]])
     assert events.fits(box, here) == fits
 
 
@@ -148,7 +236,7 @@ def test_a_box_that_fits_leaves_a_passage_and_is_far_from_waypoints(meet):
     for _ in range(300):
         place = floor.random_point(random, 0.4)
         pose = Pose2D(*place, random.uniform(-math.pi, math.pi))
-        box = ahead_of(pose, 0.27, Event("box", 0.0), parked)
+        box = ahead_of(pose, 0.27, Event("box", 0), parked)
         if events.fits(box, pose):
             found += 1
             assert box.distance(pose.x, pose.y) - 0.27 == pytest.approx(AHEAD)
@@ -187,10 +275,58 @@ def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(meet, n
     assert math.atan2(moved.y - after.y, moved.x - after.x) == pytest.approx(moved.yaw, abs=0.1)
 
 
-def test_a_standing_robot_is_not_kidnapped(meet):
-    body, events = meet("house", "kidnap:1")
-    go(body, 3.0, 0.0, 0.0)
-    assert events.event_log == []
+def test_a_standing_and_blind_robot_is_kidnapped_at_its_time(meet):
+    body, events = meet("house", "kidnap:1.23", faults="laser:0-10")
+    before = body.true_pose()
+    go(body, 1.5, 0.0, 0.0)
+    assert [(event["event"], event["t"]) for event in events.event_log] == [("kidnap", 1.23)]
+    assert math.dist((before.x, before.y), (body.true_pose().x, body.true_pose().y)) > FAR
+
+
+def test_a_carried_robot_sees_the_way_but_its_wheels_do_not_turn(meet):
+    body, events = meet("house", "carry:1")
+    go(body, 1.0, 0.0, 0.0)
+    wheels, distance = body.joint_positions(), body.distance
+    places, scans = [body.true_pose()], []
+    (happened,) = events.event_log
+    while math.dist((places[-1].x, places[-1].y), (happened["x"], happened["y"])) > 0.02:
+        go(body, 0.1)  # commands have no effect on a carried robot
+        places.append(body.true_pose())
+        scans.append(body.scan().ranges.tobytes())
+    steps = [math.dist((a.x, a.y), (b.x, b.y)) for a, b in itertools.pairwise(places)]
+    assert len(steps) > 20
+    assert max(steps) < 1.1 * CARRYING_SPEED / 10
+    assert len(set(scans)) > 0.9 * len(scans)
+    assert min(body.world.scene.clearance_at(place.x, place.y) for place in places) > body.base.radius - 0.05
+    left = [name for name in wheels if "wheel" in name and "left" in name]
+    assert [body.joint_positions()[name] for name in left] == pytest.approx(
+        [wheels[name] for name in left], abs=0.05
+    )
+    assert body.odometry().pose.x == pytest.approx(0.0, abs=0.02)
+    assert body.distance - distance < 0.02
+    assert body.teleport_times == [SECOND]
+    assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
+    go(body, 1.0)
+    assert body.odometry().pose.x > 0.1
+
+
+def test_a_door_opens_and_closes_at_its_times(tmp_path: Path):
+    door = {"name": "kitchen", "kind": "sliding_door", "position": [2, 0], "width": 1.0}
+    path = tmp_path / "flat.json"
+    path.write_text(json.dumps({"start": {"pose": [0, 0, 0]}, "objects": [door]}), encoding="utf-8")
+    scenario = Scenario(0, 0, [parse_event(f"door:kitchen:{one}") for one in ("close@5", "open@0.5")])
+    world = World(scenario.scene(load_scene(str(path)), 1), seed=1)
+    body = SimulatedRobot(world)
+    events = scenario.begin(world, body, body.base.radius)
+    go(body, 4.8, 0.0)
+    assert world.door_opening("kitchen") == 1.0
+    go(body, 4.8, 0.0)
+    assert world.door_opening("kitchen") == 0.0
+    assert events.event_log == [
+        {"event": "door", "t": 0.5, "door": "kitchen", "open": True},
+        {"event": "door", "t": 5.0, "door": "kitchen", "open": False},
+    ]
+    world.close()
 
 
 def test_a_person_is_in_the_scan_and_keeps_away_from_a_standing_robot(meet):

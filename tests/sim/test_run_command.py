@@ -1,7 +1,7 @@
 """`btcore run` of a tree that needs a robot: its report, and errors in its options."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 from click.testing import CliRunner, Result
@@ -92,6 +92,29 @@ def test_a_rate_at_which_the_base_would_stop_is_a_usage_error(run: Run) -> None:
     assert_usage_error(run("bumpgo", "--rate", "2", "--fast"), "--rate 2 is too slow for a tree that drives")
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--event", "kidnap:9"), "event 'kidnap:9' is after the end of the run (--duration 1)"),
+        (
+            ("--start", "1,1", "--event", "box:0.5@0"),
+            "event 'box:0.5@0,0' is not possible: the robot",
+        ),
+        (("--start", "2.8,0"), "world 'arena': the robot cannot start at (2.8, 0), because it would touch"),
+    ],
+)
+def test_impossible_events_and_starts_are_errors(run: Run, options: Sequence[str], said: str) -> None:
+    result = run("bumpgo", "--fast", "--duration", "1", *options)
+    assert_usage_error(result, said)
+    assert result.stdout == ""
+
+
+def test_an_event_after_the_end_of_the_run_is_reported(run: Run) -> None:
+    result = run("bumpgo", "--fast", "--duration", "1", "--event", "box:0.5-3", "--start", "2,0")
+    assert result.exit_code == 0
+    assert "event 'box:0.5-3' did not happen: the run ended before" in result.stderr
+
+
 def test_an_incomplete_fault_is_a_usage_error(run: Run) -> None:
     assert_usage_error(run("bumpgo", "--fault", "laser", "--fast"), "laser")
 
@@ -110,5 +133,8 @@ def test_no_robot_is_simulated_if_a_robot_is_provided() -> None:
         with simulator.attach(None, [mine], settings):
             pass
         assert simulator.report() == {}
+        assert simulator.used_by == (
+            "leaf that needs a simulated robot, because its robot is the SimulatedRobot of btcore_sim"
+        )
     finally:
         mine.world.close()

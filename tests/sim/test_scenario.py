@@ -23,7 +23,7 @@ SETTINGS: dict[str, Any] = {"world": "house", "seed": 3, "fast": True, "camera":
 
 def trace(seed: int, seconds: int = 12) -> str:
     """Return a digest of every scan and true pose of a run with people, obstacles and events."""
-    scenario = Scenario(3, 2, [parse_event("box:2"), parse_event("kidnap:8")])
+    scenario = Scenario(3, 2, [parse_event("box:2-12"), parse_event("carry:8")])
     world = World(scenario.scene(load_scene("aws_house"), seed), seed=seed)
     body = SimulatedRobot(world)
     events = scenario.begin(world, body, body.base.radius)
@@ -50,7 +50,7 @@ def test_an_empty_scenario_does_not_change_the_world():
 
 def test_options_reach_the_world_and_events_the_report():
     extension = RobotExtension()
-    settings = {**SETTINGS, "people": 2, "obstacles": 1, "event": ("box:90", "kidnap:1")}
+    settings = {**SETTINGS, "people": 2, "obstacles": 1, "event": ("box:90-95", "kidnap:1")}
     resources = extension.provide(settings, [Robot])
     body = next(one for one in resources if isinstance(one, SimulatedRobot))
     names = [body.world.bodies[number].name for number in body.world.movable]

@@ -1,17 +1,28 @@
 """The options for the start pose and for the noise of the sensors."""
 
+import json
 import math
 import re
+import threading
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from btcore.cli.extension import gather_resources
+from btcore_robot.navigation.action import GoalStatus
+from btcore_robot.navigation.stack import Navigation
+from btcore_robot.robot import Pose2D
+from btcore_robot.run_extension import NavigationExtension
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.obstacles import PASSAGE
 from btcore_sim.robot_description import load_description
+from btcore_sim.run_extension import RobotExtension
 from btcore_sim.scenario import with_start
 from btcore_sim.scene import load_scene
-from btcore_sim.world import random_generator
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World, random_generator
 
 RADIUS = 0.27
 
@@ -22,27 +33,27 @@ def test_random_starts_of_a_house_are_free_and_connected_to_all_waypoints(name: 
     floor = ClearanceMap.of(scene)
     poses = []
     for seed in range(8):
-        pose = with_start(scene, "random", random_generator(seed, "start"), RADIUS).pose
+        pose = with_start(scene, "random", random_generator(seed, "start")).pose
         assert pose is not None
         assert floor.connected([*scene.waypoints.values(), (pose.x, pose.y)], PASSAGE / 2)
         assert scene.clearance_at(pose.x, pose.y) >= RADIUS
         poses.append(pose)
     assert len(set(poses)) == 8
     assert max(math.dist((a.x, a.y), (b.x, b.y)) for a in poses for b in poses) > 4.0
-    again = with_start(scene, "random", random_generator(3, "start"), RADIUS).pose
+    again = with_start(scene, "random", random_generator(3, "start")).pose
     assert again == poses[3]
 
 
 def test_a_world_with_random_starts_of_its_own_keeps_them():
     arena = load_scene("arena")
-    assert with_start(arena, "random", random_generator(1, "start"), RADIUS) is arena
+    assert with_start(arena, "random", random_generator(1, "start")) is arena
 
 
 def test_a_start_is_given_in_metres_and_degrees():
-    pose = with_start(load_scene("house"), "0.5,-0.25,90", random_generator(0, "start"), RADIUS).pose
+    pose = with_start(load_scene("house"), "0.5,-0.25,90", random_generator(0, "start")).pose
     assert pose is not None
     assert (pose.x, pose.y, pose.yaw) == pytest.approx((0.5, -0.25, math.pi / 2))
-    turned = with_start(load_scene("house"), "0,0,270", random_generator(0, "start"), RADIUS).pose
+    turned = with_start(load_scene("house"), "0,0,270", random_generator(0, "start")).pose
     assert turned is not None
     assert turned.yaw == pytest.approx(-math.pi / 2)
 
@@ -50,16 +61,92 @@ def test_a_start_is_given_in_metres_and_degrees():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("somewhere", "use random, or X,Y or X,Y,YAW"),
+        ("somewhere", "use random, unknown, X,Y or X,Y,YAW"),
         ("1", "use random"),
         ("1,2,3,4", "use random"),
         ("nan,0", "X, Y and YAW have to be finite numbers"),
-        ("-9.7,-5", "m of room in world 'house'"),
     ],
 )
 def test_an_invalid_start_raises(text: str, said: str):
     with pytest.raises(SimError, match=re.escape(said)):
-        with_start(load_scene("house"), text, random_generator(0, "start"), RADIUS)
+        with_start(load_scene("house"), text, random_generator(0, "start"))
+
+
+@pytest.fixture
+def yard(tmp_path: Path) -> Path:
+    """A world that starts far from the origin of its map, with a fence around it."""
+    fence = [
+        {"name": f"fence_{n}", "kind": "box", "position": [20 + x, 10 + y], "size": [w, d, 1]}
+        for n, (x, y, w, d) in enumerate([(3, 0, 0.1, 6), (-3, 0, 0.1, 6), (0, 3, 6, 0.1), (0, -3, 6, 0.1)])
+    ]
+    crate = {"name": "crate", "kind": "box", "position": [21, 11], "size": [1, 1, 1]}
+    path = tmp_path / "yard.json"
+    start = {"pose": [19, 9, 0.5]}
+    path.write_text(json.dumps({"start": start, "objects": [*fence, crate]}), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        ("21,11", "cannot start at (21, 11), because it would touch 'crate' there"),
+        ("20.23,11", "touch 'crate'"),
+        ("22.7,9", "touch 'fence_0'"),
+        ("20.2,11", None),
+    ],
+)
+def test_a_robot_cannot_start_where_it_touches_an_object(yard: Path, start: str, said: str | None):
+    world = World(with_start(load_scene(str(yard)), start, random_generator(0, "start")))
+    if said is None:
+        assert SimulatedRobot(world).contacts.events == []
+    else:
+        with pytest.raises(SimError, match=re.escape(said)):
+            SimulatedRobot(world)
+    world.close()
+
+
+def navigation(yard: Path, **settings: Any) -> tuple[SimulatedRobot, Navigation]:
+    chosen = {"world": str(yard), "fast": True, "rate": 10.0, "camera": "off", "seed": 1, **settings}
+    resources, _, _ = gather_resources([NavigationExtension(), RobotExtension()], chosen, [Navigation])
+    body = next(one for one in resources if isinstance(one, SimulatedRobot))
+    return body, next(one for one in resources if isinstance(one, Navigation))
+
+
+@pytest.mark.parametrize("start", [None, "21,9,90", "random"])
+def test_the_localiser_is_given_the_start_pose(yard: Path, start: str | None):
+    body, found = navigation(yard, start=start)
+    true, pose = body.true_pose(), found.localiser.pose()
+    assert (pose.x, pose.y, pose.yaw) == pytest.approx((true.x, true.y, true.yaw), abs=0.01)
+    body.world.wait_until(2_000_000_000, threading.Event())
+    assert found.estimate() is not None
+    assert not found.localiser.searching
+    body.world.close()
+
+
+def test_the_users_initial_pose_replaces_the_start_pose(yard: Path, tmp_path: Path):
+    file = tmp_path / "nav2.yaml"
+    file.write_text("amcl: {ros__parameters: {initial_pose: {x: 18.5, y: 9.0, yaw: 0.4}}}", encoding="utf-8")
+    body, found = navigation(yard, nav_params=file)
+    assert found.localiser.pose() == Pose2D(18.5, 9.0, pytest.approx(0.4))
+    body.world.close()
+
+
+def test_a_robot_with_an_unknown_start_stands_until_it_has_found_its_pose(yard: Path):
+    body, found = navigation(yard, start="unknown")
+    handle = found.go_to(Pose2D(19.0, 9.0, 0.0))
+    begin = body.true_pose()
+    while found.estimate() is None and body.world.now() < 60_000_000_000:
+        true = body.true_pose()
+        assert math.dist((begin.x, begin.y), (true.x, true.y)) < 0.05
+        body.world.wait_until(body.world.now() + 500_000_000, threading.Event())
+    pose, true = found.estimate(), body.true_pose()
+    assert pose is not None
+    assert math.dist((pose.x, pose.y), (true.x, true.y)) < 0.05
+    while not handle.done and body.world.now() < 120_000_000_000:
+        body.world.wait_until(body.world.now() + 500_000_000, threading.Event())
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
+    body.world.close()
 
 
 def test_noise_is_a_factor_on_laser_and_odometry():

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import In, StatefulAction, Status, SyncAction
+from btcore import In, Out, StatefulAction, Status, SyncAction
 from btcore_robot.navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 
@@ -30,6 +30,9 @@ class Explorer(Protocol):
 
     def must_wait(self) -> bool:
         """Return whether the robot has to stand because its pose is not known yet."""
+
+    def estimate(self) -> Pose2D | None:
+        """Return the robot's pose in the frame `map`, or None while it is not known."""
 
     def next_goal(self) -> Pose2D | None:
         """Return the next goal in the frame `map`, or None if there is nothing left to explore."""
@@ -63,6 +66,10 @@ class Explore(StatefulAction):
     the drive.
     """
 
+    start: Annotated[
+        Out[Pose2D | None], "The robot's pose when the exploration began, in the frame map: the way back."
+    ] = None
+
     state_fields = None  # the goal and its handle belong to the navigator
 
     def __init__(self, explorer: Explorer, robot: Robot) -> None:
@@ -73,9 +80,11 @@ class Explore(StatefulAction):
         self.arrived: int | None = None
         self.goal: Pose2D | None = None
         self.failed_goal: Pose2D | None = None
+        self.is_start_written = False
 
     def on_start(self) -> Status:
         """Send the first goal."""
+        self.is_start_written = False
         return self.send_next_goal()
 
     def on_running(self) -> Status:
@@ -117,6 +126,9 @@ class Explore(StatefulAction):
         self.last_check, self.arrived = self.clock.now(), None
         if self.explorer.must_wait():
             return Status.RUNNING
+        if not self.is_start_written:
+            self.start = self.explorer.estimate()
+            self.is_start_written = True
         self.goal = self.explorer.next_goal()
         if self.goal is None:
             self.on_halted()

@@ -39,7 +39,7 @@ TYPES = {
 @pytest.fixture(scope="module", autouse=True)
 def simulation(start: Callable[..., Simulation], client: Client) -> Simulation:
     """The arena, in real time."""
-    started = start("--world", "arena", "--battery", "50", "--camera", "64x48@5")
+    started = start("--world", "arena", "--start", "0,0,0", "--battery", "50", "--camera", "64x48@5")
     clock = client.messages(Clock, "/clock", qos_profile_sensor_data)
     client.wait(lambda: clock or started.process.poll() is not None)
     return started
@@ -188,19 +188,13 @@ def test_services_recharge_trigger_events_and_report(client: Client) -> None:
     assert client.call(Trigger, "/sim/recharge").success
     client.wait(lambda: batteries[-1].percentage > 0.95)
 
-    answers = [client.call(Trigger, "/sim/drop_box") for _ in range(6)]
-    assert [answer.success for answer in answers] == [True] * 5 + [False]
-    assert "no further box" in answers[-1].message
+    answers = [client.call(Trigger, "/sim/drop_box") for _ in range(2)]
+    assert [answer.success for answer in answers] == [True, False]
+    assert "'dropped_box_0' is where the box would drop" in answers[-1].message
     assert client.call(Trigger, "/sim/kidnap").success
-    publisher = client.node.create_publisher(Twist, "/cmd_vel", 10)
-    turn = Twist()
-    turn.angular.z = 1.0
-
-    def events() -> list[str]:
-        summary = json.loads(client.call(Trigger, "/sim/summary").message)
-        return [event["event"] for event in summary["events"]]
-
-    client.publish_until([(publisher, turn)], lambda: "kidnap" in events())
+    assert client.call(Trigger, "/sim/carry").success
+    events = json.loads(client.call(Trigger, "/sim/summary").message)["events"]
+    assert [event["event"] for event in events] == ["box", "kidnap", "carry"]
     assert client.call(Trigger, "/sim/reset_contacts").success
     summary = json.loads(client.call(Trigger, "/sim/summary").message)
     assert summary["robot"]["collisions"] == 0
