@@ -12,6 +12,7 @@ import numpy as np
 
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import NS_PER_S, LaserScan, Twist2D
+from btcore_robot.time_limits import BOOK_SCAN, is_stale
 
 __all__ = ["BumpGo", "BumpGoState", "ClosedLoop", "Diagonals", "OpenLoop"]
 
@@ -25,7 +26,6 @@ OBSTACLE_DISTANCE = 1.0
 """The distance (m) at the middle beam below which there is an obstacle."""
 BACKING_TIME = 2 * NS_PER_S
 TURNING_TIME = 2 * NS_PER_S
-SCAN_TIMEOUT = 1 * NS_PER_S
 
 DIAGONAL = math.pi / 4
 """The angle (rad) of a diagonal, to the left and to the right."""
@@ -164,7 +164,7 @@ class BumpGo(Process):
 
     def is_stale(self, scan: LaserScan) -> bool:
         """Return whether the newest scan is too old to drive by."""
-        return self.now() - scan.stamp > SCAN_TIMEOUT
+        return is_stale(scan, self.now(), BOOK_SCAN)
 
     def is_blocked(self, scan: LaserScan) -> bool:
         """Return whether there is an obstacle at the middle beam."""

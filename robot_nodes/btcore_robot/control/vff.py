@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from btcore_robot.process.messages import BLUE, GREEN, RED, Arrow, Arrows, Colour
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
-from btcore_robot.robot import NS_PER_S, LaserScan, Twist2D
+from btcore_robot.robot import LaserScan, Twist2D
+from btcore_robot.time_limits import BOOK_SCAN, is_stale
 
 __all__ = [
     "Avoidance",
@@ -38,7 +39,6 @@ SPEED_MAX = 0.3
 """The maximum speed (m/s)."""
 TURN_MAX = 0.5
 """The maximum angular speed (rad/s)."""
-SCAN_TIMEOUT = NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ class Avoidance(Process):
     def control_cycle(self) -> None:
         """Publish the velocity and the arrows."""
         scan = self.scan
-        if scan is None or not len(scan.ranges) or self.now() - scan.stamp > SCAN_TIMEOUT:
+        if scan is None or not len(scan.ranges) or is_stale(scan, self.now(), BOOK_SCAN):
             self.forces = None
             return
         self.forces = self.field(scan)

@@ -5,7 +5,8 @@ from typing import Annotated
 import numpy as np
 
 from btcore import In, StatefulAction, Status, condition
-from btcore_robot.robot import NS_PER_S, LaserScan, Robot
+from btcore_robot.robot import LaserScan, Robot
+from btcore_robot.time_limits import SCAN, is_stale
 
 
 @condition
@@ -38,7 +39,7 @@ class WaitForScan(StatefulAction):
     laser data, and the later children are not ticked.
     """
 
-    timeout: Annotated[In[float], "The maximum age (s) of a scan."] = 0.5
+    timeout: Annotated[In[float], "The maximum age (s) of a scan."] = SCAN
     # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
     may_complete_on_start = True
 
@@ -57,11 +58,6 @@ class WaitForScan(StatefulAction):
             return Status.SUCCESS
         self.robot.drive(0.0, 0.0)
         return Status.RUNNING
-
-
-def is_stale(scan: LaserScan | None, now: int, timeout: float) -> bool:
-    """Return whether there is no scan at *now* (ns), or only a scan older than *timeout* (s)."""
-    return scan is None or now - scan.stamp > timeout * NS_PER_S
 
 
 def in_corridor(scan: LaserScan, distance: float, corridor: float) -> bool:

@@ -17,6 +17,7 @@ from btcore_robot.navigation.clearance import ClearanceGrid, laser_pose
 from btcore_robot.navigation.costmap import LocalCostmap
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.parameters import BehaviourParameters
+from btcore_robot.navigation.sensor_watch import SensorWatch
 from btcore_robot.navigation.velocity_smoother import VelocityLimits, VelocitySmoother
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import NS_PER_S, Odometry, Robot
@@ -28,7 +29,6 @@ MIN_CLEARANCE = 0.30
 """The distance (m) that the robot's centre keeps from obstacles while it drives."""
 
 _STEP = 0.1  # s between the simulated poses
-_MAX_SCAN_AGE = NS_PER_S // 2  # ns; with an older scan the robot stands until a newer scan arrives
 _ALLOWED_LOSS = 0.01  # m of clearance that the robot may lose where it is too near an obstacle already
 _ACCELERATION = 2.5  # m/s²: Nav2's limit for driving straight; the base's own limit is mostly lower
 # m by which a distance of the clearance grid may be under the hull's radius without contact
@@ -102,7 +102,16 @@ class _Codes:
 class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic[MotionGoal]):
     """A behaviour that moves the robot.
 
-    Call `step` from the robot's schedule at `cycle_frequency` (10 Hz by default) in `Phase.CONTROLLER`.
+    Call `step` from the robot's schedule at `cycle_frequency` (10 Hz by default) in `Phase.CONTROLLER`. While
+    a sensor has an outage, the robot stands and the goal waits. The goal fails when an outage lasts longer
+    than `time_limits.PATIENCE`. Motion during an outage of the odometry doesn't count.
+
+    Args:
+        robot: The robot.
+        tree: The transform tree.
+        local_costmap: The costmap for collision checks.
+        parameters: The parameters; the defaults if omitted.
+        sensors: The watch over the sensors; by default a watch with the default time limits.
     """
 
     _codes: _Codes
@@ -113,6 +122,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         tree: TransformTree,
         local_costmap: LocalCostmap,
         parameters: BehaviourParameters | None = None,
+        sensors: SensorWatch | None = None,
     ) -> None:
         super().__init__()
         self.parameters = parameters = parameters or BehaviourParameters()
@@ -121,15 +131,18 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         self._robot = robot
         self._tree = tree
         self._costmap = local_costmap
+        self._sensors = sensors or SensorWatch(robot, tree)
         self._clearance = ClearanceGrid()
         base = robot.base
         turning = parameters.rotational_acc_lim
         v, w = max(base.v_max, -base.v_min), parameters.max_rotational_vel
         limits = VelocityLimits(v, w, _ACCELERATION, _ACCELERATION, turning, turning)
         self._smoother = VelocitySmoother(robot, limits.within(base))
-        self._started = 0
-
+        self._started = self._last = 0
+        self._interrupted = False
         self._from: Odometry = robot.odometry()
+        self._travelled_before = 0.0
+        """The travelled amount (rad or m) before `_from`."""
         self._travelled = 0.0
 
     def step(self, now: int) -> None:
@@ -140,9 +153,10 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
 
     def start(self, handle: Handle[MotionGoal], now: int, previous: Handle[MotionGoal] | None) -> None:
         """Begin at the robot's present pose, or abort an invalid goal."""
-        self._started = now
+        self._started = self._last = now
+        self._interrupted = False
         self._from = self._robot.odometry()
-        self._travelled = 0.0
+        self._travelled_before = self._travelled = 0.0
         self._smoother.resume(now)
         error = self._goal_error(handle.goal)
         if error:
@@ -151,14 +165,17 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
     def work(self, handle: Handle[MotionGoal], now: int) -> None:
         """Move for one period, or end the goal: at its distance, at its time limit or before a collision."""
         goal = handle.goal
+        elapsed, self._last = now - self._last, now
         odometry = self._robot.odometry()
+        if self._waits(handle, elapsed, now):
+            return
         self._travelled = self._progress(odometry)
         handle.feedback = BehaviourFeedback(self._travelled)
         remaining = self._amount(goal) - self._travelled - self._braking()
-        elapsed = (now - self._started) / NS_PER_S
+        seconds = (now - self._started) / NS_PER_S
         if remaining <= _CLOSE_ENOUGH:
             handle.succeed()
-        elif 0.0 < goal.time_allowance < elapsed:
+        elif 0.0 < goal.time_allowance < seconds:
             handle.abort(
                 self._codes.timeout, f"{self.name} exceeded its time allowance of {goal.time_allowance:g} s"
             )
@@ -179,10 +196,33 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         """Return how far to move (rad or m, not negative)."""
         return abs(goal.dist)
 
+    def _waits(self, handle: Handle[MotionGoal], elapsed: int, now: int) -> bool:
+        """Brake and return True if a sensor has an outage; *elapsed* (ns) is the time since the last step.
+
+        A goal without collision checks needs the odometry only.
+        """
+        odometry_outage = self._sensors.odometry_outage(now)
+        outage = odometry_outage
+        if outage is None and not handle.goal.disable_collision_checks:
+            outage = self._sensors.outage(now)
+        if odometry_outage is not None:
+            self._interrupted = True
+        elif self._interrupted:
+            # The odometry may have jumped: the motion is measured from the first new reading on.
+            self._interrupted = False
+            self._from, self._travelled_before = self._robot.odometry(), self._travelled
+        if outage is None:
+            return False
+        self._started += elapsed
+        self._smoother.send_command(0.0, 0.0, now, self.period)
+        if outage.exceeds_patience(now):
+            handle.abort(self._codes.transform, outage.message(now))
+        return True
+
     def _progress(self, odometry: Odometry) -> float:
         """Return how far the robot has moved since the start (rad or m)."""
         start, here = self._from.pose, odometry.pose
-        return math.hypot(here.x - start.x, here.y - start.y)
+        return self._travelled_before + math.hypot(here.x - start.x, here.y - start.y)
 
     def _braking(self) -> float:
         """Return the braking distance (rad or m)."""
@@ -196,12 +236,9 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         v, w = self._velocity(handle.goal, remaining)
         if not handle.goal.disable_collision_checks:
             try:
-                is_fresh = self._update_clearance(now)
+                self._update_clearance()
             except TransformError as error:
                 handle.abort(self._codes.transform, str(error))
-                return
-            if not is_fresh:
-                self._smoother.send_command(0.0, 0.0, now, self.period)
                 return
             if self._collides(v, remaining, odometry):
                 handle.abort(
@@ -210,14 +247,12 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
                 return
         self._smoother.send_command(v, w, now, self.period)
 
-    def _update_clearance(self, now: int) -> bool:
-        """Compute the clearance from the newest scan; return False if that scan is too old."""
+    def _update_clearance(self) -> None:
+        """Compute the clearance from the newest scan."""
         scan = self._robot.scan()
-        if scan is None or now - scan.stamp > _MAX_SCAN_AGE:
-            return False
-        laser = laser_pose(self._tree, self._costmap.frame, scan)
-        self._clearance.update(scan, laser, self._costmap)
-        return True
+        if scan is not None:
+            laser = laser_pose(self._tree, self._costmap.frame, scan)
+            self._clearance.update(scan, laser, self._costmap)
 
     def _collides(self, v: float, remaining: float, odometry: Odometry) -> bool:
         pose = odometry.pose

@@ -22,6 +22,7 @@ from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.parameters import ControllerParameters
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.pure_pursuit import Carrot, PurePursuit
+from btcore_robot.navigation.sensor_watch import SensorWatch
 from btcore_robot.navigation.velocity_smoother import VelocityLimits, VelocitySmoother
 from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import NS_PER_S, Pose2D, Robot
@@ -177,12 +178,16 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     """The action server of `FollowPathGoal`.
 
     Call `step` from the robot's schedule at `controller_frequency` in `Phase.CONTROLLER`. While *hold*
-    returns True, or the newest scan is too old, the robot stands and the goal doesn't fail.
+    returns True, or a sensor has an outage, the robot stands and the goal waits. The goal fails when an
+    outage lasts longer than `time_limits.PATIENCE`.
 
     Args:
         robot: The robot.
         tree: The transform tree.
         local_costmap: The costmap for collision checks.
+        parameters: The parameters; the defaults if omitted.
+        hold: A function that returns whether the robot has to stand; by default the robot may always drive.
+        sensors: The watch over the sensors; by default a watch with the time limits of *parameters*.
 
     Attributes:
         name: The name of the action.
@@ -199,6 +204,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         parameters: ControllerParameters | None = None,
         *,
         hold: Callable[[], bool] | None = None,
+        sensors: SensorWatch | None = None,
     ) -> None:
         super().__init__()
         self.parameters = parameters = parameters or ControllerParameters()
@@ -210,6 +216,9 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._tree = tree
         self._costmap = local_costmap
         self._hold = hold
+        self._sensors = sensors or SensorWatch(
+            robot, tree, parameters.scan_timeout, parameters.odometry_timeout
+        )
         self._smoother = VelocitySmoother(
             robot,
             VelocityLimits(
@@ -274,6 +283,12 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     def work(self, handle: FollowPathHandle, now: int) -> None:
         """Follow the path for one period."""
         elapsed, self._last = now - self._last, now
+        outage = self._sensors.outage(now)
+        if outage is not None:
+            self._wait(elapsed, now)
+            if outage.exceeds_patience(now):
+                handle.abort(Nav2ErrorCode.FOLLOW_PATH_TF_ERROR, outage.message(now))
+            return
         path, pursuit = handle.goal.path, self._pursuit
         goal = path.goal
         assert pursuit is not None
@@ -292,11 +307,8 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         handle.feedback = FollowPathFeedback(
             pursuit.remaining, self._smoother.v, pursuit.cross_track_error, turned
         )
-        if self._is_blind(now) or (self._hold is not None and self._hold()):
-            self._progress.pause(elapsed)
-            self._motion_check.pause(elapsed)
-            self._could_move_at += elapsed
-            self._smoother.send_command(0.0, 0.0, now, self.period)
+        if self._hold is not None and self._hold():
+            self._wait(elapsed, now)
             return
         if self._goals.is_goal_reached(pose, goal):
             handle.succeed()
@@ -328,15 +340,18 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         """Brake; later steps brake further until the robot stands."""
         self._smoother.send_command(0.0, 0.0, now, self.period)
 
+    def _wait(self, elapsed: int, now: int) -> None:
+        """Brake, and exclude the *elapsed* time (ns) since the last step from all checks of progress."""
+        self._progress.pause(elapsed)
+        self._motion_check.pause(elapsed)
+        self._could_move_at += elapsed
+        self._smoother.send_command(0.0, 0.0, now, self.period)
+
     def _update_clearance(self, now: int) -> None:
         scan = self._robot.scan()
         if scan is not None and scan.stamp != self.clearance.stamp:
             laser = laser_pose(self._tree, self._costmap.frame, scan)
             self.clearance.update(scan, laser, self._costmap)
-
-    def _is_blind(self, now: int) -> bool:
-        stamp = self.clearance.stamp
-        return stamp is None or now - stamp > self.parameters.scan_timeout * NS_PER_S
 
     def _fail(self, handle: FollowPathHandle, now: int, code: Nav2ErrorCode, message: str) -> None:
         """Stop the robot; abort the goal once the robot couldn't move for longer than the tolerance."""

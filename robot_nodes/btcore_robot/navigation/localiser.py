@@ -22,6 +22,7 @@ from btcore_robot.navigation.ray_casting import RayCaster
 from btcore_robot.navigation.relocalisation import Relocaliser
 from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import NS_PER_S, LaserScan, Pose2D, Robot, TransformStamped
+from btcore_robot.time_limits import ODOMETRY, is_stale
 from btcore_robot.transforms import TransformError, TransformTree
 
 __all__ = ["Localiser"]
@@ -30,6 +31,8 @@ INITIAL_DEVIATION = (0.5, 0.5, 0.26)
 """The standard deviation (m, m, rad) of a given pose (nav2_amcl's default)."""
 FOUND_DEVIATION = (0.15, 0.15, 0.1)
 """The standard deviation (m, m, rad) of a pose that was found by relocalisation."""
+OUTAGE_MATCH = (0.3, 0.15)
+"""The standard deviation (m, rad) of a pose that is assumed after an outage of the odometry."""
 MIN_BEAMS = 10
 """Scans with fewer valid beams are ignored."""
 ODOMETRY_DEVIATION = (0.05, 0.05)
@@ -66,6 +69,11 @@ class Localiser:
     The localiser is then `searching` until a single pose has passed the comparison with several scans. People
     and things that are not on the map cause at most a doubt, which is dismissed within a second.
 
+    Without recent odometry the pose is unknown. When the odometry arrives again, the robot may have been
+    moved in the meantime, or the odometry may have started anew. Either the last pose or the pose by odometry
+    is assumed, whichever explains the scan better, and the assumed pose is in doubt until the search of the
+    whole map has confirmed it.
+
     The navigation must stop the robot while `confident` is False. While `searching` is True, the navigation
     must turn the robot on the spot (for instance at 0.5 rad/s), because rooms that look alike in one
     direction differ in another direction. The robot may drive on once `confident` is True again. Until then,
@@ -78,6 +86,7 @@ class Localiser:
         robot: The robot.
         field_map: The map.
         random: The source of the samples.
+        odometry_limit: The age (s) from which on the odometry has an outage.
 
     Attributes:
         parameters: The parameters of the filter.
@@ -90,9 +99,11 @@ class Localiser:
         tree: TransformTree,
         random: np.random.Generator,
         parameters: AmclParameters | None = None,
+        odometry_limit: float = ODOMETRY,
     ) -> None:
         self.parameters = AmclParameters() if parameters is None else parameters
         settings = self.parameters
+        self._odometry_limit = odometry_limit
         self._robot = robot
         self._tree = tree
         self._random = random
@@ -128,6 +139,10 @@ class Localiser:
         self.searching = False
         """Whether the whole map is being searched: the robot has to turn on the spot."""
         self._doubting = False
+        self._before_outage: Pose2D | None = None
+        """The last pose before an outage of the odometry, until a scan after the outage is processed."""
+        self._odometry_began: int | None = None
+        """The stamp (ns) of the first odometry after an outage."""
         self._dismissed: int | None = None
         self._updated_at: Pose2D | None = None
         self._updates = 0
@@ -139,8 +154,12 @@ class Localiser:
 
     @property
     def confident(self) -> bool:
-        """Whether the pose is reliable enough to drive: not lost, not being searched for and not in doubt."""
-        return not (self.lost or self.searching or self._doubting)
+        """Whether the pose is reliable enough to drive.
+
+        It is not while the robot is lost, while the pose is being searched for or is in doubt, and during an
+        outage of the odometry.
+        """
+        return not (self.lost or self.searching or self._doubting or self._before_outage is not None)
 
     @property
     def is_contradicted(self) -> bool:
@@ -158,6 +177,8 @@ class Localiser:
             pose: The robot's pose in the frame map.
             covariance: The covariance of x, y and yaw, shape `(3, 3)`; by default from INITIAL_DEVIATION.
         """
+        if self._before_outage is not None:
+            self._before_outage = pose
         spread = np.diag(np.square(INITIAL_DEVIATION)) if covariance is None else covariance
         self._settle(pose, self._robot.odometry().pose, spread)
 
@@ -174,9 +195,19 @@ class Localiser:
 
     def step(self, now: int) -> None:
         """Process the newest scan, unless it was processed before or its transforms are not available yet."""
+        newest = self._robot.odometry()
+        if is_stale(newest, now, self._odometry_limit):
+            if self._before_outage is None:
+                self._before_outage = self._estimate(newest.pose)
+            self._odometry_began = None
+            return
+        if self._odometry_began is None:
+            self._odometry_began = newest.stamp
         scan = self._robot.scan()
         if scan is None or scan.stamp == self.stamp:
             return
+        if self._before_outage is not None and scan.stamp < self._odometry_began:
+            return  # taken during the outage: its pose by odometry is not known
         names = self.parameters
         try:
             odometry = self._tree.lookup(names.odom_frame_id, names.base_frame_id, scan.stamp).to_pose()
@@ -187,6 +218,9 @@ class Localiser:
         laser_xy = (laser.position[0], laser.position[1])
         points = laser.apply(beam_endpoints(scan, names.max_beams, self._least_range, self._most_range))
         if len(points) >= MIN_BEAMS:
+            if self._before_outage is not None:
+                self._assume_pose(self._before_outage, points, laser_xy, odometry)
+                self._before_outage = None
             if self.searching:
                 self._search(points, laser_xy, odometry)
             else:
@@ -214,6 +248,29 @@ class Localiser:
         self._relocaliser.restart()
         self._dismissed = None
         self.lost = self.searching = self._doubting = False
+
+    def _assume_pose(
+        self, before: Pose2D, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D
+    ) -> None:
+        """Assume a pose after an outage of the odometry, and begin a doubt.
+
+        Args:
+            before: The last pose before the outage.
+            points: The ends of the scan's beams in the robot's frame (m), shape `(k, 2)`.
+            laser_xy: The laser's position in the robot's frame (m).
+            odometry: The robot's pose in odom at the scan's stamp.
+        """
+        if self.searching:
+            self._relocaliser.restart()
+            return
+        poses = [self._estimate(odometry), before]
+        matched = [
+            self._surfaces.match(pose, points, laser_xy, deviation=OUTAGE_MATCH).pose for pose in poses
+        ]
+        views = self._visibility.agreement(matched, laser_xy, points)
+        best = matched[0] if views[0].score >= views[1].score else matched[1]
+        self._settle(best, odometry, np.diag(np.square(INITIAL_DEVIATION)))
+        self._doubting = True
 
     def _begin_search(self) -> None:
         self.searching, self._doubting = True, False

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from btcore_robot import time_limits
 from btcore_robot.navigation.parameter_files import (
     ALIASES,
     EVERY_SERVER,
@@ -81,7 +82,7 @@ class AmclParameters:
     z_short: float = number_field(0.05, minimum=0.0)
     do_beamskip: bool = False
     tf_broadcast: bool = True
-    transform_tolerance: float = number_field(1.0, minimum=0.0)
+    transform_tolerance: float = number_field(time_limits.MAP_TRANSFORM, minimum=0.0)
     update_min_a: float = number_field(0.2, minimum=0.0)
     update_min_d: float = number_field(0.25, minimum=0.0)
     set_initial_pose: bool = True
@@ -145,8 +146,9 @@ class ControllerParameters:
 
     *failure_tolerance* is the time without a way to move after which a goal fails (0: at once, -1: never).
     Nav2's files have 0.3 s; the default here is long enough for people who stop in front of the robot and
-    then walk on. After *scan_timeout* without a scan the robot stops. The speed is limited so that the robot
-    needs at least *time_to_collision* to reach an obstacle ahead.
+    then walk on. After *scan_timeout* without a scan, or *odometry_timeout* without odometry, the robot
+    stops; both hold for the recoveries, too. The speed is limited so that the robot needs at least
+    *time_to_collision* to reach an obstacle ahead.
     """
 
     controller_plugins: tuple[str, ...] = ("FollowPath",)
@@ -170,7 +172,8 @@ class ControllerParameters:
     approach_velocity_scaling_dist: float = number_field(0.6, minimum=0.0)
     min_approach_linear_velocity: float = number_field(0.05, minimum=0.01)
     time_to_collision: float = number_field(1.2, "max_allowed_time_to_collision_up_to_carrot", minimum=0.1)
-    scan_timeout: float = number_field(0.5, minimum=0.1)
+    scan_timeout: float = number_field(time_limits.SCAN, minimum=0.1)
+    odometry_timeout: float = number_field(time_limits.ODOMETRY, minimum=0.05)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from btcore_robot.navigation.distance_field import SignedDistanceField
 from btcore_robot.navigation.ray_casting import RayCaster, ScanAgreement
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import LaserScan, Pose2D
+from btcore_robot.time_limits import COMPARED_SCANS, is_stale
 
 RECENT = 3
 """The number of scans over which the fit is averaged."""
@@ -37,7 +38,6 @@ JUMPED_BOTH_WAYS, EACH_WAY = 0.35, 0.1
 _BEAMS = 60
 _CHANGED = 0.4  # m: more than noise (σ 0.06 m) and a step of 0.03 m
 _NEIGHBOURS = np.arange(-3, 4)  # a beam beside an edge may fall on the edge's other side
-_MAX_PAUSE = 500_000_000  # ns: scans that are farther apart are not compared
 
 
 def changed_beam_shares(before: LaserScan, after: LaserScan, turn: float) -> tuple[float, float]:
@@ -110,7 +110,7 @@ class PoseValidator:
             pose: The estimated pose in the map at the scan's stamp.
         """
         before, self._before = self._before, (scan, odometry.yaw)
-        if before is not None and scan.stamp - before[0].stamp <= _MAX_PAUSE:
+        if before is not None and not is_stale(before[0], scan.stamp, COMPARED_SCANS):
             turn = wrap_angle(odometry.yaw - before[1])
             farther, nearer = changed_beam_shares(before[0], scan, turn)
             both_ways = min(farther, nearer) > EACH_WAY

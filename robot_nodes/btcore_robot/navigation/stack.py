@@ -23,6 +23,7 @@ from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.parameters import CostmapParameters, NavigationParameters, NavigatorParameters
 from btcore_robot.navigation.planner import Planner, PlannerServer
 from btcore_robot.navigation.scene import NavigationScene
+from btcore_robot.navigation.sensor_watch import SensorWatch
 from btcore_robot.navigation.servers import MAP_FRAME, ODOM_FRAME, PoseSource, Servers
 from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot
 from btcore_robot.transforms import FrameBroadcaster, TransformError, TransformTree
@@ -45,6 +46,8 @@ It is higher than CMD_VEL, so that the zero velocity of a server that has to wai
 """
 SEARCH_PATIENCE = 120.0
 """The time (s) of the turn after which waiting goals fail; a new goal starts another search."""
+WATCH_RATE = 20.0
+"""The rate (Hz) at which outages of sensors are noticed for the log."""
 INITIAL_SCANS = 3
 """The number of scans that validate the initial pose before the robot drives."""
 PLANNER_RATE = 20.0
@@ -59,9 +62,10 @@ class Navigation:
 
     Everything runs as tasks on the robot's schedule, and only while a thread waits on the robot's clock.
     While the localiser is not confident, the robot stands; while it searches, the robot turns on the spot.
+    The robot also stands while the odometry, the scans or the laser's pose on the robot are too old.
     Goals wait in this time, and continue with a newly planned path. If the search has no result after
     `SEARCH_PATIENCE`, because places look alike or the map doesn't fit, the robot stops searching and the
-    waiting goals fail.
+    waiting goals fail. They also fail when a sensor has no readings for longer than `time_limits.PATIENCE`.
 
     *random* is the source of the localiser's samples. *trees* is the folder whose subfolder `navigation`
     contains the default trees.
@@ -71,6 +75,7 @@ class Navigation:
         map: The map.
         parameters: The parameters of all servers.
         transforms: The transform tree, which contains the frame `map`.
+        sensors: The watch over the sensors.
         localiser: The estimator of the robot's pose.
         global_costmap: The costmap of the planner.
         local_costmap: The costmap of the controller and of the recoveries.
@@ -98,6 +103,8 @@ class Navigation:
         self.transforms = TransformTree()
         frames = FrameBroadcaster(robot, self.transforms)
         frames.step(robot.clock.now())
+        limits = parameters.controller
+        self.sensors = SensorWatch(robot, self.transforms, limits.scan_timeout, limits.odometry_timeout)
         self.localiser = self._make_localiser(random)
         self.global_costmap = self._make_global_costmap()
         local_parameters = parameters.local_costmap
@@ -114,6 +121,7 @@ class Navigation:
             allow_unknown=parameters.planner.allow_unknown,
         )
         tree, local, behaviours = self.transforms, self.local_costmap, parameters.behaviours
+        sensors = self.sensors
         self.servers = Servers(
             robot,
             tree,
@@ -121,10 +129,10 @@ class Navigation:
             self.global_costmap,
             local,
             PlannerServer(planner, self.estimate),
-            ControllerServer(robot, tree, local, parameters.controller, hold=self.must_wait),
-            SpinBehaviour(robot, tree, local, behaviours),
-            BackUpBehaviour(robot, tree, local, behaviours),
-            DriveOnHeadingBehaviour(robot, tree, local, behaviours),
+            ControllerServer(robot, tree, local, parameters.controller, hold=self.must_wait, sensors=sensors),
+            SpinBehaviour(robot, tree, local, behaviours, sensors),
+            BackUpBehaviour(robot, tree, local, behaviours, sensors),
+            DriveOnHeadingBehaviour(robot, tree, local, behaviours, sensors),
             WaitBehaviour(),
             parameters.navigator.goal_reached_tol,
         )
@@ -140,7 +148,7 @@ class Navigation:
                 through=through,
                 plugins=named.plugin_lib_names,
                 on_end=self._outcomes.append,
-                hold=self.must_wait,
+                hold=self._goals_wait,
                 give_up_reason=self.give_up_reason,
             )
 
@@ -156,6 +164,7 @@ class Navigation:
         self._was_confident = self._was_searching = False
         self._search_began = 0
         self._gave_up: int | None = None
+        self._odometry_was_missing = False
         self._wire(frames)
 
     def go_to(self, goal: Pose2D) -> NavigateHandle:
@@ -184,7 +193,8 @@ class Navigation:
 
     def _make_localiser(self, random: np.random.Generator) -> PoseSource:
         """Create the source of the robot's pose."""
-        return Localiser(self.robot, self.map, self.transforms, random, self.parameters.amcl)
+        limit = self.parameters.controller.odometry_timeout
+        return Localiser(self.robot, self.map, self.transforms, random, self.parameters.amcl, limit)
 
     def _make_global_costmap(self) -> GlobalCostmap:
         """Create the costmap for planning."""
@@ -194,13 +204,23 @@ class Navigation:
 
     def must_wait(self) -> bool:
         """Return whether the robot has to stand because its pose is uncertain."""
-        return self._processed_scans < INITIAL_SCANS or not self.localiser.confident
+        if self._processed_scans < INITIAL_SCANS or not self.localiser.confident:
+            return True
+        return self.sensors.odometry_outage(self.robot.clock.now()) is not None
+
+    def _goals_wait(self) -> bool:
+        """Return whether goals have to wait: for the robot's pose, or for the readings of a sensor."""
+        return self.must_wait() or self.sensors.outage(self.robot.clock.now()) is not None
 
     def give_up_reason(self, began: int) -> str:
-        """Return why a goal that began at *began* (ns) stops waiting for the robot's pose; "" to wait on.
+        """Return why a goal that began at *began* (ns) stops waiting; "" to wait on.
 
         A goal that began after the robot gave up its search makes the robot search again.
         """
+        now = self.robot.clock.now()
+        outage = self.sensors.outage(now)
+        if outage is not None and outage.exceeds_patience(now):
+            return outage.message(now)
         if self._gave_up is None or began <= self._gave_up:
             return "" if self._gave_up is None else _LOST
         self._gave_up, self._search_began = None, began
@@ -209,6 +229,7 @@ class Navigation:
     def _wire(self, frames: FrameBroadcaster) -> None:
         every, parameters, servers = self.robot.schedule.every, self.parameters, self.servers
         every(frames.RATE, Phase.TRANSFORMS, frames.step)
+        every(WATCH_RATE, Phase.TRANSFORMS, self.sensors.report)
         every(self.robot.laser.rate, Phase.LOCALISER, self._localise)
         every(parameters.local_costmap.update_frequency, Phase.COSTMAPS, self._update_local)
         every(parameters.global_costmap.update_frequency, Phase.COSTMAPS, self._update_global)
@@ -225,6 +246,7 @@ class Navigation:
         self.localiser.step(now)
         self._processed_scans += self.localiser.stamp != before
         confident = not self.must_wait()
+        self._odometry_was_missing |= self.sensors.odometry_outage(now) is not None
         if self.localiser.searching:
             if not self._was_searching:
                 log.warning("the robot's pose is unknown: the robot stops and looks around")
@@ -232,13 +254,17 @@ class Navigation:
             if self._gave_up is None and now - self._search_began > SEARCH_PATIENCE * NS_PER_S:
                 log.warning("the robot stops looking around: %s", _LOST)
                 self._gave_up = now
-            if self._gave_up is None:
+            if self._gave_up is None and self.sensors.outage(now) is None:
                 self.robot.drive(0.0, SEARCH_TURN, priority=SEARCH_PRIORITY)
         else:
             self._gave_up = None
         if confident and not self._was_confident:
             # Obstacles that were observed at a wrong pose are at wrong places in the map.
             self.global_costmap.clear()
+            if self._odometry_was_missing:
+                # The odometry may have jumped, and with it the place of the obstacles around the robot.
+                self.local_costmap.clear()
+                self._odometry_was_missing = False
         elif self._was_confident and not confident:
             self.navigate_to_pose.restart_goal()
             self.navigate_through_poses.restart_goal()
@@ -263,6 +289,8 @@ class Navigation:
     def _observe(self, costmap: LocalCostmap | GlobalCostmap, frame: str) -> None:
         scan = self.robot.scan()
         if scan is None or scan.stamp == self._scan_seen[frame]:
+            return
+        if self.sensors.outage(self.robot.clock.now()) is not None:
             return
         try:
             laser = laser_pose(self.transforms, frame, scan)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from btcore_robot.robot import NS_PER_S, BaseInfo, Robot, Twist2D
+from btcore_robot.time_limits import ODOMETRY, is_stale
 
 _COMMAND_LIFETIME = 0.3  # s; after this time the last command is no longer a basis for the next
 
@@ -46,9 +47,13 @@ class VelocitySmoother:
         self._stamp: int | None = None
 
     def resume(self, now: int) -> None:
-        """Start at *now* (ns) from the robot's present velocity, unless the last command is recent."""
+        """Start at *now* (ns) from the robot's present velocity, unless the last command is recent.
+
+        Without recent odometry the robot counts as standing.
+        """
         if self._stamp is None or now - self._stamp > _COMMAND_LIFETIME * NS_PER_S:
-            twist = self._robot.odometry().twist
+            odometry = self._robot.odometry()
+            twist = Twist2D(0.0, 0.0) if is_stale(odometry, now, ODOMETRY) else odometry.twist
             self.v = _clamp(twist.v, -self.limits.v, self.limits.v)
             self.w = _clamp(twist.w, -self.limits.w, self.limits.w)
             self._stamp = None

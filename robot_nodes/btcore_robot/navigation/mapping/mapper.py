@@ -22,6 +22,7 @@ from btcore_robot.navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import NS_PER_S, Pose2D, Robot, TransformStamped
+from btcore_robot.time_limits import MAP_TRANSFORM
 from btcore_robot.transforms import TransformError, TransformTree
 
 __all__ = ["Mapper"]
@@ -44,8 +45,6 @@ MIN_POINTS = 20
 """A scan with fewer points is not matched; the pose is then taken from odometry alone."""
 MIN_SCORE = 0.35
 """The minimum score (0 … 1) of a match with the previous key scans."""
-TRANSFORM_TIMEOUT = NS_PER_S
-"""The time (ns) after a scan for which the transform map→odom is valid (slam_toolbox's transform_timeout)."""
 _REDRAW_DISTANCE = 0.02  # m: the map is redrawn if a pose moves farther than this
 _STANDSTILL_SPEED = 0.01  # m/s, rad/s
 
@@ -248,4 +247,4 @@ class Mapper:
         map, odom, _ = self._frames
         transform = self.map_to_odom
         stamped = TransformStamped(odom, map, transform.position, transform.quaternion, self.stamp)
-        self._tree.set(stamped, holds=TRANSFORM_TIMEOUT)
+        self._tree.set(stamped, holds=round(MAP_TRANSFORM * NS_PER_S))
