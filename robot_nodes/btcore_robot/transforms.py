@@ -12,6 +12,9 @@ from btcore_robot.robot import NS_PER_S, Robot, TransformStamped
 CACHE_TIME = 10 * NS_PER_S
 """The time (ns) for which poses of a moving frame are kept: tf2's default. Static frames are kept forever."""
 
+MAP_FRAME, ODOM_FRAME, BASE_FRAME = "map", "odom", "base_footprint"
+"""The frames of the map, of odometry, and of the robot."""
+
 _UNIT = 1e-3  # tolerance of the length of a unit quaternion
 
 

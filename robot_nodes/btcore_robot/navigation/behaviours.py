@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.navigation.action import ActionServer, GoalHandle
-from btcore_robot.navigation.clearance import ClearanceGrid, laser_pose
+from btcore_robot.navigation.clearance import ClearanceGrid, laser_pose, min_clearance
 from btcore_robot.navigation.costmap import LocalCostmap
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.parameters import BehaviourParameters
@@ -24,9 +24,6 @@ from btcore_robot.robot import NS_PER_S, Odometry, Robot
 from btcore_robot.transforms import TransformError, TransformTree
 
 __all__ = ["BackUpGoal", "BehaviourFeedback", "DriveOnHeadingGoal", "SpinGoal", "WaitGoal"]
-
-MIN_CLEARANCE = 0.30
-"""The distance (m) that the robot's centre keeps from obstacles while it drives."""
 
 _STEP = 0.1  # s between the simulated poses
 _ALLOWED_LOSS = 0.01  # m of clearance that the robot may lose where it is too near an obstacle already
@@ -112,6 +109,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         local_costmap: The costmap for collision checks.
         parameters: The parameters; the defaults if omitted.
         sensors: The watch over the sensors; by default a watch with the default time limits.
+        robot_radius: The radius (m) of the robot in the parameters of the local costmap; 0 = the robot's own.
     """
 
     _codes: _Codes
@@ -123,6 +121,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         local_costmap: LocalCostmap,
         parameters: BehaviourParameters | None = None,
         sensors: SensorWatch | None = None,
+        robot_radius: float = 0.0,
     ) -> None:
         super().__init__()
         self.parameters = parameters = parameters or BehaviourParameters()
@@ -133,6 +132,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         self._costmap = local_costmap
         self._sensors = sensors or SensorWatch(robot, tree)
         self._clearance = ClearanceGrid()
+        self._min_clearance = min_clearance(robot.base, robot_radius)
         base = robot.base
         turning = parameters.rotational_acc_lim
         v, w = max(base.v_max, -base.v_min), parameters.max_rotational_vel
@@ -262,7 +262,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         times = np.arange(1, round(self.parameters.simulate_ahead_time / _STEP) + 1) * _STEP
         along = np.minimum(abs(v) * times, remaining) * math.copysign(1.0, v)
         x, y = pose.x + math.cos(pose.yaw) * along, pose.y + math.sin(pose.yaw) * along
-        if bool((self._clearance.distances_at(x, y) < min(MIN_CLEARANCE, here - _ALLOWED_LOSS)).any()):
+        if bool((self._clearance.distances_at(x, y) < min(self._min_clearance, here - _ALLOWED_LOSS)).any()):
             return True
         return self._approaches_echo(along)
 
@@ -278,7 +278,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
                 x = sonar.x + distance * math.cos(sonar.yaw + side)
                 y = sonar.y + distance * math.sin(sonar.yaw + side)
                 near = np.hypot(x - along, y)
-                if bool((near < min(MIN_CLEARANCE, math.hypot(x, y) - _ALLOWED_LOSS)).any()):
+                if bool((near < min(self._min_clearance, math.hypot(x, y) - _ALLOWED_LOSS)).any()):
                     return True
         return False
 

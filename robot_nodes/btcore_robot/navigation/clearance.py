@@ -14,8 +14,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from btcore_robot.navigation.costmap import LETHAL, LocalCostmap
-from btcore_robot.robot import LaserScan, Pose2D
+from btcore_robot.robot import BaseInfo, LaserScan, Pose2D
 from btcore_robot.transforms import ExtrapolationError, TransformTree
+
+HULL_MARGIN = 0.03
+"""The distance (m) that the hull of a robot keeps from obstacles."""
 
 _NO_ECHO = 30.0  # m: stands for a ray without an echo
 _MEDIAN = 5  # rays; fewer than three equal readings among them count as noise
@@ -24,6 +27,17 @@ _STEP = 0.2  # m: neighbours farther apart than this belong to different surface
 
 _THREE_RAYS = np.ones((1, 3), dtype=np.uint8)
 _GONE = 0.05  # m by which a ray must pass a remembered obstacle before the obstacle counts as gone
+
+
+def min_clearance(base: BaseInfo, robot_radius: float = 0.0) -> float:
+    """Return the distance (m) that the centre of a robot keeps from obstacles while it drives.
+
+    Args:
+        base: The size of the robot.
+        robot_radius: The radius (m) in the parameters of the navigation; 0 = not given. A smaller radius than
+            that of the robot, with its margin, has no effect.
+    """
+    return max(robot_radius, round(base.radius + HULL_MARGIN, 6))
 
 
 def smooth_scan(scan: LaserScan) -> LaserScan:

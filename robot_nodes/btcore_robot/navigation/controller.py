@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.navigation.action import ActionServer, GoalHandle
-from btcore_robot.navigation.clearance import ClearanceGrid, laser_pose
+from btcore_robot.navigation.clearance import ClearanceGrid, laser_pose, min_clearance
 from btcore_robot.navigation.costmap import LocalCostmap
 from btcore_robot.navigation.detour import find_detour
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
@@ -30,15 +30,12 @@ from btcore_robot.transforms import TransformError, TransformTree
 
 __all__ = ["ControllerServer", "FollowPathFeedback", "FollowPathGoal", "FollowPathHandle"]
 
-MIN_CLEARANCE = 0.30
-"""The distance (m) that the robot's centre keeps from obstacles: the hull's radius (0.27 m) and a margin."""
-
-_FULL_SPEED_CLEARANCE = 0.45  # m of clearance from which the speed isn't reduced
+_FULL_SPEED = 0.15  # m more than the least clearance: from this clearance the speed isn't reduced
 _MIN_SPEED_SHARE = 0.4  # share of the full speed right beside an obstacle
 _STEP = 0.05  # m between the checked points of an arc or a path
 _LOOK_AHEAD = 1.3  # m of the path that must be free; otherwise a detour is searched
 _RETURN_REACH = 3.0  # m of the path on which a detour may end: the range of the clearance grid
-_BLOCKED = 0.26  # m: a path with less clearance is blocked; smaller than MIN_CLEARANCE, to tolerate map error
+_MAP_ERROR = 0.04  # m less than the least clearance: a path with less clearance is blocked
 _THIN = 2  # every second point of the path is a possible end of a detour
 _BEYOND = 0.3  # m behind the obstacle at which a detour returns to the path
 _MAX_OFF_PATH = 0.3  # m beside the path; farther away, a way back to the path is searched too
@@ -188,6 +185,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         parameters: The parameters; the defaults if omitted.
         hold: A function that returns whether the robot has to stand; by default the robot may always drive.
         sensors: The watch over the sensors; by default a watch with the time limits of *parameters*.
+        robot_radius: The radius (m) of the robot in the parameters of the local costmap; 0 = the robot's own.
 
     Attributes:
         name: The name of the action.
@@ -205,6 +203,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         *,
         hold: Callable[[], bool] | None = None,
         sensors: SensorWatch | None = None,
+        robot_radius: float = 0.0,
     ) -> None:
         super().__init__()
         self.parameters = parameters = parameters or ControllerParameters()
@@ -216,6 +215,9 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._tree = tree
         self._costmap = local_costmap
         self._hold = hold
+        self._min_clearance = min_clearance(robot.base, robot_radius)
+        self._blocked = round(self._min_clearance - _MAP_ERROR, 6)
+        self._full_speed_clearance = round(self._min_clearance + _FULL_SPEED, 6)
         self._sensors = sensors or SensorWatch(
             robot, tree, parameters.scan_timeout, parameters.odometry_timeout
         )
@@ -371,7 +373,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._checked_stamp = self.clearance.stamp
         ahead = _transform_points(to_path.inverse(), pursuit.ahead(_RETURN_REACH, _STEP))
         room = self.clearance.distances_at(ahead[:, 0], ahead[:, 1])
-        blocked = np.flatnonzero(room[: int(_LOOK_AHEAD / _STEP)] < _BLOCKED)
+        blocked = np.flatnonzero(room[: int(_LOOK_AHEAD / _STEP)] < self._blocked)
         stuck = not self._motion_check.check(odometry, now)
         if self._detour is not None:
             self._detour.locate(odometry)
@@ -383,17 +385,18 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             way = self._detour.ahead(_LOOK_AHEAD, _STEP)
             free = self.clearance.distances_at(way[:, 0], way[:, 1])
             near = self._detour.cross_track_distance < _MAX_OFF_PATH
-            if near and (free >= min(_BLOCKED, float(free[0]) - _SPARE)).all():
+            if near and (free >= min(self._blocked, float(free[0]) - _SPARE)).all():
                 return
         if now - self._searched_at < _SEARCH_INTERVAL:
             return
         self._searched_at = now
         past = min(int(_UNSTICK_REACH / _STEP), len(ahead) - 1) if stuck else 0
-        returns = _returns(room, int(blocked[-1]) if len(blocked) else past)
+        enough = self._min_clearance + _SPARE
+        returns = _returns(room >= enough, int(blocked[-1]) if len(blocked) else past)
         last = None if self._detour is None else self._detour.ahead(math.inf, _STEP)
         result = None
         if returns:
-            result = find_detour(self.clearance, odometry, ahead[returns], MIN_CLEARANCE + _SPARE, last)
+            result = find_detour(self.clearance, odometry, ahead[returns], enough, last)
         if result is None:
             self._detour = None
             return
@@ -444,10 +447,11 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         x, y = odometry.x + chord * np.cos(turned), odometry.y + chord * np.sin(turned)
         room = self.clearance.distances_at(x, y)
         # A robot that is too near an obstacle already may move, but not nearer.
-        tight = room < min(MIN_CLEARANCE, here - 0.01)
+        tight = room < min(self._min_clearance, here - 0.01)
         free = float(along[int(tight.argmax())]) - _STEP if tight.any() else math.inf
         narrowest = float(room[:6].min())
-        width = (narrowest - MIN_CLEARANCE) / (_FULL_SPEED_CLEARANCE - MIN_CLEARANCE)
+        least = self._min_clearance
+        width = (narrowest - least) / (self._full_speed_clearance - least)
         share = _MIN_SPEED_SHARE + (1 - _MIN_SPEED_SHARE) * width
         return free, min(max(share, _MIN_SPEED_SHARE), 1.0)
 
@@ -462,12 +466,11 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._smoother.send_command(0.0, math.copysign(max(rate, 0.05), angle), now, self.period)
 
 
-def _returns(room: NDArray[np.float32], past: int) -> list[int]:
+def _returns(free: NDArray[np.bool_], past: int) -> list[int]:
     """Return the indices of points of a path, the nearest first, at which a detour may end.
 
-    *room* is the clearance (m) at each point; the path is blocked up to the index *past*.
+    *free* is whether a point has enough clearance; the path is blocked up to the index *past*.
     """
-    free = room >= MIN_CLEARANCE + _SPARE
     # A little farther along the path is better where the path is free all the way.
     beyond = int(_BEYOND / _STEP)
     places = np.flatnonzero(free[past:])[::_THIN] + past

@@ -11,7 +11,7 @@ from btcore_robot.navigation.clearance import ClearanceGrid
 from btcore_robot.robot import Pose2D
 
 _COARSE = 2  # a cell of the search is this many cells of the clearance grid wide
-_FULL_CLEARANCE = 0.55  # m of clearance from which more clearance is no cheaper
+_FULL_CLEARANCE = 0.23  # m more than the required clearance: from there more clearance is no cheaper
 _ESCAPE_REACH = 0.4  # m around the robot within which a detour may have too little clearance
 _ESCAPE_COST = 20.0  # cost of a cell with too little clearance; a free cell costs 1 to 7
 _ESCAPE_LOSS = 0.02  # m of clearance that the robot may lose while it drives out of a narrow place
@@ -53,7 +53,8 @@ def find_detour(
     if not (0 <= first[0] < height and 0 <= first[1] < width):
         return None
     here = float(distances[first])
-    costs = 1.0 + 6.0 * np.maximum(_FULL_CLEARANCE - distances, 0.0) / (_FULL_CLEARANCE - radius)
+    full = round(radius + _FULL_CLEARANCE, 6)
+    costs = 1.0 + 6.0 * np.maximum(full - distances, 0.0) / (full - radius)
     costs[distances < radius] = -1.0  # MCP_Geometric takes a negative cost for impassable
     if here < radius:
         reach = int(_ESCAPE_REACH / resolution)

@@ -23,7 +23,7 @@ from btcore_robot.navigation.relocalisation import Relocaliser
 from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import NS_PER_S, LaserScan, Pose2D, Robot, TransformStamped
 from btcore_robot.time_limits import ODOMETRY, is_stale
-from btcore_robot.transforms import TransformError, TransformTree
+from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformError, TransformTree
 
 __all__ = ["Localiser"]
 
@@ -208,15 +208,15 @@ class Localiser:
             return
         if self._before_outage is not None and scan.stamp < self._odometry_began:
             return  # taken during the outage: its pose by odometry is not known
-        names = self.parameters
+        settings = self.parameters
         try:
-            odometry = self._tree.lookup(names.odom_frame_id, names.base_frame_id, scan.stamp).to_pose()
-            laser = self._tree.lookup(names.base_frame_id, scan.frame, scan.stamp)
+            odometry = self._tree.lookup(ODOM_FRAME, BASE_FRAME, scan.stamp).to_pose()
+            laser = self._tree.lookup(BASE_FRAME, scan.frame, scan.stamp)
         except TransformError:
             return
         self.stamp = scan.stamp
         laser_xy = (laser.position[0], laser.position[1])
-        points = laser.apply(beam_endpoints(scan, names.max_beams, self._least_range, self._most_range))
+        points = laser.apply(beam_endpoints(scan, settings.max_beams, self._least_range, self._most_range))
         if len(points) >= MIN_BEAMS:
             if self._before_outage is not None:
                 self._assume_pose(self._before_outage, points, laser_xy, odometry)
@@ -397,10 +397,8 @@ class Localiser:
     def _publish(self) -> None:
         if not self.parameters.tf_broadcast:
             return
-        names, pose = self.parameters, self.map_to_odom
+        pose = self.map_to_odom
         self._tree.set(
-            TransformStamped(
-                names.odom_frame_id, names.global_frame_id, pose.position, pose.quaternion, self.stamp
-            ),
-            holds=int(names.transform_tolerance * NS_PER_S),
+            TransformStamped(ODOM_FRAME, MAP_FRAME, pose.position, pose.quaternion, self.stamp),
+            holds=int(self.parameters.transform_tolerance * NS_PER_S),
         )

@@ -34,8 +34,7 @@ _PLUGINS: Final = (
     "scan",
 )
 _TYPO_RATIO: Final = 0.84  # similarity (difflib's ratio) to a known key from which a key counts as misspelt
-_SILENT: Final = frozenset({"plugin", "enabled", "use_sim_time"})
-_LISTS: Final = ("plugins", "filters", "observation_sources")
+_LISTS: Final = ("plugins", "observation_sources")
 _LIST_ENDINGS: Final = ("_plugin", "_plugins")  # endings of keys whose values are ids
 _NAV2: Final = frozenset(
     [
@@ -44,6 +43,8 @@ _NAV2: Final = frozenset(
         *("vy_max", "vy_min", "ay_max", "ay_min", "az_min", "vy_samples", "vx_std", "wz_std", "z_resolution"),
         *("angular_granularity", "base_frame", "robot_base_frame", "global_frame", "local_frame"),
         *("min_x_velocity_threshold", "max_obstacle_height", "footprint_topic", "transform_tolerance", "z"),
+        *("alpha5", "raytrace_min_range", "width", "height", "track_unknown_space", "use_sim_time"),
+        *("z_max", "z_short", "expected_planner_frequency", "default_server_timeout", "footprint_padding"),
     ]
 )
 """Keys of Nav2 that are spelt correctly: they get no typo warning, even if they resemble a known key."""
@@ -151,8 +152,8 @@ class ParameterOverlay:
         """A sentence for each invalid value."""
         self.typo_warnings: list[str] = []
         """A sentence for each key that is probably misspelt."""
-        self.unknown: dict[str, object] = {}
-        """The values of settings for which the parameters have no field, by full name."""
+        self.unused: list[Setting] = []
+        """The settings that have no effect."""
 
     def apply(self, settings: Settings) -> Any:
         """Return the defaults with the values of *settings*.
@@ -160,7 +161,7 @@ class ParameterOverlay:
         If several plug-ins set the same parameter, the plug-in that the file lists first wins.
         """
         ranks = {name: rank for rank, name in enumerate(_ids(settings))}
-        chosen: dict[str, tuple[int, object]] = {}
+        chosen: dict[str, tuple[int, object, Setting]] = {}
         for name, setting in settings.items():
             key, rank = _bare(name, ranks)
             field = self._fields.get(key)
@@ -168,15 +169,22 @@ class ParameterOverlay:
                 self._add_unknown(key, setting)
                 continue
             value = self._value(field, setting)
-            if value is not None and (field.name not in chosen or rank < chosen[field.name][0]):
-                chosen[field.name] = rank, value
-        return replace(self._defaults, **{name: value for name, (_, value) in chosen.items()})
+            if value is None:
+                continue
+            if field.name in chosen:
+                earlier = chosen[field.name]
+                self.unused.append(earlier[2] if rank < earlier[0] else setting)
+                if rank >= earlier[0]:
+                    continue
+            chosen[field.name] = rank, value, setting
+        return replace(self._defaults, **{name: value for name, (_, value, _) in chosen.items()})
 
     def _add_unknown(self, key: str, setting: Setting) -> None:
         last = key.rsplit(".", 1)[-1]
-        if last in _SILENT or last in _LISTS or last.endswith(_LIST_ENDINGS):
+        # The ids of plug-ins and sensors have an effect: their keys are read.
+        if last in _LISTS or last.endswith(_LIST_ENDINGS):
             return
-        self.unknown[setting.name] = setting.value
+        self.unused.append(setting)
         near = get_close_matches(key, self._fields, n=1, cutoff=_TYPO_RATIO)
         if near and last not in _NAV2:
             self.typo_warnings.append(

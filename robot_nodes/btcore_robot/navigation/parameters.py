@@ -2,24 +2,30 @@
 
 "The book" is *A Concise Introduction to Robot Programming with ROS2*; its files configure Nav2 for Tiago.
 The name of a field is its key in a Nav2 parameter file; aliases are the keys of older and newer releases or
-of other plug-ins for the same job. A plug-in's own keys are here without the plug-in's id. Some fields, such
-as `laser_model_type` and `use_astar`, have no effect: they only accept common keys of Nav2.
+of other plug-ins for the same job. A plug-in's own keys are here without the plug-in's id.
+
+Every field has an effect. Keys of a file that have no field here have no effect; a warning lists them.
 """
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from btcore.json_text import load_json
 from btcore_robot import time_limits
+from btcore_robot.navigation.clearance import min_clearance
 from btcore_robot.navigation.parameter_files import (
     ALIASES,
     EVERY_SERVER,
     MINIMUM,
     ParameterError,
     ParameterOverlay,
+    Setting,
     read_settings,
 )
+from btcore_robot.robot import BaseInfo
 
 __all__ = [
     "AmclParameters",
@@ -31,6 +37,9 @@ __all__ = [
     "PlannerParameters",
     "load_parameters",
 ]
+
+
+AnyCostmap = TypeVar("AnyCostmap", "GlobalCostmapParameters", "LocalCostmapParameters")
 
 
 def number_field(default: float, *aliases: str, minimum: float | None = None) -> Any:
@@ -56,13 +65,6 @@ class AmclParameters:
     alpha2: float = number_field(0.2, minimum=0.0)
     alpha3: float = number_field(0.2, minimum=0.0)
     alpha4: float = number_field(0.2, minimum=0.0)
-    alpha5: float = number_field(0.2, minimum=0.0)
-    base_frame_id: str = "base_footprint"
-    odom_frame_id: str = "odom"
-    global_frame_id: str = "map"
-    scan_topic: str = "/scan_raw"
-    laser_model_type: str = "likelihood_field"
-    robot_model_type: str = "nav2_amcl::DifferentialMotionModel"
     laser_likelihood_max_dist: float = number_field(2.0, minimum=0.0)
     laser_max_range: float = 100.0
     laser_min_range: float = -1.0
@@ -71,16 +73,10 @@ class AmclParameters:
     min_particles: int = number_field(500, minimum=1)
     pf_err: float = number_field(0.05, minimum=0.0)
     pf_z: float = number_field(0.99, minimum=0.0)
-    recovery_alpha_fast: float = number_field(0.0, minimum=0.0)
-    recovery_alpha_slow: float = number_field(0.0, minimum=0.0)
     resample_interval: int = number_field(1, minimum=1)
     sigma_hit: float = number_field(0.2, minimum=0.0)
-    lambda_short: float = 0.1
     z_hit: float = number_field(0.5, minimum=0.0)
-    z_max: float = number_field(0.05, minimum=0.0)
     z_rand: float = number_field(0.5, minimum=0.0)
-    z_short: float = number_field(0.05, minimum=0.0)
-    do_beamskip: bool = False
     tf_broadcast: bool = True
     transform_tolerance: float = number_field(time_limits.MAP_TRANSFORM, minimum=0.0)
     update_min_a: float = number_field(0.2, minimum=0.0)
@@ -93,31 +89,44 @@ class AmclParameters:
 
 @dataclass(frozen=True, slots=True)
 class CostmapParameters:
-    """A costmap: `local_costmap` or `global_costmap`. Lengths in m, frequencies in Hz.
+    """The parameters that both costmaps have. Lengths in m, frequencies in Hz.
 
-    The book's file has a robot radius of 0.2 m for the global costmap. The default here is the radius of the
-    local costmap, so that every planned path is wide enough for the controller (Tiago's footprint is a circle
-    with a radius of 0.27 m).
+    *footprint* is a list of points `[[x, y], …]` in a string, as in Nav2; the robot counts as the smallest
+    circle around its centre that contains them. Without a footprint, *robot_radius* is this circle's radius.
+    With a radius of 0 it is the radius of the robot and a margin of 3 cm: 0.3 m for Tiago, so that every
+    planned path is wide enough for the controller. (The book's file has 0.2 m for the global costmap.)
     """
 
-    global_frame: str = "map"
-    robot_base_frame: str = "base_link"
     update_frequency: float = number_field(1.0, minimum=0.0)
     resolution: float = number_field(0.05, minimum=0.005)
-    rolling_window: bool = False
-    width: float = number_field(3.0, minimum=0.0)
-    height: float = number_field(3.0, minimum=0.0)
-    robot_radius: float = number_field(0.3, minimum=0.0)
-    track_unknown_space: bool = True
+    robot_radius: float = number_field(0.0, minimum=0.0)
+    footprint: str = ""
     inflation_radius: float = number_field(0.55, minimum=0.0)
     cost_scaling_factor: float = number_field(3.0, minimum=0.0)
     obstacle_max_range: float = number_field(2.5, "obstacle_range", minimum=0.0)
     obstacle_min_range: float = number_field(0.0, minimum=0.0)
     raytrace_max_range: float = number_field(3.0, "raytrace_range", minimum=0.0)
-    raytrace_min_range: float = number_field(0.0, minimum=0.0)
-    marking: bool = True
-    clearing: bool = True
-    plugins: tuple[str, ...] = ("static_layer", "obstacle_layer", "inflation_layer")
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalCostmapParameters(CostmapParameters):
+    """The costmap of the whole map: `global_costmap`.
+
+    *resolution* (m) is that of a map that the robot makes; a costmap of a known map has the map's resolution.
+    """
+
+    track_unknown_space: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class LocalCostmapParameters(CostmapParameters):
+    """The costmap around the robot, in the frame odom: `local_costmap`.
+
+    *width* (m) is the side of the costmap, which is a square.
+    """
+
+    update_frequency: float = number_field(5.0, minimum=0.0)
+    width: float = number_field(3.0, minimum=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,10 +137,7 @@ class PlannerParameters:
     0.5 of Nav2's and the book's files, so that a goal in a wall fails with the error code for that reason.
     """
 
-    planner_plugins: tuple[str, ...] = ("GridBased",)
-    expected_planner_frequency: float = number_field(20.0, minimum=0.0)
     tolerance: float = number_field(0.0, minimum=0.0)
-    use_astar: bool = False
     allow_unknown: bool = True
 
 
@@ -151,7 +157,6 @@ class ControllerParameters:
     *time_to_collision* to reach an obstacle ahead.
     """
 
-    controller_plugins: tuple[str, ...] = ("FollowPath",)
     controller_frequency: float = number_field(20.0, minimum=1.0)
     failure_tolerance: float = number_field(6.0, minimum=-1.0)
     required_movement_radius: float = number_field(0.5, minimum=0.0)
@@ -195,10 +200,7 @@ class NavigatorParameters:
     for `btcore run --plugin`. Nav2's own libraries (`nav2_…`) are built in.
     """
 
-    global_frame: str = "map"
-    robot_base_frame: str = "base_link"
     bt_loop_duration: int = number_field(10, minimum=1)
-    default_server_timeout: int = number_field(20, minimum=1)
     default_nav_to_pose_bt_xml: str = field(
         default="", metadata={ALIASES: ("default_bt_xml_filename", "default_bt_xml_file")}
     )
@@ -207,27 +209,17 @@ class NavigatorParameters:
     goal_reached_tol: float = number_field(0.25, minimum=0.0)
 
 
-LOCAL_COSTMAP = CostmapParameters(
-    global_frame="odom",
-    update_frequency=5.0,
-    rolling_window=True,
-    track_unknown_space=False,
-    plugins=("obstacle_layer", "inflation_layer"),
-)
-"""The book's local costmap: 3 m × 3 m around the robot in the frame odom, updated five times a second."""
-
-
 @dataclass(frozen=True, slots=True)
 class NavigationParameters:
     """The parameters of every server.
 
-    *unknown* contains the settings of a file that have no field here, by full name (for instance
+    *unknown* contains the settings of a file that have no effect, by full name (for instance
     `controller_server.FollowPath.short_circuit`). *warnings* are sentences for the author of the file.
     """
 
     amcl: AmclParameters = AmclParameters()
-    global_costmap: CostmapParameters = CostmapParameters()
-    local_costmap: CostmapParameters = LOCAL_COSTMAP
+    global_costmap: GlobalCostmapParameters = GlobalCostmapParameters()
+    local_costmap: LocalCostmapParameters = LocalCostmapParameters()
     planner: PlannerParameters = PlannerParameters()
     controller: ControllerParameters = ControllerParameters()
     behaviours: BehaviourParameters = BehaviourParameters()
@@ -235,6 +227,41 @@ class NavigationParameters:
     unknown: Mapping[str, object] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
+    def for_robot(self, base: BaseInfo) -> "NavigationParameters":
+        """Return parameters in which the costmaps have a `robot_radius`, by default that of *base*."""
+        return replace(
+            self,
+            global_costmap=_with_radius(self.global_costmap, base),
+            local_costmap=_with_radius(self.local_costmap, base),
+        )
+
+
+def _with_radius(costmap: AnyCostmap, base: BaseInfo) -> AnyCostmap:
+    radius = footprint_radius(costmap.footprint) or costmap.robot_radius or min_clearance(base)
+    return replace(costmap, robot_radius=radius)
+
+
+def footprint_radius(footprint: str) -> float:
+    """Return the radius (m) of the circle around the origin that contains a footprint; 0 without points.
+
+    Args:
+        footprint: A list of points `[[x, y], …]` (m), or "".
+
+    Raises:
+        ValueError: *footprint* has another form.
+    """
+    try:
+        points = load_json(footprint) if footprint else []
+        radius = max((math.hypot(float(x), float(y)) for x, y in points), default=0.0)
+    except (TypeError, ValueError):
+        radius = math.nan
+    if not math.isfinite(radius):
+        raise ValueError(f"must be a list of points [[x, y], …] in m, not {footprint!r}")
+    return radius
+
+
+USE_SIM_TIME = "use_sim_time"
+"""The key that Nav2's files repeat for every server; here the robot has the clock."""
 
 _SERVERS = {
     "amcl": "amcl",
@@ -252,8 +279,8 @@ _SERVERS = {
 def load_parameters(path: Path) -> NavigationParameters:
     """Return the parameters in a Nav2 parameter file of any release from foxy to the branch main.
 
-    Missing values have the book's defaults. Keys without a meaning here are collected in `unknown`, and a
-    warning per server lists them. A key that looks misspelt gets a warning of its own.
+    Missing values have the book's defaults. Keys that have no effect here are collected in `unknown`, and a
+    warning lists them. A key that looks misspelt gets a warning of its own.
 
     Raises:
         ParameterError: The file can't be read, or a value has the wrong type or is out of range.
@@ -268,36 +295,56 @@ def load_parameters(path: Path) -> NavigationParameters:
     servers = read_settings(path)
     everywhere = servers.pop(EVERY_SERVER, {})
     chosen: dict[str, Any] = {}
-    unknown: dict[str, object] = {}
     errors: list[str] = []
     warnings: list[str] = []
-    unused: list[str] = []
+    unused: dict[str, list[Setting]] = {}
     defaults = NavigationParameters()
-    unknown_servers = []
     for server, settings in servers.items():
-        if server not in _SERVERS:
-            unknown_servers.append(server)
-            unknown.update({setting.name: setting.value for setting in settings.values()})
+        attribute = _SERVERS.get(server)
+        if attribute is None:
+            unused[server] = list(settings.values())
             continue
-        attribute = _SERVERS[server]
         overlay = ParameterOverlay(path, chosen.get(attribute, getattr(defaults, attribute)))
         chosen[attribute] = overlay.apply(settings)
         errors += overlay.errors
         warnings += overlay.typo_warnings
-        unknown.update(overlay.unknown)
-        unused += overlay.unknown
-    # Settings for all servers can't be checked: a key that a server lacks may belong to another server.
+        unused[server] = overlay.unused
+    # A key for all servers has no effect only if every server lacks it.
+    unused[EVERY_SERVER] = list(everywhere.values())
     for attribute in dict.fromkeys(_SERVERS.values()):
-        if everywhere:
-            overlay = ParameterOverlay(path, chosen.get(attribute, getattr(defaults, attribute)))
-            chosen[attribute] = overlay.apply(everywhere)
-    unknown.update({s.name: s.value for s in everywhere.values()})
+        overlay = ParameterOverlay(path, chosen.get(attribute, getattr(defaults, attribute)))
+        chosen[attribute] = overlay.apply(everywhere)
+        errors += [error for error in overlay.errors if error not in errors]
+        unused[EVERY_SERVER] = [each for each in unused[EVERY_SERVER] if each in overlay.unused]
+    for server, settings in {**servers, EVERY_SERVER: everywhere}.items():
+        footprint = settings.get("footprint")
+        if footprint is None or not isinstance(footprint.value, str):
+            continue
+        try:
+            if footprint_radius(footprint.value) and "robot_radius" in settings:
+                unused[server].append(settings["robot_radius"])
+        except ValueError as error:
+            errors.append(f"{path}:{footprint.line}: {footprint.name} {error}")
     if errors:
         raise ParameterError("\n".join(errors))
-    for server in servers:
-        keys = [name.partition(".")[2] for name in unused if name.startswith(f"{server}.")]
-        if keys:
-            warnings.append(f"{path}: these keys of {server} have no effect here: {', '.join(keys)}")
-    if unknown_servers:
-        warnings.append(f"{path}: these servers are not part of this stack: {', '.join(unknown_servers)}")
+    listed = _without_effect(unused)
+    if listed:
+        warnings.append(f"{path}: no effect here: {listed}")
+    unknown = {setting.name: setting.value for settings in unused.values() for setting in settings}
     return NavigationParameters(unknown=unknown, warnings=tuple(warnings), **chosen)
+
+
+def _without_effect(unused: Mapping[str, list[Setting]]) -> str:
+    """Return a list of settings without effect by server; whole servers and `use_sim_time` are joined."""
+    parts = []
+    for server, settings in unused.items():
+        keys = [setting.name.partition(".")[2] for setting in settings]
+        keys = [key for key in keys if key != USE_SIM_TIME]
+        if keys and (server in _SERVERS or server == EVERY_SERVER):
+            parts.append(f"{server}: {', '.join(keys)}")
+    unknown_servers = [server for server in unused if server not in _SERVERS and server != EVERY_SERVER]
+    if unknown_servers:
+        parts.append(f"all keys of {', '.join(unknown_servers)}")
+    if any(setting.name.endswith(f".{USE_SIM_TIME}") for settings in unused.values() for setting in settings):
+        parts.append(f"{USE_SIM_TIME} of all servers")
+    return "; ".join(parts)

@@ -14,9 +14,10 @@ from btcore_robot.navigation.localiser import Localiser
 from btcore_robot.navigation.occupancy_map import Grid as CellGrid
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.path import NavPath
-from btcore_robot.navigation.servers import MAP_FRAME, ODOM_FRAME, Servers
+from btcore_robot.navigation.servers import Servers
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import Pose2D
+from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
 from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
 
 PARTICLES_AT_MOST = 500

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 
 from btcore_robot.robot import NS_PER_S, LaserScan, Robot
 from btcore_robot.time_limits import LASER_FRAME, ODOMETRY, PATIENCE, SCAN, is_stale
-from btcore_robot.transforms import ExtrapolationError, TransformError, TransformTree
+from btcore_robot.transforms import BASE_FRAME, ExtrapolationError, TransformError, TransformTree
 
 log = logging.getLogger(__name__)
-
-BASE_FRAME = "base_footprint"
 
 
 @dataclass(frozen=True, slots=True)

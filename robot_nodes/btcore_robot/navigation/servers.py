@@ -34,9 +34,6 @@ from btcore_robot.navigation.planner import PlannerServer
 from btcore_robot.robot import Odometry, Pose2D, Robot
 from btcore_robot.transforms import TransformTree
 
-MAP_FRAME, ODOM_FRAME, BASE_FRAME = "map", "odom", "base_footprint"
-"""The frames of the map, of odometry, and of the robot."""
-
 
 class PoseSource(Protocol):
     """The source of the robot's pose in the frame map: a localiser, or a mapper that builds the map."""

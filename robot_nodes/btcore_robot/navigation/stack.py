@@ -24,9 +24,9 @@ from btcore_robot.navigation.parameters import CostmapParameters, NavigationPara
 from btcore_robot.navigation.planner import Planner, PlannerServer
 from btcore_robot.navigation.scene import NavigationScene
 from btcore_robot.navigation.sensor_watch import SensorWatch
-from btcore_robot.navigation.servers import MAP_FRAME, ODOM_FRAME, PoseSource, Servers
+from btcore_robot.navigation.servers import PoseSource, Servers
 from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot
-from btcore_robot.transforms import FrameBroadcaster, TransformError, TransformTree
+from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME, FrameBroadcaster, TransformError, TransformTree
 from btcore_scene import MovingScene, StaticScene
 
 __all__ = ["Navigation", "missing_trees"]
@@ -99,7 +99,7 @@ class Navigation:
         cv2.setNumThreads(1)
         self.robot = robot
         self.map = map
-        self.parameters = parameters = parameters or NavigationParameters()
+        self.parameters = parameters = (parameters or NavigationParameters()).for_robot(robot.base)
         self.transforms = TransformTree()
         frames = FrameBroadcaster(robot, self.transforms)
         frames.step(robot.clock.now())
@@ -121,7 +121,7 @@ class Navigation:
             allow_unknown=parameters.planner.allow_unknown,
         )
         tree, local, behaviours = self.transforms, self.local_costmap, parameters.behaviours
-        sensors = self.sensors
+        sensors, radius = self.sensors, local_parameters.robot_radius
         self.servers = Servers(
             robot,
             tree,
@@ -129,10 +129,18 @@ class Navigation:
             self.global_costmap,
             local,
             PlannerServer(planner, self.estimate),
-            ControllerServer(robot, tree, local, parameters.controller, hold=self.must_wait, sensors=sensors),
-            SpinBehaviour(robot, tree, local, behaviours, sensors),
-            BackUpBehaviour(robot, tree, local, behaviours, sensors),
-            DriveOnHeadingBehaviour(robot, tree, local, behaviours, sensors),
+            ControllerServer(
+                robot,
+                tree,
+                local,
+                parameters.controller,
+                hold=self.must_wait,
+                sensors=sensors,
+                robot_radius=radius,
+            ),
+            SpinBehaviour(robot, tree, local, behaviours, sensors, radius),
+            BackUpBehaviour(robot, tree, local, behaviours, sensors, radius),
+            DriveOnHeadingBehaviour(robot, tree, local, behaviours, sensors, radius),
             WaitBehaviour(),
             parameters.navigator.goal_reached_tol,
         )

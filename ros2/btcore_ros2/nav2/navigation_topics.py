@@ -12,10 +12,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from btcore_robot.navigation.localiser import Localiser
 from btcore_robot.navigation.occupancy_map import Grid
 from btcore_robot.navigation.path import NavPath
-from btcore_robot.navigation.servers import BASE_FRAME, MAP_FRAME, ODOM_FRAME
 from btcore_robot.navigation.stack import Navigation
 from btcore_robot.robot import NS_PER_S, Phase, Pose2D
-from btcore_robot.transforms import TransformError
+from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformError
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.nav2.conversions import (

@@ -1,15 +1,24 @@
+import json
+import threading
+from dataclasses import fields
 from pathlib import Path
 from textwrap import dedent
 
+import numpy as np
 import pytest
 
+from btcore.bundled_trees import folder
+from btcore_robot.navigation.behaviours import BackUpGoal, SpinGoal
 from btcore_robot.navigation.error_codes import (
     CONTROLLER_RECOVERY_HELPS,
     PLANNER_RECOVERY_HELPS,
     Nav2ErrorCode,
 )
+from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.parameter_files import ParameterError
 from btcore_robot.navigation.parameters import NavigationParameters, load_parameters
+from btcore_robot.navigation.stack import Navigation
+from btcore_robot.robot import BaseInfo, Pose2D
 
 
 @pytest.fixture
@@ -86,7 +95,7 @@ def test_parameters_of_nested_costmaps_and_layers_are_found(written):
     local = figures.local_costmap
     assert (local.width, local.inflation_radius, local.obstacle_max_range) == (4.0, 0.7, 2.0)
     assert local.raytrace_max_range == 2.2
-    assert local.plugins == ("voxel_layer", "inflation_layer")
+    assert figures.warnings == ()
     assert figures.global_costmap.obstacle_max_range == 1.5
     assert figures.global_costmap.inflation_radius == 0.55
 
@@ -162,12 +171,12 @@ def test_unsupported_keys_are_kept_and_reported_once(written):
     assert figures.unknown == {
         "controller_server.FollowPath.critics": ["PathDist"],
         "controller_server.FollowPath.vy_samples": 5,
+        "controller_server.use_sim_time": True,
         "map_saver.save_map_timeout": 5.0,
     }
     assert figures.warnings == (
-        f"{path}: these keys of controller_server have no effect here: "
-        "FollowPath.critics, FollowPath.vy_samples",
-        f"{path}: these servers are not part of this stack: map_saver",
+        f"{path}: no effect here: controller_server: FollowPath.critics, FollowPath.vy_samples; "
+        "all keys of map_saver; use_sim_time of all servers",
     )
 
 
@@ -195,7 +204,6 @@ def test_nav2s_own_keys_are_not_reported_as_misspelled(written, key):
         ("sigma_hit: .nan", ":3: amcl.sigma_hit must be at least 0, not nan"),
         ("sigma_hit: [0.1]", ":3: amcl.sigma_hit must be a number, not [0.1]"),
         ("tf_broadcast: 1", ":3: amcl.tf_broadcast must be true or false, not 1"),
-        ("odom_frame_id: 3", ":3: amcl.odom_frame_id must be a string, not 3"),
     ],
 )
 def test_an_invalid_value_raises_with_its_line(written, value, sentence):
@@ -203,6 +211,13 @@ def test_an_invalid_value_raises_with_its_line(written, value, sentence):
     with pytest.raises(ParameterError) as raised:
         load_parameters(path)
     assert str(raised.value) == f"{path}{sentence}"
+
+
+@pytest.mark.parametrize("footprint", ["[[0.1], [0.2]]", "circle", "[[.inf, 0]]", "[[1e999, 0]]", "7"])
+def test_an_invalid_footprint_raises_with_its_line(written, footprint):
+    path = written(f"local_costmap:\n  ros__parameters:\n    footprint: '{footprint}'\n")
+    with pytest.raises(ParameterError, match=r"nav.yaml:3: local_costmap.footprint must be a list of points"):
+        load_parameters(path)
 
 
 def test_all_invalid_values_are_reported_at_once(written):
@@ -241,6 +256,126 @@ def test_a_missing_file_raises(tmp_path):
 
 def test_an_empty_file_gives_the_default_parameters(written):
     assert load_parameters(written("")) == NavigationParameters()
+
+
+SECTIONS = {
+    "amcl": "amcl",
+    "global_costmap": "global_costmap",
+    "local_costmap": "local_costmap",
+    "planner_server": "planner",
+    "controller_server": "controller",
+    "behavior_server": "behaviours",
+    "bt_navigator": "navigator",
+}
+
+
+@pytest.mark.parametrize("server", SECTIONS)
+def test_every_field_changes_a_parameter_and_is_not_reported(written, server):
+    defaults = getattr(NavigationParameters(), SECTIONS[server])
+    for field in fields(defaults):
+        default = getattr(defaults, field.name)
+        other = {bool: not default, str: "[[0.2, 0.0]]", tuple: ["a"]}.get(type(default), 3)
+        for name in (field.name, *field.metadata.get("aliases", ())):
+            read = load_parameters(written(json.dumps({server: {"ros__parameters": {name: other}}})))
+            value = getattr(getattr(read, SECTIONS[server]), field.name)
+            assert value == (tuple(other) if isinstance(other, list) else other), name
+            assert read.warnings == (), name
+
+
+def test_every_field_is_read_by_the_navigation(floor, path, follow):
+    """A field that nothing reads would have no effect, without a warning."""
+    unread: dict[str, set[str]] = {}
+
+    def recorded(section: str, parameters):
+        names = unread[section] = {field.name for field in fields(parameters)}
+
+        def read(self, name):
+            names.discard(name)
+            return object.__getattribute__(self, name)
+
+        kind = type("Recorded", (type(parameters),), {"__getattribute__": read})
+        values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
+        names.clear()
+        made = kind(**values)
+        names.update(values)
+        return made
+
+    robot = floor((1.5, -2.0, 1.6, 2.0), (-1.6, -2.0, -1.5, 2.0)).robot
+    defaults = NavigationParameters().for_robot(robot.base)
+    sections = {name: recorded(name, getattr(defaults, name)) for name in SECTIONS.values()}
+    # The footprint is read when the radius is determined, here by the line above.
+    for costmap in ("global_costmap", "local_costmap"):
+        unread[costmap].discard("footprint")
+
+    class Known(NavigationParameters):
+        def for_robot(self, base):
+            return self
+
+    cells = np.zeros((80, 80), dtype=np.int8)
+    cells[:, [10, 70]] = 100
+    map = OccupancyMap(cells, 0.05, (-2.0, -2.0))
+    navigation = Navigation(robot, map, np.random.default_rng(1), folder(), Known(**sections))
+    # Read by `Exploration` only, for a new map.
+    unread["global_costmap"].discard("resolution")
+
+    def run(seconds):
+        robot.clock.wait_until(robot.clock.now() + int(seconds * 1e9), threading.Event())
+
+    run(1.0)
+    navigation.go_to(Pose2D(0.0, 1.0, 1.0))
+    run(8.0)
+    navigation.servers.spin.send_goal(SpinGoal(1.0))
+    run(2.0)
+    navigation.servers.back_up.send_goal(BackUpGoal(0.3, 0.2))
+    run(2.0)
+    navigation.servers.follow_path.send_goal(follow(path((0.0, 0.0), (1.0, 0.0), frame="nowhere")))
+    run(0.2)
+    assert {section: names for section, names in unread.items() if names} == {}
+
+
+NAV2_KEYS = {
+    "amcl": "alpha5 base_frame_id beam_skip_distance beam_skip_error_threshold beam_skip_threshold "
+    "do_beamskip global_frame_id lambda_short laser_model_type odom_frame_id recovery_alpha_fast "
+    "recovery_alpha_slow robot_model_type save_pose_rate scan_topic z_max z_short",
+    "global_costmap": "always_send_full_costmap footprint_padding global_frame obstacle_layer.enabled "
+    "obstacle_layer.plugin obstacle_layer.scan.clearing obstacle_layer.scan.marking "
+    "obstacle_layer.scan.raytrace_min_range publish_frequency robot_base_frame width",
+    "local_costmap": "height rolling_window track_unknown_space voxel_layer.z_voxels filters",
+    "planner_server": "expected_planner_frequency GridBased.plugin GridBased.use_astar",
+    "controller_server": "FollowPath.plugin FollowPath.critics min_x_velocity_threshold",
+    "behavior_server": "local_frame robot_base_frame",
+    "bt_navigator": "default_server_timeout global_frame",
+}
+"""Keys of Nav2's parameter files without effect here."""
+
+
+def test_keys_of_nav2_without_effect_are_reported_in_one_warning(written):
+    content = {
+        server: {"ros__parameters": dict.fromkeys(keys.split(), 1)} for server, keys in NAV2_KEYS.items()
+    }
+    path = written(json.dumps(content))
+    listed = "; ".join(f"{server}: {', '.join(keys.split())}" for server, keys in NAV2_KEYS.items())
+    assert load_parameters(path).warnings == (f"{path}: no effect here: {listed}",)
+
+
+def test_settings_that_others_override_are_reported(written):
+    path = written("""
+    /**: {ros__parameters: {max_beams: 30, nothing: 1}}
+    controller_server:
+      ros__parameters:
+        goal_checker_plugins: [precise, rough]
+        rough: {xy_goal_tolerance: 0.5}
+        precise: {xy_goal_tolerance: 0.1}
+    local_costmap: {ros__parameters: {robot_radius: 0.2, footprint: "[[0.3, 0.4], [-0.1, 0.0]]"}}
+    """)
+    figures = load_parameters(path)
+    assert figures.warnings == (
+        f"{path}: no effect here: controller_server: rough.xy_goal_tolerance; local_costmap: robot_radius; "
+        "**: nothing",
+    )
+    tiago = BaseInfo(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
+    resolved = figures.for_robot(tiago)
+    assert (resolved.local_costmap.robot_radius, resolved.global_costmap.robot_radius) == (0.5, 0.3)
 
 
 def test_the_error_codes_are_nav2s():

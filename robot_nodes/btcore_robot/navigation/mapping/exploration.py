@@ -113,7 +113,6 @@ class Exploration(Navigation):
             start=Pose2D(amcl.initial_pose_x, amcl.initial_pose_y, amcl.initial_pose_yaw),
             resolution=self.map.resolution,
             keepout=self.map.keepout,
-            frames=(amcl.global_frame_id, amcl.odom_frame_id, amcl.base_frame_id),
         )
 
     def _make_global_costmap(self) -> GlobalCostmap:
