@@ -214,7 +214,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         if outage is None:
             return False
         self._started += elapsed
-        self._smoother.send_command(0.0, 0.0, now, self.period)
+        self._smoother.halt(now)
         if outage.exceeds_patience(now):
             handle.abort(self._codes.transform, outage.message(now))
         return True

@@ -287,7 +287,8 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         elapsed, self._last = now - self._last, now
         outage = self._sensors.outage(now)
         if outage is not None:
-            self._wait(elapsed, now)
+            self._pause(elapsed)
+            self._smoother.halt(now)
             if outage.exceeds_patience(now):
                 handle.abort(Nav2ErrorCode.FOLLOW_PATH_TF_ERROR, outage.message(now))
             return
@@ -310,7 +311,8 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             pursuit.remaining, self._smoother.v, pursuit.cross_track_error, turned
         )
         if self._hold is not None and self._hold():
-            self._wait(elapsed, now)
+            self._pause(elapsed)
+            self._smoother.send_command(0.0, 0.0, now, self.period)
             return
         if self._goals.is_goal_reached(pose, goal):
             handle.succeed()
@@ -342,12 +344,11 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         """Brake; later steps brake further until the robot stands."""
         self._smoother.send_command(0.0, 0.0, now, self.period)
 
-    def _wait(self, elapsed: int, now: int) -> None:
-        """Brake, and exclude the *elapsed* time (ns) since the last step from all checks of progress."""
+    def _pause(self, elapsed: int) -> None:
+        """Exclude the *elapsed* time (ns) since the last step from all checks of progress."""
         self._progress.pause(elapsed)
         self._motion_check.pause(elapsed)
         self._could_move_at += elapsed
-        self._smoother.send_command(0.0, 0.0, now, self.period)
 
     def _update_clearance(self, now: int) -> None:
         scan = self._robot.scan()

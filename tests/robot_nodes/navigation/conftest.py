@@ -71,6 +71,11 @@ class FloorRobot(Robot):
         self.boxes = list(boxes)
         self.people: list[Person] = []
         self.blind = False
+        """Whether the laser has failed."""
+        self.numb = False
+        """Whether the odometry has failed."""
+        self.drift = 0.0
+        """The distance (m) along x, and the angle (rad), that are added to the odometry."""
         self.pose = start or Pose2D(0.0, 0.0, 0.0)
         self.commands: list[tuple[int, float, float]] = []
         self.nearest = math.inf
@@ -154,7 +159,9 @@ class FloorRobot(Robot):
             self.nearest = min(self.nearest, gap)
 
     def _count(self, now: int) -> None:
-        self._odometry = Odometry(self.pose, self._base.twist, now)
+        if not self.numb:
+            pose = replace(self.pose, x=self.pose.x + self.drift, yaw=self.pose.yaw + self.drift)
+            self._odometry = Odometry(pose, self._base.twist, now)
 
     def _sweep(self, now: int) -> None:
         if self.blind:

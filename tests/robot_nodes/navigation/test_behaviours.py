@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from btcore_robot.navigation import sensor_watch
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
@@ -165,3 +166,35 @@ def test_a_cancelled_behaviour_stops(floor):
     course.run(0.8)
     assert handle.status == GoalStatus.CANCELED
     assert course.robot.commands[-1][1:] == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("action", "goal", "amount"),
+    [("spin", SpinGoal(2.0, 0.0), 2.0), ("back_up", BackUpGoal(0.8, 0.2, 0.0, True), 0.8)],
+)
+def test_a_behaviour_waits_without_odometry_and_ignores_a_jump_after_it(floor, action, goal, amount):
+    course = floor()
+    robot = course.robot
+    handle = getattr(course, action).send_goal(goal)
+    course.run(1.0)
+    robot.numb = True
+    course.run(0.3)
+    assert robot.commands[-1][1:] == (0.0, 0.0)
+    course.run(8.0)
+    robot.numb, robot.drift = False, -0.3
+    ended(course, handle)
+    course.run(0.5)
+    assert handle.status == GoalStatus.SUCCEEDED
+    # What the robot moved while it braked during the outage doesn't count.
+    moved = robot.pose.yaw if action == "spin" else robot.pose.x
+    assert amount - 0.1 < abs(moved) < amount + 0.6
+
+
+def test_a_behaviour_fails_after_a_long_outage_of_the_laser(floor, monkeypatch):
+    monkeypatch.setattr(sensor_watch, "PATIENCE", 3.0)
+    course = floor()
+    handle = course.back_up.send_goal(BackUpGoal(1.0, 0.1, 5.0))
+    course.robot.blind = True
+    assert ended(course, handle) == pytest.approx(3.1, abs=0.15)
+    assert handle.result.code == Nav2ErrorCode.BACKUP_TF_ERROR
+    assert handle.result.message == "no laser scan for 3.1 s: the robot stands until it arrives again"

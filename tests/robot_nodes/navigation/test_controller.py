@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from btcore_robot.navigation import sensor_watch
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.path import empty_path
@@ -111,6 +112,25 @@ def test_a_box_dropped_in_front_of_the_driving_robot_is_passed(floor, path, foll
     course.run(60.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert course.robot.nearest > 0.05
+
+
+def test_the_robot_stands_while_the_pose_of_the_laser_is_unknown(floor, path, follow, monkeypatch):
+    monkeypatch.setattr(sensor_watch, "PATIENCE", 5.0)
+    course = floor()
+    handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
+    course.run(2.0)
+    monkeypatch.setattr(course.robot, "frames", lambda: ())
+    course.run(1.2)
+    assert course.robot.speed == 0.0
+    stood = course.robot.pose
+    course.run(3.0)
+    assert not handle.done
+    course.run(3.0, lambda: handle.done)
+    assert course.robot.pose == stood
+    assert handle.result.message == (
+        "no transform of the laser's frame 'base_laser_link' for 5.0 s: "
+        "the robot stands until it arrives again"
+    )
 
 
 def test_a_wall_across_the_path_is_not_touched_and_the_goal_fails(floor, path, follow):

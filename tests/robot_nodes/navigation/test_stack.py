@@ -1,6 +1,7 @@
 """The whole navigation in the simulator, in a flat of two rooms and a closet without a door."""
 
 import math
+import re
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from btcore_robot.navigation import sensor_watch
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.costmap import INSCRIBED
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
@@ -303,6 +305,62 @@ def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(flat):
     home.run(60.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
     assert home.distance_to(4.3, 0.0) < 0.35
+
+
+@pytest.mark.parametrize("during", ["standing", "carried to another room", "restarted at zero"])
+def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(flat, caplog, during):
+    home = flat(Fault("odometry", 6 * NS_PER_S, 11 * NS_PER_S))
+    handle = home.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
+    home.run(6.0)
+    assert home.speeds[-1] > 0.25
+    driven = home.body.distance
+    home.run(0.3)
+    assert home.body.commanded_velocity().v < 0.3
+    home.run(0.3)
+    assert home.speeds[-1] == pytest.approx(0.0, abs=0.01)
+    home.run(2.0)
+    # 0.2 s until the odometry is stale, a period of the controller, and the way to brake from 0.3 m/s.
+    assert home.body.distance - driven < 0.3 * 0.25 + 0.3**2 / 2 + 0.02
+    assert home.navigation.estimate() is None
+    if during == "carried to another room":
+        home.body.teleport(Pose2D(-2.2, -0.5, 2.5))
+    elif during == "restarted at zero":
+        home.body._dead_reckoning.x = home.body._dead_reckoning.y = home.body._dead_reckoning.yaw = 0.0
+    home.run(2.35)
+    assert not handle.done
+    driven = home.body.distance
+    found = home.run(30.0, lambda: home.navigation.estimate() is not None)
+    assert found < (30.0 if during == "carried to another room" else 2.0)
+    assert home.body.distance - driven < 0.1
+    estimate, true = home.navigation.estimate(), home.body.true_pose()
+    assert math.hypot(estimate.x - true.x, estimate.y - true.y) < 0.2
+    home.run(60.0, lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert home.distance_to(4.3, 0.0) < 0.35
+    warnings = [record.message for record in caplog.records if "odometry" in record.message]
+    assert warnings == [
+        "no odometry for 0.2 s: the robot stands until it arrives again",
+        "the odometry arrives again after 5.0 s",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "reading", "tree"),
+    [
+        ("odometry", "odometry", ""),
+        ("laser", "laser scan", ""),
+        ("odometry", "odometry", "navigate_w_replanning_time.xml"),
+    ],
+)
+def test_a_goal_fails_after_a_long_outage_with_its_cause(flat, monkeypatch, sensor, reading, tree):
+    monkeypatch.setattr(sensor_watch, "PATIENCE", 2.0)
+    home = flat(Fault(sensor, 3 * NS_PER_S, 99 * NS_PER_S))
+    goal = NavigateGoal((Pose2D(4.3, 0.0, 0.0),), tree)
+    handle = home.navigation.navigate_to_pose.send_goal(goal)
+    assert home.run(8.0, lambda: handle.done) == pytest.approx(5.0, abs=0.2)
+    assert handle.status is GoalStatus.ABORTED
+    sentence = rf"NAVIGATE_TF_ERROR: no {reading} for 2.\d s: the robot stands until it arrives again"
+    assert re.fullmatch(sentence, handle.result.message)
 
 
 def test_a_goal_waits_for_a_laser_that_fails_at_the_start(flat):
