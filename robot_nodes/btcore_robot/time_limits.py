@@ -42,6 +42,8 @@ MAP_TRANSFORM = 1.0
 """The time after a scan for which the pose of `odom` in `map` is valid, as in nav2_amcl and slam_toolbox."""
 TOPIC = 1.0
 """The time without a message on a ROS topic of a required sensor after which the run ends."""
+LOCKSTEP_SENSOR = 2.0
+"""The real time without a message after which a simulation in lockstep no longer waits for a sensor."""
 CLOCK = 0.3
 """The real time in which `/clock` has to advance; otherwise the robot is commanded to stop.
 

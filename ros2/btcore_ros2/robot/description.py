@@ -6,6 +6,7 @@ from pathlib import Path
 
 from btcore_robot.field_reader import did_you_mean
 from btcore_robot.robot import BaseInfo, HeadInfo, TorsoInfo
+from btcore_robot.time_limits import TOPIC
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.yaml_map import YamlMap, read_yaml_map
 
@@ -235,7 +236,7 @@ def _source(entries: YamlMap, timeout: float | None = None) -> TopicSource:
 
 
 def _watched(entries: YamlMap) -> TopicSource:
-    return _source(entries, 1.0)
+    return _source(entries, TOPIC)
 
 
 def _scan(entries: YamlMap) -> ScanSource:

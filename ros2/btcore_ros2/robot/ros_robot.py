@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from btcore_robot import time_limits
 from btcore_robot.robot import NS_PER_S, CameraImage, CameraInfo, Phase, RobotClock, Twist2D
 from btcore_robot.schedule import RealTime, SimulatedTime
 from btcore_ros2.errors import RosError
@@ -15,7 +16,7 @@ from btcore_ros2.robot.sim_time import SimTime
 from btcore_ros2.robot.stamps import StampConverter
 from btcore_ros2.robot.topic_report import DOMAIN_HINT, has_other_type, sees_others, takes, topic_problem
 from btcore_ros2.robot.topic_robot import TopicRobot
-from btcore_ros2.robot.velocity import VelocityPublishers
+from btcore_ros2.robot.velocity import STANDING, VelocityPublishers
 from btcore_ros2.session import RosClock, RosSession
 from btcore_scene import StaticScene
 
@@ -29,8 +30,6 @@ CLOCK_SEARCH = 0.5
 """The time (s) in which a publisher of `/clock` is searched at the start."""
 SHAPES_WAIT = 1.0
 """The longest time (s) for which the monitor waits for the robot's description."""
-CAMERA_WAIT = 3 * NS_PER_S
-"""The time (ns) after the first use of the camera after which a warning reports that there is no picture."""
 
 
 @dataclass(slots=True)
@@ -50,7 +49,8 @@ class RosRobot(TopicRobot):
     available. Messages are taken while a caller waits on `clock`. Stamps are converted to that clock.
 
     When a watched topic stops, or the robot's clock jumps, the robot is told to stop, and waiting on the
-    clock raises a `RosError`. At the end of a program call `close`, which stops the robot.
+    clock raises a `RosError`. While a simulated clock stands still, the robot is told to stop. At the end of
+    a program call `close`, which stops the robot.
 
     Args:
         session: The ROS node.
@@ -73,6 +73,7 @@ class RosRobot(TopicRobot):
         self._watches_camera = False
         self._watches_shapes = False
         self._camera_limit: int | None = None
+        self._stopped_by_clock = False
         try:
             self._time = self._choose_time()
             self._publishers = VelocityPublishers(
@@ -129,7 +130,7 @@ class RosRobot(TopicRobot):
         a warning; leaves that need no picture are not affected.
         """
         if not self._watches_camera:
-            self._camera_limit = self._time.now() + CAMERA_WAIT
+            self._camera_limit = self._time.now() + round(time_limits.FIRST_PICTURE * NS_PER_S)
         self._watch_camera()
         return super().camera()
 
@@ -180,7 +181,7 @@ class RosRobot(TopicRobot):
         if not wanted:
             assert isinstance(session.clock, RosClock)
             return session.clock.schedule
-        sim_time = SimTime(session)
+        sim_time = SimTime(session, on_standstill=self._on_standstill)
         if not session.wait_for(lambda: sim_time.started, self._start_time_left()):
             from rosgraph_msgs.msg import Clock
 
@@ -189,6 +190,16 @@ class RosRobot(TopicRobot):
                 f"'use_sim_time: false' in {self.description.path}"
             )
         return sim_time
+
+    def _on_standstill(self, stands: bool) -> None:
+        """Stop the robot while its clock stands still, because its commands do not expire in this time."""
+        if stands and self.commanded_velocity() != STANDING:
+            self._velocity.stop(self._time.now())
+            self._stopped_by_clock = True
+            _log.warning("the time on /clock does not advance: the robot stands until it advances again")
+        elif not stands and self._stopped_by_clock:
+            self._stopped_by_clock = False
+            _log.warning("the time on /clock advances again")
 
     def _start_time_left(self) -> float:
         """Return the time (s) that is left until the robot has to be available."""

@@ -2,15 +2,15 @@
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
+from btcore_robot import time_limits
 from btcore_robot.robot import NS_PER_S
 from btcore_robot.schedule import RealTime
 from btcore_ros2.errors import RosError
 from btcore_ros2.session import RosSession
 
-SILENCE = 3.0
-"""The time (s) without a message on `/clock` after which waiting on the clock raises an error."""
 POLL_INTERVAL_S = 0.001
 
 
@@ -22,15 +22,24 @@ class SimTime(RealTime):
     Args:
         session: The ROS node.
         topic: The topic of the clock.
+        on_standstill: A function that is called with True when the time has not advanced for
+            `time_limits.CLOCK`, and with False when it advances again.
     """
 
-    def __init__(self, session: RosSession, topic: str = "/clock") -> None:
+    def __init__(
+        self,
+        session: RosSession,
+        topic: str = "/clock",
+        on_standstill: Callable[[bool], None] = lambda stands: None,
+    ) -> None:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from rosgraph_msgs.msg import Clock
 
         self._session = session
         self._now = 0
-        self._arrival = time.monotonic_ns()
+        self._advanced = time.monotonic_ns()
+        self._stands = False
+        self._on_standstill = on_standstill
         self._jump = 0
         # Initialised before the base class, which reads the time.
         super().__init__()
@@ -48,28 +57,35 @@ class SimTime(RealTime):
 
     def _receive(self, message: Any) -> None:
         now = message.clock.sec * NS_PER_S + message.clock.nanosec
-        self._arrival = time.monotonic_ns()
         if now < self._now:
             self._jump = max(self._jump, self._now - now)
-        else:
+        elif now > self._now:
+            # A paused simulation may repeat its time.
             self._now = now
+            self._advanced = time.monotonic_ns()
+            if self._stands:
+                self._stands = False
+                self._on_standstill(False)
 
     def check(self) -> None:
         """Check that the time advances.
 
         Raises:
-            RosError: The time jumped back, or the topic has stopped.
+            RosError: The time jumped back, or has not advanced for `time_limits.CLOCK_SILENCE`.
         """
         if self._jump:
             raise RosError(
                 f"{self._subscription.topic_name} jumped back by {self._jump / NS_PER_S:.1f} s: "
                 "the simulation was reset; run the tree again"
             )
-        age = (time.monotonic_ns() - self._arrival) / NS_PER_S
-        if age > SILENCE:
+        age = (time.monotonic_ns() - self._advanced) / NS_PER_S
+        if age > time_limits.CLOCK and not self._stands:
+            self._stands = True
+            self._on_standstill(True)
+        if age > time_limits.CLOCK_SILENCE:
             raise RosError(
-                f"{self._subscription.topic_name}: no message for {age:.1f} s: the simulation has stopped or "
-                "is paused, or the network is down"
+                f"{self._subscription.topic_name}: the time has not advanced for {age:.1f} s: the simulation "
+                "has stopped or is paused, or the network is down"
             )
 
     def _rest(self, moment: int, wake: threading.Event) -> bool:

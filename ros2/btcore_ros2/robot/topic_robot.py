@@ -27,6 +27,7 @@ from btcore_robot.robot import (
     TransformStamped,
     Twist2D,
 )
+from btcore_robot.time_limits import PICTURE_DEPTH
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.conversions import (
     ScanConverter,
@@ -45,9 +46,6 @@ from btcore_ros2.robot.velocity import VelocityCommands, check_finite
 from btcore_scene import Frame, MovingScene, Part, StaticScene
 
 _log = logging.getLogger(__name__)
-
-PAIRED = NS_PER_S // 10
-"""The greatest difference (ns) between the stamps of a picture and its depth."""
 
 
 class TopicRobot(Robot):
@@ -350,7 +348,7 @@ class TopicRobot(Robot):
                 f"{info.height}: 'camera.image' and 'camera.info' must belong together"
             )
         depth = None
-        if self._raw_depth is not None and abs(self._raw_depth[1] - stamp) <= PAIRED:
+        if self._raw_depth is not None and abs(self._raw_depth[1] - stamp) <= PICTURE_DEPTH * NS_PER_S:
             depth = depth_of(self._raw_depth[0], info.far)
             if depth.shape != rgb.shape[:2]:
                 raise RosError(

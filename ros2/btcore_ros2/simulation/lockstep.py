@@ -37,6 +37,7 @@ from std_srvs.srv import Trigger
 
 from btcore_robot.robot import NS_PER_S
 from btcore_robot.schedule import SimulatedTime
+from btcore_robot.time_limits import LOCKSTEP_SENSOR
 from btcore_ros2.errors import RosError
 from btcore_ros2.session import RosSession
 
@@ -59,9 +60,6 @@ DDS sends a reliable message that was lost again after 3 s.
 
 LOSS = 0.3
 """The time (s, real time) after which a client lets the world publish the newest readings again."""
-
-SILENCE = 2.0
-"""The time (s, real time) after which a sensor counts as silent if nothing has arrived from it."""
 
 _SYNC_INTERVAL_NS = 50_000_000
 
@@ -324,7 +322,7 @@ class LockstepClock(SimulatedTime):
     def _connect(self) -> None:
         """Sync until each subscription has received a message, or its sensor turns out to be silent."""
         self._session.refresh()
-        limit = time.monotonic() + SILENCE
+        limit = time.monotonic() + LOCKSTEP_SENSOR
         while waiting := self._unconnected():
             if time.monotonic() > limit:
                 # Such as a camera that has failed.

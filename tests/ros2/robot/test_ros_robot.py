@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("tf2_msgs")
 
+from btcore_robot import time_limits
 from btcore_robot.robot import NS_PER_S, CameraInfo, Robot
 from btcore_robot.testing import (
     check_camera,
@@ -20,7 +21,6 @@ from btcore_robot.testing import (
     wait,
 )
 from btcore_ros2.errors import RosError
-from btcore_ros2.robot import ros_robot
 from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.session import RosSession
 from btcore_scene import SceneSource
@@ -104,7 +104,7 @@ def test_a_missing_camera_matters_only_when_it_is_used(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(ros_robot, "CAMERA_WAIT", NS_PER_S // 2)
+    monkeypatch.setattr(time_limits, "FIRST_PICTURE", 0.5)
     camera = "camera: {image: {topic: /eye}, info: /eye_info, near: 0.1, far: 8.0, rate: 10}\n"
     robot = RosRobot(session, describe(tmp_path, DESCRIPTION + camera))
     assert isinstance(robot, Robot)

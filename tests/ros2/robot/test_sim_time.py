@@ -9,8 +9,9 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("tf2_msgs")
 
+from btcore_robot import time_limits
 from btcore_robot.testing import check_frames, check_info, check_scan, wait
-from btcore_ros2.robot import ros_robot, sim_time
+from btcore_ros2.robot import ros_robot
 from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.robot.sim_time import SimTime
 from btcore_ros2.session import RosSession
@@ -53,10 +54,17 @@ def test_jump_of_simulated_time(session: RosSession, process: PointRobotProcess,
 
 
 def test_simulated_time_that_stops(
-    session: RosSession, process: PointRobotProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    session: RosSession,
+    process: PointRobotProcess,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(sim_time, "SILENCE", 1.0)
+    monkeypatch.setattr(time_limits, "CLOCK_SILENCE", 1.0)
     robot = RosRobot(session, describe(tmp_path))
     process.send(silent=["/clock"])
-    assert "/clock: no message for " in drive_until_error(robot)
+    # The robot is stopped before the run ends, and without a call of `close`.
+    assert "/clock: the time has not advanced for 1." in drive_until_error(robot)
+    assert stopped(process, session)
+    assert "the robot stands until it advances again" in caplog.text
     process.send(silent=[])
