@@ -7,13 +7,13 @@ of other plug-ins for the same job. A plug-in's own keys are here without the pl
 Every field has an effect. Keys of a file that have no field here have no effect; a warning lists them.
 """
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from btcore.json_text import load_json
 from btcore_robot import time_limits
 from btcore_robot.navigation.clearance import min_clearance
 from btcore_robot.navigation.parameter_files import (
@@ -251,9 +251,9 @@ def footprint_radius(footprint: str) -> float:
         ValueError: *footprint* has another form.
     """
     try:
-        points = load_json(footprint) if footprint else []
+        points = json.loads(footprint) if footprint else []
         radius = max((math.hypot(float(x), float(y)) for x, y in points), default=0.0)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RecursionError):
         radius = math.nan
     if not math.isfinite(radius):
         raise ValueError(f"must be a list of points [[x, y], …] in m, not {footprint!r}")
