@@ -2,6 +2,7 @@
 
 import math
 from bisect import bisect_left
+from collections import deque
 from collections.abc import Sequence
 
 from btcore_robot.errors import RobotError
@@ -52,8 +53,9 @@ class _Link:
         self.parent = parent
         self.static = static
         self.holds = 0
-        self.stamps: list[int] = []
-        self.transforms: list[Transform] = []
+        # Deques, because one pose is added and one removed 50 times a second.
+        self.stamps: deque[int] = deque()
+        self.transforms: deque[Transform] = deque()
 
     def put(self, stamp: int, transform: Transform, holds: int) -> None:
         stamps, transforms = self.stamps, self.transforms
@@ -63,7 +65,8 @@ class _Link:
             transforms.append(transform)
             oldest = stamp - CACHE_TIME
             while stamps[0] < oldest:
-                del stamps[0], transforms[0]
+                stamps.popleft()
+                transforms.popleft()
         elif stamp >= stamps[-1] - CACHE_TIME:
             # A late transform: insert it in the order of stamps.
             place = bisect_left(stamps, stamp)
@@ -140,8 +143,16 @@ class TransformTree:
         link = self._links.get(frame.child)
         if link is None or link.parent != frame.parent or link.static:
             link = self._add_link(frame, static=False)
-        _check(frame)
-        link.put(frame.stamp, Transform(frame.position, frame.quaternion), holds)
+        newest = link.transforms[-1] if link.transforms else None
+        # Most frames of a robot are fixed: their pose consists of the same objects as the previous pose.
+        if (
+            newest is None
+            or newest.position is not frame.position
+            or newest.quaternion is not frame.quaternion
+        ):
+            _check(frame)
+            newest = Transform(frame.position, frame.quaternion)
+        link.put(frame.stamp, newest, holds)
 
     def set_static(self, frame: TransformStamped) -> None:
         """Store the pose of *frame* as a static pose, which is valid at all times.
@@ -152,7 +163,7 @@ class TransformTree:
         """
         _check(frame)
         link = self._add_link(frame, static=True)
-        link.transforms = [Transform(frame.position, frame.quaternion)]
+        link.transforms.append(Transform(frame.position, frame.quaternion))
 
     def lookup(self, target: str, source: str, stamp: int | None = None) -> Transform:
         """Return the pose of *source* in *target*, which transforms points of *source* to *target*.

@@ -53,19 +53,20 @@ class Kinematics:
 
     def __init__(self, description: RobotDescription) -> None:
         root, joints = _joints(description)
-        self._still = [(root, FOOTPRINT, Transform((0.0, 0.0, description.height)))]
+        still = [(root, FOOTPRINT, Transform((0.0, 0.0, description.height)))]
         self._moving: list[_Joint] = []
         for joint, moves in joints:
             if moves:
                 self._moving.append(joint)
             else:
-                self._still.append((joint.child, joint.parent, joint.origin))
+                still.append((joint.child, joint.parent, joint.origin))
         self.joints = [joint.name for joint in self._moving]
         """The names of the moving joints, in the order in which `frames` expects their positions."""
         self.moving_frames = frozenset(joint.child for joint in self._moving)
         """The names of the frames whose poses in their parent frames change."""
         for fixed in (*description.frames, *_mounted(description)):
-            self._still.append((fixed.name, fixed.parent, Transform(fixed.position, from_rpy(fixed.rpy))))
+            still.append((fixed.name, fixed.parent, Transform(fixed.position, from_rpy(fixed.rpy))))
+        self._still = [(child, parent, place.position, place.quaternion) for child, parent, place in still]
         self._check(description)
 
     def frames(self, positions: Sequence[float], stamp: int) -> list[TransformStamped]:
@@ -75,13 +76,16 @@ class Kinematics:
             positions: The positions of the joints in `joints` (rad or m).
             stamp: The time of the transforms (ns).
         """
-        frames = list(self._still)
-        for joint, position in zip(self._moving, positions, strict=True):
-            frames.append((joint.child, joint.parent, joint.place(position)))
-        return [
-            TransformStamped(child, parent, place.position, place.quaternion, stamp)
-            for child, parent, place in frames
+        frames = [
+            TransformStamped(child, parent, position, quaternion, stamp)
+            for child, parent, position, quaternion in self._still
         ]
+        for joint, angle in zip(self._moving, positions, strict=True):
+            place = joint.place(angle)
+            frames.append(
+                TransformStamped(joint.child, joint.parent, place.position, place.quaternion, stamp)
+            )
+        return frames
 
     def _check(self, description: RobotDescription) -> None:
         parents: dict[str, str] = {}

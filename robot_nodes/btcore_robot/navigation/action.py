@@ -4,6 +4,7 @@ A server is a task on the robot's schedule. It accepts a goal at its next step; 
 goal (pre-emption). There are no callbacks: clients poll the handle for feedback, status and result.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Generic, TypeVar
@@ -44,7 +45,6 @@ class GoalHandle(Generic[Goal, Feedback, Value]):
     Attributes:
         goal: The goal.
         status: The state of the goal.
-        feedback: The last feedback, or None.
         result: The result, or None before the goal has ended.
         cancel_requested: Whether the client has cancelled the goal.
         missing_acceptance: The reason to report if the goal is not accepted in time.
@@ -57,9 +57,28 @@ class GoalHandle(Generic[Goal, Feedback, Value]):
     def __init__(self, goal: Goal) -> None:
         self.goal = goal
         self.status = GoalStatus.UNKNOWN
-        self.feedback: Feedback | None = None
         self.result: ActionResult[Value] | None = None
         self.cancel_requested = False
+        self._feedback: Feedback | None = None
+        self._compute_feedback: Callable[[], Feedback] | None = None
+
+    @property
+    def feedback(self) -> Feedback | None:
+        """The last feedback, or None."""
+        if self._compute_feedback is not None:
+            self._feedback, self._compute_feedback = self._compute_feedback(), None
+        return self._feedback
+
+    @feedback.setter
+    def feedback(self, feedback: Feedback | None) -> None:
+        self._feedback, self._compute_feedback = feedback, None
+
+    def defer_feedback(self, compute: Callable[[], Feedback]) -> None:
+        """Set a function that computes the feedback when it is read first, because it is rarely read.
+
+        *compute* must depend only on values that do not change after this call.
+        """
+        self._compute_feedback = compute
 
     @property
     def done(self) -> bool:

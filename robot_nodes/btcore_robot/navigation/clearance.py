@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from btcore_robot.navigation.costmap import LETHAL, LocalCostmap
@@ -52,9 +51,12 @@ def smooth_scan(scan: LaserScan) -> LaserScan:
     row[near] = scan.range_min
     # The median removes lone readings; the mean over readings of the same surface then reduces the noise.
     row = np.asarray(cv2.medianBlur(row[None, :], _MEDIAN)[0], dtype=np.float32)
-    neighbours = sliding_window_view(np.pad(row, _BESIDE, mode="edge"), 2 * _BESIDE + 1)
+    padded = np.concatenate((row[:1].repeat(_BESIDE), row, row[-1:].repeat(_BESIDE)))
+    # Row i has the readings beside reading i: a view, as by sliding_window_view, which is slower.
+    shape, strides = (len(row), 2 * _BESIDE + 1), padded.strides * 2
+    neighbours: NDArray[np.float32] = np.ndarray(shape, np.float32, padded, strides=strides)
     same = (np.abs(neighbours - row[:, None]) < _STEP).astype(np.float32)
-    flat = np.einsum("ij,ij->i", neighbours, same) / same.sum(axis=1)
+    flat = np.einsum("ij,ij->i", neighbours, same) / np.einsum("ij->i", same)
     # The mean may be slightly below _NO_ECHO where a long reading is among the neighbours.
     flat[flat > _NO_ECHO - 1.0] = np.inf
     flat[near] = -np.inf

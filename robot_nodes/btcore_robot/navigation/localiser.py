@@ -21,7 +21,7 @@ from btcore_robot.navigation.pose_validation import FITS, PoseValidator, contrad
 from btcore_robot.navigation.ray_casting import RayCaster
 from btcore_robot.navigation.relocalisation import Relocaliser
 from btcore_robot.rigid_transform import Transform, wrap_angle
-from btcore_robot.robot import NS_PER_S, LaserScan, Pose2D, Robot, TransformStamped
+from btcore_robot.robot import NS_PER_S, LaserScan, Odometry, Pose2D, Robot, TransformStamped
 from btcore_robot.time_limits import ODOMETRY, is_stale
 from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformError, TransformTree
 
@@ -126,6 +126,8 @@ class Localiser:
         self._map = field_map
         self.map_to_odom = Transform()
         """The pose of `odom` in `map`."""
+        self._known_pose: tuple[Transform, Odometry | None, Pose2D]
+        self._known_pose = (self.map_to_odom, None, Pose2D(0.0, 0.0, 0.0))
         self.particles: NDArray[np.float64] = np.zeros((0, 3))
         """The x, y (m) and yaw (rad) of every particle in the map, shape `(n, 3)`."""
         self.weights: NDArray[np.float64] = np.zeros(0)
@@ -168,7 +170,13 @@ class Localiser:
 
     def pose(self) -> Pose2D:
         """Return the pose of `base_footprint` in `map` by the last estimate and the newest odometry."""
-        return (self.map_to_odom * Transform.from_pose(self._robot.odometry().pose)).to_pose()
+        odometry = self._robot.odometry()
+        map_to_odom, known_odometry, pose = self._known_pose
+        # Clients ask more often than the odometry changes. Neither object changes its value.
+        if odometry is not known_odometry or map_to_odom is not self.map_to_odom:
+            pose = self._estimate(odometry.pose)
+            self._known_pose = (self.map_to_odom, odometry, pose)
+        return pose
 
     def set_pose(self, pose: Pose2D, covariance: NDArray[np.float64] | None = None) -> None:
         """Set the robot's present pose.

@@ -133,7 +133,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             self._halt()
             self._end(handle, Nav2ErrorCode.NAVIGATE_UNKNOWN, str(error), now)
             return
-        handle.feedback = self._feedback(tree, now)
+        self._defer_feedback(handle, tree, now)
         if status is Status.SUCCESS and self.servers.is_pose_contradicted:
             self._end(handle, Nav2ErrorCode.NAVIGATE_TF_ERROR, _ELSEWHERE, now)
         elif status is Status.SUCCESS:
@@ -172,21 +172,30 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             self._trees[path] = tree
         return self._trees[path]
 
-    def _feedback(self, tree: Tree, now: int) -> NavigateFeedback:
+    def _defer_feedback(self, handle: NavigateHandle, tree: Tree, now: int) -> None:
+        """Set the feedback of this tick; its distance along the path is computed when it is read."""
         path = _entry(tree, "path")
         recoveries = _entry(tree, RECOVERIES)
         goals = _entry(tree, "goals")
-        remaining = self.servers.remaining(path) if isinstance(path, NavPath) and len(path) else 0.0
-        odometry = self.servers.odometry()
-        speed = abs(odometry.twist.v) if odometry is not None else 0.0
-        return NavigateFeedback(
-            self.servers.pose(),
-            (now - self._began) / NS_PER_S,
-            recoveries if isinstance(recoveries, int) else 0,
-            remaining,
-            len(goals) if isinstance(goals, list) else 0,
-            remaining / speed if speed > MIN_SPEED and remaining > MIN_REMAINING else 0.0,
-        )
+        number_of_poses = len(goals) if isinstance(goals, list) else 0
+        pose, odometry = self.servers.pose(), self.servers.odometry()
+        elapsed = (now - self._began) / NS_PER_S
+
+        def compute() -> NavigateFeedback:
+            remaining = 0.0
+            if pose is not None and isinstance(path, NavPath):
+                remaining = path.remaining(pose.x, pose.y)
+            speed = abs(odometry.twist.v) if odometry is not None else 0.0
+            return NavigateFeedback(
+                pose,
+                elapsed,
+                recoveries if isinstance(recoveries, int) else 0,
+                remaining,
+                number_of_poses,
+                remaining / speed if speed > MIN_SPEED and remaining > MIN_REMAINING else 0.0,
+            )
+
+        handle.defer_feedback(compute)
 
     def _failure_reason(self) -> tuple[int, str]:
         """Return code and message of the first server whose last goal since the start was aborted."""
