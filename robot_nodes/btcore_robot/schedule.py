@@ -180,5 +180,6 @@ class SimulatedTime(_Tasks):
             if due is None or due > deadline:
                 self._now = max(self._now, deadline)
                 return False
-            self.run_next()
+            self._now = max(self._now, due)
+            self._run(self._now)
         return True

@@ -28,6 +28,11 @@ _PARALLEL = 1e-12  # a smaller direction component would overflow, or give 0 * i
 _MARGIN = 1e-9  # rad: tolerance for rounding, so that a ray through a corner counts as a hit
 _TURN = 2.0 * math.pi
 
+_ALONG = np.array(((1.0,), (1.0,), (-1.0,), (-1.0,)))
+"""The side of each corner of a box along the box's own x axis."""
+_ACROSS = np.array(((1.0,), (-1.0,), (1.0,), (-1.0,)))
+"""The side of each corner of a box along the box's own y axis."""
+
 _UPRIGHT = 0.9999  # cosine of the greatest tilt (0.8°) at which an object is treated as upright
 
 
@@ -103,8 +108,7 @@ def _against_boxes(boxes: Floats, x: float, y: float, angles: Floats, distances:
     half_x, half_y, cos, sin = boxes[2], boxes[3], boxes[4], boxes[5]
     to_x, to_y = boxes[0] - x, boxes[1] - y
     # The bearings of the corners relative to the middle's bearing. The extremes bound the rays that can hit.
-    along = np.stack((half_x, half_x, -half_x, -half_x))
-    across = np.stack((half_y, -half_y, half_y, -half_y))
+    along, across = _ALONG * half_x, _ACROSS * half_y
     corner_x = to_x + cos * along - sin * across
     corner_y = to_y + sin * along + cos * across
     turned = np.arctan2(corner_y * to_x - corner_x * to_y, corner_x * to_x + corner_y * to_y)
@@ -173,15 +177,17 @@ def _pairs(start: Floats, width: Floats, angles: Floats) -> tuple[NDArray[np.int
     end = begin + np.concatenate((width, width)) + 2.0 * _MARGIN
     first = np.searchsorted(angles, begin + angles[0], side="left")
     counts = np.searchsorted(angles, end + angles[0], side="right") - first
-    things = np.tile(np.arange(len(start)), 2)
-    before = np.cumsum(counts) - counts
-    rays = np.arange(counts.sum()) + np.repeat(first - before, counts)
-    return rays, np.repeat(things, counts)
+    things = np.arange(len(start))
+    after = counts.cumsum()
+    rays = np.arange(after[-1]) + (first - (after - counts)).repeat(counts)
+    return rays, np.concatenate((things, things)).repeat(counts)
 
 
 def _slab(origin: Floats, direction: Floats, half: Floats) -> tuple[Floats, Floats]:
     """Return the distances (m) at which rays enter and leave the slab from -*half* to *half* on an axis."""
-    inverse = 1.0 / np.where(np.abs(direction) < _PARALLEL, _PARALLEL, direction)
+    direction = direction.copy()
+    direction[np.abs(direction) < _PARALLEL] = _PARALLEL
+    inverse = 1.0 / direction
     lower, upper = (-half - origin) * inverse, (half - origin) * inverse
     return np.minimum(lower, upper), np.maximum(lower, upper)
 

@@ -63,6 +63,19 @@ def smooth_scan(scan: LaserScan) -> LaserScan:
     return replace(scan, ranges=flat)
 
 
+class ScanSmoother:
+    """Smooths scans by `smooth_scan`; users of the same scan share the result."""
+
+    def __init__(self) -> None:
+        self._last: tuple[LaserScan, LaserScan] | None = None
+
+    def smooth(self, scan: LaserScan) -> LaserScan:
+        """Return the smoothed *scan*; the result for the last scan is kept."""
+        if self._last is None or self._last[0] is not scan:
+            self._last = (scan, smooth_scan(scan))
+        return self._last[1]
+
+
 class ClearanceGrid:
     """A grid of distances (m) to obstacles around the robot, in the frame of the local costmap.
 
@@ -84,6 +97,8 @@ class ClearanceGrid:
         """
         self.stamp: int | None = None
         """The stamp (ns) of the scan from which the grid was made."""
+        self.smoother = ScanSmoother()
+        """The filter of the scans; costmaps of the same robot may use it too."""
 
     def update(self, scan: LaserScan, laser: Pose2D, costmap: LocalCostmap) -> None:
         """Compute the grid again.
@@ -95,7 +110,7 @@ class ClearanceGrid:
         """
         half = self._side * self.resolution / 2
         self.origin = (laser.x - half, laser.y - half)
-        ranges = smooth_scan(scan).ranges
+        ranges = self.smoother.smooth(scan).ranges
         ranges = np.where(ranges == -np.inf, np.float32(scan.range_min), ranges)
         angles = scan.angles()
         near = ranges < 1.5 * half
@@ -104,8 +119,9 @@ class ClearanceGrid:
         free = np.ones((self._side, self._side), dtype=np.uint8)
         self._mark(free, x, y)
         self._mark(free, *self._remembered(scan, ranges, laser, costmap))
-        distances = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_5)
-        self.distances = np.minimum(distances * self.resolution, half, dtype=np.float32)
+        distances = np.asarray(cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_5), dtype=np.float32)
+        distances *= self.resolution
+        self.distances = np.minimum(distances, half, out=distances)
         self.stamp = scan.stamp
 
     def distances_at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -120,7 +136,8 @@ class ClearanceGrid:
         """
         cols = ((x - self.origin[0]) / self.resolution).astype(np.intp)
         rows = ((y - self.origin[1]) / self.resolution).astype(np.intp)
-        outside = (cols < 0) | (cols >= self._side) | (rows < 0) | (rows >= self._side)
+        # As unsigned numbers, negative indices are above every side.
+        outside = (cols.view(np.uintp) >= self._side) | (rows.view(np.uintp) >= self._side)
         if not outside.any():
             distances: NDArray[np.float32] = self.distances[rows, cols]
             return distances
@@ -143,7 +160,7 @@ class ClearanceGrid:
     def _mark(self, free: NDArray[np.uint8], x: NDArray[np.floating], y: NDArray[np.floating]) -> None:
         cols = np.floor((x - self.origin[0]) / self.resolution).astype(np.intp)
         rows = np.floor((y - self.origin[1]) / self.resolution).astype(np.intp)
-        inside = (cols >= 0) & (cols < self._side) & (rows >= 0) & (rows < self._side)
+        inside = (cols.view(np.uintp) < self._side) & (rows.view(np.uintp) < self._side)
         free[rows[inside], cols[inside]] = 0
 
     def _remembered(

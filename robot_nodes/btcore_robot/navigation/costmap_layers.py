@@ -1,7 +1,7 @@
 """The layers of a costmap (the map, the laser's obstacles, the inflation), and windows of a grid."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -315,10 +315,12 @@ class ObstacleLayer:
         free: NDArray[np.float64],
     ) -> None:
         crossing = free > 0
-        lines = np.empty((int(np.count_nonzero(crossing)), 2, 2))
+        reach = free[crossing]
+        lines = np.empty((len(reach), 2, 2))
         lines[:, 0] = (x, y)
-        lines[:, 1, 0] = x + cos[crossing] * free[crossing]
-        lines[:, 1, 1] = y + sin[crossing] * free[crossing]
+        lines[:, 1, 0] = x + cos[crossing] * reach
+        lines[:, 1, 1] = y + sin[crossing] * reach
         if len(lines):
-            fixed = np.rint(lines * _FIXED_POINT).astype(np.int32)
-            cv2.polylines(self.values, list(fixed), False, FREE, 1, cv2.LINE_8, _SHIFT)
+            lines *= _FIXED_POINT
+            fixed: Any = np.rint(lines, out=lines).astype(np.int32)  # OpenCV also takes an array of lines
+            cv2.polylines(self.values, fixed, False, FREE, 1, cv2.LINE_8, _SHIFT)

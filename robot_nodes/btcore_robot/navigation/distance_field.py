@@ -66,11 +66,11 @@ class SignedDistanceField:
         """
         u = (x - self._origin[0]) / self._resolution
         v = (y - self._origin[1]) / self._resolution
-        column = np.clip(u, 0.0, self._shape[1] - 1).astype(np.intp)
-        row = np.clip(v, 0.0, self._shape[0] - 1).astype(np.intp)
+        column = _limited(u, 0.0, self._shape[1] - 1).astype(np.intp)
+        row = _limited(v, 0.0, self._shape[0] - 1).astype(np.intp)
         distance, along_x, along_y = self._table[row * self._shape[1] + column].T.astype(np.float64)
-        off_x = np.clip(u - column - 0.5, -0.5, 0.5) * self._resolution
-        off_y = np.clip(v - row - 0.5, -0.5, 0.5) * self._resolution
+        off_x = _limited(u - column - 0.5, -0.5, 0.5) * self._resolution
+        off_y = _limited(v - row - 0.5, -0.5, 0.5) * self._resolution
         return distance + along_x * off_x + along_y * off_y, along_x, along_y
 
     def match(
@@ -130,4 +130,10 @@ class SignedDistanceField:
         x = pose.x + cos * points[:, 0] - sin * points[:, 1]
         y = pose.y + sin * points[:, 0] + cos * points[:, 1]
         distance, _, _ = self.at(x, y)
-        return float(np.mean(np.abs(distance) <= SURFACE_TOLERANCE)) if len(points) else 0.0
+        return np.count_nonzero(np.abs(distance) <= SURFACE_TOLERANCE) / len(points) if len(points) else 0.0
+
+
+def _limited(values: Floats, low: float, high: float) -> Floats:
+    """Return *values*, limited to the interval from *low* to *high*; for few values faster than np.clip."""
+    limited: Floats = np.minimum(np.maximum(values, low), high)
+    return limited

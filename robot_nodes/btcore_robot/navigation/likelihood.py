@@ -48,7 +48,10 @@ def beam_endpoints(
     # A comparison with NaN is False, so that NaN is left out too.
     seen = np.flatnonzero((ranges >= least_range) & (ranges < greatest_range))
     angles = scan.angle_min + scan.angle_increment * step * seen
-    return np.stack((np.cos(angles), np.sin(angles)), axis=1) * ranges[seen, None]
+    ends = np.empty((len(seen), 2))
+    ends[:, 0], ends[:, 1] = np.cos(angles), np.sin(angles)
+    ends *= ranges[seen, None]
+    return ends
 
 
 class LikelihoodField:

@@ -53,11 +53,12 @@ def changed_beam_shares(before: LaserScan, after: LaserScan, turn: float) -> tup
     known = (earlier[:, 0] >= 0) & (earlier[:, -1] < len(before.ranges))
     if not known.any():
         return 0.0, 0.0
-    then = np.clip(before.ranges[earlier[known]], 0.0, after.range_max)
-    now = np.clip(after.ranges[chosen[known]], 0.0, after.range_max)
+    # np.clip and np.mean take several times as long for so few numbers.
+    then = np.minimum(np.maximum(before.ranges[earlier[known]], 0.0), after.range_max)
+    now = np.minimum(np.maximum(after.ranges[chosen[known]], 0.0), after.range_max)
     return (
-        float(np.mean(now > then.max(axis=1) + _CHANGED)),
-        float(np.mean(now < then.min(axis=1) - _CHANGED)),
+        np.count_nonzero(now > then.max(axis=1) + _CHANGED) / len(now),
+        np.count_nonzero(now < then.min(axis=1) - _CHANGED) / len(now),
     )
 
 

@@ -14,7 +14,7 @@ from btcore_robot.navigation.behaviours import (
     SpinBehaviour,
     WaitBehaviour,
 )
-from btcore_robot.navigation.clearance import laser_pose, smooth_scan
+from btcore_robot.navigation.clearance import laser_pose
 from btcore_robot.navigation.controller import ControllerServer
 from btcore_robot.navigation.costmap import GlobalCostmap, LocalCostmap
 from btcore_robot.navigation.localiser import Localiser
@@ -305,7 +305,7 @@ class Navigation:
         except TransformError:
             return
         self._scan_seen[frame] = scan.stamp
-        costmap.observe(smooth_scan(scan), laser)
+        costmap.observe(self.servers.follow_path.clearance.smoother.smooth(scan), laser)
 
 
 def costmap_arguments(parameters: CostmapParameters) -> dict[str, Any]:
