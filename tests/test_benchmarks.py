@@ -17,6 +17,7 @@ NEEDS = {
     "navigation_localising": ("scipy", "cv2", "pybullet"),
     "navigation_planning": ("scipy", "cv2", "skimage", "pybullet"),
     "publishing": ("zmq", "msgpack", "flatbuffers"),
+    "robot": ("scipy", "cv2", "pybullet"),
     "ros2": ("rclpy",),
 }
 FILES = sorted(BENCHMARKS.glob("*.py"))
