@@ -113,6 +113,7 @@ class Exploration(Navigation):
             start=Pose2D(amcl.initial_pose_x, amcl.initial_pose_y, amcl.initial_pose_yaw),
             resolution=self.map.resolution,
             keepout=self.map.keepout,
+            odometry_limit=self.parameters.controller.odometry_timeout,
         )
 
     def _make_global_costmap(self) -> GlobalCostmap:

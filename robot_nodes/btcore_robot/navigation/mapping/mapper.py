@@ -1,5 +1,7 @@
 """Simultaneous localisation and mapping from laser scans and odometry."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from btcore_robot.navigation.mapping.correlative_matcher import (
@@ -22,7 +24,7 @@ from btcore_robot.navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import NS_PER_S, Pose2D, Robot, TransformStamped
-from btcore_robot.time_limits import MAP_TRANSFORM
+from btcore_robot.time_limits import MAP_TRANSFORM, ODOMETRY, is_stale
 from btcore_robot.transforms import TransformError, TransformTree
 
 __all__ = ["Mapper"]
@@ -45,6 +47,8 @@ MIN_POINTS = 20
 """A scan with fewer points is not matched; the pose is then taken from odometry alone."""
 MIN_SCORE = 0.35
 """The minimum score (0 … 1) of a match with the previous key scans."""
+OUTAGE_UNCERTAINTY = PoseUncertainty(0.3, 0.2)
+"""The standard deviation (m, rad) of the motion during an outage of the odometry."""
 _REDRAW_DISTANCE = 0.02  # m: the map is redrawn if a pose moves farther than this
 _STANDSTILL_SPEED = 0.01  # m/s, rad/s
 
@@ -58,6 +62,11 @@ class Mapper:
     scans taken there earlier. Such a match closes a loop: all poses are adjusted to the matches, and the map
     is redrawn.
 
+    Without recent odometry the pose is unknown. When the odometry arrives again, the robot may have been
+    moved, or the odometry may have started anew. Either the robot has stood since, or it has moved as the
+    odometry reports; the match with the previous key scans decides. If neither pose matches, the mapper is
+    `searching` until a later scan matches.
+
     With each scan the transform from `map` to `odom` is published in *tree*. A mapper has the same
     attributes as a `Localiser`, so that navigation can use either.
 
@@ -69,14 +78,14 @@ class Mapper:
         keepout: Rectangles that are added to the map because the laser cannot detect them.
         loops: Whether to close loops.
         frames: The names of the map, odometry and base frames.
+        odometry_limit: The age (s) from which on the odometry has an outage.
 
     Attributes:
         lost: Always False.
-        searching: Always False.
         is_contradicted: Always False.
     """
 
-    lost = searching = is_contradicted = False
+    lost = is_contradicted = False
 
     def __init__(
         self,
@@ -88,6 +97,7 @@ class Mapper:
         keepout: tuple[Rectangle, ...] = (),
         loops: bool = True,
         frames: tuple[str, str, str] = ("map", "odom", "base_footprint"),
+        odometry_limit: float = ODOMETRY,
     ) -> None:
         self._robot = robot
         self._tree = tree
@@ -95,6 +105,15 @@ class Mapper:
         self._start = pose_to_row(start) if start is not None else np.zeros(3)
         self._grid = LogOddsGrid(resolution, robot.base.radius, keepout)
         self._loop_detector = LoopClosureDetector() if loops else None
+        self.searching = False
+        """Whether the robot has to turn, because no scan since an outage of the odometry matches the map."""
+        self._odometry_limit = odometry_limit
+        self._interrupted = False
+        """Whether no pose since the last outage of the odometry is confirmed."""
+        self._resumed_at: tuple[int, Pose2D] | None = None
+        """Stamp (ns) and pose of the first odometry after an outage."""
+        self._correction: Transform | None = None
+        """The pose of the present frame odom in the frame odom before all outages; None if they are equal."""
         self._travelled = 0.0
         self._last_odometry: Pose2D | None = None
         self._recent_scans: list[LocalisedScan] = []
@@ -113,8 +132,8 @@ class Mapper:
 
     @property
     def confident(self) -> bool:
-        """Whether the pose is known: from the first key scan on, that is, after five scans."""
-        return self.graph is not None
+        """Whether the pose is known: from the first key scan on (after five scans), except during outages."""
+        return self.graph is not None and not self._interrupted
 
     @property
     def poses(self) -> Floats:
@@ -141,11 +160,20 @@ class Mapper:
         """Process the newest scan, unless it was processed before or its transforms are not available yet.
 
         Args:
-            now: The time (ns); not used, because scans and transforms carry stamps.
+            now: The time (ns).
         """
+        newest = self._robot.odometry()
+        if is_stale(newest, now, self._odometry_limit):
+            self._interrupted, self._resumed_at = True, None
+            self._recent_scans = []
+            return
         scan = self._robot.scan()
         if scan is None or scan.stamp == self.stamp:
             return
+        if self._interrupted:
+            self._resumed_at = self._resumed_at or (newest.stamp, newest.pose)
+            if scan.stamp < self._resumed_at[0]:
+                return  # taken during the outage: its pose by odometry is not known
         _, odom, base = self._frames
         try:
             odometry = self._tree.lookup(odom, base, scan.stamp).to_pose()
@@ -153,6 +181,11 @@ class Mapper:
         except TransformError:
             return
         self.stamp = scan.stamp
+        if self._interrupted:
+            self._resume(LocalisedScan(scan, laser, odometry))
+            return
+        if self._correction is not None:
+            odometry = (self._correction * Transform.from_pose(odometry)).to_pose()
         if self._last_odometry is not None:
             self._travelled += float(
                 np.hypot(odometry.x - self._last_odometry.x, odometry.y - self._last_odometry.y)
@@ -164,6 +197,35 @@ class Mapper:
             self._add_key_scan(key_scan(self._recent_scans, self._travelled))
         self._publish_transform()
 
+    def _resume(self, scan: LocalisedScan) -> None:
+        """Collect scans after an outage of the odometry, and take the pose that matches the map."""
+        self._recent_scans.append(scan)
+        if len(self._recent_scans) < SCANS_PER_KEY:
+            return
+        scans, self._recent_scans = self._recent_scans, []
+        before, resumed_at = self._last_odometry, self._resumed_at
+        if self.graph is None or before is None or resumed_at is None:
+            self._interrupted = False
+            return
+        jumped = self._correction or Transform()
+        stood = Transform.from_pose(before) * Transform.from_pose(resumed_at[1]).inverse()
+        best: tuple[float, Transform, KeyScan] | None = None
+        for correction in (jumped, stood):
+            moved = [
+                replace(each, odometry=(correction * Transform.from_pose(each.odometry)).to_pose())
+                for each in scans
+            ]
+            candidate = key_scan(moved, self._travelled)
+            match = self._match_recent(candidate, self._step_to(candidate), OUTAGE_UNCERTAINTY)
+            if match is not None and (best is None or match.score > best[0]):
+                best = match.score, correction, candidate
+        self.searching = best is None
+        if best is not None:
+            self._interrupted = False
+            self._correction, self._last_odometry = best[1], best[2].odometry
+            self._add_key_scan(best[2], OUTAGE_UNCERTAINTY)
+            self._publish_transform()
+
     def _is_key(self, odometry: Pose2D) -> bool:
         if not self.scans:
             return len(self._recent_scans) == SCANS_PER_KEY
@@ -174,15 +236,19 @@ class Mapper:
         rests = abs(twist.v) < _STANDSTILL_SPEED and abs(twist.w) < _STANDSTILL_SPEED
         return rests and are_far_apart(last, odometry, MIN_TRAVEL_AT_REST, MIN_TURN_AT_REST)
 
-    def _add_key_scan(self, scan: KeyScan) -> None:
-        """Add a key scan to the graph and draw it on the map."""
+    def _add_key_scan(self, scan: KeyScan, uncertainty: PoseUncertainty | None = None) -> None:
+        """Add a key scan to the graph and draw it on the map.
+
+        Args:
+            scan: The key scan.
+            uncertainty: The uncertainty of the motion since the previous key scan; by default odometry's.
+        """
         if self.graph is None:
             first = pose_to_row(self._recent_scans[0].odometry)
             self.graph = PoseGraph(compose(self._start, relative_pose(first, pose_to_row(scan.odometry))))
             self.scans.append(scan)
         else:
-            step = relative_pose(pose_to_row(self.scans[-1].odometry), pose_to_row(scan.odometry))
-            self.graph.add(*self._match(scan, step))
+            self.graph.add(*self._match(scan, self._step_to(scan), uncertainty))
             self.scans.append(scan)
         graph = self.graph
         # The map is only redrawn if the poses moved visibly; otherwise the new scan is added to it.
@@ -193,40 +259,63 @@ class Mapper:
         # Odometry carries the pose on from here until the next key scan.
         base_in_map = Transform.from_pose(row_to_pose(graph.poses[-1]))
         self.map_to_odom = base_in_map * Transform.from_pose(scan.odometry).inverse()
+        if self._correction is not None:
+            self.map_to_odom = self.map_to_odom * self._correction
         self.version += 1
 
-    def _match(self, scan: KeyScan, step: Floats) -> tuple[Floats, Floats]:
+    def _step_to(self, scan: KeyScan) -> Floats:
+        """Return the pose of *scan* relative to the last key scan by odometry: x, y (m) and yaw (rad)."""
+        return relative_pose(pose_to_row(self.scans[-1].odometry), pose_to_row(scan.odometry))
+
+    def _match(
+        self, scan: KeyScan, step: Floats, uncertainty: PoseUncertainty | None
+    ) -> tuple[Floats, Floats]:
         """Return the pose of *scan* relative to the previous key scan, and its information matrix.
 
         Args:
             scan: The new key scan.
             step: The relative pose of the two key scans by odometry: x, y (m) and yaw (rad).
+            uncertainty: The uncertainty of *step*; by default that of odometry.
+        """
+        assert self.graph is not None
+        if uncertainty is None:
+            uncertainty = PoseUncertainty(
+                # The uncertainty of odometry grows with the distance and the turn.
+                0.02 + 0.05 * float(np.hypot(step[0], step[1])),
+                0.01 + 0.06 * abs(float(step[2])),
+            )
+        prior = uncertainty.information()
+        match = self._match_recent(scan, step, uncertainty)
+        if match is None:
+            return step, prior
+        last = self.graph.poses[-1]
+        return relative_edge(last, MatchResult(match.pose, match.score, match.information + prior))
+
+    def _match_recent(self, scan: KeyScan, step: Floats, uncertainty: PoseUncertainty) -> MatchResult | None:
+        """Return the match of *scan* with the previous key scans, or None if it does not match.
+
+        Args:
+            scan: The new key scan.
+            step: The pose relative to the last key scan at which the match begins: x, y (m) and yaw (rad).
+            uncertainty: The uncertainty of *step*.
         """
         graph = self.graph
         assert graph is not None
-        uncertainty = PoseUncertainty(
-            # The uncertainty of odometry grows with the distance and the turn.
-            0.02 + 0.05 * float(np.hypot(step[0], step[1])),
-            0.01 + 0.06 * abs(float(step[2])),
-        )
-        prior, last = uncertainty.information(), graph.poses[-1]
-        predicted = compose(last, step)
+        predicted = compose(graph.poses[-1], step)
         if len(scan.outline.points) < MIN_POINTS:
-            return step, prior
+            return None
         recent = [
             other.outline.at(pose)
             for other, pose in zip(self.scans[-MATCHED_SCANS:], graph.poses[-MATCHED_SCANS:], strict=True)
             if len(other.outline.points) and np.hypot(*(pose[:2] - predicted[:2])) < MATCH_RADIUS
         ]
         if not recent:
-            return step, prior
+            return None
         grid = CorrelationGrid(recent)
         # The search needs few points; all points are used to refine its result.
         best = grid.search(predicted, scan.outline.points[:: 2 * SCANS_PER_KEY], NEARBY)
         match = grid.refine(best, scan.outline, predicted, uncertainty)
-        if match.score < MIN_SCORE:
-            return step, prior
-        return relative_edge(last, MatchResult(match.pose, match.score, match.information + prior))
+        return match if match.score >= MIN_SCORE else None
 
     def _close_loop(self) -> bool:
         """Close a loop if the newest key scan is at a known place; return whether a loop was closed."""

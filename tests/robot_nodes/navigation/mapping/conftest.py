@@ -175,6 +175,14 @@ class MappingRig:
         for _ in range(count):
             self._move(0.0, angle / count)
 
+    def interrupt(self, restarted: Pose2D | None) -> None:
+        """Stop the odometry for a second; then it starts at *restarted*, or goes on."""
+        self.time += NS_PER_S
+        self.robot.seen = look(self.boxes, self.true, self.random, stamp=self.time)
+        self.mapper.step(self.time)
+        if restarted is not None:
+            self.robot.reported = Odometry(restarted, Twist2D(0.0, 0.0), self.time)
+
     def error(self) -> float:
         """Return the present error (m) of the mapper's pose."""
         reported = self.mapper.pose()

@@ -23,6 +23,38 @@ def test_the_pose_in_a_room_is_right_in_spite_of_odometry_errors(survey: Mapping
     assert led.key_errors().max() < 0.1
 
 
+@pytest.mark.parametrize("odometry", ["goes on", "starts anew"])
+def test_the_pose_is_right_after_an_outage_of_the_odometry(
+    survey: MappingRig, room: Boxes, odometry: str
+) -> None:
+    led = survey(room, Pose2D(-2.0, 0.0, 0.0), slip=1.05).along((2.0, -0.8), (2.4, 0.3))
+    led.interrupt(Pose2D(0.0, 0.0, 0.0) if odometry == "starts anew" else None)
+    assert not led.mapper.confident
+    for _ in range(5):
+        led.turn(0.0)
+    assert led.mapper.confident
+    assert led.error() < 0.08
+    led.along((0.0, 1.2), (-2.2, 0.0))
+    assert led.error() < 0.1
+
+
+def test_the_mapper_searches_after_the_robot_was_carried_away_without_odometry(
+    survey: MappingRig, room: Boxes
+) -> None:
+    led = survey(room, Pose2D(-2.0, 0.0, 0.0)).along((2.0, -0.8))
+    led.interrupt(None)
+    led.true, back = Pose2D(-1.8, 1.4, 2.2), led.true
+    for _ in range(5):
+        led.turn(0.0)
+    assert led.mapper.searching
+    assert not led.mapper.confident
+    led.true = back
+    for _ in range(5):
+        led.turn(0.0)
+    assert not led.mapper.searching
+    assert led.error() < 0.08
+
+
 def around(survey: MappingRig, ring: Boxes, *, loops: bool) -> MappingRig:
     """Drive around a corridor longer than the laser's range, with odometry that stretches its first half."""
     led = survey(ring, START, stretch=1.04, slip=1.02, loops=loops).along(*ROUND[:2], step=0.3)
