@@ -160,7 +160,8 @@ class ParameterOverlay:
 
         If several plug-ins set the same parameter, the plug-in that the file lists first wins.
         """
-        ranks = {name: rank for rank, name in enumerate(_ids(settings))}
+        # Without duplicates: an id that the file lists keeps its rank.
+        ranks = {name: rank for rank, name in enumerate(dict.fromkeys(_ids(settings)))}
         chosen: dict[str, tuple[int, object, Setting]] = {}
         for name, setting in settings.items():
             key, rank = _bare(name, ranks)

@@ -93,8 +93,8 @@ class CostmapParameters:
 
     *footprint* is a list of points `[[x, y], …]` in a string, as in Nav2; the robot counts as the smallest
     circle around its centre that contains them. Without a footprint, *robot_radius* is this circle's radius.
-    With a radius of 0 it is the radius of the robot and a margin of 3 cm: 0.3 m for Tiago, so that every
-    planned path is wide enough for the controller. (The book's file has 0.2 m for the global costmap.)
+    The least radius is that of the robot and a margin of 3 cm, so that every planned path is wide enough for
+    the controller: 0.3 m for Tiago. (The book's file has 0.2 m for the global costmap.)
     """
 
     update_frequency: float = number_field(1.0, minimum=0.0)
@@ -106,6 +106,11 @@ class CostmapParameters:
     obstacle_max_range: float = number_field(2.5, "obstacle_range", minimum=0.0)
     obstacle_min_range: float = number_field(0.0, minimum=0.0)
     raytrace_max_range: float = number_field(3.0, "raytrace_range", minimum=0.0)
+
+    @property
+    def given_radius(self) -> float:
+        """The radius (m) by *footprint* or *robot_radius*; 0 = the radius of the robot."""
+        return footprint_radius(self.footprint) or self.robot_radius
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +233,7 @@ class NavigationParameters:
     warnings: tuple[str, ...] = ()
 
     def for_robot(self, base: BaseInfo) -> "NavigationParameters":
-        """Return parameters in which the costmaps have a `robot_radius`, by default that of *base*."""
+        """Return parameters in which the costmaps have a `robot_radius`: at least that of *base*."""
         return replace(
             self,
             global_costmap=_with_radius(self.global_costmap, base),
@@ -237,8 +242,7 @@ class NavigationParameters:
 
 
 def _with_radius(costmap: AnyCostmap, base: BaseInfo) -> AnyCostmap:
-    radius = footprint_radius(costmap.footprint) or costmap.robot_radius or min_clearance(base)
-    return replace(costmap, robot_radius=radius)
+    return replace(costmap, robot_radius=min_clearance(base, costmap.given_radius))
 
 
 def footprint_radius(footprint: str) -> float:

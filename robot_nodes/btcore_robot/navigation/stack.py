@@ -99,7 +99,14 @@ class Navigation:
         cv2.setNumThreads(1)
         self.robot = robot
         self.map = map
-        self.parameters = parameters = (parameters or NavigationParameters()).for_robot(robot.base)
+        given = parameters or NavigationParameters()
+        self.parameters = parameters = given.for_robot(robot.base)
+        for name in ("global_costmap", "local_costmap"):
+            radius, least = getattr(given, name).given_radius, getattr(parameters, name).robot_radius
+            if 0.0 < radius < least:
+                log.warning(
+                    "%s: the radius %g m is too small for the robot: %g m is used", name, radius, least
+                )
         self.transforms = TransformTree()
         frames = FrameBroadcaster(robot, self.transforms)
         frames.step(robot.clock.now())

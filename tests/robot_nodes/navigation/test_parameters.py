@@ -150,8 +150,8 @@ def test_of_two_plugins_the_first_listed_plugin_is_used(written):
         written("""
         controller_server:
           ros__parameters:
-            goal_checker_plugins: [precise, rough]
-            rough: {xy_goal_tolerance: 0.5}
+            goal_checker_plugins: [precise, FollowPath]
+            FollowPath: {xy_goal_tolerance: 0.5}
             precise: {xy_goal_tolerance: 0.1}
         """)
     )

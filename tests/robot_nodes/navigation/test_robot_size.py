@@ -10,6 +10,7 @@ from btcore.bundled_trees import folder
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.navigation.parameters import NavigationParameters
 from btcore_robot.navigation.stack import Navigation
 from btcore_robot.robot import NS_PER_S, Pose2D
 
@@ -69,3 +70,12 @@ def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(floor, path, follo
         assert handle.status is GoalStatus.ABORTED
         assert robot.pose.x < 1.5
         assert robot.nearest > 0.0
+
+
+def test_a_radius_that_is_too_small_for_the_robot_is_replaced_with_a_warning(floor, caplog):
+    boxes = boxes_around_gap(0.8)
+    figures = NavigationParameters()
+    small = replace(figures, global_costmap=replace(figures.global_costmap, robot_radius=0.22))
+    navigation = Navigation(floor(*boxes).robot, map_of(boxes), np.random.default_rng(1), folder(), small)
+    assert navigation.parameters.global_costmap.robot_radius == 0.3
+    assert caplog.messages == ["global_costmap: the radius 0.22 m is too small for the robot: 0.3 m is used"]
