@@ -37,18 +37,19 @@ class KidnapRecovery:
         self._relocalised: float | None = None
         self._astray = 0.0
 
-    def watch(self, now: int, driven: float, off: float | None) -> None:
+    def watch(self, now: int, driven: float, off: float | None, is_carried: bool) -> None:
         """Record a measurement of the localisation.
 
         Args:
             now: The simulated time (ns).
             driven: The total distance driven (m).
             off: The localisation error (m), or None if the robot reports that it is lost.
+            is_carried: Whether the robot is being carried: the error is then small at first, and grows.
         """
         seconds = (now - self._began) / NS_PER_S
         if off is None:
             self._noticed = seconds if self._noticed is None else self._noticed
-        elif off <= RELOCALISED_ERROR:
+        elif off <= RELOCALISED_ERROR and not is_carried:
             self._relocalised = seconds if self._relocalised is None else self._relocalised
         elif off > LOST_ERROR:
             self._astray += driven - self._driven
@@ -128,7 +129,7 @@ class RunMetrics:
         for began in body.teleport_times[len(self._recoveries) :]:
             self._recoveries.append(KidnapRecovery(began, body.distance))
         if self._recoveries:
-            self._recoveries[-1].watch(now, body.distance, off)
+            self._recoveries[-1].watch(now, body.distance, off, body.is_carried)
         if body.distance < WARMED_UP:
             return
         if estimate is None or off is None:

@@ -340,6 +340,11 @@ class SimulatedRobot(Robot):
         self.teleport_times.append(now)
         self._journey = Journey(way, speed, now, self.model.place()[0][2])
 
+    @property
+    def is_carried(self) -> bool:
+        """Whether the robot is being carried to another place."""
+        return self._journey is not None
+
     def ramped_twist(self) -> tuple[float, float]:
         """Return the velocity (m/s, rad/s) that is commanded to the wheels, after limits and ramps."""
         return self._base.twist.v, self._base.twist.w

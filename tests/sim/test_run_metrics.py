@@ -162,3 +162,14 @@ def test_the_distance_driven_after_an_unnoticed_kidnapping_is_reported(body: Any
     (one,) = metrics.figures()["carried"]
     assert one["noticed_s"] is one["found_s"] is None
     assert one["astray_m"] == pytest.approx(2.0, abs=0.2)
+
+
+def test_a_carried_robot_has_found_its_pose_only_after_it_was_put_down(body: Any, steer: Any):
+    navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
+    metrics = RunMetrics(body, navigator)
+    start = body.true_pose()
+    body.carry([start, Pose2D(start.x + 2.0, start.y, start.yaw)], 1.0)
+    steer(body, 1.0, None)
+    assert metrics.figures()["carried"] == [{"t": 0.0, "noticed_s": None, "found_s": None, "astray_m": 0.0}]
+    steer(body, 1.5, None)
+    assert metrics.figures()["carried"][0]["found_s"] == pytest.approx(2.0, abs=0.11)
