@@ -266,6 +266,8 @@ class EventRunner:
         """
         if kind not in FORMS or kind == "door":
             raise SimError(f"unknown kind of event '{kind}': kinds are box, kidnap, carry")
+        if kind == "box" and len(self._boxes) <= sum(event.kind == "box" for event in self._pending):
+            raise SimError("there is no further box: all boxes of this run have dropped or are about to drop")
         self._happen(Event(kind, self._world.now()), self._world.now())
 
     def set_door(self, name: str, opens: bool) -> None:
@@ -300,12 +302,17 @@ class EventRunner:
         for event in list(self._pending):
             if event.latest is None or event.time > now:
                 continue
+            wanted = "in motion" if event.kind != "box" else "driving straight towards a suitable place"
+            problem = _impossible(event, f"in this time the robot was at no moment {wanted}")
             if self._is_suitable(event):
-                self._happen(event, now)
-                self._pending.remove(event)
-            elif now >= event.latest:
-                wanted = "in motion" if event.kind != "box" else "driving straight towards a suitable place"
-                raise _impossible(event, f"in this time the robot was at no moment {wanted}")
+                try:
+                    self._happen(event, now)
+                    self._pending.remove(event)
+                    continue
+                except SimError as error:
+                    problem = error
+            if now >= event.latest:
+                raise problem
 
     def _is_suitable(self, event: Event) -> bool:
         v, w = self._robot.ramped_twist()
@@ -329,8 +336,6 @@ class EventRunner:
         self.event_log.append({"event": event.kind, "t": now / NS_PER_S, **place})
 
     def _drop(self, event: Event) -> dict[str, object]:
-        if not self._boxes:
-            raise SimError("there is no further box: all boxes of this run have dropped or are about to drop")
         body = self._boxes[0]
         box = ahead_of(self._robot.true_pose(), self._radius, event, self._world.bodies[body])
         x, y, _ = box.position
