@@ -224,7 +224,12 @@ class Door:
         return Pose2D(x + away * math.cos(yaw), y + away * math.sin(yaw), yaw)
 
     def placed(self, leaf: SceneObject, opening: float) -> SceneObject:
-        """Return the *leaf* of the door at the pose for *opening* (0 closed … 1 open)."""
+        """Return the leaf of the door at the pose for an opening.
+
+        Args:
+            leaf: The object of the leaf.
+            opening: How far the door is open, from 0 (closed) to 1 (open).
+        """
         pose = self.leaf_pose(opening)
         return replace(leaf, position=(pose.x, pose.y, leaf.position[2]), yaw=pose.yaw)
 

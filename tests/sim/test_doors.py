@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from btcore_robot.robot import Pose2D
+from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.doors import OPENING_TIME
 from btcore_sim.errors import SimError
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.people import RADIUS, with_people
+from btcore_sim.people import RADIUS, PeopleSimulation, with_people
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
@@ -127,6 +128,24 @@ def test_people_keep_away_from_closed_doors():
         leaves = [thing for thing in scene.things if thing.name in scene.doors]
         assert len(leaves) == 2
         assert all(leaf.distance(*person.position[:2]) > RADIUS for leaf in leaves for person in people)
+
+
+def test_people_do_not_walk_through_doors_and_doors_do_not_hit_people():
+    lobby = load_scene("lobby")
+    world = World(with_people(lobby, 4, random_generator(2, "people")), seed=2)
+    people = PeopleSimulation(world, ClearanceMap.of(world.scene), lambda: Pose2D(0.0, 0.0, 0.0), 0.27)
+    walked, nearest = 0.0, math.inf
+    for second in range(60):
+        if second % 5 == 0:
+            for name in lobby.doors:
+                world.set_door(name, second % 10 == 0)
+        before = people.places()
+        run(world, 1.0)
+        walked += sum(map(math.dist, before, people.places()))
+        nearest = min(nearest, *(world.door_distance(*place) for place in people.places()))
+    world.close()
+    assert walked > 10.0
+    assert nearest > RADIUS
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,35 @@
+"""The world with all kinds of objects: a patrol through its doors and between its panes of glass."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.scene import load_scene
+
+pytest.importorskip("yaml", reason="the patrol needs the navigation")
+
+
+def test_a_robot_can_drive_to_every_waypoint():
+    lobby = load_scene("lobby")
+    floor = ClearanceMap.of(lobby)
+    places = list(lobby.waypoints.values())
+    assert all(lobby.clearance_at(*place) > 0.75 for place in places)
+    assert floor.connected(places, 0.45)
+
+
+def test_a_patrol_drives_through_the_doors_without_contact():
+    """Both rooms behind the doors are visited, with localisation: glass contradicts no scan."""
+    options = ("--world", "lobby", "--seed", "3", "--duration", "85", "--camera", "off")
+    done = subprocess.run(
+        [sys.executable, "-m", "btcore", "run", "patrolling", *options, "--fast", "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    robot = json.loads(done.stdout)["robot"]
+    assert (robot["collisions"], robot["grazes"], robot["goals_failed"]) == (0, 0, 0)
+    assert robot["waypoints_visited"] == ["wp1", "wp2"]
+    assert robot["unlocalized_s"] == 0
