@@ -41,6 +41,8 @@ class Costmap(Grid):
 
     lower_bound: NDArray[np.uint8] | None = None
     """A lower bound of all later costs, cell by cell, in the shape of *costs*; None if unknown."""
+    map_costs: NDArray[np.uint8] | None = None
+    """The costs without observed obstacles, in the shape of *costs*; None if unknown."""
 
     def __init__(
         self, costs: NDArray[np.uint8], resolution: float, origin: tuple[float, float], frame: str = "map"
@@ -116,21 +118,37 @@ class LayeredCostmap(Costmap):
         """Store *scan* for the next update; *laser_pose* is the laser's pose in this costmap's frame."""
         self._pending[scan.frame] = (scan, laser_pose)
 
-    def clear(self) -> None:
-        """Remove all observed obstacles; the obstacles of the map and the keep-outs stay."""
-        self.obstacles.forget()
+    def clear(self, *, before: int | None = None) -> None:
+        """Remove the observed obstacles; the obstacles of the map and the keep-outs stay.
+
+        Args:
+            before: The time (ns) from which on observed obstacles stay; by default all are removed.
+        """
+        self.obstacles.forget(before=before)
         self._pending.clear()
         self._refresh(self._everywhere())
 
-    def clear_around(self, pose: Pose2D, side: float) -> None:
-        """Remove the obstacles observed in the square of *side* (m) around *pose* in this costmap's frame."""
+    def clear_around(self, pose: Pose2D, side: float, *, before: int | None = None) -> None:
+        """Remove the observed obstacles in a square.
+
+        Args:
+            pose: The centre of the square, in this costmap's frame.
+            side: The side length (m) of the square.
+            before: As for `clear`.
+        """
         window = self.square(pose, side)
-        self.obstacles.forget(window)
+        self.obstacles.forget(window, before=before)
         self._refresh(window)
 
-    def clear_except(self, pose: Pose2D, side: float) -> None:
-        """Remove the obstacles observed outside the square that `clear_around` clears."""
-        self.obstacles.forget(self.square(pose, side), outside=True)
+    def clear_except(self, pose: Pose2D, side: float, *, before: int | None = None) -> None:
+        """Remove the observed obstacles outside the square that `clear_around` clears.
+
+        Args:
+            pose: The centre of the square, in this costmap's frame.
+            side: The side length (m) of the square.
+            before: As for `clear`.
+        """
+        self.obstacles.forget(self.square(pose, side), outside=True, before=before)
         self._refresh(self._everywhere())
 
     def _everywhere(self) -> GridWindow:
@@ -161,6 +179,7 @@ class GlobalCostmap(LayeredCostmap):
     """A costmap of the whole map, in the frame map, with the obstacles that the laser has observed.
 
     `lower_bound` contains the costs of the map's occupied cells and the keep-outs, with inflation.
+    `map_costs` contains the map's unknown cells, too.
 
     Args:
         map: The map.
@@ -200,6 +219,7 @@ class GlobalCostmap(LayeredCostmap):
         self.map = map
         self._static = static_costs(map, track_unknown=track_unknown)
         self.lower_bound = inflation.inflate(np.where(self._static == LETHAL, LETHAL, FREE).astype(np.uint8))
+        self.map_costs = inflation.inflate(self._static)
         self._refresh(self._everywhere())
 
     def update(self, now: int, robot_pose: Pose2D | None = None) -> None:

@@ -19,6 +19,9 @@ LETHAL = 254
 UNKNOWN = 255
 """The cost of a cell that was not observed."""
 
+_NEVER = np.iinfo(np.int64).min
+"""The time (ns) of the last mark of a cell that was never marked."""
+
 _SHIFT = 4  # fractional bits of the coordinates with which OpenCV draws lines and polygons
 _FIXED_POINT = 1 << _SHIFT
 
@@ -207,11 +210,17 @@ class ObstacleLayer:
         raytrace_range: float = 3.0,
     ) -> None:
         self.default_value = default_value
-        self.values = np.full(shape, default_value, dtype=np.uint8)
+        self.restart(shape)
         self.resolution = resolution
         self.min_range = min_range
         self.max_range = max_range
         self.raytrace_range = raytrace_range
+
+    def restart(self, shape: tuple[int, int]) -> None:
+        """Replace the grid by a grid of *shape* without observations."""
+        self.values = np.full(shape, self.default_value, dtype=np.uint8)
+        self._marked_at = np.full(shape, _NEVER, dtype=np.int64)
+        """The stamp (ns) of the scan that marked each cell last."""
 
     def update_from_scan(self, scan: LaserScan, laser: Pose2D, origin: tuple[float, float]) -> None:
         """Clear and mark cells by a scan.
@@ -242,7 +251,9 @@ class ObstacleLayer:
         cols = np.floor(x + 0.5 + cos[echo][near] * hits[near]).astype(np.intp)
         height, width = self.values.shape
         on_grid = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
-        self.values[rows[on_grid], cols[on_grid]] = LETHAL
+        rows, cols = rows[on_grid], cols[on_grid]
+        self.values[rows, cols] = LETHAL
+        self._marked_at[rows, cols] = scan.stamp
 
     def reachable(self, laser: Pose2D, origin: tuple[float, float]) -> GridWindow:
         """Return the window of cells that a scan can change.
@@ -274,21 +285,22 @@ class ObstacleLayer:
         cols = np.arange(window.low_col, window.high_col) - x
         self.values[window.slices][rows[:, None] ** 2 + cols**2 <= reach**2] = FREE
 
-    def forget(self, window: GridWindow | None = None, *, outside: bool = False) -> None:
+    def forget(
+        self, window: GridWindow | None = None, *, outside: bool = False, before: int | None = None
+    ) -> None:
         """Reset cells to the default value.
 
         Args:
             window: The window whose cells are reset; None resets all cells.
             outside: Whether to reset the cells outside *window* instead.
+            before: The stamp (ns) from which on marked cells stay LETHAL; None resets them, too.
         """
-        if window is None:
-            self.values.fill(self.default_value)
-        elif outside:
-            kept = self.values[window.slices].copy()
-            self.values.fill(self.default_value)
-            self.values[window.slices] = kept
-        else:
-            self.values[window.slices] = self.default_value
+        reset = np.full(self.values.shape, window is None or outside, dtype=np.bool_)
+        if window is not None:
+            reset[window.slices] = not outside
+        if before is not None:
+            reset &= (self.values != LETHAL) | (self._marked_at < before)
+        self.values[reset] = self.default_value
 
     def shift(self, rows: int, cols: int) -> None:
         """Move the grid over the floor. Cells that leave the grid are lost; new cells get *default_value*.
@@ -297,14 +309,14 @@ class ObstacleLayer:
             rows: The number of cells to move the grid in the direction of y; negative against it.
             cols: The number of cells to move the grid in the direction of x; negative against it.
         """
-        height, width = self.values.shape
-        moved = np.full((height, width), self.default_value, dtype=np.uint8)
-        if abs(rows) < height and abs(cols) < width:
-            shape = (height, width)
-            old = GridWindow.clipped(rows, cols, height + rows, width + cols, shape)
-            new = GridWindow.clipped(-rows, -cols, height - rows, width - cols, shape)
-            moved[new.slices] = self.values[old.slices]
-        self.values = moved
+        height, width = shape = self.values.shape
+        old = GridWindow.clipped(rows, cols, height + rows, width + cols, shape)
+        new = GridWindow.clipped(-rows, -cols, height - rows, width - cols, shape)
+        values = np.full(shape, self.default_value, dtype=np.uint8)
+        values[new.slices] = self.values[old.slices]
+        marked_at = np.full(shape, _NEVER, dtype=np.int64)
+        marked_at[new.slices] = self._marked_at[old.slices]
+        self.values, self._marked_at = values, marked_at
 
     def _clear(
         self,

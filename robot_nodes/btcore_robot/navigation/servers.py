@@ -31,8 +31,17 @@ from btcore_robot.navigation.navigation_servers import (
 )
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.planner import PlannerServer
-from btcore_robot.robot import Odometry, Pose2D, Robot
+from btcore_robot.robot import NS_PER_S, Odometry, Pose2D, Robot
 from btcore_robot.transforms import TransformTree
+
+OBSTACLE_MEMORY = 15.0
+"""The time (s) for which the global costmap keeps an observed obstacle when a service clears the costmap.
+
+The global costmap takes a scan once a second. Without this memory a cleared costmap is empty until the next
+scan, so that the planner finds a path through an obstacle that the laser sees. The time is shorter than the
+recoveries of Nav2's trees, which last about 20 s: an obstacle that is out of view, and may be gone, does not
+block the way until these trees give up.
+"""
 
 
 class PoseSource(Protocol):
@@ -223,23 +232,24 @@ class Servers(NavigationServers):
         return self.navigators.get(action)
 
     def _clear(self, request: ClearCostmap, service_name: str) -> AnyGoalHandle:
-        costmap = self.costmap(service_name)
+        around_pose = request.area is ClearedArea.AROUND_POSE
+        costmap = self.global_costmap if around_pose else self.costmap(service_name)
+        # The local costmap is in the odometry frame; the global costmap is in the frame map.
+        is_local = costmap is self.local_costmap
+        before = None if is_local else self.now() - round(OBSTACLE_MEMORY * NS_PER_S)
         if request.area is ClearedArea.ENTIRE:
-            costmap.clear()
+            costmap.clear(before=before)
             return _succeeded(request)
-        if request.area is ClearedArea.AROUND_POSE:
-            costmap, centre = self.global_costmap, request.pose
-        elif costmap is self.local_costmap:
-            # The local costmap is in the odometry frame; the global costmap is in the frame map.
-            centre = self.robot.odometry().pose
+        if around_pose:
+            centre = request.pose
         else:
-            centre = self.pose()
+            centre = self.robot.odometry().pose if is_local else self.pose()
         if centre is None:
             return _aborted(request, 0, "the robot's pose is unknown")
         if request.area is ClearedArea.EXCEPT_REGION:
-            costmap.clear_except(centre, request.reset_distance)
+            costmap.clear_except(centre, request.reset_distance, before=before)
         else:
-            costmap.clear_around(centre, request.reset_distance)
+            costmap.clear_around(centre, request.reset_distance, before=before)
         return _succeeded(request)
 
     def _collisions(self, request: CheckPath) -> tuple[Pose2D, ...]:

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -307,6 +308,19 @@ def test_clear_removes_observed_obstacles_and_keeps_the_map(littered):
     assert places(littered) == []
     assert littered.cost(0.525, 2.0) == LETHAL
     assert np.array_equal(littered.costs, GlobalCostmap(littered.map).costs)
+
+
+def test_clear_keeps_obstacles_that_were_observed_recently_and_that_no_ray_has_freed_since():
+    costmap = GlobalCostmap(floor())
+    for stamp, x in enumerate((1.0, 2.0, 3.0)):
+        costmap.observe(replace(scan(0.5, start=math.pi / 2), stamp=stamp), Pose2D(x + 0.025, 1.5, 0.0))
+        costmap.update(stamp)
+    costmap.observe(scan(1.0, start=math.pi / 2), Pose2D(3.025, 1.5, 0.0))
+    costmap.update(3)
+    costmap.clear(before=1)
+    assert places(costmap) == [2.0]
+    costmap.clear()
+    assert places(costmap) == []
 
 
 def test_clear_removes_pending_observations(littered):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from btcore_robot.navigation.costmap import GlobalCostmap
-from btcore_robot.navigation.costmap_layers import UNKNOWN, static_costs
+from btcore_robot.navigation.costmap_layers import static_costs
 from btcore_robot.navigation.mapping.frontiers import Frontier, find_frontiers, is_unknown_nearby
 from btcore_robot.navigation.mapping.mapper import Mapper
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle, save_map
@@ -19,13 +19,13 @@ from btcore_robot.robot import Pose2D, Robot
 class GrowingCostmap(GlobalCostmap):
     """A global costmap whose map changes.
 
-    Its creator must set `lower_bound` to None, because a new map may also have lower costs.
+    Its creator must set `lower_bound` and `map_costs` to None, because a new map has other costs.
     """
 
     def redraw(self, map: OccupancyMap) -> None:
         """Replace the map by *map*, of any size, and forget observed obstacles: the map contains them."""
         shape = (map.height, map.width)
-        self.obstacles.values = np.full(shape, UNKNOWN, dtype=np.uint8)
+        self.obstacles.restart(shape)
         self.map = map
         self.origin = map.origin
         self._static = static_costs(map)
@@ -120,7 +120,7 @@ class Exploration(Navigation):
         parameters = self.parameters.global_costmap
         track_unknown = parameters.track_unknown_space
         costmap = GrowingCostmap(self.map, **costmap_arguments(parameters), track_unknown=track_unknown)
-        costmap.lower_bound = None
+        costmap.lower_bound = costmap.map_costs = None
         return costmap
 
     def _update_global(self, now: int) -> None:

@@ -1,6 +1,7 @@
 """Nav2's nodes with an action server: a test for each sentence of their documentation."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -8,7 +9,8 @@ from btcore import Status
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.planner import Planner, PlannerServer
-from btcore_robot.robot import Pose2D, Twist2D
+from btcore_robot.navigation.servers import OBSTACLE_MEMORY
+from btcore_robot.robot import NS_PER_S, Pose2D, Twist2D
 
 AHEAD = Pose2D(2.0, 0.0, 0.0)
 WALL = (1.0, -4.0, 1.4, 4.0)
@@ -328,10 +330,10 @@ def test_cancelling_an_idle_server_is_a_success(bench):
 # --- costmaps, localisation and selectors
 
 
-def observe_scan(bench) -> None:
-    """Add the laser's scan to both costmaps."""
+def observe_scan(bench, age: float) -> None:
+    """Add the laser's scan to both costmaps, in the global costmap as a scan of *age* (s)."""
     bench.wait(0.3)
-    scan = bench.robot.scan()
+    scan = replace(bench.robot.scan(), stamp=bench.robot.clock.now() - round(age * NS_PER_S))
     bench.costmap.observe(scan, bench.servers.transforms.lookup("map", scan.frame).to_pose())
     bench.costmap.update(bench.robot.clock.now(), bench.servers.pose())
 
@@ -339,7 +341,7 @@ def observe_scan(bench) -> None:
 @pytest.fixture
 def seen(among):
     bench = among((0.7, -0.3, 0.9, 0.3), (0.8, 1.2, 1.2, 1.4))
-    observe_scan(bench)
+    observe_scan(bench, OBSTACLE_MEMORY + 1.0)
     assert boxes_on(bench.costmap) == (True, True)
     assert boxes_on(bench.servers.local_costmap) == (True, True)
     return bench
@@ -358,6 +360,17 @@ def test_clear_entire_costmap_removes_observed_obstacles(seen, name, left):
     assert boxes_on(costmaps[name]) == (False, False)
     assert boxes_on(costmaps[left]) == (True, True)
     assert recoveries(tree) == 1
+
+
+def test_the_global_costmap_keeps_obstacles_that_were_observed_a_short_time_ago(seen):
+    observe_scan(seen, OBSTACLE_MEMORY - 1.0)
+    for node in (
+        '<ClearEntireCostmap service_name="global"/>',
+        '<ClearCostmapAroundRobot service_name="global" reset_distance="9"/>',
+        '<ClearCostmapExceptRegion service_name="global" reset_distance="0.1"/>',
+    ):
+        assert seen.letters(seen.tree(node), 1) == "S"
+        assert boxes_on(seen.costmap) == (True, True)
 
 
 def test_clear_entire_costmap_keeps_the_map(seen):
