@@ -29,10 +29,17 @@ from btcore_robot.navigation.path import NavPath, join_paths, path_through
 from btcore_robot.navigation.path_smoothing import anchor_path, smooth_path
 from btcore_robot.robot import Pose2D
 
-__all__ = ["ComputePathGoal", "ComputePathHandle", "Planner", "PlannerError", "PlannerServer"]
+__all__ = [
+    "THROUGH_OFFSET",
+    "ComputePathGoal",
+    "ComputePathHandle",
+    "Planner",
+    "PlannerError",
+    "PlannerServer",
+]
 
 _BOUNDS_KEPT = 8
-_THROUGH = Nav2ErrorCode.THROUGH_UNKNOWN - Nav2ErrorCode.COMPUTE_PATH_UNKNOWN
+THROUGH_OFFSET = Nav2ErrorCode.THROUGH_UNKNOWN - Nav2ErrorCode.COMPUTE_PATH_UNKNOWN
 """The offset of ComputePathThroughPoses' error codes from ComputePathToPose's error codes."""
 
 PLANNER_ID = "GridBased"
@@ -64,7 +71,8 @@ class Planner:
     *allow_unknown*, unknown cells are passable at a high price.
 
     For a costmap with a `lower_bound`, planning again to the same goal from farther along takes a fraction of
-    the time.
+    the time. For a costmap with `map_costs`, errors name the place at which observed obstacles block the way.
+    *place_name* returns the name of a goal for errors; by default the errors have the coordinates.
     """
 
     def __init__(
@@ -74,8 +82,10 @@ class Planner:
         radius: float = 0.30,
         tolerance: float = 0.0,
         allow_unknown: bool = True,
+        place_name: Callable[[Pose2D], str] | None = None,
     ) -> None:
         self.costmap = costmap
+        self.place_name = place_name or _position
         self.radius = radius
         self.tolerance = tolerance
         self.allow_unknown = allow_unknown
@@ -96,21 +106,34 @@ class Planner:
             PlannerError: No path exists; the code is START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP, START_OCCUPIED,
                 GOAL_OCCUPIED or NO_VALID_PATH.
         """
-        first = self._cell(start, Nav2ErrorCode.START_OUTSIDE_MAP, "the robot")
-        last = self._cell(goal, Nav2ErrorCode.GOAL_OUTSIDE_MAP, "the goal")
+        first = self._start_cell(start)
+        last = self._goal_cell(goal)
         costs = grid_costs(self.costmap.costs, allow_unknown=self.allow_unknown)
-        occupied = self.costmap.costs[first] == LETHAL
-        opened = self._open_start(costs, start, first)
-        reachable = reachable_cells(costs, first)
-        end, place = self._end(costs, reachable, goal, last, stuck=bool(occupied))
+        opened = self._open_start(costs, self.costmap.costs, start, first)
+        reached = self._end(costs, first, goal, last)
+        if reached is None:
+            raise self._failure(costs, start, goal)
+        end, place = reached
         # The bounds don't hold for cells that were opened for this start.
         cells = find_cheapest_path(costs, first, end, None if opened else self._bounds(first, end))
         if cells is None:
-            raise PlannerError(Nav2ErrorCode.NO_VALID_PATH, f"no path leads to the goal {_position(goal)}")
+            raise PlannerError(Nav2ErrorCode.NO_VALID_PATH, f"no path to {self.place_name(goal)}")
         way = anchor_path(costs, cells, self._pixel(start.x, start.y), self._pixel(*place))
         points = self._points(smooth_path(costs, way))
         points[0], points[-1] = (start.x, start.y), place
         return path_through(points, goal, now, self.costmap.frame)
+
+    def check_goal(self, goal: Pose2D) -> None:
+        """Raise an error if *goal* can't be reached because of the map, whatever the robot observes.
+
+        Raises:
+            PlannerError: The goal is outside the map or too close to an obstacle of the map; the code is
+                GOAL_OUTSIDE_MAP or GOAL_OCCUPIED.
+        """
+        last = self._goal_cell(goal)
+        costs = self.costmap.map_costs
+        if costs is not None and self.tolerance == 0 and costs[last] in (INSCRIBED, LETHAL):
+            raise self._occupied(int(costs[last]), goal)
 
     def plan_through(self, poses: Sequence[Pose2D], now: int) -> NavPath:
         """Return a path through several poses.
@@ -131,40 +154,49 @@ class Planner:
                 legs.append(self.plan(poses[index - 1], poses[index], now))
             except PlannerError as error:
                 raise PlannerError(
-                    Nav2ErrorCode(error.code + _THROUGH), f"leg {index} of {len(poses) - 1}: {error}"
+                    Nav2ErrorCode(error.code + THROUGH_OFFSET), f"leg {index} of {len(poses) - 1}: {error}"
                 ) from None
         return join_paths(legs, now)
 
-    def _cell(self, pose: Pose2D, code: Nav2ErrorCode, role: str) -> Cell:
-        if not (math.isfinite(pose.x) and math.isfinite(pose.y)) or not self.costmap.inside(pose.x, pose.y):
-            raise PlannerError(code, f"{role} {_position(pose)} is outside the map")
-        return self.costmap.cell(pose.x, pose.y)
+    def _start_cell(self, start: Pose2D) -> Cell:
+        if not self._is_on_map(start):
+            raise PlannerError(
+                Nav2ErrorCode.START_OUTSIDE_MAP, f"the robot {_position(start)} is outside the map"
+            )
+        return self.costmap.cell(start.x, start.y)
 
-    def _open_start(self, costs: NDArray[np.float64], start: Pose2D, first: Cell) -> bool:
+    def _goal_cell(self, goal: Pose2D) -> Cell:
+        if not self._is_on_map(goal):
+            raise PlannerError(
+                Nav2ErrorCode.GOAL_OUTSIDE_MAP, f"the goal {self.place_name(goal)} is outside the map"
+            )
+        return self.costmap.cell(goal.x, goal.y)
+
+    def _is_on_map(self, pose: Pose2D) -> bool:
+        return math.isfinite(pose.x) and math.isfinite(pose.y) and self.costmap.inside(pose.x, pose.y)
+
+    def _open_start(
+        self, prices: NDArray[np.float64], costs: NDArray[np.uint8], start: Pose2D, first: Cell
+    ) -> bool:
         """Open the cells under a robot that stands too near an obstacle; return whether cells were opened."""
-        if costs[first] >= 0:
+        if prices[first] >= 0:
             return False
         window = self.costmap.square(start, 2 * self.radius)
         rows = np.arange(window.low_row, window.high_row) - first[0]
         cols = np.arange(window.low_col, window.high_col) - first[1]
         covered = np.hypot(rows[:, None], cols) * self.costmap.resolution <= self.radius
-        inscribed = self.costmap.costs[window.slices] == INSCRIBED
+        inscribed = costs[window.slices] == INSCRIBED
         price = COST_NEUTRAL + COST_FACTOR * INSCRIBED
-        part = costs[window.slices]
+        part = prices[window.slices]
         part[covered & inscribed] = price
-        costs[first] = price
+        prices[first] = price
         return True
 
     def _end(
-        self,
-        costs: NDArray[np.float64],
-        reachable: NDArray[np.bool_],
-        goal: Pose2D,
-        last: Cell,
-        *,
-        stuck: bool,
-    ) -> tuple[Cell, tuple[float, float]]:
-        """Return the last cell of the path and the point (m) in it; raise PlannerError if there is none."""
+        self, costs: NDArray[np.float64], first: Cell, goal: Pose2D, last: Cell
+    ) -> tuple[Cell, tuple[float, float]] | None:
+        """Return the last cell of the path and the point (m) in it; None if there is no path."""
+        reachable = reachable_cells(costs, first)
         if reachable[last]:
             return last, (goal.x, goal.y)
         if self.tolerance > 0:
@@ -178,21 +210,67 @@ class Planner:
                 if off[best] <= self.tolerance:
                     cell = int(rows[best]) + window.low_row, int(cols[best]) + window.low_col
                     return cell, (float(x[best]), float(y[best]))
+        return None
+
+    def _failure(self, costs: NDArray[np.float64], start: Pose2D, goal: Pose2D) -> PlannerError:
+        """Return the error for a goal to which no path leads over cells with the prices *costs*."""
+        first, last = self._start_cell(start), self._goal_cell(goal)
         cost = int(self.costmap.costs[last])
-        within = f" or to a place within {self.tolerance:g} m of it" if self.tolerance > 0 else ""
         if cost in (INSCRIBED, LETHAL):
-            place = "in an obstacle" if cost == LETHAL else "too close to an obstacle for the robot"
-            raise PlannerError(Nav2ErrorCode.GOAL_OCCUPIED, f"the goal {_position(goal)} is {place}")
-        if stuck:
-            raise PlannerError(
+            return self._occupied(cost, goal)
+        if self.costmap.costs[first] == LETHAL:
+            return PlannerError(
                 Nav2ErrorCode.START_OCCUPIED, "the robot stands in an obstacle and no path leads out of it"
             )
-        in_unknown = cost == UNKNOWN and costs[last] == IMPASSABLE
-        raise PlannerError(
-            Nav2ErrorCode.NO_VALID_PATH,
-            f"no path leads to the goal {_position(goal)}{within}: "
-            + ("the goal is in unknown space" if in_unknown else "obstacles block every way"),
+        within = f" or to a place within {self.tolerance:g} m of it" if self.tolerance > 0 else ""
+        if cost == UNKNOWN and costs[last] == IMPASSABLE:
+            reason = "the goal is in unknown space"
+        else:
+            reason = self._obstruction(costs, start, goal)
+        return PlannerError(
+            Nav2ErrorCode.NO_VALID_PATH, f"no path to {self.place_name(goal)}{within}: {reason}"
         )
+
+    def _occupied(self, cost: int, goal: Pose2D) -> PlannerError:
+        """Return the error for a goal whose cell has the cost INSCRIBED or LETHAL."""
+        place = "in an obstacle" if cost == LETHAL else "too close to an obstacle for the robot"
+        known = self.costmap.map_costs
+        if known is not None and known[self._goal_cell(goal)] not in (INSCRIBED, LETHAL):
+            x, y = self._nearest_obstacle(goal.x, goal.y)
+            place = f"{place}: an obstacle at ({x:.2f}, {y:.2f}) is not on the map"
+        return PlannerError(Nav2ErrorCode.GOAL_OCCUPIED, f"the goal {self.place_name(goal)} is {place}")
+
+    def _obstruction(self, costs: NDArray[np.float64], start: Pose2D, goal: Pose2D) -> str:
+        """Return why no path leads over cells with the prices *costs*, compared with the map alone.
+
+        The cause of a blocked way is the first observed obstacle on the path that the map alone would allow.
+        """
+        known = self.costmap.map_costs
+        if known is None:
+            return "obstacles block every way"
+        first = self._start_cell(start)
+        prices = grid_costs(known, allow_unknown=self.allow_unknown)
+        opened = self._open_start(prices, known, start, first)
+        reached = self._end(prices, first, goal, self._goal_cell(goal))
+        if reached is None:
+            return "the map does not connect it with the robot's position"
+        end, _ = reached
+        cells = find_cheapest_path(prices, first, end, None if opened else self._bounds(first, end))
+        blocked = next((cell for cell in cells or () if costs[cell] < 0), None)
+        if blocked is None:
+            return "obstacles block every way"
+        x, y = self._nearest_obstacle(*self._points(np.array([blocked], dtype=np.float64))[0])
+        return f"blocked at ({x:.2f}, {y:.2f})"
+
+    def _nearest_obstacle(self, x: float, y: float) -> tuple[float, float]:
+        """Return the obstacle (m) that is nearest to a point whose cell the robot can't enter."""
+        window = self.costmap.square(Pose2D(x, y, 0.0), 2 * self.radius)
+        rows, cols = np.nonzero(self.costmap.costs[window.slices] == LETHAL)
+        if not len(rows):
+            return x, y
+        points = self._points(np.stack((rows + window.low_row, cols + window.low_col), axis=1).astype(float))
+        nearest = points[np.argmin(np.hypot(*(points - (x, y)).T))]
+        return float(nearest[0]), float(nearest[1])
 
     def _bounds(self, first: Cell, end: Cell) -> CostBounds | None:
         """Return lower bounds for paths to *end*; computed only for a goal that is planned for again."""
@@ -270,7 +348,7 @@ class PlannerServer(ActionServer[ComputePathGoal, None, NavPath]):
     def work(self, handle: ComputePathHandle, now: int) -> None:
         """Plan, or wait for the robot's pose."""
         goal = handle.goal
-        offset = _THROUGH if goal.through else 0
+        offset = THROUGH_OFFSET if goal.through else 0
         if not goal.goals:
             handle.abort(int(Nav2ErrorCode.NO_VIAPOINTS_GIVEN), "the list of goals is empty")
             return

@@ -293,7 +293,7 @@ def test_a_path_crosses_unknown_cells_only_if_allowed():
     bridge = drawn("###########\n" + "#   ??    #\n" * 4 + "###########")
     start, goal = Pose2D(0.5, 0.6, 0.0), Pose2D(1.6, 0.6, 0.0)
     assert Planner(GlobalCostmap(bridge)).plan(start, goal, 0).goal == goal
-    with pytest.raises(PlannerError, match="obstacles block every way") as fault:
+    with pytest.raises(PlannerError, match="the map does not connect it") as fault:
         Planner(GlobalCostmap(bridge), allow_unknown=False).plan(start, goal, 0)
     assert fault.value.code == Nav2ErrorCode.NO_VALID_PATH
 
@@ -319,7 +319,7 @@ def test_a_path_through_fewer_than_two_poses_raises(rooms, poses):
 
 def test_a_leg_that_fails_is_reported_with_the_code_of_its_action(rooms):
     with pytest.raises(
-        PlannerError, match=r"leg 2 of 2: no path leads to the goal \(6\.90, 0\.70\)"
+        PlannerError, match=r"leg 2 of 2: no path to \(6\.90, 0\.70\): the map does not connect it"
     ) as fault:
         Planner(rooms).plan_through([WEST, NORTH, CLOSED], 0)
     assert fault.value.code == Nav2ErrorCode.THROUGH_NO_VALID_PATH
@@ -349,6 +349,42 @@ def test_an_invalid_start_or_goal_raises_with_its_code(rooms, start, goal, code)
         Planner(rooms).plan(start, goal, 0)
     assert fault.value.code == code
     assert str(fault.value)
+
+
+def test_an_observed_obstacle_that_blocks_the_way_or_the_goal_is_named_with_its_place():
+    costmap = GlobalCostmap(drawn(ROOMS))
+    planner = Planner(costmap, place_name=lambda pose: "the charger")
+    assert planner.plan(EAST, NORTH, 0).goal == NORTH
+    angles = np.arange(-0.8, 0.8, 0.01)
+    ranges = (1.12 / np.cos(angles)).astype(np.float32)
+    closed = LaserScan(ranges, 0, -0.8, 0.01, 0.05, 25.0, "laser")
+    costmap.observe(closed, Pose2D(5.8, 1.0, math.pi / 2))
+    costmap.update(0)
+    with pytest.raises(
+        PlannerError, match=r"^no path to the charger: blocked at \(5\.\d\d, 2\.1\d\)$"
+    ) as fault:
+        planner.plan(EAST, NORTH, 1)
+    assert fault.value.code == Nav2ErrorCode.NO_VALID_PATH
+    in_the_gap = Pose2D(5.8, 2.0, 0.0)
+    with pytest.raises(
+        PlannerError, match=r": an obstacle at \(5\.\d\d, 2\.1\d\) is not on the map$"
+    ) as fault:
+        planner.plan(EAST, in_the_gap, 1)
+    assert fault.value.code == Nav2ErrorCode.GOAL_OCCUPIED
+    planner.check_goal(in_the_gap)
+
+
+@pytest.mark.parametrize(
+    ("goal", "code"),
+    [
+        (Pose2D(3.9, 1.0, 0.0), Nav2ErrorCode.GOAL_OCCUPIED),
+        (Pose2D(8.01, 1.0, 0.0), Nav2ErrorCode.GOAL_OUTSIDE_MAP),
+    ],
+)
+def test_a_goal_that_the_map_excludes_is_refused_without_a_plan(rooms, goal, code):
+    with pytest.raises(PlannerError) as fault:
+        Planner(rooms).check_goal(goal)
+    assert fault.value.code == code
 
 
 def test_a_goal_in_a_keepout_is_occupied():
