@@ -11,6 +11,7 @@ Conventions, which are those of ROS (REP 103, REP 105 and REP 117):
   position.
 """
 
+import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,6 +26,9 @@ NS_PER_S = 1_000_000_000
 
 CMD_VEL = 10
 """The priority of a tree's velocity commands, as in the twist_mux configuration of Tiago."""
+
+
+_SAME_PLACE = 0.05  # m: the greatest distance between a waypoint and a pose that stands for it
 
 
 class RobotClock(Protocol):
@@ -471,6 +475,17 @@ class Waypoints:
     places: Mapping[str, Pose2D]
     source: str = "this world"
 
+    def name_at(self, pose: Pose2D) -> str | None:
+        """Return the name of the first waypoint at most 5 cm from *pose* with any heading, or None."""
+        return next(
+            (
+                name
+                for name, place in self.places.items()
+                if math.hypot(place.x - pose.x, place.y - pose.y) <= _SAME_PLACE
+            ),
+            None,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class InitialPose:
@@ -486,12 +501,13 @@ class InitialPose:
 class GoalOutcome:
     """The end of a navigation to *goal* (in the frame `map`) at the time *stamp* (ns).
 
-    *status* is `SUCCEEDED`, `CANCELED` or `ABORTED`.
+    *status* is `SUCCEEDED`, `CANCELED` or `ABORTED`. *cause* is the reason of an aborted goal.
     """
 
     goal: Pose2D
     status: str
     stamp: int
+    cause: str = ""
 
 
 @runtime_checkable

@@ -103,7 +103,7 @@ class NavigationExtension(RunExtension):
             exploration = self._exploration = _exploration(robot, settings, provided)
             created += [exploration, exploration.servers, exploration.mapper, self._file]
         elif navigates:
-            navigation = self._navigation = _navigation(robot, settings, provided)
+            navigation = self._navigation = _navigation(robot, settings, (*provided, *created))
             created += [navigation, navigation.servers]
         if tracks:
             from btcore_robot.control.head_tracker import HeadTracker
@@ -167,6 +167,7 @@ def _navigation(robot: Robot, settings: Mapping[str, Any], provided: Sequence[ob
     from btcore_robot.navigation.stack import Navigation
 
     map, parameters = _map(settings, provided), _parameters(settings)
+    waypoints = next((resource for resource in provided if isinstance(resource, Waypoints)), None)
     if map is None:
         raise click.UsageError("there is no map to navigate on: use --map FILE.yaml")
     for cells, missing in ((map.free, "free floor"), (map.occupied, "wall")):
@@ -174,7 +175,7 @@ def _navigation(robot: Robot, settings: Mapping[str, Any], provided: Sequence[ob
             raise click.UsageError(f"there is no {missing} on the map, so navigation is not possible")
     parameters = _with_initial_pose(parameters, settings, provided)
     with _plugin_errors_reported(settings):
-        return Navigation(robot, map, _random(settings), folder(), parameters)
+        return Navigation(robot, map, _random(settings), folder(), parameters, waypoints)
 
 
 def _exploration(robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]) -> "Exploration":

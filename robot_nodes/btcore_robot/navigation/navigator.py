@@ -1,20 +1,24 @@
 """The navigator: runs a behavior tree of Nav2's nodes for every goal, like Nav2's `bt_navigator`."""
 
 import logging
+import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import btcore
 from btcore import BtcoreError, Clock, NodeExecutionError, Registry, Status, Tree
 from btcore_robot.navigation import nodes as nav2_nodes
-from btcore_robot.navigation.action import ActionServer, GoalStatus
+from btcore_robot.navigation.action import ActionResult, ActionServer, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.goal_progress import GoalProgress
 from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal, NavigateHandle
 from btcore_robot.navigation.navigation_servers import NavigationServers
 from btcore_robot.navigation.nodes.action_node import RECOVERIES, BtActionNode, BtServiceNode
+from btcore_robot.navigation.nodes.decorators import GoalUpdater
 from btcore_robot.navigation.nodes.goals import WaypointStatus
 from btcore_robot.navigation.path import NavPath, empty_path
-from btcore_robot.robot import NS_PER_S, GoalOutcome
+from btcore_robot.navigation.planner import THROUGH_OFFSET, PlannerError
+from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
 
 __all__ = ["NavigateFeedback", "NavigateGoal", "NavigateHandle", "Navigator"]
 
@@ -26,6 +30,11 @@ MIN_SPEED = 0.01
 MIN_REMAINING = 0.1
 """The remaining distance (m) from which on the remaining time is estimated, as in Nav2."""
 
+CHECK_PERIOD = NS_PER_S // 2
+"""The time (ns) between two checks of the progress."""
+SLOWEST = 0.15
+"""The average speed (m/s) of a detour from which on it is progress: half of the default `max_vel_x`."""
+
 _ELSEWHERE = "the robot reached the goal by its estimated pose, but its scans contradict that pose"
 
 log = logging.getLogger(__name__)
@@ -36,7 +45,9 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
 
     The tree finds the goal in the blackboard entry `goal` (with *through*: `goals`). A new goal for the
     running tree replaces this entry without a halt, and the tree's nodes notice the change. A cancelled goal
-    halts the tree. If the tree succeeds while the scans contradict the robot's pose, the goal is aborted.
+    halts the tree. If the tree succeeds while the scans contradict the robot's pose, the goal is aborted. The
+    goal is also aborted when the robot comes no closer to it (see `GoalProgress`), unless the tree contains a
+    `GoalUpdater`, whose goal may move.
 
     Args:
         servers: The servers of the robot, which are a resource of the nodes.
@@ -49,6 +60,9 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         hold: A function that returns whether goals have to wait; the tree is not ticked in this time.
         give_up_reason: A function that is called with the time (ns) at which a waiting goal began. It returns
             the reason to abort the goal, or "" if the goal continues to wait.
+        check_goal: A function that is called with each pose of a new goal. It raises a PlannerError to reject
+            the goal.
+        slowest: The average speed (m/s) from which on a detour is progress.
 
     Raises:
         RegistrationError: A library of *plugins* can't be used.
@@ -66,6 +80,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         on_end: Callable[[GoalOutcome], None] | None = None,
         hold: Callable[[], bool] | None = None,
         give_up_reason: Callable[[int], str] | None = None,
+        check_goal: Callable[[Pose2D], None] | None = None,
+        slowest: float = SLOWEST,
     ) -> None:
         super().__init__()
         self.name = "navigate_through_poses" if through else "navigate_to_pose"
@@ -80,6 +96,11 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         self._on_end = on_end
         self._hold = hold
         self._give_up_reason = give_up_reason
+        self._check_goal = check_goal
+        self._progress = GoalProgress(servers.goal_tolerance, slowest)
+        self._plan_failure: ActionResult[object] | None = None
+        self._last = self._next_check = 0
+        self._judges_progress = True
         self._trees: dict[Path, Tree] = {}
         self._began = 0
         self._earlier_goals: Sequence[object] = ()
@@ -91,9 +112,19 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             return
         if previous is not None:
             self._report_outcome(previous, now, GoalStatus.CANCELED)
-        self._began = now
+        self._began = self._last = now
+        self._progress.begin(now)
+        self._plan_failure = None
         self._earlier_goals = self.servers.last_goals()
         before = self.tree
+        if self._check_goal is not None:
+            try:
+                for goal in handle.goal.goals:
+                    self._check_goal(goal)
+            except PlannerError as error:
+                self._halt()
+                self._end(handle, error.code + (THROUGH_OFFSET if self.through else 0), str(error), now)
+                return
         try:
             tree = self._load_tree(handle.goal.behavior_tree)
         except (BtcoreError, OSError) as error:
@@ -108,6 +139,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         if not continues:
             board["path"] = empty_path(now)
         self.tree = tree
+        self._judges_progress = next(iter(tree.find(GoalUpdater)), None) is None
         if self.through:
             board["goals"] = list(handle.goal.goals)
             statuses = [WaypointStatus(goal, index) for index, goal in enumerate(handle.goal.goals)]
@@ -119,9 +151,11 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
     def work(self, handle: NavigateHandle, now: int) -> None:
         """Tick the tree; end the goal when the tree ends."""
         tree = self.tree
+        elapsed, self._last = now - self._last, now
         if tree is None:
             return
         if self._hold is not None and self._hold():
+            self._progress.pause(elapsed)
             reason = self._give_up_reason(self._began) if self._give_up_reason is not None else ""
             if reason:
                 self._halt()
@@ -143,6 +177,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             tree.halt()
             code, message = self._failure_reason()
             self._end(handle, code, message, now)
+        elif self._judges_progress:
+            self._check_progress(handle, now)
 
     def stop(self, handle: NavigateHandle, now: int) -> None:
         """Halt the tree, which cancels the goals that its nodes have sent."""
@@ -197,6 +233,28 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
 
         handle.defer_feedback(compute)
 
+    def _check_progress(self, handle: NavigateHandle, now: int) -> None:
+        """Abort the goal if the robot has come no closer to it for too long."""
+        planned, earlier = self.servers.last_goals()[0], self._earlier_goals[0]
+        if planned is not None and planned is not earlier and planned.status is GoalStatus.ABORTED:
+            self._plan_failure = planned.result
+        if now < self._next_check or handle.feedback is None:
+            return
+        self._next_check = now + CHECK_PERIOD
+        if self._progress.update(handle.feedback.distance_remaining, now):
+            self._plan_failure = None
+        seconds, nearest = self._progress.stalled(now), self._progress.nearest
+        failure = self._plan_failure
+        if not seconds or (failure is None and math.isinf(nearest)):
+            return  # without a failure and a path, the tree has another task before it drives
+        self._halt()
+        distance = "" if math.isinf(nearest) else f" than {nearest:.1f} m"
+        message = f"the robot has come no closer{distance} for {seconds:.0f} s"
+        if failure is None:
+            self._end(handle, Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, message, now)
+        else:
+            self._end(handle, failure.code, f"{failure.message}; {message}", now)
+
     def _failure_reason(self) -> tuple[int, str]:
         """Return code and message of the first server whose last goal since the start was aborted."""
         for current, earlier in zip(self.servers.last_goals(), self._earlier_goals, strict=True):
@@ -213,7 +271,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
     def _report_outcome(self, handle: NavigateHandle, now: int, status: GoalStatus | None = None) -> None:
         if self._on_end is not None and handle.goal.goals:
             final = status if status is not None else handle.status
-            self._on_end(GoalOutcome(handle.goal.goals[-1], final.name, now))
+            cause = handle.result.message if handle.result is not None else ""
+            self._on_end(GoalOutcome(handle.goal.goals[-1], final.name, now, cause))
 
 
 def tree_file(name: str, default: Path) -> Path:

@@ -10,13 +10,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore.escaping import escape_controls
+from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.localiser import Localiser
 from btcore_robot.navigation.occupancy_map import Grid as CellGrid
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.servers import Servers
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import Pose2D
+from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
 from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
 from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
 
@@ -28,14 +30,15 @@ GLOBAL_EVERY, LOCAL_EVERY, MAP_EVERY = 1_000_000_000, 250_000_000, 2_000_000_000
 
 
 class NavigationScene:
-    """The scene messages of *servers*.
+    """The scene messages of *servers* and of the *outcomes* of goals, to which new outcomes are appended.
 
     `static` returns the map and the keep-outs. `moving` returns the robot's poses, and the grids, paths and
     goals that have changed since the last call of either method.
     """
 
-    def __init__(self, servers: Servers) -> None:
+    def __init__(self, servers: Servers, outcomes: Sequence[GoalOutcome] = ()) -> None:
         self._servers = servers
+        self._outcomes = outcomes
         self._forget()
 
     def _forget(self) -> None:
@@ -147,7 +150,12 @@ class NavigationScene:
             state = "sure"
         else:
             state = "**in doubt**: stands still"
-        return {"localisation": state, "goal": self._goal_note()}
+        notes = {"localisation": state, "goal": self._goal_note()}
+        failed = [outcome for outcome in self._outcomes if outcome.status == GoalStatus.ABORTED.name]
+        if failed:
+            cause = escape_controls(failed[-1].cause, one_line=True)
+            notes["failed goals"] = f"{len(failed)}, the last at {failed[-1].stamp / NS_PER_S:.0f} s: {cause}"
+        return notes
 
     def _goal_note(self) -> str:
         handle = self._active_goal()

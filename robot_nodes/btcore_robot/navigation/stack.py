@@ -25,7 +25,7 @@ from btcore_robot.navigation.planner import Planner, PlannerServer
 from btcore_robot.navigation.scene import NavigationScene
 from btcore_robot.navigation.sensor_watch import SensorWatch
 from btcore_robot.navigation.servers import PoseSource, Servers
-from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot
+from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot, Waypoints
 from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME, FrameBroadcaster, TransformError, TransformTree
 from btcore_scene import MovingScene, StaticScene
 
@@ -53,6 +53,7 @@ INITIAL_SCANS = 3
 PLANNER_RATE = 20.0
 """The rate (Hz) of the planner's steps."""
 MS_PER_S = 1000.0
+_DETOUR_SPEED = 2 / 3  # share of the maximum speed: a detour that is driven faster on average is progress
 
 _LOST = "the robot's pose is unknown: its scans fit several places on the map, or none"
 
@@ -68,7 +69,7 @@ class Navigation:
     waiting goals fail. They also fail when a sensor has no readings for longer than `time_limits.PATIENCE`.
 
     *random* is the source of the localiser's samples. *trees* is the folder whose subfolder `navigation`
-    contains the default trees.
+    contains the default trees. Messages have the names of *waypoints* instead of their coordinates.
 
     Attributes:
         robot: The robot.
@@ -94,11 +95,13 @@ class Navigation:
         random: np.random.Generator,
         trees: Path,
         parameters: NavigationParameters | None = None,
+        waypoints: Waypoints | None = None,
     ) -> None:
         # A step takes much less than a millisecond: distributing it over threads costs more than it saves.
         cv2.setNumThreads(1)
         self.robot = robot
         self.map = map
+        self._waypoints = waypoints
         given = parameters or NavigationParameters()
         self.parameters = parameters = given.for_robot(robot.base)
         for name in ("global_costmap", "local_costmap"):
@@ -126,6 +129,7 @@ class Navigation:
             radius=parameters.global_costmap.robot_radius,
             tolerance=parameters.planner.tolerance,
             allow_unknown=parameters.planner.allow_unknown,
+            place_name=self._place_name,
         )
         tree, local, behaviours = self.transforms, self.local_costmap, parameters.behaviours
         sensors, radius = self.sensors, local_parameters.robot_radius
@@ -165,6 +169,8 @@ class Navigation:
                 on_end=self._outcomes.append,
                 hold=self._goals_wait,
                 give_up_reason=self.give_up_reason,
+                check_goal=planner.check_goal,
+                slowest=_DETOUR_SPEED * min(parameters.controller.max_vel_x, robot.base.v_max),
             )
 
         self.navigate_to_pose = navigator(named.default_nav_to_pose_bt_xml, TO_POSE, False)
@@ -173,7 +179,7 @@ class Navigation:
             "navigate_to_pose": self.navigate_to_pose,
             "navigate_through_poses": self.navigate_through_poses,
         }
-        self._scene = NavigationScene(self.servers)
+        self._scene = NavigationScene(self.servers, self._outcomes)
         self._scan_seen = {ODOM_FRAME: -1, MAP_FRAME: -1}
         self._processed_scans = 0
         self._was_confident = self._was_searching = False
@@ -181,6 +187,11 @@ class Navigation:
         self._gave_up: int | None = None
         self._odometry_was_missing = False
         self._wire(frames)
+
+    def _place_name(self, goal: Pose2D) -> str:
+        """Return the name of the waypoint at *goal*, otherwise its coordinates."""
+        name = self._waypoints.name_at(goal) if self._waypoints is not None else None
+        return f"({goal.x:.2f}, {goal.y:.2f})" if name is None else name
 
     def go_to(self, goal: Pose2D) -> NavigateHandle:
         """Send *goal* (in the frame map) and return its handle; a running goal is replaced."""

@@ -1,0 +1,201 @@
+"""Goals behind obstacles that the map does not have, in a world of two rooms with two doors."""
+
+import re
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from btcore_robot.navigation.action import GoalStatus
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.goal_progress import PATIENCE, GoalProgress
+from btcore_robot.navigation.navigator import NavigateGoal
+from btcore_robot.navigation.stack import Navigation
+from btcore_robot.robot import NS_PER_S, Pose2D, Waypoints
+from btcore_sim.map_rasteriser import rasterise
+from btcore_sim.scene import Scene, SceneObject
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
+
+TREES = Path(__file__).parents[3] / "trees"
+NAV2 = str(Path(__file__).parents[1] / "third_party_trees" / "navigate_of_2020.xml")
+"""A tree of Nav2, whose planner clears the global costmap in a RecoveryNode of its own."""
+
+WALLS = (
+    (-1.1, -2.6, 6.1, -2.5),
+    (-1.1, 2.5, 6.1, 2.6),
+    (-1.1, -2.5, -1.0, 2.5),
+    (6.0, -2.5, 6.1, 2.5),
+    (3.0, -2.5, 3.1, -2.1),
+    (3.0, -1.0, 3.1, 1.0),
+    (3.0, 2.1, 3.1, 2.5),
+)
+"""Least x and y, greatest x and y (m)."""
+SOUTH_DOOR, NORTH_DOOR = (3.05, -1.55, 0.9), (3.05, 1.55, 0.9)
+RECHARGE = Pose2D(4.8, 0.3, 0.0)
+ON_RECHARGE = (RECHARGE.x, RECHARGE.y, 0.6)
+GREY = (200, 200, 200, 255)
+
+Crate = tuple[float, float, float]
+"""The position x, y and the side length (m)."""
+
+
+class TwoRooms:
+    """A simulated robot that drives to the charger; the map does not have the crates."""
+
+    def __init__(self, *crates: Crate, tree: str = "") -> None:
+        things = []
+        for number, (x0, y0, x1, y1) in enumerate(WALLS):
+            size, place = (x1 - x0, y1 - y0, 1.5), ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
+            things.append(SceneObject(f"wall_{number}", "box", size, place, 0.0, 0.0, GREY))
+        for number, (x, y, side) in enumerate(crates):
+            size, place = (side, side, 0.8), (x, y, 0.0)
+            things.append(
+                SceneObject(f"crate_{number}", "box", size, place, 0.0, 0.0, GREY, is_kinematic=True)
+            )
+        start = Pose2D(0.0, 0.0, 0.0)
+        scene = Scene("two_rooms", "", tuple(things), (-1, -2.5, 6, 2.5), 0.0, start, GREY, physics_rate=120)
+        self.world = World(scene, seed=1)
+        self.body = SimulatedRobot(self.world)
+        self.navigation = Navigation(
+            self.body,
+            rasterise(scene),
+            np.random.default_rng([1, 4]),
+            TREES,
+            waypoints=Waypoints({"recharge": RECHARGE}),
+        )
+        self.handle = self.navigation.navigate_to_pose.send_goal(NavigateGoal((RECHARGE,), tree))
+
+    def run(self, seconds: float) -> float:
+        """Advance the time until the goal has ended; return the time (s) since the start."""
+        end = self.world.now() + round(seconds * NS_PER_S)
+        while self.world.now() < end and not self.handle.done:
+            self.world.wait_until(self.world.now() + NS_PER_S // 10, threading.Event())
+        return self.world.now() / NS_PER_S
+
+    def remove(self, crate: int) -> None:
+        """Move a crate out of the rooms."""
+        self.world.move_kinematic_body(self.world.kinematic_bodies("crate_")[crate], 30.0, 30.0, 0.0)
+
+
+@pytest.fixture
+def two_rooms():
+    made = []
+
+    def make(*crates: Crate, tree: str = "") -> TwoRooms:
+        made.append(TwoRooms(*crates, tree=tree))
+        return made[-1]
+
+    yield make
+    for rooms in made:
+        assert rooms.body.contacts.collisions == rooms.body.contacts.grazes == 0
+        rooms.world.close()
+
+
+@pytest.mark.parametrize("tree", ["", NAV2], ids=["default", "nav2"])
+@pytest.mark.parametrize(
+    ("crates", "code", "cause"),
+    [
+        (
+            (ON_RECHARGE,),
+            Nav2ErrorCode.GOAL_OCCUPIED,
+            r"the goal recharge is .* an obstacle at \(4\.\d\d, 0\.\d\d\) is not on the map",
+        ),
+        (
+            (SOUTH_DOOR, NORTH_DOOR),
+            Nav2ErrorCode.NO_VALID_PATH,
+            r"no path to recharge: blocked at \(2\.\d\d, -?1\.\d\d\)",
+        ),
+    ],
+    ids=["recharge_under_a_crate", "two_closed_doors"],
+)
+def test_a_blocked_goal_ends_with_the_place_of_the_obstacle(two_rooms, crates, code, cause, tree):
+    rooms = two_rooms(*crates, tree=tree)
+    assert rooms.run(150.0) < 90.0
+    assert rooms.handle.status is GoalStatus.ABORTED
+    assert rooms.handle.result.code == code
+    (outcome,) = rooms.navigation.outcomes()
+    assert outcome.cause == rooms.handle.result.message
+    assert outcome.cause.startswith(f"{code.name}: ")
+    assert re.search(cause, outcome.cause)
+    assert rooms.body.distance < 8.0
+    assert rooms.navigation.scene_moving().notes["failed goals"].endswith(outcome.cause)
+
+
+@pytest.mark.parametrize(
+    ("crates", "tree"), [((ON_RECHARGE,), ""), ((SOUTH_DOOR, NORTH_DOOR), NAV2)], ids=["default", "nav2"]
+)
+def test_a_goal_is_reached_when_the_obstacle_goes_away(two_rooms, crates, tree):
+    rooms = two_rooms(*crates, tree=tree)
+    rooms.run(25.0)
+    assert not rooms.handle.done
+    rooms.remove(0)
+    rooms.run(90.0)
+    assert rooms.handle.status is GoalStatus.SUCCEEDED
+
+
+def test_the_navigator_ends_the_goal_of_a_tree_that_never_gives_up(two_rooms, tmp_path):
+    file = tmp_path / "tree.xml"
+    file.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="T"><RetryUntilSuccessful num_attempts="-1">'
+        '<PipelineSequence><RateController hz="1.0"><ComputePathToPose goal="{goal}" path="{path}"/>'
+        '</RateController><FollowPath path="{path}"/></PipelineSequence>'
+        "</RetryUntilSuccessful></BehaviorTree></root>",
+        encoding="utf-8",
+    )
+    rooms = two_rooms(ON_RECHARGE, tree=str(file))
+    assert rooms.run(150.0) < 120.0
+    assert rooms.handle.result.code == Nav2ErrorCode.GOAL_OCCUPIED
+    assert re.search(
+        r"not on the map; the robot has come no closer than .* m for", rooms.handle.result.message
+    )
+
+
+# -- progress
+
+
+SPEED = 0.2
+
+
+@pytest.fixture
+def progress() -> GoalProgress:
+    progress = GoalProgress(0.25, SPEED)
+    progress.begin(0)
+    return progress
+
+
+def stalled(progress: GoalProgress, seconds: float) -> bool:
+    return progress.stalled(round(seconds * NS_PER_S)) > 0.0
+
+
+def test_patience_is_the_time_without_progress_and_the_time_for_the_path(progress):
+    progress.update(4.0, 0)
+    progress.update(3.6, 50 * NS_PER_S)  # less than half a metre
+    limit = PATIENCE + 4.0 / SPEED
+    assert not stalled(progress, limit)
+    assert progress.stalled(round((limit + 1.0) * NS_PER_S)) == pytest.approx(limit + 1.0)
+    progress.update(3.5, 70 * NS_PER_S)
+    assert not stalled(progress, 70.0 + PATIENCE + 3.5 / SPEED)
+
+
+def test_a_detour_takes_its_time_but_the_way_back_adds_none(progress):
+    progress.update(4.0, 0)
+    progress.update(20.0, 10 * NS_PER_S)
+    progress.update(5.0, 90 * NS_PER_S)
+    progress.update(19.0, 100 * NS_PER_S)
+    assert not stalled(progress, PATIENCE + 20.0 / SPEED)
+    assert stalled(progress, PATIENCE + 20.0 / SPEED + 0.1)
+
+
+def test_time_in_which_the_robot_has_to_stand_does_not_count(progress):
+    progress.update(4.0, 0)
+    progress.pause(100 * NS_PER_S)
+    assert not stalled(progress, 100.0 + PATIENCE + 4.0 / SPEED)
+    assert stalled(progress, 100.1 + PATIENCE + 4.0 / SPEED)
+
+
+def test_a_robot_at_its_goal_may_stay_there(progress):
+    progress.update(0.2, 0)
+    progress.update(0.2, 500 * NS_PER_S)
+    assert not stalled(progress, 550.0)
