@@ -148,9 +148,13 @@ def _figures(figure: object) -> list[tuple[str, str]]:
 
 
 def _format_figure(figure: object) -> str:
-    """Return the text of a value, or of a list of values."""
+    """Return the text of a value, of a list of values, or of an object in a list."""
+    if isinstance(figure, Mapping):
+        known = ((key, value) for key, value in figure.items() if value is not None)
+        return " ".join(f"{key} {_format_figure(value)}" for key, value in known)
     if isinstance(figure, (list, tuple)):
-        return ", ".join(map(_format_figure, figure)) or "none"
+        separator = "; " if any(isinstance(item, Mapping) for item in figure) else ", "
+        return separator.join(map(_format_figure, figure)) or "none"
     if figure is None:
         return "not measured"
     return f"{figure:g}" if isinstance(figure, float) else str(figure)

@@ -1,7 +1,7 @@
 """Measures of a run from the simulator's ground truth: battery, odometry, localisation and goals."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from statistics import median
 
 from btcore_robot.rigid_transform import wrap_angle
@@ -21,7 +21,6 @@ REACHED = 0.5
 """Greatest distance (m) between the true pose and a goal that counts as reached."""
 
 _RATE = 10.0  # Hz of the measurements
-_SAME_PLACE = 0.05  # m: greatest distance between a goal and the waypoint that it stands for
 
 
 class KidnapRecovery:
@@ -78,7 +77,7 @@ class RunMetrics:
         self._yaw_error = 0.0
         self._unknown = 0
         self._outcomes_seen = 0
-        self._failed = 0
+        self._failed: list[GoalOutcome] = []
         self._visited: list[str] = []
         self._recoveries: list[KidnapRecovery] = []
         if navigator is not None:
@@ -91,7 +90,9 @@ class RunMetrics:
         navigator. `localization_error_m` has `median` and `max`, `localization_yaw_error_rad` has
         `max`; they are None without measurements. `unlocalized_s` is the time during which the navigator
         had no pose estimate. `waypoints_visited` lists the names of the waypoints that the robot reached,
-        except `recharge`. `recharges` and `goals_failed` are numbers.
+        except `recharge`. `recharges` and `goals_failed` are numbers. `failed_goals` has an entry for each
+        failed goal: the name of the waypoint as `goal` (None at any other place), its position `x`, `y` (m),
+        the time `time_s` (s) at which navigation gave up, and its reason as `cause`.
 
         If the robot was carried to another place, `carried` has an entry for each time: `t` (s) is the
         time at which it was carried, `noticed_s` the duration until the navigator noticed it, `found_s`
@@ -118,7 +119,8 @@ class RunMetrics:
             "unlocalized_s": self._unknown / _RATE,
             "waypoints_visited": list(self._visited),
             "recharges": body.cells.recharges,
-            "goals_failed": self._failed,
+            "goals_failed": len(self._failed),
+            "failed_goals": [self._failed_goal(outcome) for outcome in self._failed],
         }
 
     def _measure(self, navigator: NavigationReporter, now: int) -> None:
@@ -143,11 +145,21 @@ class RunMetrics:
         for outcome in outcomes[self._outcomes_seen :]:
             self._outcomes_seen += 1
             if outcome.status == "ABORTED":
-                self._failed += 1
+                self._failed.append(outcome)
             elif outcome.status == "SUCCEEDED" and _apart(self._body.true_pose(), outcome.goal) <= REACHED:
-                name = waypoint(outcome.goal, self._body.world.scene.waypoints)
+                name = self._body.world.scene.waypoint_poses().name_at(outcome.goal)
                 if name is not None and name != "recharge":
                     self._visited.append(name)
+
+    def _failed_goal(self, outcome: GoalOutcome) -> dict[str, object]:
+        """Return the entry of `failed_goals` for an aborted goal."""
+        return {
+            "goal": self._body.world.scene.waypoint_poses().name_at(outcome.goal),
+            "x": round(outcome.goal.x, 4),
+            "y": round(outcome.goal.y, 4),
+            "time_s": round(outcome.stamp / NS_PER_S, 3),
+            "cause": outcome.cause,
+        }
 
 
 def odometry_error(body: SimulatedRobot) -> float:
@@ -156,20 +168,6 @@ def odometry_error(body: SimulatedRobot) -> float:
     cos, sin = math.cos(start.yaw), math.sin(start.yaw)
     x, y = start.x + cos * pose.x - sin * pose.y, start.y + sin * pose.x + cos * pose.y
     return math.hypot(x - true.x, y - true.y)
-
-
-def waypoint(goal: Pose2D, waypoints: Mapping[str, tuple[float, float]]) -> str | None:
-    """Return the name of the waypoint at a goal.
-
-    Args:
-        goal: The goal; its yaw is ignored.
-        waypoints: The positions of the waypoints (x, y in m), by name.
-
-    Returns:
-        The name of the first waypoint that is at most 5 cm from the goal, or None if there is none.
-    """
-    near = (name for name, (x, y) in waypoints.items() if math.hypot(goal.x - x, goal.y - y) <= _SAME_PLACE)
-    return next(near, None)
 
 
 def navigator_among(resources: Sequence[object]) -> NavigationReporter | None:

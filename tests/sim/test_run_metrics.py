@@ -9,7 +9,7 @@ import pytest
 
 from btcore_robot.robot import GoalOutcome, NavigationReporter, Odometry, Pose2D
 from btcore_sim.robot_description import load_description
-from btcore_sim.run_metrics import RunMetrics, navigator_among, odometry_error, waypoint
+from btcore_sim.run_metrics import RunMetrics, navigator_among, odometry_error
 from btcore_sim.scene import load_scene
 
 
@@ -31,7 +31,8 @@ class Navigator:
         return self.ended
 
     def end(self, x: float, y: float, status: str) -> None:
-        self.ended.append(GoalOutcome(Pose2D(x, y, 0.0), status, self.body.world.now()))
+        cause = "no path" if status == "ABORTED" else ""
+        self.ended.append(GoalOutcome(Pose2D(x, y, 0.0), status, self.body.world.now(), cause))
 
 
 @pytest.fixture
@@ -90,13 +91,18 @@ def test_goals_are_reported_by_their_results_and_the_robots_places(body: Any, st
     navigator.end(0.1, 0.0, "SUCCEEDED")
     navigator.end(0.3, 0.3, "SUCCEEDED")
     navigator.end(0.2, 0.1, "ABORTED")
+    navigator.end(0.5, 0.1, "ABORTED")
     navigator.end(0.2, 0.1, "CANCELED")
     steer(body, 0.1, None)
     body.recharge()
     steer(body, 4.0, (0.3, 0.0))
     navigator.end(0.2, 0.1, "SUCCEEDED")  # it reports success a metre away from the goal
     figures = metrics.figures()
-    assert (figures["waypoints_visited"], figures["goals_failed"], figures["recharges"]) == (["wp1"], 1, 1)
+    assert (figures["waypoints_visited"], figures["goals_failed"], figures["recharges"]) == (["wp1"], 2, 1)
+    assert figures["failed_goals"] == [
+        {"goal": "wp1", "x": 0.2, "y": 0.1, "time_s": 0.0, "cause": "no path"},
+        {"goal": None, "x": 0.5, "y": 0.1, "time_s": 0.0, "cause": "no path"},
+    ]
 
 
 def test_a_navigator_is_recognised_by_its_methods(body: Any):
@@ -108,11 +114,11 @@ def test_a_navigator_is_recognised_by_its_methods(body: Any):
 
 @pytest.mark.parametrize("world", ["house", "aws_house"])
 def test_the_waypoints_of_the_houses_are_recognised_by_their_places(world: str):
-    places = load_scene(world).waypoints
-    assert {"recharge", "wp1", "wp2", "wp3"} <= set(places)
-    for name, (x, y) in places.items():
-        assert waypoint(Pose2D(x, y, math.pi), places) == name
-        assert waypoint(Pose2D(x + 0.1, y, 0.0), places) is None
+    waypoints = load_scene(world).waypoint_poses()
+    assert {"recharge", "wp1", "wp2", "wp3"} <= set(waypoints.places)
+    for name, place in waypoints.places.items():
+        assert waypoints.name_at(replace(place, yaw=math.pi)) == name
+        assert waypoints.name_at(replace(place, x=place.x + 0.1)) is None
 
 
 def test_the_tiagos_odometry_errors_are_in_the_expected_ranges():
