@@ -9,6 +9,7 @@ import numpy as np
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo
 from btcore_sim.errors import SimError
+from btcore_sim.latency import DelayedReadings
 from btcore_sim.physics_body import PhysicsBody, Pose3D
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.render_scene import RenderScene
@@ -79,9 +80,10 @@ class Camera:
         self._renderer = Renderer(self.facts)
         self.newest: CameraImage | None = None
         """The picture that was rendered last."""
+        self._arrived = DelayedReadings[CameraImage](mount.latency)
 
     def picture(self, model: PhysicsBody, link: int, now: int, dead: bool) -> CameraImage | None:
-        """Return the newest picture; render another picture first if the camera's rate allows it.
+        """Return the newest picture that has arrived; render a picture first if the camera's rate allows it.
 
         Args:
             model: The robot's body in the physics engine.
@@ -90,12 +92,13 @@ class Camera:
             dead: Whether the camera has failed; then no new picture is rendered.
 
         Returns:
-            The picture, or None if there is none yet.
+            The picture, or None if no picture has arrived yet.
         """
         last = self.newest
         if not dead and (last is None or self._count(now) > self._count(last.stamp)):
             self.newest = self._draw(model, link, now)
-        return self.newest
+            self._arrived.add(self.newest, now)
+        return self._arrived.newest(now)
 
     def _count(self, now: int) -> int:
         # The index of the frame period that contains *now* (ns). Each period has at most one picture.

@@ -1,4 +1,4 @@
-"""A planar laser: exact distances by geometry, plus noise, with the special values of REP 117.
+"""A planar laser: exact distances by geometry, plus noise and outliers, with the special values of REP 117.
 
 REP 117: -inf is a return nearer than the minimum range, +inf is no return.
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from btcore_robot.rigid_transform import wrap_angles
 from btcore_robot.robot import LaserInfo, LaserScan
 from btcore_sim.quiet_pybullet import pybullet
+from btcore_sim.robot_description import LaserErrors
 from btcore_sim.scene import SceneObject
 from btcore_sim.world import GLASS
 
@@ -33,6 +34,7 @@ _ALONG = np.array(((1.0,), (1.0,), (-1.0,), (-1.0,)))
 _ACROSS = np.array(((1.0,), (-1.0,), (1.0,), (-1.0,)))
 """The side of each corner of a box along the box's own y axis."""
 
+_EDGE = 0.1  # m: neighbouring rays that differ by more hit two objects, or one at a grazing angle
 _UPRIGHT = 0.9999  # cosine of the greatest tilt (0.8°) at which an object is treated as upright
 
 
@@ -255,7 +257,8 @@ class MovableObstacles:
 class Laser:
     """Measures scans with the geometry *facts*, and adds noise from *random*.
 
-    *still* contains the objects that never move, *moved* the movable objects.
+    *still* contains the objects that never move, *moved* the movable objects. *errors* adds noise that grows
+    with the range, and outliers.
     """
 
     def __init__(
@@ -264,17 +267,19 @@ class Laser:
         still: RayCaster,
         random: np.random.Generator,
         moved: MovableObstacles | None = None,
+        errors: LaserErrors | None = None,
     ) -> None:
         self.facts = facts
         self._still = still
         self._random = random
         self._moved = moved
+        self._errors = errors if errors is not None else LaserErrors()
         self._angles: Floats = facts.angle_min + facts.angle_increment * np.arange(
             facts.rays, dtype=np.float64
         )
 
     def sweep(self, x: float, y: float, z: float, yaw: float, stamp: int) -> LaserScan:
-        """Return a scan with normally distributed noise.
+        """Return a scan with normally distributed noise, and outliers.
 
         Args:
             x: The x coordinate (m) of the laser in the world frame.
@@ -285,7 +290,14 @@ class Laser:
         """
         ranges = self.distances(x, y, z, yaw)
         # Noise is drawn for every ray, hit or not, so that an additional hit does not change all later scans.
-        ranges += self._random.normal(0.0, self.facts.sigma, len(ranges))
+        noise = self._random.normal(0.0, 1.0, len(ranges))
+        spread: float | Floats = self.facts.sigma
+        if self._errors.range_noise:
+            finite = np.where(np.isinf(ranges), 0.0, ranges)
+            spread = np.hypot(spread, self._errors.range_noise * finite)
+        if self._errors.has_outliers:
+            ranges = self._with_outliers(ranges)
+        ranges += spread * noise
         ranges[ranges < self.facts.range_min] = -np.inf
         ranges[ranges > self.facts.range_max] = np.inf
         return LaserScan(
@@ -297,6 +309,19 @@ class Laser:
             range_max=self.facts.range_max,
             frame=self.facts.frame,
         )
+
+    def _with_outliers(self, distances: Floats) -> Floats:
+        """Return *distances* (m) with outliers; each ray has at most one."""
+        kind, where = self._random.random((2, len(distances)))
+        errors, changed = self._errors, distances.copy()
+        with np.errstate(invalid="ignore"):  # inf - inf
+            step = np.append(np.diff(distances), 0.0)
+        mixed = np.isfinite(step) & (np.abs(step) > _EDGE) & (kind >= 1.0 - errors.edge)
+        changed[mixed] += where[mixed] * step[mixed]
+        short = (kind < errors.missed + errors.short) & ~mixed
+        changed[short] = where[short] * np.minimum(distances, self.facts.range_max)[short]
+        changed[(kind < errors.missed) & ~mixed] = np.inf
+        return changed
 
     def distances(self, x: float, y: float, z: float, yaw: float) -> Floats:
         """Return the true distance along each ray.

@@ -4,7 +4,7 @@ tiago.json beside this file is an example. A description names the URDF (a path 
 the wheels, the base's limits and footprint, the laser, and optionally head, torso, camera and sonars. Sensors
 are mounted on a link of the URDF at a `position` (m) and face forward; a sonar may be turned by `yaw`.
 `frames` lists further frames, each fixed to a link or to another frame. Lengths are in metres, angles in
-radians, frequencies in hertz.
+radians, frequencies in hertz, and latencies in seconds.
 """
 
 from dataclasses import astuple, dataclass, replace
@@ -15,6 +15,9 @@ from btcore_sim.json_records import JsonRecord, read_record
 
 TIAGO = Path(__file__).parent / "tiago.json"
 """The description of the Tiago robot, which is the default."""
+
+LATENCY_AT_MOST = 1.0
+"""The greatest latency of a sensor (s). With older readings robots stand still."""
 
 Point = tuple[float, float, float]
 """x, y and z (m)."""
@@ -44,12 +47,50 @@ class Wheels:
 
 
 @dataclass(frozen=True, slots=True)
+class LaserErrors:
+    """The errors of a laser besides the noise `LaserInfo.sigma`, which is the same at all ranges.
+
+    *missed*, *short* and *edge* are the outliers: shares of rays, from 0 to 1.
+
+    Attributes:
+        range_noise: The standard deviation of a range as a fraction of the range; it is independent of
+            `sigma`, so their squares add up.
+        missed: The share of rays that return no echo, for example from a dark or a shiny surface.
+        short: The share of rays that return an echo at a random distance before the object, from dust.
+        edge: The share of the rays beside an edge that hit both objects and return a range between them.
+        latency: The time between the measurement of a scan and its arrival (s).
+    """
+
+    range_noise: float = 0.0
+    missed: float = 0.0
+    short: float = 0.0
+    edge: float = 0.0
+    latency: float = 0.0
+
+    @property
+    def has_outliers(self) -> bool:
+        """Whether there are outliers."""
+        return max(self.missed, self.short, self.edge) > 0.0
+
+    def scaled(self, factor: float) -> "LaserErrors":
+        """Return the errors multiplied by *factor*; a share is limited to 1."""
+        return LaserErrors(
+            range_noise=factor * self.range_noise,
+            missed=min(1.0, factor * self.missed),
+            short=min(1.0, factor * self.short),
+            edge=min(1.0, factor * self.edge),
+            latency=factor * self.latency,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class LaserMount:
-    """A planar laser with the properties *facts*, on *link* at *position* (m)."""
+    """A planar laser with the properties *facts* and the *errors*, on *link* at *position* (m)."""
 
     facts: LaserInfo
     link: str
     position: Point
+    errors: LaserErrors = LaserErrors()
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +98,7 @@ class CameraMount:
     """A camera on *link* at *position* (m); *roll* (rad) turns the link's axes to x forward, z up.
 
     *fov* (rad) is the horizontal angle of view, *near* and *far* (m) are the limits of the rendered depth,
-    and *frame* is the optical frame.
+    and *frame* is the optical frame. A picture arrives *latency* (s) after it was taken.
     """
 
     link: str
@@ -67,6 +108,7 @@ class CameraMount:
     near: float
     far: float
     frame: str
+    latency: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +168,7 @@ class SonarMount:
 
 @dataclass(frozen=True, slots=True)
 class OdometryFacts:
-    """The rate and the errors of the odometry. The errors are fractions; 0 is perfect.
+    """The rate and the errors of the odometry. The errors, except the latency, are fractions; 0 is perfect.
 
     Attributes:
         rate: The number of readings per second.
@@ -134,12 +176,14 @@ class OdometryFacts:
             which is drawn once per run.
         slip: The fraction by which the wheels measure more turning than the base makes.
         slip_sigma: The standard deviation of *slip* between readings.
+        latency: The time between a measurement and its arrival (s).
     """
 
     rate: float
     scale_sigma: float
     slip: float
     slip_sigma: float
+    latency: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +237,7 @@ class RobotDescription:
         camera: The camera, or None.
         sonar_rate: The number of sonar readings per second.
         sonars: The sonars.
+        sonar_latency: The time between the measurement of the sonars' readings and their arrival (s).
         frames: Further frames.
         held: The joints that keep their position.
     """
@@ -209,16 +254,21 @@ class RobotDescription:
     camera: CameraMount | None
     sonar_rate: float
     sonars: tuple[SonarMount, ...]
+    sonar_latency: float
     frames: tuple[FixedFrame, ...]
     held: tuple[HeldJoint, ...]
 
     def with_noise(self, factor: float) -> "RobotDescription":
-        """Return the same robot with the errors of laser and odometry multiplied by *factor*."""
+        """Return the same robot with the errors and latencies of its sensors multiplied by *factor*."""
         facts = replace(self.laser.facts, sigma=factor * self.laser.facts.sigma)
+        laser = replace(self.laser, facts=facts, errors=self.laser.errors.scaled(factor))
         # All fields after the rate are errors.
         rate, *errors = astuple(self.odometry)
         odometry = OdometryFacts(rate, *(factor * error for error in errors))
-        return replace(self, laser=replace(self.laser, facts=facts), odometry=odometry)
+        camera = self.camera and replace(self.camera, latency=factor * self.camera.latency)
+        return replace(
+            self, laser=laser, odometry=odometry, camera=camera, sonar_latency=factor * self.sonar_latency
+        )
 
 
 PERFECT = OdometryFacts(50.0, 0.0, 0.0, 0.0)
@@ -251,6 +301,7 @@ def _description(record: JsonRecord, folder: Path) -> RobotDescription:
         camera=record.nested("camera", _camera) if record.has("camera") else None,
         sonar_rate=record.number("sonar_rate", 5.0, over=0.0),
         sonars=tuple(record.nested_list("sonars", _sonar)) if record.has("sonars") else (),
+        sonar_latency=_latency(record, "sonar_latency"),
         frames=tuple(record.nested_list("frames", _frame)) if record.has("frames") else (),
         held=tuple(record.nested_list("held", _held)) if record.has("held") else (),
     )
@@ -305,7 +356,28 @@ def _laser(record: JsonRecord) -> LaserMount:
         sigma=record.number("sigma", 0.0),
         frame=record.text("frame"),
     )
-    return LaserMount(facts, record.text("link"), _point(record, "position"))
+    errors = LaserErrors(
+        record.number("range_noise", 0.0),
+        *(record.nested("outliers", _outliers) if record.has("outliers") else (0.0, 0.0, 0.0)),
+        latency=_latency(record),
+    )
+    if min(facts.sigma, errors.range_noise) < 0.0:
+        raise record.error("'sigma' and 'range_noise' are standard deviations and have to be at least 0")
+    return LaserMount(facts, record.text("link"), _point(record, "position"), errors)
+
+
+def _outliers(record: JsonRecord) -> tuple[float, float, float]:
+    shares = record.number("missed", 0.0), record.number("short", 0.0), record.number("edge", 0.0)
+    if not all(0.0 <= share <= 1.0 for share in shares):
+        raise record.error("'missed', 'short' and 'edge' are shares and have to be from 0 to 1")
+    return shares
+
+
+def _latency(record: JsonRecord, key: str = "latency") -> float:
+    latency = record.number(key, 0.0)
+    if not 0.0 <= latency <= LATENCY_AT_MOST:
+        raise record.error(f"'{key}' is {latency:g} s, but it has to be from 0 to {LATENCY_AT_MOST:g} s")
+    return latency
 
 
 def _head(record: JsonRecord) -> HeadJoints:
@@ -324,6 +396,7 @@ def _camera(record: JsonRecord) -> CameraMount:
         near=record.number("near", over=0.0),
         far=record.number("far", over=0.0),
         frame=record.text("frame"),
+        latency=_latency(record),
     )
 
 
@@ -356,6 +429,7 @@ def _odometry(record: JsonRecord) -> OdometryFacts:
         scale_sigma=record.number("scale_sigma", 0.0),
         slip=record.number("slip", 0.0),
         slip_sigma=record.number("slip_sigma", 0.0),
+        latency=_latency(record),
     )
     if min(facts.scale_sigma, facts.slip_sigma) < 0.0:
         raise record.error("'scale_sigma' and 'slip_sigma' are standard deviations and have to be at least 0")

@@ -70,7 +70,7 @@ class RobotExtension:
         _option(
             "noise",
             "FACTOR",
-            "Factor of the errors of laser and odometry: 0 removes them, 2 doubles them.",
+            "Factor of the errors and latencies of the sensors: 0 removes them, 2 doubles them.",
             type=click.FloatRange(0.0),
             default=1.0,
         ),

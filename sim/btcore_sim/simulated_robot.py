@@ -45,6 +45,7 @@ from btcore_sim.errors import SimError
 from btcore_sim.faults import Fault, FaultSchedule
 from btcore_sim.kinematics import Kinematics
 from btcore_sim.laser import Laser, MovableObstacles, RayCaster
+from btcore_sim.latency import DelayedReadings
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.render_scene import RenderScene
@@ -164,7 +165,8 @@ class SimulatedRobot(Robot):
         facts = self.description.laser.facts
         movable = {body: opaque[body] for body in world.movable if body in opaque}
         moved = MovableObstacles(world.client, movable)
-        self._laser = Laser(facts, RayCaster.of(still), world.random("laser"), moved)
+        errors = self.description.laser.errors
+        self._laser = Laser(facts, RayCaster.of(still), world.random("laser"), moved, errors)
         self._camera = (
             Camera(RenderScene(world, self.model), self.description.camera, camera)
             if camera and self.description.camera
@@ -174,17 +176,20 @@ class SimulatedRobot(Robot):
         self._sonar_links = [self.model.link(mount.link) for mount in mounts]
         self._sonars = Sonars(world.client, mounts)
         angles = self.model.joint_positions(self._wheels)
-        errors = WheelErrorModel(self.description.odometry, world.random("odometry"))
-        self._dead_reckoning = WheelOdometry(wheels.radius, wheels.separation, angles, errors)
+        slip = WheelErrorModel(self.description.odometry, world.random("odometry"))
+        self._dead_reckoning = WheelOdometry(wheels.radius, wheels.separation, angles, slip)
         self._odometry = self._dead_reckoning.update(angles, 0)
+        self._arrived_odometry = DelayedReadings[Odometry](self.description.odometry.latency)
+        self._arrived_odometry.add(self._odometry, 0)
         self.start_pose = self.true_pose()
         """The true pose of the base at time 0."""
         self._scan: LaserScan | None = None
+        self._arrived_scans = DelayedReadings[LaserScan](errors.latency)
         self._sense_laser(0)
         every = world.schedule.every
         every(facts.rate, Phase.SENSORS, self._sense_laser)
         every(self.description.odometry.rate, Phase.SENSORS, self._sense_wheels)
-        self._sonar_readings: tuple[SonarReading, ...] = ()
+        self._arrived_sonars = DelayedReadings[tuple[SonarReading, ...]](self.description.sonar_latency)
         if mounts:
             self._sense_sonars(0)
             every(self.description.sonar_rate, Phase.SENSORS, self._sense_sonars)
@@ -260,12 +265,12 @@ class SimulatedRobot(Robot):
         return self._base.commanded_twist(self.world.now())
 
     def scan(self) -> LaserScan | None:
-        """Return the newest scan; its ranges are read-only."""
-        return self._scan
+        """Return the newest scan that has arrived; its ranges are read-only."""
+        return self._arrived_scans.newest(self.world.now())
 
     def odometry(self) -> Odometry:
-        """Return the newest odometry."""
-        return self._odometry
+        """Return the newest odometry that has arrived."""
+        return self._arrived_odometry.newest(self.world.now()) or self._odometry
 
     def move_head(self, pan: float, tilt: float) -> None:
         """Turn the head to *pan* and *tilt* (rad), limited to `head_info`, at the head's greatest speed."""
@@ -292,8 +297,8 @@ class SimulatedRobot(Robot):
         return self._camera.picture(self.model, self._camera_link, now, self._faults.dead("camera", now))
 
     def sonars(self) -> tuple[SonarReading, ...]:
-        """Return the newest reading of every sonar."""
-        return self._sonar_readings
+        """Return the newest reading of every sonar that has arrived."""
+        return self._arrived_sonars.newest(self.world.now()) or ()
 
     def battery(self) -> BatteryState:
         """Return the battery's state. With an empty battery the base does not move."""
@@ -369,7 +374,8 @@ class SimulatedRobot(Robot):
     def scene_moving(self) -> MovingScene:
         """Return the present frames, and the newest scan, velocity, battery level and contacts.
 
-        The newest picture is included if it was taken since the last call.
+        The newest picture is included if it was taken since the last call. Latencies are ignored, because the
+        viewer draws the readings at the present poses.
         """
         twist = self._odometry.twist
         picture = self._camera.newest if self._camera is not None else None
@@ -428,12 +434,13 @@ class SimulatedRobot(Robot):
         heading = pybullet.getEulerFromQuaternion(turned)[2]
         self._scan = self._laser.sweep(origin[0], origin[1], origin[2], heading, now)
         self._scan.ranges.flags.writeable = False
+        self._arrived_scans.add(self._scan, now)
 
     def _sense_wheels(self, now: int) -> None:
         if not self._faults.dead("odometry", now):
             self._odometry = self._dead_reckoning.update(self.model.joint_positions(self._wheels), now)
+            self._arrived_odometry.add(self._odometry, now)
 
     def _sense_sonars(self, now: int) -> None:
-        self._sonar_readings = self._sonars.read(
-            [self.model.link_place(link) for link in self._sonar_links], now
-        )
+        readings = self._sonars.read([self.model.link_place(link) for link in self._sonar_links], now)
+        self._arrived_sonars.add(readings, now)

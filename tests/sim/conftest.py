@@ -7,7 +7,7 @@ import pytest
 from btcore_robot.robot import Pose2D
 from btcore_sim.camera import CameraSettings
 from btcore_sim.faults import Fault
-from btcore_sim.robot_description import PERFECT, TIAGO, RobotDescription, load_description
+from btcore_sim.robot_description import PERFECT, TIAGO, LaserErrors, RobotDescription, load_description
 from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
@@ -68,7 +68,7 @@ def noiseless_tiago() -> RobotDescription:
     """Return the description of a Tiago without errors of laser and odometry."""
     tiago = load_description(TIAGO)
     facts = replace(tiago.laser.facts, sigma=0.0)
-    return replace(tiago, odometry=PERFECT, laser=replace(tiago.laser, facts=facts))
+    return replace(tiago, odometry=PERFECT, laser=replace(tiago.laser, facts=facts, errors=LaserErrors()))
 
 
 @pytest.fixture

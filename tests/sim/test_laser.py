@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from btcore_robot.robot import LaserInfo, Pose2D
 from btcore_sim.laser import Laser, RayCaster
+from btcore_sim.robot_description import LaserErrors
 from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
@@ -97,6 +98,40 @@ def test_noise_has_the_sigma_of_the_description():
         errors.append(ranges[middle] - 2.0 / np.cos(angles[middle]))
     assert np.std(errors) == pytest.approx(0.06, rel=0.1)
     assert np.mean(errors) == pytest.approx(0.0, abs=0.01)
+
+
+def repeated(outlines: RayCaster, errors: LaserErrors, sigma: float = 0.0) -> np.ndarray:
+    """Return 1000 scans of the same place, shape `(1000, rays)`."""
+    laser = Laser(replace(FACTS, sigma=sigma), outlines, np.random.default_rng(1), errors=errors)
+    return np.array([laser.sweep(0.0, 0.0, HEIGHT, 0.0, 7).ranges for _ in range(1000)])
+
+
+@pytest.mark.parametrize("distance", [2.0, 20.0])
+def test_noise_grows_with_the_range(box, distance: float):
+    wall = RayCaster.of([box(distance + 0.05, 0.0, (0.1, 100.0, 1.0))])
+    ahead = repeated(wall, LaserErrors(range_noise=0.01), sigma=0.06)[:, FACTS.rays // 2]
+    assert np.std(ahead) == pytest.approx(math.hypot(0.06, 0.01 * distance), rel=0.07)
+    assert np.mean(ahead) == pytest.approx(distance, abs=0.02)
+
+
+def test_shares_of_rays_return_no_echo_or_a_short_range(box):
+    wall = RayCaster.of([box(4.05, 0.0, (0.1, 100.0, 1.0))])
+    front = slice(FACTS.rays // 2 - 2, FACTS.rays // 2 + 3)
+    ranges = repeated(wall, LaserErrors(missed=0.1, short=0.05))[:, front]
+    assert np.mean(ranges == np.inf) == pytest.approx(0.1, rel=0.2)
+    short = ranges[ranges < 3.9]
+    assert len(short) / ranges.size == pytest.approx(0.05, rel=0.2)
+    assert np.mean(short[np.isfinite(short)]) == pytest.approx(2.0, rel=0.1)
+
+
+def test_only_rays_beside_an_edge_return_ranges_between_both_objects(box):
+    outlines = RayCaster.of([box(2.5, -5.0, (1.0, 10.05, 1.0)), box(6.0, 0.0, (0.1, 100.0, 1.0))])
+    ranges = repeated(outlines, LaserErrors(edge=0.3))
+    mixed = (ranges > 2.15) & (ranges < 5.94)
+    ahead = FACTS.rays // 2
+    assert np.mean(mixed[:, ahead]) == pytest.approx(0.3, rel=0.2)
+    assert not mixed[:, ahead - 10 : ahead].any()
+    assert not mixed[:, ahead + 1 : ahead + 5].any()
 
 
 def test_a_movable_box_is_seen_at_its_current_place(robot_at, steer, box, noiseless_tiago):

@@ -98,6 +98,12 @@ def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Pat
             lambda d: d["odometry"].update(slip_sigma=-1),
             "'slip_sigma' are standard deviations and have to be at least 0",
         ),
+        (lambda d: d["laser"].update(range_noise=-0.1), "'range_noise' are standard deviations"),
+        (
+            lambda d: d["laser"]["outliers"].update(short=2),
+            "outliers: 'missed', 'short' and 'edge' are",
+        ),
+        (lambda d: d["laser"].update(latency=3), "'latency' is 3 s, but it has to be from 0 to 1 s"),
         (lambda d: d["sonars"][1].update(range_min=2.0), r"sonars\[1\]: 'range_max' has to be greater"),
         (lambda d: d["frames"][0].pop("parent"), r"frames\[0\]: 'parent' is missing"),
     ],

@@ -183,9 +183,11 @@ def test_a_scan_is_read_only(robot_at):
         robot_at().scan().ranges[0] = 0.0
 
 
-def test_the_static_scene_has_shapes_and_the_moving_scene_has_poses(robot_at, steer, box):
+def test_the_static_scene_has_shapes_and_the_moving_scene_has_poses(robot_at, steer, box, noiseless_tiago):
     body = robot_at(
-        box(1.0, 2.0, (0.5, 0.4, 0.3), yaw=0.5), box(3.0, 0.0, (0.3, 0.3, 0.3), mass=1.0, name="crate")
+        box(1.0, 2.0, (0.5, 0.4, 0.3), yaw=0.5),
+        box(3.0, 0.0, (0.3, 0.3, 0.3), mass=1.0, name="crate"),
+        description=noiseless_tiago,
     )
     static = body.scene_static()
     parts = {part.name: part for part in static.parts}

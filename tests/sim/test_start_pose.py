@@ -17,7 +17,7 @@ from btcore_robot.run_extension import NavigationExtension
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.obstacles import PASSAGE
-from btcore_sim.robot_description import load_description
+from btcore_sim.robot_description import LaserErrors, load_description
 from btcore_sim.run_extension import RobotExtension
 from btcore_sim.scenario import with_start
 from btcore_sim.scene import load_scene
@@ -149,10 +149,14 @@ def test_a_robot_with_an_unknown_start_stands_until_it_has_found_its_pose(yard: 
     body.world.close()
 
 
-def test_noise_is_a_factor_on_laser_and_odometry():
+def test_noise_is_a_factor_on_the_errors_of_all_sensors():
     tiago = load_description()
     assert tiago.with_noise(1.0) == tiago
     perfect, twice = tiago.with_noise(0.0), tiago.with_noise(2.0)
     assert (perfect.laser.facts.sigma, perfect.odometry.slip, perfect.odometry.scale_sigma) == (0.0, 0.0, 0.0)
     assert twice.laser.facts.sigma == 2 * tiago.laser.facts.sigma
     assert twice.odometry.slip_sigma == 2 * tiago.odometry.slip_sigma
+    assert perfect.laser.errors == LaserErrors()
+    assert twice.laser.errors.range_noise == 2 * tiago.laser.errors.range_noise
+    assert twice.laser.errors.latency == 2 * tiago.laser.errors.latency
+    assert tiago.with_noise(1000.0).laser.errors.edge == 1.0

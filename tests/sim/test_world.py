@@ -131,8 +131,8 @@ def test_the_first_scan_precedes_the_first_wait(robot_at):
     assert body.odometry().stamp == 0
 
 
-def test_scans_are_made_at_ten_hertz_and_available_at_their_time(robot_at, steer):
-    body = robot_at()
+def test_scans_are_made_at_ten_hertz_and_available_at_their_time(robot_at, steer, noiseless_tiago):
+    body = robot_at(description=noiseless_tiago)
     for tick in range(1, 11):
         steer(body, 0.1, None)
         assert body.scan().stamp == tick * SECOND // 10

@@ -1,0 +1,55 @@
+"""Latency: a reading arrives later than its stamp."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from btcore_robot.robot import NS_PER_S
+from btcore_sim.camera import CameraSettings
+from btcore_sim.latency import DelayedReadings
+from btcore_sim.robot_description import load_description
+
+TIAGO = load_description()
+
+
+def test_a_reading_arrives_after_the_latency():
+    readings = DelayedReadings[str](0.25)
+    assert readings.newest(0) is None
+    readings.add("first", 0)
+    readings.add("second", NS_PER_S)
+    readings.add("third", NS_PER_S + 100)
+    assert readings.newest(NS_PER_S + NS_PER_S // 4 - 1) == "first"
+    assert readings.newest(NS_PER_S + NS_PER_S // 4) == "second"
+    assert readings.newest(NS_PER_S + NS_PER_S // 4 + 100) == "third"
+
+
+@pytest.mark.parametrize(
+    ("read", "period"),
+    [
+        (lambda robot: robot.scan(), 0.1),
+        (lambda robot: robot.odometry(), 0.02),
+        (lambda robot: robot.sonars()[0], 0.2),
+        (lambda robot: robot.camera(), 0.1),
+    ],
+    ids=["laser", "odometry", "sonar", "camera"],
+)
+def test_a_robots_readings_are_as_old_as_the_latency_and_at_most_a_period_older(
+    robot_at: Any, steer: Any, read: Callable[[Any], Any], period: float
+):
+    late = replace(
+        TIAGO,
+        laser=replace(TIAGO.laser, errors=replace(TIAGO.laser.errors, latency=0.15)),
+        odometry=replace(TIAGO.odometry, latency=0.15),
+        camera=replace(TIAGO.camera, latency=0.15) if TIAGO.camera else None,
+        sonar_latency=0.15,
+    )
+    robot = robot_at(description=late, camera=CameraSettings(8, 6, 10.0))
+    assert read(robot).stamp == 0
+    ages = []
+    for _ in range(12):
+        steer(robot, 0.1, None)
+        ages.append((robot.world.now() - read(robot).stamp) / NS_PER_S)
+    settled = ages[5:]
+    assert 0.15 <= min(settled) <= max(settled) <= 0.15 + period + 1e-9
