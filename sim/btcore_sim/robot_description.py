@@ -3,8 +3,9 @@
 tiago.json beside this file is an example. A description names the URDF (a path relative to the JSON file),
 the wheels, the base's limits and footprint, the laser, and optionally head, torso, camera and sonars. Sensors
 are mounted on a link of the URDF at a `position` (m) and face forward; a sonar may be turned by `yaw`.
-`frames` lists further frames, each fixed to a link or to another frame. Lengths are in metres, angles in
-radians, frequencies in hertz, and latencies in seconds.
+`frames` lists further frames, each fixed to a link or to another frame. `shells` lists rounded shapes that
+the viewer draws instead of the URDF's shapes (see shells.py). Lengths are in metres, angles in radians,
+frequencies in hertz, and latencies in seconds.
 """
 
 from dataclasses import astuple, dataclass, replace
@@ -12,6 +13,7 @@ from pathlib import Path
 
 from btcore_robot.robot import BaseInfo, HeadInfo, LaserInfo, TorsoInfo
 from btcore_sim.json_records import JsonRecord, read_record
+from btcore_sim.shells import Shell, read_shell
 
 TIAGO = Path(__file__).parent / "tiago.json"
 """The description of the Tiago robot, which is the default."""
@@ -240,6 +242,7 @@ class RobotDescription:
         sonar_latency: The time between the measurement of the sonars' readings and their arrival (s).
         frames: Further frames.
         held: The joints that keep their position.
+        shells: The rounded shapes that the viewer draws for some links instead of the shapes of the URDF.
     """
 
     name: str
@@ -257,6 +260,7 @@ class RobotDescription:
     sonar_latency: float
     frames: tuple[FixedFrame, ...]
     held: tuple[HeldJoint, ...]
+    shells: tuple[Shell, ...]
 
     def with_noise(self, factor: float) -> "RobotDescription":
         """Return the same robot with the errors and latencies of its sensors multiplied by *factor*."""
@@ -304,6 +308,7 @@ def _description(record: JsonRecord, folder: Path) -> RobotDescription:
         sonar_latency=_latency(record, "sonar_latency"),
         frames=tuple(record.nested_list("frames", _frame)) if record.has("frames") else (),
         held=tuple(record.nested_list("held", _held)) if record.has("held") else (),
+        shells=tuple(record.nested_list("shells", read_shell)) if record.has("shells") else (),
     )
 
 

@@ -15,7 +15,8 @@ A world is a JSON object. Lengths are in metres, angles in radians, colours `#rr
 - `hinged_door` and `sliding_door` with `width`, `height` and `thickness`: see `Door`.
 
 The `points` of walls and polygons are relative to `position`, which is the origin by default. With
-`"material": "glass"` an object is invisible to the laser. `start` is either an `area` in which the pose is
+`"material": "glass"` an object is invisible to the laser. A `look` such as `bed`, `shelf` or `plant` (see
+looks.py) changes the drawing of a box or a cylinder, but not what contacts and sensors detect. `start` is either an `area` in which the pose is
 drawn at random, or a `pose` (x, y, yaw). `world.schema.json` describes all keys for editors.
 
 A world may also have `waypoints` (name → [x, y]), `keepout`, a list of rectangles that robots must not
@@ -36,6 +37,7 @@ from btcore_robot.field_reader import did_you_mean
 from btcore_robot.robot import Pose2D, Waypoints
 from btcore_sim.errors import SimError
 from btcore_sim.json_records import JsonRecord, read_record
+from btcore_sim.looks import LOOKS
 from btcore_sim.polygons import (
     Floats,
     OutlineError,
@@ -88,6 +90,7 @@ class SceneObject:
         yaw: The heading (rad).
         mass: The mass (kg); 0 = the object cannot be pushed.
         color: The colour (RGBA, 0–255).
+        look: The name of the parts that are drawn instead of the box or the cylinder (see looks.py), or "".
         is_kinematic: Whether `World.move_kinematic_body` moves the object, for example a person; *position*
             and *yaw* are then its initial pose.
         is_glass: Whether the object is of glass: the laser does not detect it, sonars do.
@@ -105,6 +108,7 @@ class SceneObject:
     is_kinematic: bool = False
     is_glass: bool = False
     parts: tuple[tuple[Point, ...], ...] = ()
+    look: str = ""
 
     @property
     def still(self) -> bool:
@@ -425,7 +429,8 @@ def _things(record: JsonRecord, index: int, doors: dict[str, Door]) -> list[Scen
     if mass < 0.0:
         raise record.error(f"'mass' is {mass:g}, but it has to be at least 0")
     position = (place[0], place[1], place[2] if len(place) == 3 else 0.0)
-    thing = SceneObject(name, kind, (x, y, z), position, yaw, mass, color, is_glass=is_glass)
+    look = record.text("look", among=LOOKS[kind]) if kind != "table" and record.has("look") else ""
+    thing = SceneObject(name, kind, (x, y, z), position, yaw, mass, color, is_glass=is_glass, look=look)
     return [thing] if kind != "table" else _table(record, thing)
 
 

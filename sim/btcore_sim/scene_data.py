@@ -2,18 +2,24 @@
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import TransformStamped
-from btcore_scene import UPRIGHT, Box, Cylinder, Frame, Mesh, Part, Place, Sphere
+from btcore_scene import UPRIGHT, Box, Color, Cylinder, Frame, Mesh, Part, Place, Sphere
+from btcore_sim.kinematics import from_rpy
+from btcore_sim.looks import LookPart, look_parts
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import SceneObject
+from btcore_sim.shells import CORNERS, Section, ball, loft, rounded_box
 from btcore_sim.world import World, prism_mesh, scene_extent
+
+_COARSE = 16
+"""The number of corners of a cross-section of furniture, which is far from the eye."""
 
 
 def world_parts(world: World) -> list[Part]:
@@ -27,27 +33,42 @@ def world_parts(world: World) -> list[Part]:
         quaternion=UPRIGHT,
         color=world.scene.floor,
     )
-    simple = (thing for thing in world.scene.things if thing.kind != "prism")
-    return [floor, *(_object_part(world.scene.name, thing) for thing in simple)]
+    plain = [thing for thing in world.scene.things if thing.kind != "prism" and not thing.look]
+    parts: list[Part] = [floor, *(_object_part(world.scene.name, thing) for thing in plain)]
+    for thing in world.scene.things:
+        parts += [_look_part(thing, part) for part in _looks(thing) if part.kind in ("box", "cylinder")]
+    return parts
 
 
 def world_meshes(world: World) -> list[Mesh]:
-    """Return the prisms among the objects."""
-    return [_prism(world.scene.name, thing) for thing in world.scene.things if thing.kind == "prism"]
+    """Return the prisms among the objects, and the rounded parts of the objects' looks."""
+    prisms = [_prism(world.scene.name, thing) for thing in world.scene.things if thing.kind == "prism"]
+    rounded = [
+        _look_mesh(thing, part)
+        for thing in world.scene.things
+        for part in _looks(thing)
+        if part.kind in ("cushion", "ball")
+    ]
+    return prisms + rounded
 
 
 def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
-    """Return the shapes of the robot's URDF, each in the frame of its link. Meshes are left out.
+    """Return the shapes of the robot's URDF, each in the frame of its link.
+
+    Meshes are left out, and so are the shapes of links that have shells.
 
     Args:
         world: The world that contains the robot.
         model: The robot's body.
     """
-    names = {link: name for name, link in model.links.items()}
+    shelled = {shell.link for shell in model.description.shells}
+    names = {link: name for name, link in model.links.items() if name not in shelled}
     parts: list[Part] = []
     counts: Counter[int] = Counter()
     for shape in pybullet.getVisualShapeData(model.body_id, physicsClientId=world.client):
         _, link, geometry, size, _, position, quaternion, color, *_ = shape
+        if link not in names:
+            continue
         where: dict[str, Any] = {
             "name": f"{model.description.name}/{names[link]}/{counts[link]}",
             "frame": names[link],
@@ -65,6 +86,16 @@ def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
             continue
         counts[link] += 1
     return parts
+
+
+def robot_meshes(model: PhysicsBody) -> list[Mesh]:
+    """Return the shells of a robot as meshes in the frames of their links."""
+    meshes = []
+    for number, shell in enumerate(model.description.shells):
+        place = Transform(shell.position, from_rpy(shell.rpy))
+        name = f"{model.description.name}/{shell.link}/shell_{number}"
+        meshes.append(_mesh(name, shell.link, shell.color, place, shell.sections))
+    return meshes
 
 
 def frames(world: World, model: PhysicsBody) -> list[Frame]:
@@ -126,6 +157,53 @@ def _prism(scene: str, thing: SceneObject) -> Mesh:
         normals=np.repeat(normals, 3, axis=0).astype("<f4").tobytes(),
         triangles=np.arange(3 * len(triangles), dtype="<u4").tobytes(),
     )
+
+
+def _mesh(
+    name: str, frame: str, color: Color, place: Transform, sections: Sequence[Section], corners: int = CORNERS
+) -> Mesh:
+    points, normals, triangles = loft(sections, corners)
+    return Mesh(
+        name=name,
+        frame=frame,
+        color=color,
+        vertices=place.apply(points).astype("<f4").tobytes(),
+        normals=(normals @ place.rotation.T).astype("<f4").tobytes(),
+        triangles=triangles.astype("<u4").tobytes(),
+    )
+
+
+def _looks(thing: SceneObject) -> list[LookPart]:
+    return look_parts(thing.look, thing.size, thing.color) if thing.look else []
+
+
+def _look_place(thing: SceneObject) -> tuple[str, Transform]:
+    """Return the frame of an object's look, and the pose of the middle of the object's underside in it."""
+    if thing.still:
+        return "map", Transform(thing.position, from_rpy((0.0, 0.0, thing.yaw)))
+    return thing.name, Transform((0.0, 0.0, -thing.size[2] / 2))
+
+
+def _look_part(thing: SceneObject, part: LookPart) -> Part:
+    frame, place = _look_place(thing)
+    x, y, z = part.position
+    middle = place * Transform((x, y, z + part.size[2] / 2))
+    where: dict[str, Any] = {
+        "name": thing.name,
+        "frame": frame,
+        "position": middle.position,
+        "quaternion": middle.quaternion,
+        "color": part.color,
+    }
+    if part.kind == "box":
+        return Box(**where, size=part.size)
+    return Cylinder(**where, radius=part.size[0] / 2, length=part.size[2])
+
+
+def _look_mesh(thing: SceneObject, part: LookPart) -> Mesh:
+    frame, place = _look_place(thing)
+    sections = ball(part.size) if part.kind == "ball" else rounded_box(part.size)
+    return _mesh(thing.name, frame, part.color, place * Transform(part.position), sections, _COARSE)
 
 
 def _object_part(scene: str, thing: SceneObject) -> Part:

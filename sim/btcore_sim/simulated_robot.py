@@ -137,6 +137,8 @@ class SimulatedRobot(Robot):
         self._wheels = [self.model.joint(wheels.left), self.model.joint(wheels.right)]
         self._laser_link = self.model.link(self.description.laser.link)
         self._camera_link = self.model.link(self.description.camera.link) if self.description.camera else -1
+        for shell in self.description.shells:
+            self.model.link(shell.link)  # raises an error for an unknown link
         head = self.description.head
         self._head = [self.model.joint(head.pan), self.model.joint(head.tilt)] if head else []
         torso = self.description.torso
@@ -363,7 +365,7 @@ class SimulatedRobot(Robot):
         return StaticScene(
             frame="map",
             parts=scene_data.world_parts(self.world) + scene_data.robot_parts(self.world, self.model),
-            meshes=scene_data.world_meshes(self.world),
+            meshes=scene_data.world_meshes(self.world) + scene_data.robot_meshes(self.model),
             laser=laser_message(self.laser),
             places=scene_data.waypoint_data(self.world),
             footprint_radius=self.base.radius,

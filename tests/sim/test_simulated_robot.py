@@ -200,7 +200,7 @@ def test_the_static_scene_has_shapes_and_the_moving_scene_has_poses(robot_at, st
     frames = {frame[0]: frame for frame in moving.frames}
     assert frames["base_link"][2][0] == pytest.approx(body.true_pose().x)
     assert frames["crate"][2] == pytest.approx([3.0, 0.0, 0.15], abs=0.005)
-    assert {part.frame for part in static.parts} - {"map"} <= set(frames)
+    assert {part.frame for part in (*static.parts, *static.meshes)} - {"map"} <= set(frames)
     assert moving.stamp == moving.scan.stamp == 2 * SECOND
     assert np.frombuffer(moving.scan.ranges, "<f4") == pytest.approx(body.scan().ranges)
     assert moving.velocity == pytest.approx([0.2, 0.0], abs=0.01)

@@ -11,15 +11,19 @@ from numpy.typing import NDArray
 from btcore_scene import UPRIGHT, Box, Color, Cylinder, Grid, Mesh, Part, Sphere
 
 CUT_AT: Final = 0.4
-"""Height (m) above which objects of the world are drawn as outlines, and walls not at all.
+"""Height (m) at which walls, and other parts that are as high as a room, are cut.
 
-Walls of 2.4 m would hide the robot, and the laser does not detect anything above.
+They would hide the robot, and the laser does not detect anything above. Furniture is drawn as a whole.
 """
+_ROOM: Final = 2.1
+"""Height (m) above which a part is as high as a room."""
 _FLAT: Final = 0.05
 """Height (m) below which a part is the floor, or lies on the floor."""
 _FLOOR_LIGHT: Final = 0.3
 _OUTLINE_LIGHT: Final = 0.45
-_WALL_HEIGHT, _WALL_WIDTH = 1.5, 0.35
+_WALL_HEIGHT: Final = 1.5
+_WALL_WIDTHS: Final = (0.05, 0.35)
+"""Smallest height, and smallest and greatest thickness of a wall (m). A board of furniture is thinner."""
 _COLOR: Final[Color] = (160, 168, 180, 255)
 _LINE: Final = -0.75
 """Radius of outlines; rerun interprets negative values as pixels."""
@@ -37,7 +41,7 @@ def archetypes(parts: Sequence[Part], around: bool) -> Iterator[tuple[str, Any]]
         yield kind, _shape(parts, "solid")
         return
     yield kind, _shape([_dimmed(_cut(part)) for part in parts], "solid")
-    high = [_lit(part, _OUTLINE_LIGHT) for part in parts if _height(part) > CUT_AT and not _is_wall(part)]
+    high = [_lit(part, _OUTLINE_LIGHT) for part in parts if _height(part) > _ROOM and not _is_wall(part)]
     if high:
         yield f"{kind}_outlines", _shape(high, "majorwireframe")
 
@@ -47,12 +51,12 @@ def surface(meshes: Sequence[Mesh], around: bool) -> Any:
 
     Args:
         meshes: The meshes.
-        around: Whether the meshes belong to the robot's world; their upper parts are then flattened at
+        around: Whether the meshes belong to the robot's world; the upper parts of walls are then flattened at
             `CUT_AT`, which cuts vertical walls.
     """
     vertices = [_rows(mesh.vertices, "<f4") for mesh in meshes]
     if around:
-        vertices = [np.minimum(points, np.array((np.inf, np.inf, CUT_AT))) for points in vertices]
+        vertices = [_flattened(points) for points in vertices]
     counts = [len(points) for points in vertices]
     before = np.cumsum([0, *counts[:-1]])
     triangles = [_rows(mesh.triangles, "<u4") + first for mesh, first in zip(meshes, before, strict=True)]
@@ -63,6 +67,12 @@ def surface(meshes: Sequence[Mesh], around: bool) -> Any:
         triangle_indices=np.concatenate(triangles),
         vertex_colors=np.repeat(colors, counts, axis=0),
     )
+
+
+def _flattened(points: NDArray[Any]) -> NDArray[Any]:
+    """Return the vertices of a mesh, flattened if the mesh is as high as a wall."""
+    high = len(points) > 0 and points[:, 2].max() > _WALL_HEIGHT
+    return np.minimum(points, np.array((np.inf, np.inf, CUT_AT))) if high else points
 
 
 def _rows(data: bytes, kind: str) -> NDArray[Any]:
@@ -107,16 +117,19 @@ def _height(part: Part) -> float:
 
 
 def _is_wall(part: Part) -> bool:
-    """Return whether a part is thin and as high as a room.
+    """Return whether a part is a wall: high and thin.
 
     Walls get no outlines: these would be most of the lines in the picture, and do not help to understand it.
     """
-    return isinstance(part, Box) and _height(part) > _WALL_HEIGHT and min(part.size[:2]) < _WALL_WIDTH
+    if not isinstance(part, Box) or _height(part) <= _WALL_HEIGHT:
+        return False
+    thinnest, thickest = _WALL_WIDTHS
+    return thinnest < min(part.size[:2]) < thickest
 
 
 def _cut(part: Part) -> Part:
     height = _height(part)
-    if height <= CUT_AT or isinstance(part, Sphere):
+    if isinstance(part, Sphere) or not (height > _ROOM or _is_wall(part)):
         return part
     x, y, z = part.position
     position = (x, y, z - height / 2 + CUT_AT / 2)
@@ -127,7 +140,9 @@ def _cut(part: Part) -> Part:
 
 def _dimmed(part: Part) -> Part:
     """Return *part*, darker if it is the floor or lies on it, so that laser and trail are clearly visible."""
-    return _lit(part, _FLOOR_LIGHT) if 0.0 < _height(part) < _FLAT else part
+    height = _height(part)
+    on_floor = part.position[2] + height / 2 < _FLAT
+    return _lit(part, _FLOOR_LIGHT) if 0.0 < height < _FLAT and on_floor else part
 
 
 def _lit(part: Part, light: float) -> Part:

@@ -7,7 +7,7 @@ import pytest
 
 from btcore_monitor.events import SceneMoving, SceneStatic, TreeSeen
 from btcore_monitor.screen.navigation_markers import POSE_STYLES
-from btcore_monitor.screen.shapes import extent
+from btcore_monitor.screen.shapes import archetypes, extent
 from btcore_monitor.screen.style import GROOT
 from btcore_scene import (
     UPRIGHT,
@@ -19,11 +19,13 @@ from btcore_scene import (
     Detection,
     Frame,
     Grid,
+    Mesh,
     MovingScene,
     Picture,
     Place,
     Poses,
     StaticScene,
+    float32,
 )
 
 SECOND = 10**9
@@ -233,6 +235,34 @@ def test_the_camera_frustum_is_as_wide_as_the_field_of_view(show):
     rim = np.array(strips[0])
     assert np.ptp(rim[:, 0]) / rim[0, 2] == pytest.approx(32 / 30)
     assert len(strips) == 5
+
+
+def test_meshes_of_a_frame_are_drawn_as_a_single_surface(show):
+    corners = float32((0, 0, 0, 1, 0, 0, 0, 1, 0))
+    up = float32((0, 0, 1) * 3)
+    triangle = np.array([0, 1, 2], "<u4").tobytes()
+    shared = {"frame": "base_link", "vertices": corners, "normals": up, "triangles": triangle}
+    both = [Mesh(**shared, color=(255, 0, 0, 255)), Mesh(**shared, color=(0, 0, 255, 255))]
+    recording = show({0.0: {}}, replace(STATIC, meshes=both))
+    entity = "/scene/parts/base_link/mesh"
+    assert recording.of(entity, "Mesh3D:triangle_indices")[0][1] == [[0, 1, 2], [3, 4, 5]]
+    assert recording.of(entity, "Mesh3D:vertex_colors")[0][1] == [0xFF0000FF] * 3 + [0x0000FFFF] * 3
+
+
+@pytest.mark.parametrize(
+    ("size", "height", "outlines"),
+    [
+        ((4.0, 0.2, 2.5), 0.4, 0),  # a wall
+        ((0.4, 1.0, 1.9), 1.9, 0),  # a bookcase
+        ((0.03, 0.4, 1.9), 1.9, 0),  # a board
+        ((0.7, 0.7, 2.2), 0.4, 1),  # a pillar
+    ],
+)
+def test_only_walls_and_parts_as_high_as_a_room_are_cut(size, height: float, outlines: int):
+    part = Box(size=size, position=(0.0, 0.0, size[2] / 2))
+    drawings = dict(archetypes([part], around=True))
+    assert drawings["box"].half_sizes.as_arrow_array().to_pylist()[0][2] == pytest.approx(height / 2)
+    assert len(drawings) == 1 + outlines
 
 
 def test_the_battery_is_a_curve_and_notes_are_in_the_running_panel(run, recorded, tmp_path):

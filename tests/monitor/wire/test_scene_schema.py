@@ -27,6 +27,7 @@ from btcore_scene import (
     Frame,
     Grid,
     Laser,
+    Mesh,
     MovingScene,
     Picture,
     Place,
@@ -65,6 +66,14 @@ MOVING = MovingScene(
     collisions=0,
     grazes=1,
 )
+MESH = Mesh(
+    name="hull",
+    frame="base_link",
+    color=(1, 2, 3, 255),
+    vertices=float32((0, 0, 0, 1, 0, 0, 0, 1, 0)),
+    normals=float32((0, 0, 1) * 3),
+    triangles=b"\0\0\0\0\1\0\0\0\2\0\0\0",
+)
 STATIC = StaticScene(
     frame="map",
     parts=(
@@ -72,6 +81,7 @@ STATIC = StaticScene(
         Cylinder(radius=0.2, length=0.5, position=(0, 0, 0), quaternion=UPRIGHT),
         Sphere(radius=0.1, position=(0, 0, 0), color=(1, 2, 3, 255)),
     ),
+    meshes=(MESH,),
     laser=Laser(frame="laser", angle_min=-1.0, angle_increment=0.01, range_max=25.0),
     places=(Place(name="wp1", position=(1.0, 2.0, 0.0)),),
     areas=(Area(name="table", corners=(0.0, 0.0, 1.0, 1.0)),),
@@ -79,7 +89,7 @@ STATIC = StaticScene(
     grids=(replace(COSTS, name="map", kind="occupancy"),),
     battery=100.0,
 )
-GRID, PICTURE = asdict(COSTS), asdict(CAMERA)
+GRID, PICTURE, SURFACE = asdict(COSTS), asdict(CAMERA), asdict(MESH)
 
 
 def moving(**changed: object) -> MovingMessage:
@@ -100,7 +110,7 @@ def test_a_grid_of_a_single_cell_is_unchanged_after_decoding():
 
 
 def test_a_scene_is_encoded_as_a_plain_map_without_unset_fields():
-    data = msgpack.unpackb(encode(StaticMessage(ID, replace(STATIC, grids=()))))["data"]
+    data = msgpack.unpackb(encode(StaticMessage(ID, replace(STATIC, grids=(), meshes=()))))["data"]
     assert data == {
         "frame": "map",
         "parts": [
@@ -163,12 +173,15 @@ def test_unknown_fields_are_passed_on():
         ("battery", "full", "'battery' of a 'moving' message to be a number, and got 'full'"),
         ("notes", {"goal": 3}, "'notes' of a 'moving' message to be text, and got 3"),
         ("parts", [{"kind": "box", "position": [0, 0, 0]}], "expected 'size' of one of 'parts'"),
+        ("meshes", [{**SURFACE, "normals": b""}], "expected a normal for each of the 3 vertices"),
+        ("meshes", [{**SURFACE, "triangles": b"\3" + bytes(11)}], "triangles of 3 vertices, and got .* 3"),
+        ("meshes", [{**SURFACE, "triangles": bytes(8)}], "rows of three uint32, and got 8 bytes"),
         ("parts", [{"kind": "blob"}], "box or cylinder or sphere, and got 'blob'"),
     ],
 )  # fmt: skip
 def test_invalid_data_is_reported(key, entries, said):
     static = StaticMessage(ID, STATIC)
-    whole = msgpack.unpackb(encode(static if key == "parts" else moving()))
+    whole = msgpack.unpackb(encode(static if key in ("parts", "meshes") else moving()))
     whole["data"][key] = entries
     with pytest.raises(ProtocolError, match=said):
         decode(msgpack.packb(whole))
