@@ -17,14 +17,19 @@ from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tree import FOLDED, TreeView
 
 _WINDOW: Final = (1920.0, 1000.0)
-"""Window size (pixels) for which the views are proportioned: full HD without the viewer's own bars."""
+"""Window size (pixels) for which the tree is laid out: full HD without the viewer's own bars."""
+_SMALL_HEIGHT: Final = 690.0
+"""Height (pixels) of the window for which the lanes get their share; its width is 1280 pixels.
+
+The titles of all views beside a scene fit into this window.
+"""
 _LANE: Final = 31.0
-_LANES_FRAME: Final = 84.0
+_LANES_FRAME: Final = 60.0
 """Height (pixels) of a lane with its name, and height of the title and the time axis of the lanes' view."""
-_LANES_AT_MOST: Final = 0.46
+_LANES_AT_MOST: Final = 0.57
 _SCROLLED: Final = 0.34
 """Shares of the window's height: the maximum for lanes, and the share of lanes that need more and scroll."""
-_LEFT: Final = 0.53
+_LEFT: Final = 0.5
 _TREE_OF_WIDE: Final = 0.58
 _PAST: Final = 24.0
 _AHEAD: Final = 1.5
@@ -35,12 +40,12 @@ WHOLE_AT_MOST: Final = 60_000_000_000
 """Longest run (ns) that lanes and curves show as a whole."""
 _LEAST: Final = 2_000_000_000
 _TRAIL_SECONDS: Final = 120.0
-_COLOURS: Final = " · green: its goal · orange: trail · pink: where it may be · cyan: laser"
-_SPEED: Final = "Speed: orange m/s · cyan rad/s"
-_BESIDE: Final = (1.25, -1.35, 1.95)
-"""Position (m) of the close-up's eye relative to the robot.
+_SPEED: Final = "Speed [m/s, rad/s]"
+_BESIDE: Final = (1.35, -1.5, 1.75)
+_BESIDE_TARGET: Final = (0.0, 0.0, 0.5)
+"""Position of the close-up's eye, and the point at which it looks, relative to the robot (m).
 
-It is high enough to see the robot's base behind the walls, which are cut at a low height.
+The eye is high enough to see the robot's base behind the walls, which are cut at a low height.
 """
 
 
@@ -86,8 +91,7 @@ def lanes_share(lanes: int) -> float:
 
     Lanes that need more than _LANES_AT_MOST get _SCROLLED.
     """
-    _, height = _WINDOW
-    needed = (lanes * _LANE * 1.31 + _LANES_FRAME) / height
+    needed = (lanes * _LANE * 1.31 + _LANES_FRAME) / _SMALL_HEIGHT
     return max(0.16, needed) if needed <= _LANES_AT_MOST else _SCROLLED
 
 
@@ -124,52 +128,32 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
         name: The title of the tab that contains the views.
     """
     counts = rrb.TextDocumentView(origin=pane.at(panels.STATISTICS), name="Statistics")
-    lane_view = rrb.Tabs(lanes(pane), counts)
     ticks: list[rrb.View] = []
     if pane.costed:
         ticks = [
             _curve(pane, "Tick duration [ms]", "tick", legend=True),
             _curve(pane, "Tick rate [Hz]", "rate"),
         ]
-    below = lanes_share(len(pane.lanes.entities))
-    words = _words(pane)
-    narrow = 0.42 if isinstance(words, rrb.Container) else 0.32
-    texts = rrb.Horizontal(words, log(pane), column_shares=[narrow, 1.0 - narrow])
     if pane.eye is not None:
-        curves: list[tuple[rrb.View | rrb.Container, float]] = []
-        if pane.eye.battery:
-            curves.append((_curve(pane, "Battery [%]", scene.BATTERY), 0.29))
-        if scene.SPEED in pane.filled:
-            curves.append((_curve(pane, _SPEED, scene.SPEED), 0.38))
-        if ticks:
-            curves.append((rrb.Tabs(*ticks), 0.33))
-        rows = [(_scene(pane, pane.eye), 0.46), (texts, 0.36)]
-        if curves:
-            rows.append((_shared(rrb.Horizontal, curves), 0.18))
+        below = lanes_share(len(pane.lanes.entities))
+        lane_view = rrb.Tabs(lanes(pane), counts, *ticks)
         return rrb.Horizontal(
             rrb.Vertical(trees(pane), lane_view, row_shares=[1.0 - below, below]),
-            _shared(rrb.Vertical, rows),
+            _beside_tree(pane, pane.eye),
             column_shares=[_LEFT, 1.0 - _LEFT],
             name=name,
         )
-    rows = [(texts, 0.68), *([(rrb.Horizontal(*ticks), 0.32)] if ticks else [])]
+    lane_view = rrb.Tabs(lanes(pane), counts)
+    words = [running(pane), *_tables(pane)]
+    narrow = 0.42 if len(words) > 1 else 0.32
+    texts = rrb.Horizontal(_stacked(words), log(pane), column_shares=[narrow, 1.0 - narrow])
+    beside = rrb.Vertical(texts, rrb.Horizontal(*ticks), row_shares=[0.68, 0.32]) if ticks else texts
     return rrb.Vertical(
         trees(pane),
-        rrb.Horizontal(lane_view, _shared(rrb.Vertical, rows), column_shares=[0.44, 0.56]),
+        rrb.Horizontal(lane_view, beside, column_shares=[0.44, 0.56]),
         row_shares=[_TREE_OF_WIDE, 1.0 - _TREE_OF_WIDE],
         name=name,
     )
-
-
-def _shared(
-    kind: type[rrb.Horizontal | rrb.Vertical], parts: Sequence[tuple[rrb.View | rrb.Container, float]]
-) -> rrb.Container:
-    """Return a container of *parts*, each with its share of the room."""
-    shares = [share for _, share in parts]
-    contents = [part for part, _ in parts]
-    if kind is rrb.Horizontal:
-        return rrb.Horizontal(*contents, column_shares=shares)
-    return rrb.Vertical(*contents, row_shares=shares)
 
 
 def trees(pane: Pane) -> rrb.View | rrb.Container:
@@ -231,18 +215,21 @@ def running(pane: Pane) -> rrb.View:
     return rrb.TextDocumentView(origin=pane.at(panels.NOW), name="Now")
 
 
-def _words(pane: Pane) -> rrb.View | rrb.Container:
+def _tables(pane: Pane) -> list[rrb.View]:
+    """Return the views of the blackboard, if there are entries."""
     tabs: list[rrb.View] = []
     if blackboard_table.BLACKBOARD in pane.filled:
         tabs.append(rrb.TextDocumentView(origin=pane.at(blackboard_table.BLACKBOARD), name="Blackboard"))
         tabs.append(_log_view(pane, blackboard_table.HISTORY, "History"))
-    if pane.eye is not None and pane.eye.navigates:
-        tabs.append(rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours"))
+    return tabs
+
+
+def _stacked(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
+    """Return the first view above tabs with the others."""
+    first, *tabs = views
     if not tabs:
-        return running(pane)
-    return rrb.Vertical(
-        running(pane), tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs), row_shares=[0.46, 0.54]
-    )
+        return first
+    return rrb.Vertical(first, tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs), row_shares=[0.46, 0.54])
 
 
 def log(pane: Pane) -> rrb.View:
@@ -271,18 +258,29 @@ def _log_view(pane: Pane, entity: str, name: str, rows: rrb.TextLogRows | None =
     )
 
 
-def _scene(pane: Pane, eye: Eye) -> rrb.Container:
-    wide = _space(pane, f"Robot{_COLOURS * eye.navigates}", eye.position, eye.target)
-    if not eye.robot:
-        return rrb.Horizontal(wide)
-    close: rrb.View | rrb.Container = _space(
-        pane, "Close up", _BESIDE, (0.0, 0.0, 0.4), follow=f"/{pane.at(eye.robot)}"
-    )
+def _beside_tree(pane: Pane, eye: Eye) -> rrb.Container:
+    """Return the views of a robot: its scene, its camera, the texts and the curves."""
+    wide: rrb.View | rrb.Container = _space(pane, "Robot", eye.position, eye.target)
+    if eye.robot:
+        close = _space(pane, "Close up", _BESIDE, _BESIDE_TARGET, follow=f"/{pane.at(eye.robot)}")
+        wide = rrb.Horizontal(wide, close, column_shares=[0.56, 0.44])
+    now: rrb.View | rrb.Container = running(pane)
+    if eye.navigates:
+        now = rrb.Tabs(now, rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours"))
     if eye.pictures:
         origin = pane.at(camera_view.CAMERA)
         camera = rrb.Spatial2DView(origin=origin, name="Camera", background=pane.background)
-        close = rrb.Vertical(close, camera, row_shares=[0.5, 0.5])
-    return rrb.Horizontal(wide, close, column_shares=[0.66, 0.34])
+        now = rrb.Horizontal(camera, now, column_shares=[0.3, 0.7])
+    tables = _tables(pane)
+    texts: rrb.View | rrb.Container = rrb.Tabs(log(pane), *tables) if tables else log(pane)
+    curves: list[rrb.View] = []
+    if eye.battery:
+        curves.append(_curve(pane, "Battery [%]", scene.BATTERY))
+    if scene.SPEED in pane.filled:
+        curves.append(_curve(pane, _SPEED, scene.SPEED))
+    if curves:
+        texts = rrb.Horizontal(texts, rrb.Vertical(*curves), column_shares=[0.62, 0.38])
+    return rrb.Vertical(wide, now, texts, row_shares=[0.45, 0.22, 0.33])
 
 
 def _space(

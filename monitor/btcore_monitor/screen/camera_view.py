@@ -13,7 +13,7 @@ from btcore_scene import Camera, Detection, MovingScene, Picture, StaticScene
 CAMERA: Final = "camera"
 _DETECTED: Final = 0xFFD54AFF
 _SIGHT: Final = 0xFFD54A90
-_DEPTH: Final = 0.7
+_DEPTH: Final = 0.4
 """Length (m) of the pyramid that shows a camera's field of view."""
 _FOCAL_AT_LEAST: Final = 1e-3
 """Minimum focal length (pixels); a camera without focal length has no field of view."""

@@ -108,7 +108,7 @@ def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tm
         else event
         for event in bare
     ]
-    speed = "Speed: orange m/s · cyan rad/s"
+    speed = "Speed [m/s, rad/s]"
     assert {"Blackboard", "History", speed} <= views("all.rrd", everything)
     assert views("bare.rrd", bare) == views("all.rrd", everything) - {"Blackboard", "History"}
     assert views("still.rrd", still) == views("bare.rrd", bare) - {speed}
