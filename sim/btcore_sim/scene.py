@@ -16,8 +16,9 @@ A world is a JSON object. Lengths are in metres, angles in radians, colours `#rr
 
 The `points` of walls and polygons are relative to `position`, which is the origin by default. With
 `"material": "glass"` an object is invisible to the laser. A `look` such as `bed`, `shelf` or `plant` (see
-looks.py) changes the drawing of a box or a cylinder, but not what contacts and sensors detect. `start` is either an `area` in which the pose is
-drawn at random, or a `pose` (x, y, yaw). `world.schema.json` describes all keys for editors.
+looks.py) changes the drawing of a box or a cylinder, but not what contacts and sensors detect. `start` is
+either an `area` in which the pose is drawn at random, or a `pose` (x, y, yaw). `world.schema.json` describes
+all keys for editors.
 
 A world may also have `waypoints` (name → [x, y]), `keepout`, a list of rectangles that robots must not
 enter although they may be empty, and `physics_rate` (Hz), the rate of the physics steps. An `area` and a
