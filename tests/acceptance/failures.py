@@ -1,0 +1,235 @@
+"""Runs in which something fails: the robot stops or gives up, says why, and touches nothing.
+
+``python tests/acceptance/failures.py`` runs each scenario with several seeds, prints a table, and exits with
+1 on any miss; ``--sample`` runs each scenario that takes less than a minute of the robot's time with one
+seed. The worlds are the house and the lobby, with crates that the map does not have.
+"""
+
+import argparse
+import json
+import os
+import re
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+
+from cached_runs import Case, Execution, Result, failure_messages, results, run
+
+PATROL = ("patrolling", "--camera", "off", "--until", "success")
+SKIPPING = ("patrolling_skipping", "--camera", "off", "--until", "success")
+OUTAGE = 25
+"""The time (s) at which a sensor fails."""
+
+STOPPED = 0.12
+"""The greatest distance (m) driven during an outage: 0.3 s at 0.3 m/s, and the braking distance."""
+
+CRATES = {
+    "crate_on_recharge": [(3.67, -0.24, 0.8, 0.8)],
+    "two_closed_doors": [(-2.7, -10.35, 0.3, 2.1), (1.83, -7.4, 1.5, 0.3)],
+}
+"""The crates of a world by its name: x, y (m) and the lengths (m) along x and y."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A *case*, its *seeds*, the *figure* for the table, and how it is run."""
+
+    case: Case
+    figure: Callable[[Result], str]
+    seeds: Sequence[int]
+    execute: Execution = run
+    short: bool = True
+
+
+def outage(case: Case, seed: int) -> Result:
+    """Run *case* until its end, and until the outage; `driven_m` is the distance (m) between both."""
+    late = run(case, seed)
+    arguments = list(case.arguments)
+    arguments[arguments.index("--duration") + 1] = str(OUTAGE)
+    del arguments[arguments.index("--fault") :]
+    before = run(replace(case, arguments=tuple(arguments)), seed)
+    if "error" in late or "error" in before:
+        return late if "error" in late else before
+    driven = late["robot"]["distance_m"] - before["robot"]["distance_m"]
+    return {**late, "driven_m": round(driven, 4)}
+
+
+def safe(result: Result) -> list[str]:
+    """Require that the robot touched nothing."""
+    robot = result["robot"]
+    return [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes") if robot[kind]]
+
+
+def stopped(result: Result) -> list[str]:
+    """Require that the robot stood during the outage."""
+    driven = result["driven_m"]
+    return safe(result) + ([f"drove {driven} m during the outage"] if driven > STOPPED else [])
+
+
+def gave_up(goal: str, cause: str, within: float) -> Callable[[Result], list[str]]:
+    """Require that *goal* failed *within* a time (s) of the run, and that its cause matches *cause*."""
+
+    def misses(result: Result) -> list[str]:
+        failed = [one for one in result["robot"]["failed_goals"] if one["goal"] == goal]
+        if not failed:
+            return [*safe(result), f"the goal {goal} did not fail"]
+        found = [] if failed[0]["time_s"] <= within else [f"{goal} failed as late as {failed[0]['time_s']} s"]
+        if not re.search(cause, failed[0]["cause"]):
+            found.append(f"the cause is: {failed[0]['cause']}")
+        return safe(result) + found
+
+    return misses
+
+
+def first_cause(result: Result) -> str:
+    """Return the time and the cause of the first failed goal."""
+    failed = result["robot"]["failed_goals"]
+    if not failed:
+        return "no goal failed"
+    return f"{failed[0]['time_s']:.0f} s: {failed[0]['cause']}"
+
+
+def visited(*names: str) -> Callable[[Result], list[str]]:
+    """Require that the robot visited the waypoints *names*."""
+
+    def misses(result: Result) -> list[str]:
+        found = set(names) - set(result["robot"]["waypoints_visited"])
+        return [f"did not visit {', '.join(sorted(found))}"] if found else []
+
+    return misses
+
+
+def found_again(result: Result) -> list[str]:
+    """Require that the robot, moved at 30 s, found its pose within 120 s and drove less than 0.5 m before."""
+    moved, found = result["robot"].get("carried", []), safe(result)
+    if [one["t"] for one in moved] != [30.0]:
+        return [*found, f"moved at other times than 30 s: {moved}"]
+    if moved[0]["found_s"] is None or moved[0]["found_s"] > 120.0:
+        found.append(f"not found within 120 s: {moved[0]}")
+    if moved[0]["astray_m"] > 0.5:
+        found.append(f"drove {moved[0]['astray_m']} m on a wrong pose")
+    return found
+
+
+def time_to_find(result: Result) -> str:
+    """Return the time until the robot found its pose again."""
+    moved = result["robot"].get("carried", [])
+    return f"found after {moved[0]['found_s']} s" if moved else "not moved"
+
+
+def localised(result: Result) -> list[str]:
+    """Require that the robot found its pose, and never had a wrong one while it drove."""
+    error = result["robot"]["localization_error_m"]["max"]
+    found = [*safe(result), *visited("wp1")(result)]
+    return found if error is not None and error <= 0.4 else [*found, f"localised within {error} m"]
+
+
+def error_of_pose(result: Result) -> str:
+    """Return the greatest error of the pose."""
+    return f"pose within {result['robot']['localization_error_m']['max']} m"
+
+
+def both(*checks: Callable[[Result], list[str]]) -> Callable[[Result], list[str]]:
+    """Return a check that joins the misses of *checks*."""
+    return lambda result: [miss for check in checks for miss in check(result)]
+
+
+def scenarios(folder: Path, seeds: Sequence[int]) -> list[Scenario]:
+    """Return all scenarios; their worlds are written to *folder*."""
+    house = ("--world", "house")
+
+    def crates(name: str) -> tuple[str, str]:
+        return "--world", str(write_world(folder, name))
+
+    def sensor(name: str, seeds: Sequence[int]) -> Scenario:
+        fault = (*PATROL, *house, "--duration", "55", "--fault", f"{name}:{OUTAGE}-55")
+        return Scenario(
+            Case(f"{name} fails", fault, stopped),
+            lambda result: f"{result['driven_m']:.3f} m driven in 30 s",
+            seeds,
+            outage,
+        )
+
+    def moved(name: str, *options: str) -> Scenario:
+        arguments = (*PATROL, *house, "--duration", "180", *options)
+        return Scenario(Case(name, arguments, found_again), time_to_find, seeds, short=False)
+
+    recharge = Case(
+        "crate on recharge",
+        (*PATROL, *crates("crate_on_recharge"), "--duration", "240", "--battery", "18"),
+        gave_up("recharge", "recharge.*(blocked at|is not on the map)", 240.0),
+    )
+    doors = Case(
+        "two closed doors",
+        (*SKIPPING, *crates("two_closed_doors"), "--duration", "420"),
+        both(gave_up("wp1", "blocked at", 300.0), visited("wp2", "wp3")),
+    )
+    lobby = ("--world", "lobby", "--duration", "240")
+    door = Case(
+        "a door closes",
+        (*SKIPPING, *lobby, "--event", "door:office_door:close@5"),
+        both(gave_up("wp1", "blocked at", 240.0), visited("wp2", "wp3")),
+    )
+    unknown = (*PATROL, *house, "--duration", "240", "--start", "unknown")
+    return [
+        sensor("odometry", (*seeds, 320)),
+        sensor("laser", seeds),
+        Scenario(recharge, first_cause, seeds, short=False),
+        Scenario(doors, first_cause, seeds, short=False),
+        Scenario(door, first_cause, seeds, short=False),
+        moved("kidnap", "--event", "kidnap:30"),
+        moved("kidnap while blind", "--event", "kidnap:30", "--fault", "laser:25-40"),
+        moved("carried", "--event", "carry:30"),
+        Scenario(Case("start unknown", unknown, localised), error_of_pose, seeds, short=False),
+    ]
+
+
+def write_world(folder: Path, name: str) -> Path:
+    """Write the house with crates that are too heavy to be pushed, and that are not on the map."""
+    scenes = files("btcore_sim") / "scenes"
+    world = json.loads((scenes / "house.json").read_text(encoding="utf-8"))
+    world.pop("$schema", None)
+    for number, (x, y, length, width) in enumerate(CRATES[name]):
+        crate = {"name": f"crate_{number}", "kind": "box", "position": [x, y], "size": [length, width, 0.9]}
+        world["objects"].append({**crate, "mass": 500.0})
+    path = folder / f"{name}.json"
+    path.write_text(json.dumps(world), encoding="utf-8")
+    return path
+
+
+def main() -> int:
+    """Run the scenarios, print the table, and return 1 if there is a miss, otherwise 0."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--seeds", type=int, default=5, help="seeds of a scenario (default: %(default)s)")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (default: cores)"
+    )
+    parser.add_argument("--sample", action="store_true", help="the short scenarios with one seed")
+    parser.add_argument("--only", default="", metavar="TEXT", help="the scenarios with TEXT in their name")
+    options = parser.parse_args()
+    seeds = (1,) if options.sample else range(1, options.seeds + 1)
+    missed: list[str] = []
+    print(f"{'scenario':20} {'good':>5} {'coll.':>5} {'grazes':>6}  figure with the first seed")
+    with tempfile.TemporaryDirectory() as folder:
+        for scenario in scenarios(Path(folder), seeds):
+            case = scenario.case
+            if options.only not in case.name or (options.sample and not scenario.short):
+                continue
+            found = results(case, scenario.seeds, options.jobs, scenario.execute)
+            misses = failure_messages(case, found)
+            whole = [one for one in found if "error" not in one]
+            bad = {text.split(":")[0] for text in misses}
+            contacts = [sum(one["robot"][kind] for one in whole) for kind in ("collisions", "grazes")]
+            figure = scenario.figure(whole[0]) if whole else "no run ended"
+            good = f"{len(found) - len(bad)}/{len(found)}"
+            print(f"{case.name:20} {good:>5} {contacts[0]:5} {contacts[1]:6}  {figure}", flush=True)
+            missed += misses
+    for one in missed:
+        print(f"miss: {one}")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
