@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore.escaping import escape_controls
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.localiser import Localiser
 from btcore_robot.navigation.occupancy_map import Grid as CellGrid
@@ -153,7 +152,7 @@ class NavigationScene:
         notes = {"localisation": state, "goal": self._goal_note()}
         failed = [outcome for outcome in self._outcomes if outcome.status == GoalStatus.ABORTED.name]
         if failed:
-            cause = escape_controls(failed[-1].cause, one_line=True)
+            cause = " ".join(failed[-1].cause.split())
             notes["failed goals"] = f"{len(failed)}, the last at {failed[-1].stamp / NS_PER_S:.0f} s: {cause}"
         return notes
 
