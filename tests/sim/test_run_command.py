@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
+from btcore.sweep.episode import run_episode
 from btcore_robot.robot import Robot
 from btcore_sim.run_extension import RobotExtension
 from btcore_sim.simulated_robot import SimulatedRobot
@@ -107,6 +109,16 @@ def test_impossible_events_and_starts_are_errors(run: Run, options: Sequence[str
     result = run("bumpgo", "--fast", "--duration", "1", *options)
     assert_usage_error(result, said)
     assert result.stdout == ""
+
+
+@pytest.mark.parametrize(("event", "began"), [("box:0.5@0", True), ("box:9", None)])
+def test_an_episode_of_a_sweep_that_could_not_continue_differs_from_one_that_could_not_start(
+    tmp_path: Path, event: str, began: bool | None
+) -> None:
+    command = ["bumpgo", "--fast", "--duration", "1", "--camera", "off", "--start", "1,1", "--event", event]
+    result = run_episode(command, str(tmp_path))
+    assert (result["code"], result["report"], result.get("began")) == (2, None, began)
+    assert result["fault"].startswith(f"event '{event}")
 
 
 def test_an_event_after_the_end_of_the_run_is_reported(run: Run) -> None:
