@@ -1,22 +1,29 @@
 """Conversion of a world and a robot to messages of `btcore_scene`, in the frame `map` of the world."""
 
+import logging
 import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import TransformStamped
 from btcore_scene import UPRIGHT, Box, Color, Cylinder, Frame, Mesh, Part, Place, Sphere
+from btcore_sim.errors import SimError
 from btcore_sim.kinematics import from_rpy
 from btcore_sim.looks import LookPart, look_parts
+from btcore_sim.mesh_files import read_triangles
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import SceneObject
 from btcore_sim.shells import CORNERS, Section, ball, loft, rounded_box
 from btcore_sim.world import World, prism_mesh, scene_extent
+
+_log = logging.getLogger(__name__)
 
 _COARSE = 16
 """The number of corners of a cross-section of furniture, which is far from the eye."""
@@ -53,9 +60,9 @@ def world_meshes(world: World) -> list[Mesh]:
 
 
 def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
-    """Return the shapes of the robot's URDF, each in the frame of its link.
+    """Return the boxes, cylinders and spheres of the robot's URDF, each in the frame of its link.
 
-    Meshes are left out, and so are the shapes of links that have shells.
+    The shapes of links that have shells are left out.
 
     Args:
         world: The world that contains the robot.
@@ -88,13 +95,36 @@ def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
     return parts
 
 
-def robot_meshes(model: PhysicsBody) -> list[Mesh]:
-    """Return the shells of a robot as meshes in the frames of their links."""
+def robot_meshes(world: World, model: PhysicsBody) -> list[Mesh]:
+    """Return the shells and the mesh files of a robot, as meshes in the frames of their links.
+
+    A mesh file that cannot be drawn is reported as a warning and left out.
+
+    Args:
+        world: The world that contains the robot.
+        model: The robot's body.
+    """
     meshes = []
     for number, shell in enumerate(model.description.shells):
         place = Transform(shell.position, from_rpy(shell.rpy))
         name = f"{model.description.name}/{shell.link}/shell_{number}"
         meshes.append(_mesh(name, shell.link, shell.color, place, shell.sections))
+    shelled = {shell.link for shell in model.description.shells}
+    names = {link: name for name, link in model.links.items() if name not in shelled}
+    for shape in pybullet.getVisualShapeData(model.body_id, physicsClientId=world.client):
+        _, link, geometry, scale, file, position, quaternion, rgba, *_ = shape
+        if geometry != pybullet.GEOM_MESH or link not in names:
+            continue
+        path = Path(file.decode())
+        try:
+            triangles = read_triangles(path)
+        except SimError as error:
+            _log.warning("%s", error)
+            continue
+        red, green, blue, alpha = (round(255 * part) for part in rgba)
+        placed = Transform(position, quaternion).apply((triangles * scale).reshape(-1, 3)).reshape(-1, 3, 3)
+        name = f"{model.description.name}/{names[link]}/{path.name}"
+        meshes.append(_flat_mesh(name, names[link], (red, green, blue, alpha), placed))
     return meshes
 
 
@@ -145,14 +175,17 @@ def _prism(scene: str, thing: SceneObject) -> Mesh:
     x, y, z = thing.position
     turned = (0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2))
     placed = Transform((x, y, z + thing.size[2] / 2), turned).apply(np.array(corners))
-    # Each triangle has corners of its own, so that the edges of the prism are sharp.
-    triangles = placed[indices].reshape(-1, 3, 3)
+    return _flat_mesh(f"{scene}/{thing.name}", "map", thing.color, placed[indices].reshape(-1, 3, 3))
+
+
+def _flat_mesh(name: str, frame: str, color: Color, triangles: NDArray[np.float64]) -> Mesh:
+    """Return a mesh of *triangles*, shape `(n, 3, 3)`, with corners of their own, so that edges are sharp."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    normals /= np.maximum(np.linalg.norm(normals, axis=1)[:, None], 1e-12)
     return Mesh(
-        name=f"{scene}/{thing.name}",
-        frame="map",
-        color=thing.color,
+        name=name,
+        frame=frame,
+        color=color,
         vertices=triangles.astype("<f4").tobytes(),
         normals=np.repeat(normals, 3, axis=0).astype("<f4").tobytes(),
         triangles=np.arange(3 * len(triangles), dtype="<u4").tobytes(),

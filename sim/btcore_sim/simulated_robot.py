@@ -365,7 +365,7 @@ class SimulatedRobot(Robot):
         return StaticScene(
             frame="map",
             parts=scene_data.world_parts(self.world) + scene_data.robot_parts(self.world, self.model),
-            meshes=scene_data.world_meshes(self.world) + scene_data.robot_meshes(self.model),
+            meshes=scene_data.world_meshes(self.world) + scene_data.robot_meshes(self.world, self.model),
             laser=laser_message(self.laser),
             places=scene_data.waypoint_data(self.world),
             footprint_radius=self.base.radius,

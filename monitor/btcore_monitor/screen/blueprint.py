@@ -267,10 +267,6 @@ def _beside_tree(pane: Pane, eye: Eye) -> rrb.Container:
     now: rrb.View | rrb.Container = running(pane)
     if eye.navigates:
         now = rrb.Tabs(now, rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours"))
-    if eye.pictures:
-        origin = pane.at(camera_view.CAMERA)
-        camera = rrb.Spatial2DView(origin=origin, name="Camera", background=pane.background)
-        now = rrb.Horizontal(camera, now, column_shares=[0.3, 0.7])
     tables = _tables(pane)
     texts: rrb.View | rrb.Container = rrb.Tabs(log(pane), *tables) if tables else log(pane)
     curves: list[rrb.View] = []
@@ -278,6 +274,13 @@ def _beside_tree(pane: Pane, eye: Eye) -> rrb.Container:
         curves.append(_curve(pane, "Battery [%]", scene.BATTERY))
     if scene.SPEED in pane.filled:
         curves.append(_curve(pane, _SPEED, scene.SPEED))
+    if eye.pictures:
+        origin = pane.at(camera_view.CAMERA)
+        camera = rrb.Spatial2DView(origin=origin, name="Camera", background=pane.background)
+        now = rrb.Horizontal(camera, now, column_shares=[0.3, 0.7])
+    elif len(curves) > 1:
+        # Without a picture, a curve gets its place.
+        now = rrb.Horizontal(now, curves.pop(), column_shares=[0.62, 0.38])
     if curves:
         texts = rrb.Horizontal(texts, rrb.Vertical(*curves), column_shares=[0.62, 0.38])
     return rrb.Vertical(wide, now, texts, row_shares=[0.45, 0.22, 0.33])
