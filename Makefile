@@ -29,7 +29,8 @@ DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
 
 # How many seeds each acceptance run is made with.
 SEEDS ?= 200
-PATROLS ?= --seeds 20
+PATROLS ?= --seeds 10
+FAILURES ?= --seeds 3
 INPUTS ?= 100000
 EPISODES ?= 1000
 RECORDED ?= 600
@@ -159,6 +160,7 @@ accept: accept-robot accept-engine $(if $(ROS2),accept-ros2,ros2)
 accept-robot: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/failures.py $(FAILURES) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 
 accept-engine: .venv/ready .venv-compiled/ready
