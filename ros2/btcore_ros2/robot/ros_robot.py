@@ -8,8 +8,9 @@ from functools import partial
 from typing import Any
 
 from btcore_robot import time_limits
-from btcore_robot.robot import NS_PER_S, CameraImage, CameraInfo, Phase, RobotClock, Twist2D
+from btcore_robot.robot import NS_PER_S, CameraImage, CameraInfo, Odometry, Phase, RobotClock, Twist2D
 from btcore_robot.schedule import RealTime, SimulatedTime
+from btcore_robot.time_limits import ODOMETRY, is_stale
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.description import FrameSources, RosRobotDescription, TopicSource
 from btcore_ros2.robot.sim_time import SimTime
@@ -98,6 +99,12 @@ class RosRobot(TopicRobot):
     def schedule(self) -> RealTime | SimulatedTime:
         """The periodic tasks that run while a caller waits on `clock`."""
         return self._time
+
+    def odometry(self) -> Odometry:
+        """Return the newest odometry; messages that wait after a long computation are taken first."""
+        if is_stale(self._odometry, self.clock.now(), ODOMETRY):
+            self._session.refresh()
+        return super().odometry()
 
     @property
     def camera_info(self) -> CameraInfo | None:

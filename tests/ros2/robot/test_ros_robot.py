@@ -1,5 +1,6 @@
 """A robot over topics follows the protocol; the robot runs in another process."""
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -65,6 +66,18 @@ def test_command_expires_without_a_new_command(
     # Within the limits, and with the same radius of the curve.
     wait_for(robot, lambda: ["/cmd_vel", 0.5, 1.0 / 18] in point_robot.send()["commands"])
     wait_for(robot, lambda: point_robot.send()["commands"][-1][1:] == [0.0, 0.0])
+
+
+def test_odometry_is_not_stale_because_this_process_was_busy(
+    session: RosSession, point_robot: PointRobotProcess, tmp_path: Path
+) -> None:
+    robot = RosRobot(session, describe(tmp_path))
+    before = replace(robot.odometry(), stamp=robot.clock.now() - NS_PER_S)
+    robot._odometry = before
+    # As in a task that runs late: nothing has waited on the clock, but new messages have arrived.
+    end = time.monotonic() + LIMIT
+    while robot.odometry() is before:
+        assert time.monotonic() < end
 
 
 def test_scene_of_a_robot_without_a_model(
