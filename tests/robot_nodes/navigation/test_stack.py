@@ -338,10 +338,9 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(flat, c
     assert handle.status is GoalStatus.SUCCEEDED
     assert home.distance_to(4.3, 0.0) < 0.35
     warnings = [record.message for record in caplog.records if "odometry" in record.message]
-    assert warnings == [
-        "no odometry for 0.2 s: the robot stands until it arrives again",
-        "the odometry arrives again after 5.0 s",
-    ]
+    assert len(warnings) == 2
+    assert warnings[0] == "no odometry for 0.2 s: the robot stands until it arrives again"
+    assert re.fullmatch(r"the odometry arrives again after 5\.[01] s", warnings[1])
 
 
 @pytest.mark.parametrize(
