@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from itertools import groupby
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,9 +18,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, CameraInfo, Image, JointState, LaserScan
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from btcore_sim.scene import SCENES
 from tests.ros2.simulation.process import Client, Simulation
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -37,9 +39,17 @@ TYPES = {
 
 
 @pytest.fixture(scope="module", autouse=True)
-def simulation(start: Callable[..., Simulation], client: Client) -> Simulation:
-    """The arena, in real time."""
-    started = start("--world", "arena", "--start", "0,0,0", "--battery", "50", "--camera", "64x48@5")
+def simulation(
+    start: Callable[..., Simulation], client: Client, tmp_path_factory: pytest.TempPathFactory
+) -> Simulation:
+    """The arena with a door, in real time."""
+    arena = json.loads((SCENES / "arena.json").read_text(encoding="utf-8"))
+    arena["objects"].append(
+        {"name": "back-door", "kind": "sliding_door", "position": [-2, 2], "width": 0.8, "yaw": 0}
+    )
+    world = tmp_path_factory.mktemp("world") / "arena_with_door.json"
+    world.write_text(json.dumps(arena), encoding="utf-8")
+    started = start("--world", str(world), "--start", "0,0,0", "--battery", "50", "--camera", "64x48@5")
     clock = client.messages(Clock, "/clock", qos_profile_sensor_data)
     client.wait(lambda: clock or started.process.poll() is not None)
     return started
@@ -188,13 +198,22 @@ def test_services_recharge_trigger_events_and_report(client: Client) -> None:
     assert client.call(Trigger, "/sim/recharge").success
     client.wait(lambda: batteries[-1].percentage > 0.95)
 
-    answers = [client.call(Trigger, "/sim/drop_box") for _ in range(2)]
-    assert [answer.success for answer in answers] == [True, False]
-    assert "'dropped_box_0' is where the box would drop" in answers[-1].message
+    client.call(Trigger, "/sim/drop_box")  # its response is that of the second request if it is repeated
+    again = client.call(Trigger, "/sim/drop_box")
+    assert not again.success
+    assert "'dropped_box_0' is where the box would drop" in again.message
     assert client.call(Trigger, "/sim/kidnap").success
     assert client.call(Trigger, "/sim/carry").success
+    opened = client.call(SetBool, "/sim/doors/back_door", SetBool.Request(data=True))
+    assert (opened.success, opened.message) == (True, "door 'back-door' opens")
     events = json.loads(client.call(Trigger, "/sim/summary").message)["events"]
-    assert [event["event"] for event in events] == ["box", "kidnap", "carry"]
+    # A repeated request repeats its event.
+    assert [kind for kind, _ in groupby(event["event"] for event in events)] == [
+        "box",
+        "kidnap",
+        "carry",
+        "door",
+    ]
     assert client.call(Trigger, "/sim/reset_contacts").success
     summary = json.loads(client.call(Trigger, "/sim/summary").message)
     assert summary["robot"]["collisions"] == 0
