@@ -382,7 +382,8 @@ class EventRunner:
                 break
             yaw = float(self._random.uniform(-math.pi, math.pi))
             people = min((math.dist(place, person) for person in self._people()), default=math.inf)
-            if math.dist(place, start) <= FAR or people <= 1.0 + self._radius:
+            near_door = self._world.door_distance(*place) < self._radius + CLEAR
+            if math.dist(place, start) <= FAR or people <= 1.0 + self._radius or near_door:
                 continue
             pose = Pose2D(*place, yaw)
             if event.kind == "kidnap":

@@ -87,12 +87,15 @@ def with_start(scene: Scene, text: str, random: np.random.Generator) -> Scene:
 def _drawn(scene: Scene, text: str, random: np.random.Generator) -> Pose2D:
     floor = ClearanceMap.of(scene)
     points: list[Point] = list(scene.waypoints.values())
+    # The clearance map has no doors.
+    leaves = [thing for thing in scene.things if thing.name in scene.doors]
     for _ in range(_TRIES):
         place = floor.random_point(random, PASSAGE / 2)
         if place is None:
             break
         yaw = random.uniform(-math.pi, math.pi)
-        if floor.connected([*points, place], PASSAGE / 2):
+        in_door = any(leaf.distance(*place) < PASSAGE / 2 for leaf in leaves)
+        if not in_door and floor.connected([*points, place], PASSAGE / 2):
             return Pose2D(*place, yaw)
     raise SimError(f"--start {text}: world '{scene.name}' has no free place with a way to all its waypoints")
 

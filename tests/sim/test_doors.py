@@ -11,9 +11,11 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.doors import OPENING_TIME
 from btcore_sim.errors import SimError
+from btcore_sim.events import EventRunner, parse_event
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.people import RADIUS, PeopleSimulation, with_people
 from btcore_sim.quiet_pybullet import pybullet
+from btcore_sim.scenario import with_start
 from btcore_sim.scene import Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World, random_generator
@@ -146,6 +148,34 @@ def test_people_do_not_walk_through_doors_and_doors_do_not_hit_people():
     world.close()
     assert walked > 10.0
     assert nearest > RADIUS
+
+
+class CarriedRobot:
+    """A robot that remembers where events put it."""
+
+    def __init__(self) -> None:
+        self.poses = [Pose2D(0.0, 0.0, 0.0)]
+
+    def true_pose(self) -> Pose2D:
+        return self.poses[-1]
+
+    def teleport(self, pose: Pose2D) -> None:
+        self.poses.append(pose)
+
+
+def test_robots_are_not_put_into_doors(tmp_path: Path):
+    """A door in the middle of a room of 6 m by 6 m; on the map of the room this is free floor."""
+    corners = [[-2, -3], [4, -3], [4, 3], [-2, 3]]
+    room = load(tmp_path, {"kind": "wall", "closed": True, "points": corners, "height": 2}, HINGED)
+    starts = [with_start(room, "random", random_generator(seed, "start")).pose for seed in range(60)]
+    world, robot = World(room, seed=1), CarriedRobot()
+    assert all(world.door_distance(pose.x, pose.y) > 0.4 for pose in starts)
+    events = [parse_event(f"kidnap:{second}") for second in range(1, 31)]
+    EventRunner(world, robot, 0.27, events, ClearanceMap.of(room), list)
+    run(world, 31.0)
+    assert len(robot.poses) == 31
+    assert all(world.door_distance(pose.x, pose.y) > 0.7 for pose in robot.poses)
+    world.close()
 
 
 @pytest.mark.parametrize(

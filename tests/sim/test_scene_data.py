@@ -59,3 +59,20 @@ def test_the_scene_has_the_named_places_of_the_world():
     world.close()
     assert sorted(places) == ["recharge", "wp1", "wp2", "wp3"]
     assert places["wp1"] == (1.07, -12.38, 0.0)
+
+
+def test_walls_and_polygons_are_meshes_and_doors_have_frames_of_their_own():
+    world = World(load_scene("lobby"), seed=1)
+    body = SimulatedRobot(world, camera=None)
+    static = body.scene_static()
+    meshes = {mesh.name: mesh for mesh in static.meshes if mesh.frame == "map"}
+    assert {"lobby/walls", "lobby/counter", "lobby/glass_front"} <= set(meshes)
+    corners = np.frombuffer(meshes["lobby/counter"].vertices, "<f4").reshape(-1, 3)
+    assert corners.min(axis=0) == pytest.approx((-2.2, 0.6, 0.0))
+    assert corners.max(axis=0) == pytest.approx((-0.6, 2.2, 1.0))
+    assert meshes["lobby/glass_front"].color[3] < 128, "transparent"
+    parts = {part.name: part.frame for part in static.parts}
+    assert parts["lobby/office_door"] == "office_door"
+    (door,) = [frame for frame in body.scene_moving().frames if frame.child == "office_door"]
+    assert door.position == pytest.approx((2.2, 1.7, 1.05)), "open"
+    world.close()
