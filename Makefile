@@ -31,6 +31,7 @@ DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
 SEEDS ?= 200
 PATROLS ?= --seeds 10
 FAILURES ?= --seeds 3
+WORLDS ?= --worlds 30
 INPUTS ?= 100000
 EPISODES ?= 1000
 RECORDED ?= 600
@@ -161,6 +162,7 @@ accept-robot: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/failures.py $(FAILURES) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/worlds.py $(WORLDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 
 accept-engine: .venv/ready .venv-compiled/ready

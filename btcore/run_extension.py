@@ -60,6 +60,13 @@ class RunExtension(Protocol):
     single_run_options: Collection[str] = ()
     """Click names of the *options* that simultaneous runs cannot share: `btcore sweep` rejects them."""
 
+    sweep_options: Mapping[str, "click.Option"] = {}
+    """Options that `btcore sweep` has in addition. Each varies one of *options*, by its name without dashes.
+
+    The value of such an option, which its callback returns, is the sequence of the texts that the varied
+    option takes in turn, or None. `{"world": click.Option(["--worlds"], callback=parse_worlds)}`
+    """
+
     used_by: str | None = None
     """The leaves without which *options* have no effect, as a noun phrase: "leaf that needs a robot".
 

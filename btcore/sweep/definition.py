@@ -153,6 +153,11 @@ def create_definition(
     """
     choices = options.collect_run_options(ctx)
     varied = parameters.parse_parameters(params, choices)
+    for key, values in options.varied_by_extensions(ctx).items():
+        if key in varied:
+            name = "/".join(options.varying_options(ctx)[key].opts)
+            raise click.UsageError(f"{name} and --param {key}=… cannot be used together.")
+        varied[key] = values
     texts = options.given(ctx)
     texts.pop("duration", None)
     if "duration" not in varied:

@@ -35,7 +35,7 @@ class SweepCommand(click.Command):
             for key, option in collect_run_options(ctx).options.items()
             if option.name not in names and key not in _OWN
         ]
-        return [*own[:-1], *run_options, own[-1]]
+        return [*own[:-1], *varying_options(ctx).values(), *run_options, own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*, and keep the unconverted texts of the options for the command lines of the runs."""
@@ -63,6 +63,18 @@ def given(ctx: click.Context) -> dict[str, Any]:
     own = {option.name for option in ctx.command.params} - {"duration"}
     texts = {name: text for name, text in ctx.meta[_GIVEN].items() if name not in own}
     return {key: texts[item.name] for key, item in _options_with_set(ctx).items() if item.name in texts}
+
+
+def varied_by_extensions(ctx: click.Context) -> dict[str, tuple[str, ...]]:
+    """Return the values of the parameters that the additional options of extensions vary, by KEY."""
+    values = {key: ctx.params[str(option.name)] for key, option in varying_options(ctx).items()}
+    return {key: tuple(texts) for key, texts in values.items() if texts is not None}
+
+
+def varying_options(ctx: click.Context) -> dict[str, click.Option]:
+    """Return the additional options of extensions, by the KEY of the parameter that they vary."""
+    extensions = load_extensions(ctx).extensions
+    return {key: option for extension in extensions for key, option in extension.sweep_options.items()}
 
 
 def option_arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:

@@ -1,6 +1,8 @@
-"""The command `btcore map`, which writes a world's map in the file formats of nav2's map_server."""
+"""The commands `btcore map`, which writes a world's map for Nav2, and `btcore world`, which makes a world."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -26,7 +28,9 @@ from btcore_sim.completion import complete_world
     help="The side length of a cell.",
 )
 def map_command(world: str, output: Path, resolution: float) -> None:
-    """Write the map of WORLD, a name or a JSON file, as YAML and PGM files for map_server.
+    """Write the map of WORLD as YAML and PGM files for map_server.
+
+    WORLD is a name, a JSON file, or office:N or home:N for a random world.
 
     The map shows the static objects that a laser at the height of Tiago's laser detects. The laser detects
     only the legs of a table, so the outlines of tables are written to a keep-out file beside the map. The
@@ -37,13 +41,13 @@ def map_command(world: str, output: Path, resolution: float) -> None:
         from btcore_robot.navigation.waypoint_file import save_waypoints, waypoints_path
         from btcore_sim.errors import SimError
         from btcore_sim.map_rasteriser import rasterise
-        from btcore_sim.scene import load_scene
+        from btcore_sim.worlds import load_world
     except ModuleNotFoundError as missing:
         raise click.UsageError(
             f"maps need the module '{missing.name}', which is not installed: pip install 'btcore[sim]'"
         ) from missing
     try:
-        scene = load_scene(world)
+        scene = load_world(world)
         map = rasterise(scene, resolution)
         output.mkdir(parents=True, exist_ok=True)
         path = output / f"{scene.name}.yaml"
@@ -63,3 +67,60 @@ def map_command(world: str, output: Path, resolution: float) -> None:
         click.echo(f"{path.with_name(f'{path.stem}.keepout.yaml')}: {len(map.keepout)} keep-out areas")
     if scene.waypoints:
         click.echo(f"{waypoints_path(path)}: {len(scene.waypoints)} waypoints")
+
+
+@click.command("world", short_help="Make a random office or home.")
+@click.argument("kind", type=click.Choice(["office", "home"]))
+@click.option(
+    "--rooms",
+    type=click.IntRange(2, 24),
+    default=6,
+    show_default=True,
+    metavar="N",
+    help="The number of rooms; the corridor of an office is not counted.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 999_999_999),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="The seed: the same options make the same world.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.json",
+    help="The file to write.  [default: office_SEED.json or home_SEED.json]",
+)
+def world_command(kind: str, rooms: int, seed: int, output: Path | None) -> None:
+    """Make a random office or home with furniture, waypoints and a charger, as a file for --world.
+
+    A robot of the size of Tiago can drive to all waypoints. With the default number of rooms, the world is
+    the one that --world office:SEED or --world home:SEED names.
+    """
+    try:
+        from btcore_sim.errors import SimError
+        from btcore_sim.random_worlds import random_world_json
+    except ModuleNotFoundError as missing:
+        raise click.UsageError(
+            f"worlds need the module '{missing.name}', which is not installed: pip install 'btcore[sim]'"
+        ) from missing
+    path = output if output is not None else Path(f"{kind}_{seed}.json")
+    try:
+        world = random_world_json(kind, seed, rooms)
+        path.write_text(_world_text(world), encoding="utf-8", newline="\n")
+    except SimError as error:
+        raise click.UsageError(str(error)) from error
+    except OSError as error:
+        raise click.UsageError(f"{error.filename}: cannot write the world: {error.strerror}") from error
+    click.echo(f"{path}: {world['description']}, {len(world['objects'])} objects")
+    click.echo(f"waypoints: {', '.join(world['waypoints'])}")
+
+
+def _world_text(world: dict[str, Any]) -> str:
+    """Return the JSON text of a world, with an object in each line."""
+    lines = [f"  {json.dumps(key)}: {json.dumps(value)}," for key, value in world.items() if key != "objects"]
+    objects = ",\n".join(f"    {json.dumps(thing)}" for thing in world["objects"])
+    return "\n".join(["{", *lines, '  "objects": [', objects, "  ]", "}", ""])

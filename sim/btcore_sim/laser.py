@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from btcore_robot.rigid_transform import wrap_angles
 from btcore_robot.robot import LaserInfo, LaserScan
+from btcore_sim.map_walls import WALL_HEIGHT, MapWalls
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import LaserErrors
 from btcore_sim.scene import SceneObject
@@ -53,9 +54,16 @@ class RayCaster:
         self._sides = sides
 
     @classmethod
-    def of(cls, things: Iterable[SceneObject]) -> "RayCaster":
-        """Return a ray caster for *things* at their initial poses."""
-        return cls.placed([(thing, *thing.position, thing.yaw) for thing in things])
+    def of(cls, things: Iterable[SceneObject], walls: MapWalls | None = None) -> "RayCaster":
+        """Return a ray caster for *things* at their initial poses, and for *walls* if there are any."""
+        caster = cls.placed([(thing, *thing.position, thing.yaw) for thing in things])
+        if walls is not None:
+            low, high = walls.rectangles[:, :2].T, walls.rectangles[:, 2:].T
+            columns = np.zeros((8, len(walls.rectangles)))
+            columns[:2], columns[2:4] = (low + high) / 2, (high - low) / 2
+            columns[4], columns[7] = 1.0, WALL_HEIGHT
+            caster._boxes = np.concatenate((caster._boxes, columns), axis=1)
+        return caster
 
     @classmethod
     def placed(cls, things: Sequence[tuple[SceneObject, float, float, float, float]]) -> "RayCaster":

@@ -39,12 +39,17 @@ def rasterise(
     count. The keep-out areas are the scene's own, glass, and the outlines of objects below the robot's height
     that do not cut the plane (table tops).
 
+    For a world that was made from a map, the result is that map, with its own resolution and size, on which
+    the objects that were added to the world are drawn.
+
     Args:
         scene: The world.
         resolution: The side length of a cell (m).
         height: The height of the laser's plane (m).
         movable: Whether to draw movable objects too, at their initial poses.
     """
+    if scene.walls is not None:
+        return _drawn_on(scene.walls.map, scene, height, movable)
     x0, y0, x1, y1 = scene_extent(scene)
     origin = _snapped(x0, resolution), _snapped(y0, resolution)
     width = math.ceil((x1 - origin[0]) / resolution - 1e-9) + _MARGIN
@@ -59,6 +64,17 @@ def rasterise(
     map = OccupancyMap(cells, round(resolution, 9), origin, keepout)
     cells[_reached(map, glass, scene)] = 0
     return map
+
+
+def _drawn_on(map: OccupancyMap, scene: Scene, height: float, movable: bool) -> OccupancyMap:
+    """Return *map* with the objects of *scene* as occupied cells."""
+    drawn = np.zeros(map.cells.shape, dtype=np.bool_)
+    for thing in scene.things:
+        if thing.meets(height) and (thing.still or (movable and thing.mass > 0.0)):
+            draw(thing, drawn, map.origin, map.resolution)
+    cells = np.where(drawn, 100, map.cells).astype(np.int8)
+    keepout = scene.keepout + overhangs(scene, height, map.resolution)
+    return OccupancyMap(cells, map.resolution, map.origin, keepout)
 
 
 def overhangs(

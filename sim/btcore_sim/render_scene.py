@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.rigid_transform import Transform
+from btcore_sim.map_walls import WALL_COLOR, MapWalls
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scene import SceneObject
@@ -114,6 +115,8 @@ class RenderScene:
         self._world = world
         self._model = model
         still = [_standing(thing) for body, thing in world.bodies.items() if body not in world.movable]
+        if world.scene.walls is not None:
+            still += _walls(world.scene.walls)
         still.append(_floor(world))
         self._still = np.concatenate([faces for faces, _ in still])
         self._moved = [(body, *_shaped(world.bodies[body])) for body in world.movable]
@@ -149,6 +152,11 @@ def _standing(thing: SceneObject) -> tuple[Floats, Floats]:
     x, y, z = thing.position
     turned = (0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2))
     return Transform((x, y, z + thing.size[2] / 2), turned).apply(shape), color
+
+
+def _walls(walls: MapWalls) -> list[tuple[Floats, Floats]]:
+    color = np.array(WALL_COLOR, dtype=np.float64)
+    return [(box_faces(size) + np.array(middle), color) for size, middle in walls.boxes()]
 
 
 def _floor(world: World) -> tuple[Floats, Floats]:

@@ -1,6 +1,7 @@
 """The simulator's part of `btcore run`: options, the robot that leaves use, and the report."""
 
 import math
+import re
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from btcore_sim.errors import SimError
 if TYPE_CHECKING:
     from btcore_sim.events import EventRunner
     from btcore_sim.run_metrics import RunMetrics
+    from btcore_sim.scene import Scene
     from btcore_sim.simulated_robot import SimulatedRobot
 
 
@@ -27,6 +29,44 @@ def _option(name: str, metavar: str, help: str, **settings: Any) -> click.Option
 
 UNKNOWN_START = "unknown"
 """The value of `--start` for a random start pose of which the navigation is not informed."""
+
+
+_RANGE = re.compile(r"([a-z]+):(\d{1,9})-(\d{1,9})")
+_MOST_WORLDS = 10_000
+
+
+def parse_worlds(text: str | None) -> list[str] | None:
+    """Return the worlds in the value of `--worlds`, with all worlds of a range.
+
+    Args:
+        text: The names, separated by commas; a range of seeds is written as `office:1-30`.
+
+    Raises:
+        click.UsageError: A range is invalid, or a world is listed twice.
+
+    Examples:
+        >>> from btcore_sim.run_extension import parse_worlds
+        >>> parse_worlds("house,office:1-3")
+        ['house', 'office:1', 'office:2', 'office:3']
+    """
+    if text is None:
+        return None
+    worlds: list[str] = []
+    for part in text.split(","):
+        match = _RANGE.fullmatch(part.strip())
+        if match is None:
+            worlds.append(part.strip())
+            continue
+        first, last = int(match[2]), int(match[3])
+        if not 0 <= last - first < _MOST_WORLDS:
+            raise click.UsageError(
+                f"--worlds {text}: {part.strip()} has to ascend, with at most {_MOST_WORLDS} worlds."
+            )
+        worlds += [f"{match[1]}:{number}" for number in range(first, last + 1)]
+    if len(set(worlds)) < len(worlds):
+        raise click.UsageError(f"--worlds {text}: a world is listed more than once.")
+    return worlds
+
 
 _COUNT = {"type": click.IntRange(min=0), "default": 0}
 
@@ -44,9 +84,15 @@ class RobotExtension:
         _option(
             "world",
             "NAME",
-            "The robot's world: a name or a JSON file.",
+            "The robot's world: a name, a JSON file, a map (YAML), or office:N or home:N for a random world.",
             default="arena",
             shell_complete=complete_world,
+        ),
+        _option(
+            "waypoints",
+            "FILE.yaml",
+            "Waypoints to use instead of the world's own.",
+            type=click.Path(path_type=Path),
         ),
         click.Option(["--gui"], is_flag=True, help="Open the physics engine's window."),
         _option(
@@ -106,6 +152,15 @@ class RobotExtension:
 
     single_run_options: Collection[str] = ("gui",)
 
+    sweep_options: Mapping[str, click.Option] = {
+        "world": _option(
+            "worlds",
+            "NAME:A-B,…",
+            "Run in several worlds: names, files, and ranges of random worlds like office:1-30,home:1-30.",
+            callback=lambda ctx, option, text: parse_worlds(text),
+        )
+    }
+
     def __init__(self) -> None:
         self._body: SimulatedRobot | None = None
         self._metrics: RunMetrics | None = None
@@ -153,8 +208,9 @@ class RobotExtension:
             return ()
         resources: list[object] = []
         try:
+            scene = _scene(settings)
             if robot:
-                self._body, self.events = _make(settings)
+                self._body, self.events = _make(scene, settings)
                 resources.append(self._body)
                 if Waypoints in wanted:
                     resources.append(self._body.world.scene.waypoint_poses())
@@ -162,7 +218,7 @@ class RobotExtension:
                     is_unknown = settings.get("start") == UNKNOWN_START
                     resources.append(InitialPose(None if is_unknown else self._body.start_pose))
             if needs_map:
-                resources.append(_map(settings))
+                resources.append(_map(scene))
         except SimError as error:
             raise click.UsageError(str(error)) from error
         except ModuleNotFoundError as missing:
@@ -234,21 +290,31 @@ class RobotExtension:
         return report
 
 
-def _map(settings: Mapping[str, Any]) -> object:
+def _scene(settings: Mapping[str, Any]) -> "Scene":
+    from btcore_sim.robot_description import TIAGO, load_description
+    from btcore_sim.worlds import load_world
+
+    return load_world(
+        settings.get("world", "arena"),
+        seed=settings.get("seed", 0),
+        radius=load_description(settings.get("robot") or TIAGO).base.radius,
+        waypoints=settings.get("waypoints"),
+    )
+
+
+def _map(scene: "Scene") -> object:
     from btcore_sim.map_rasteriser import rasterise
-    from btcore_sim.scene import load_scene
 
-    return rasterise(load_scene(settings.get("world", "arena")))
+    return rasterise(scene)
 
 
-def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | None]":
+def _make(scene: "Scene", settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | None]":
     # Imported here, because a tree without a robot must not load the physics engine.
     from btcore_sim.camera import parse_camera
     from btcore_sim.events import check_events, parse_event
     from btcore_sim.faults import parse_fault
     from btcore_sim.robot_description import TIAGO, load_description
     from btcore_sim.scenario import Scenario, with_start
-    from btcore_sim.scene import load_scene
     from btcore_sim.simulated_robot import SimulatedRobot
     from btcore_sim.world import World, random_generator
 
@@ -264,7 +330,6 @@ def _make(settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | N
         settings.get("people", 0), settings.get("obstacles", 0), events, settings.get("spare_boxes", 0)
     )
     seed = settings.get("seed", 0)
-    scene = load_scene(settings.get("world", "arena"))
     check_events(events, scene, settings.get("duration"))
     start = settings.get("start")
     if start is not None:

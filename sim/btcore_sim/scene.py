@@ -31,6 +31,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,7 @@ from btcore_robot.robot import Pose2D, Waypoints
 from btcore_sim.errors import SimError
 from btcore_sim.json_records import JsonRecord, read_record
 from btcore_sim.looks import LOOKS
+from btcore_sim.map_walls import MapWalls
 from btcore_sim.polygons import (
     Floats,
     OutlineError,
@@ -255,6 +257,8 @@ class Scene:
         keepout: The areas that robots must not enter.
         physics_rate: The rate of the physics steps (Hz).
         doors: The doors by name.
+        headings: The headings (rad) of those waypoints whose heading is not 0, by name.
+        walls: The walls of the map from which the world was made, in addition to *things*; or None.
     """
 
     name: str
@@ -268,6 +272,8 @@ class Scene:
     keepout: tuple[Rectangle, ...] = ()
     physics_rate: int = PHYSICS_RATE
     doors: Mapping[str, Door] = field(default_factory=dict)
+    headings: Mapping[str, float] = field(default_factory=dict)
+    walls: MapWalls | None = None
 
     def door(self, name: str) -> Door:
         """Return the door *name*.
@@ -282,8 +288,10 @@ class Scene:
         return self.doors[name]
 
     def waypoint_poses(self) -> Waypoints:
-        """Return the waypoints with the heading 0."""
-        return Waypoints({name: Pose2D(x, y, 0.0) for name, (x, y) in self.waypoints.items()})
+        """Return the waypoints, whose heading is 0 by default."""
+        return Waypoints(
+            {name: Pose2D(x, y, self.headings.get(name, 0.0)) for name, (x, y) in self.waypoints.items()}
+        )
 
     def start(self, random: np.random.Generator, radius: float) -> Pose2D:
         """Return the fixed start pose, or draw a pose uniformly among those with enough clearance.
@@ -317,7 +325,10 @@ class Scene:
             x: The x coordinate of the point in the world frame (m).
             y: The y coordinate of the point in the world frame (m).
         """
-        return min((thing.distance(x, y) for thing in self.things if not thing.parked), default=math.inf)
+        walls = math.inf if self.walls is None else self.walls.distance(x, y)
+        away = (thing.distance(x, y) for thing in self.things if not thing.parked)
+        walls = math.inf if self.walls is None else self.walls.distance(x, y)
+        return min((walls, *away))
 
 
 def scene_names() -> list[str]:
@@ -359,6 +370,19 @@ def load_scene(name: str) -> Scene:
             "or use the path of a JSON file"
         )
     return read_record(path, "a world").read_whole(lambda record: _scene(record, path.stem))
+
+
+def scene_from_json(data: dict[str, Any], name: str) -> Scene:
+    """Return the world that a JSON object describes.
+
+    Args:
+        data: The object, in the form of a world file.
+        name: The name of the world.
+
+    Raises:
+        SimError: The object is invalid.
+    """
+    return JsonRecord(data, name).read_whole(lambda record: _scene(record, name))
 
 
 def _scene(record: JsonRecord, name: str) -> Scene:

@@ -16,6 +16,7 @@ from btcore_scene import UPRIGHT, Box, Color, Cylinder, Frame, Mesh, Part, Place
 from btcore_sim.errors import SimError
 from btcore_sim.kinematics import from_rpy
 from btcore_sim.looks import LookPart, look_parts
+from btcore_sim.map_walls import WALL_COLOR
 from btcore_sim.mesh_files import read_triangles
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
@@ -41,7 +42,7 @@ def world_parts(world: World) -> list[Part]:
         color=world.scene.floor,
     )
     plain = [thing for thing in world.scene.things if thing.kind != "prism" and not thing.look]
-    parts: list[Part] = [floor, *(_object_part(world.scene.name, thing) for thing in plain)]
+    parts = [floor, *_wall_parts(world), *(_object_part(world.scene.name, thing) for thing in plain)]
     for thing in world.scene.things:
         parts += [_look_part(thing, part) for part in _looks(thing) if part.kind in ("box", "cylinder")]
     return parts
@@ -237,6 +238,17 @@ def _look_mesh(thing: SceneObject, part: LookPart) -> Mesh:
     frame, place = _look_place(thing)
     sections = ball(part.size) if part.kind == "ball" else rounded_box(part.size)
     return _mesh(thing.name, frame, part.color, place * Transform(part.position), sections, _COARSE)
+
+
+def _wall_parts(world: World) -> list[Part]:
+    """Return the walls of a world that was made from a map."""
+    if world.scene.walls is None:
+        return []
+    where: dict[str, Any] = {"name": f"{world.scene.name}/wall", "frame": "map", "quaternion": UPRIGHT}
+    return [
+        Box(**where, size=size, position=middle, color=WALL_COLOR)
+        for size, middle in world.scene.walls.boxes()
+    ]
 
 
 def _object_part(scene: str, thing: SceneObject) -> Part:

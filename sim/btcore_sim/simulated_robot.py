@@ -167,8 +167,9 @@ class SimulatedRobot(Robot):
         facts = self.description.laser.facts
         movable = {body: opaque[body] for body in world.movable if body in opaque}
         moved = MovableObstacles(world.client, movable)
+        still_objects = RayCaster.of(still, world.scene.walls)
         errors = self.description.laser.errors
-        self._laser = Laser(facts, RayCaster.of(still), world.random("laser"), moved, errors)
+        self._laser = Laser(facts, still_objects, world.random("laser"), moved, errors)
         self._camera = (
             Camera(RenderScene(world, self.model), self.description.camera, camera)
             if camera and self.description.camera

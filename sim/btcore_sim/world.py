@@ -93,6 +93,7 @@ class World:
         self.floor = self._make_floor()
         self.bodies = {self._make(thing): thing for thing in scene.things}
         """The objects of the scene, by PyBullet's IDs of their bodies."""
+        self._make_walls()
         self.movable = tuple(body for body, thing in self.bodies.items() if not thing.still)
         """PyBullet's IDs of the bodies that can move: by a push, or by `move_kinematic_body`."""
         self._doors = MovingDoors(self.client, scene.doors, self.bodies, self.rate)
@@ -249,6 +250,19 @@ class World:
         pybullet.setCollisionFilterGroupMask(floor, -1, FLOOR, MOVABLE | GROUND_LINK, **engine)
         return floor
 
+    def _make_walls(self) -> None:
+        engine = {"physicsClientId": self.client}
+        for vertices, indices in self.scene.walls.meshes() if self.scene.walls is not None else ():
+            shape = pybullet.createCollisionShape(
+                pybullet.GEOM_MESH,
+                vertices=vertices,
+                indices=indices,
+                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
+                **engine,
+            )
+            body = pybullet.createMultiBody(0.0, shape, **engine)
+            pybullet.setCollisionFilterGroupMask(body, -1, STATIC, MOVABLE | HULL, **engine)
+
     def _make(self, thing: SceneObject) -> int:
         engine = {"physicsClientId": self.client}
         color = [part / 255 for part in thing.color]
@@ -329,6 +343,8 @@ def random_generator(seed: int, purpose: str) -> np.random.Generator:
 def scene_extent(scene: Scene) -> Rectangle:
     """Return the bounding rectangle of the scene (m). An empty scene extends 5 m beyond its start area."""
     x0, y0, x1, y1 = scene.area
+    if scene.walls is not None:
+        return scene.walls.known
     if not scene.things:
         return x0 - _OPEN, y0 - _OPEN, x1 + _OPEN, y1 + _OPEN
     outlines = [thing.outline() for thing in scene.things if not thing.parked]

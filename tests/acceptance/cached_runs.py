@@ -47,13 +47,18 @@ def sources() -> str:
     return digest.hexdigest()[:12]
 
 
-def run(case: Case, seed: int) -> Result:
+def completed(case: Case, seed: int) -> subprocess.CompletedProcess[str]:
     """Run *case* with *seed* by the command line, in a separate process."""
     command = [sys.executable, "-m", "btcore", "run", *case.arguments]
     command += ["--fast", "--json", "--seed", str(seed)]
     # Several runs share the cores already: more threads in a run would only wait for each other.
     single_threaded = environment(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=single_threaded)
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=single_threaded)
+
+
+def run(case: Case, seed: int) -> Result:
+    """Run *case* with *seed*, and return its result."""
+    done = completed(case, seed)
     if done.returncode != 0:
         return {"seed": seed, "error": f"exit code {done.returncode}: {done.stderr.strip()[-500:]}"}
     return {"seed": seed, **json.loads(done.stdout.splitlines()[-1])}

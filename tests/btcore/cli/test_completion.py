@@ -18,7 +18,7 @@ from btcore.cli.main import main
         (["show", "tree.xml", "--tree"], "O", ["Other"]),
         (["show", "missing.xml", "--tree"], "", []),
         (["run", "bumpgo", "--world"], "ar", ["arena", "arena_boxes"]),
-        (["map"], "ho", ["house"]),
+        (["map"], "hou", ["house"]),
         (["nodes"], "Repe", ["Repeat"]),
         (["run"], "--tick", ["--tick-limit"]),
         ([], "sho", ["show"]),

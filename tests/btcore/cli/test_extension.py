@@ -126,6 +126,7 @@ class WithoutAttach:
 
     options: Sequence[click.Option] = ()
     single_run_options = ()
+    sweep_options: Mapping[str, click.Option] = {}
     used_by = None
     is_fallback = False
 

@@ -1,0 +1,535 @@
+"""Random offices and homes with furniture, as objects of world files.
+
+An office has rooms on both sides of a corridor. A home is a rectangle that is divided into rooms. Doors are
+0.8 to 1.2 m wide. Each room has furniture of its kind and a waypoint, and a robot has room on the way to all
+other waypoints. The kind, the number of rooms and the seed determine the world.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_sim import furniture
+from btcore_sim.clearance_map import ClearanceMap, Point
+from btcore_sim.errors import SimError
+from btcore_sim.furniture import Draw, Furniture, Part
+from btcore_sim.scene import Rectangle, Scene, SceneObject, scene_from_json
+from btcore_sim.world import random_generator
+
+KINDS = ("office", "home")
+
+ROOMS = 6
+"""Default number of rooms."""
+
+MAX_ROOMS = 24
+
+DOORS = (0.8, 0.85, 0.9, 1.0, 1.1, 1.2)
+"""Widths of doors (m)."""
+
+WAY = 0.375
+"""Clearance (m) on the ways between all doors and waypoints: 10 cm more than the radius of the Tiago."""
+
+AROUND_WAYPOINT = 0.55
+"""Clearance (m) at a waypoint."""
+
+_WALL = 0.2  # m: thickness of the walls
+_HEIGHT = 2.5  # m: height of the walls
+_WALL_COLOR = "#d9d4c7"
+_BESIDE_DOOR = 0.2  # m of wall at least between the frame of a door and the next corner
+_BEFORE_DOOR = 0.9  # m in front of a door on both sides that stay free
+_GAP = 0.03  # m between furniture and walls, or between two pieces
+_TRIES = 30  # attempts to place a piece of furniture
+_WORLDS = 50  # attempts to make a world
+_SMALL = 2.4  # m: the smallest side of a room
+_APART = 1.2  # m between waypoints in the same room, if possible
+_GRID = 0.05  # m: walls are at multiples of it, so that they fill the cells of a map
+
+_FURNITURE: dict[str, tuple[tuple[Draw, int, int], ...]] = {
+    "office": (
+        (furniture.desk, 2, 4),
+        (furniture.shelf, 1, 2),
+        (furniture.cabinet, 0, 2),
+        (furniture.plant, 0, 2),
+    ),
+    "meeting room": ((furniture.meeting_table, 1, 1), (furniture.cabinet, 0, 1), (furniture.plant, 1, 2)),
+    "lounge": (
+        (furniture.kitchen_unit, 1, 1),
+        (furniture.dining_table, 0, 1),
+        (furniture.sofa, 1, 1),
+        (furniture.plant, 0, 2),
+    ),
+    "store room": ((furniture.rack, 3, 5), (furniture.printer, 0, 1)),
+    "corridor": ((furniture.printer, 0, 1), (furniture.plant, 0, 3), (furniture.cabinet, 0, 1)),
+    "living room": (
+        (furniture.sofa, 1, 2),
+        (furniture.coffee_table, 1, 1),
+        (furniture.sideboard, 1, 1),
+        (furniture.armchair, 0, 2),
+        (furniture.shelf, 0, 1),
+        (furniture.plant, 0, 2),
+    ),
+    "kitchen": ((furniture.kitchen_unit, 1, 1), (furniture.dining_table, 1, 1), (furniture.plant, 0, 1)),
+    "bedroom": (
+        (furniture.bed, 1, 1),
+        (furniture.wardrobe, 1, 1),
+        (furniture.drawers, 0, 1),
+    ),
+    "bathroom": ((furniture.bathtub, 0, 1), (furniture.toilet, 1, 1), (furniture.basin, 1, 1)),
+    "study": (
+        (furniture.desk, 1, 1),
+        (furniture.shelf, 1, 2),
+        (furniture.armchair, 0, 1),
+        (furniture.plant, 0, 1),
+    ),
+}
+"""The furniture of each kind of room: what is drawn, and the smallest and the greatest number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """A room: its *kind*, and its *area* (m) between the middles of its walls."""
+
+    kind: str
+    area: Rectangle
+
+    @property
+    def inside(self) -> Rectangle:
+        """The floor (m) between the walls."""
+        x0, y0, x1, y1 = self.area
+        half = _WALL / 2
+        return x0 + half, y0 + half, x1 - half, y1 - half
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """A door: the *middle* of its opening (m), the *width* (m), and whether its wall is along the x axis."""
+
+    middle: Point
+    width: float
+    along_x: bool
+
+    def free_area(self) -> Rectangle:
+        """Return the area (m) on both sides that stays free."""
+        x, y = self.middle
+        half, deep = self.width / 2 + 0.05, _BEFORE_DOOR + _WALL / 2
+        dx, dy = (half, deep) if self.along_x else (deep, half)
+        return x - dx, y - dy, x + dx, y + dy
+
+
+@dataclass(slots=True)
+class Plan:
+    """A floor plan. The first of the *rooms* is the one that most ways lead through."""
+
+    rooms: list[Room]
+    doors: list[Door]
+
+
+class _NoRoomError(Exception):
+    """A drawn plan has no place for what it needs. Another plan is drawn then."""
+
+
+def random_world(kind: str, seed: int, rooms: int = ROOMS) -> Scene:
+    """Return a random world.
+
+    Args:
+        kind: `office` or `home`.
+        seed: The seed. The same arguments give the same world.
+        rooms: The number of rooms; the corridor of an office is not counted.
+
+    Raises:
+        SimError: No world was found; `office` and `home` with up to 24 rooms are always found in practice.
+    """
+    return scene_from_json(random_world_json(kind, seed, rooms), f"{kind}_{seed}")
+
+
+def random_world_json(kind: str, seed: int, rooms: int = ROOMS) -> dict[str, Any]:
+    """Return the JSON object of a random world, in the form of world files.
+
+    Args:
+        kind: `office` or `home`.
+        seed: The seed. The same arguments give the same world.
+        rooms: The number of rooms; the corridor of an office is not counted.
+
+    Raises:
+        SimError: No world was found.
+    """
+    for attempt in range(_WORLDS):
+        random = random_generator(seed, f"{kind} with {rooms} rooms, attempt {attempt}")
+        try:
+            plan = _office(random, rooms) if kind == "office" else _home(random, rooms)
+            return _furnished(plan, random, f"a random {kind} of {rooms} rooms, seed {seed}")
+        except _NoRoomError:
+            continue
+    raise SimError(f"no {kind} of {rooms} rooms was found with seed {seed}: use another seed")
+
+
+def _office(random: np.random.Generator, count: int) -> Plan:
+    """Draw rooms along both sides of a corridor, each with a door to the corridor."""
+    sides = [math.ceil(count / 2), count // 2]
+    length = _snap(max(sides) * random.uniform(3.4, 4.6))
+    wide = _snap(random.uniform(1.7, 2.3))
+    depths = [_snap(random.uniform(3.6, 5.2)) for _ in sides]
+    kinds = _kinds(random, count, ("office", "meeting room", "lounge", "store room"), "office")
+    rooms = [Room("corridor", (0.0, 0.0, length, wide))]
+    doors: list[Door] = []
+    for side, number in enumerate(sides):
+        y0, y1, wall = ((wide, _snap(wide + depths[0]), wide), (-depths[1], 0.0, 0.0))[side]
+        edges = _divided(random, 0.0, length, number, 2.8)
+        for x0, x1 in itertools.pairwise(edges):
+            rooms.append(Room(kinds.pop(), (x0, y0, x1, y1)))
+            doors.append(_door(random, x0, x1, wall, along_x=True))
+    if random.random() < 0.4:  # a door between two neighbours
+        pairs = [(a, b) for a, b in itertools.pairwise(rooms[1:]) if a.area[2] == b.area[0]]
+        if pairs:
+            first, second = pairs[int(random.integers(len(pairs)))]
+            low, high = max(first.area[1], second.area[1]), min(first.area[3], second.area[3])
+            doors.append(_door(random, low, high, first.area[2], along_x=False))
+    return Plan(rooms, doors)
+
+
+def _home(random: np.random.Generator, count: int) -> Plan:
+    """Draw adjacent rooms, and doors that connect all of them."""
+    floor = count * random.uniform(13.0, 17.0)
+    ratio = random.uniform(1.0, 1.6)
+    width = _snap(math.sqrt(floor * ratio))
+    areas = _split(random, (0.0, 0.0, width, _snap(floor / width)), count)
+    areas.sort(key=lambda area: -(area[2] - area[0]) * (area[3] - area[1]))
+    kinds = ["living room", *_kinds(random, count - 1, ("kitchen", "bathroom", "study"), "bedroom")[::-1]]
+    # The smallest room is the bathroom, if there is one.
+    kinds.sort(key=lambda kind: kind == "bathroom")
+    rooms = [Room(kind, area) for kind, area in zip(kinds, areas, strict=True)]
+    shared = [
+        (a, b, *wall)
+        for a, b in itertools.combinations(range(count), 2)
+        for wall in _walls_between(rooms[a], rooms[b])
+    ]
+    # The rooms are sorted by size: the ways lead through the large rooms, and not through the bathroom.
+    shared.sort(key=lambda entry: entry[0] + entry[1])
+    group = list(range(count))
+    doors: list[Door] = []
+    for a, b, low, high, at, along_x in shared:
+        if group[a] != group[b] or ("bathroom" not in (kinds[a], kinds[b]) and random.random() < 0.15):
+            doors.append(_door(random, low, high, at, along_x=along_x))
+            group = [group[a] if one == group[b] else one for one in group]
+    if len(set(group)) > 1:
+        raise _NoRoomError
+    return Plan(rooms, doors)
+
+
+def _kinds(random: np.random.Generator, count: int, once: Sequence[str], usual: str) -> list[str]:
+    """Return *count* kinds of rooms in random order: some kinds at most once, and the usual kind."""
+    kinds = [*once[: max(0, count - 1)], *itertools.repeat(usual, count)][:count]
+    random.shuffle(kinds)
+    return kinds
+
+
+def _divided(random: np.random.Generator, low: float, high: float, count: int, least: float) -> list[float]:
+    """Return the ends of *count* sections from *low* to *high*, each at least *least* long (m)."""
+    spare = high - low - count * least
+    if spare < 0.0:
+        raise _NoRoomError
+    parts = random.dirichlet(np.full(count, 4.0)) * spare + least
+    inner = [_snap(low + float(end)) for end in np.cumsum(parts)[:-1]]
+    return [low, *inner, high]
+
+
+def _split(random: np.random.Generator, area: Rectangle, count: int) -> list[Rectangle]:
+    """Divide *area* into *count* rooms, each time across its longer side."""
+    x0, y0, x1, y1 = area
+    if min(x1 - x0, y1 - y0) < _SMALL:
+        raise _NoRoomError
+    if count == 1:
+        if max(x1 - x0, y1 - y0) > 2.6 * min(x1 - x0, y1 - y0):
+            raise _NoRoomError
+        return [area]
+    first = count // 2 if random.random() < 0.5 else count - count // 2
+    part = first / count + random.uniform(-0.08, 0.08)
+    if x1 - x0 >= y1 - y0:
+        cut = _snap(x0 + part * (x1 - x0))
+        halves = (x0, y0, cut, y1), (cut, y0, x1, y1)
+    else:
+        cut = _snap(y0 + part * (y1 - y0))
+        halves = (x0, y0, x1, cut), (x0, cut, x1, y1)
+    return [*_split(random, halves[0], first), *_split(random, halves[1], count - first)]
+
+
+def _walls_between(one: Room, other: Room) -> Iterator[tuple[float, float, float, bool]]:
+    """Yield the wall between two rooms if a door fits: its ends and place (m), and whether it is along x."""
+    for along_x in (True, False):
+        i, j = (0, 1) if along_x else (1, 0)
+        a, b = one.area, other.area
+        low, high = max(a[i], b[i]), min(a[i + 2], b[i + 2])
+        for at in {a[j], a[j + 2]} & {b[j], b[j + 2]}:
+            if high - low >= DOORS[0] + 2 * _BESIDE_DOOR + _WALL:
+                yield low, high, at, along_x
+
+
+def _door(random: np.random.Generator, low: float, high: float, at: float, *, along_x: bool) -> Door:
+    """Draw a door in a wall.
+
+    Args:
+        random: The source of the width and the place.
+        low: The smaller end of the wall (m).
+        high: The greater end of the wall (m).
+        at: The place of the wall on the other axis (m).
+        along_x: Whether the wall is along the x axis.
+    """
+    spare = high - low - 2 * _BESIDE_DOOR - _WALL
+    widths = [width for width in DOORS if width <= spare]
+    if not widths:
+        raise _NoRoomError
+    width = widths[int(random.integers(len(widths)))]
+    begin = _snap(low + _WALL / 2 + _BESIDE_DOOR + random.uniform(0.0, spare - width))
+    middle = begin + width / 2
+    return Door((middle, at) if along_x else (at, middle), width, along_x)
+
+
+def _wall_objects(plan: Plan) -> list[dict[str, Any]]:
+    """Return the walls of all rooms, with gaps at the doors."""
+    lines: dict[tuple[bool, float], list[tuple[float, float]]] = {}
+    for room in plan.rooms:
+        x0, y0, x1, y1 = room.area
+        for y in (y0, y1):
+            lines.setdefault((True, y), []).append((x0, x1))
+        for x in (x0, x1):
+            lines.setdefault((False, x), []).append((y0, y1))
+    objects: list[dict[str, Any]] = []
+    for (along_x, at), spans in sorted(lines.items()):
+        # The ends of walls along x fill the corners.
+        more = _WALL / 2 if along_x else -_WALL / 2
+        gaps = sorted(
+            (door.middle[not along_x] - door.width / 2, door.middle[not along_x] + door.width / 2)
+            for door in plan.doors
+            if door.along_x == along_x and door.middle[along_x] == at
+        )
+        for low, high in _joined(spans):
+            openings = itertools.chain.from_iterable(gap for gap in gaps if low < gap[0] < high)
+            ends = [low - more, *openings, high + more]
+            for begin, end in zip(ends[::2], ends[1::2], strict=True):
+                objects.append(_wall(len(objects) + 1, begin, end, at, along_x=along_x))
+    return objects
+
+
+def _joined(spans: list[tuple[float, float]]) -> Iterator[tuple[float, float]]:
+    """Yield the unions of spans that touch or overlap."""
+    low, high = min(spans)
+    for begin, end in sorted(spans):
+        if begin > high:
+            yield low, high
+            low = begin
+        high = max(high, end)
+    yield low, high
+
+
+def _wall(number: int, begin: float, end: float, at: float, *, along_x: bool) -> dict[str, Any]:
+    middle, length = round((begin + end) / 2, 4), round(end - begin, 4)
+    return {
+        "name": f"wall_{number}",
+        "kind": "box",
+        "position": [middle, at] if along_x else [at, middle],
+        "size": [length, _WALL, _HEIGHT] if along_x else [_WALL, length, _HEIGHT],
+        "color": _WALL_COLOR,
+    }
+
+
+def _snap(length: float) -> float:
+    """Return the nearest multiple of the grid (m)."""
+    return round(round(length / _GRID) * _GRID, 3)
+
+
+def _furnished(plan: Plan, random: np.random.Generator, description: str) -> dict[str, Any]:
+    """Return the world of *plan* with furniture, waypoints and a start pose.
+
+    Raises:
+        _NoRoomError: A room has no place for its waypoint.
+    """
+    first = plan.rooms[0].area
+    world: dict[str, Any] = {
+        "description": description,
+        "physics_rate": 120,
+        "start": {"pose": [(first[0] + first[2]) / 2, (first[1] + first[3]) / 2, 0.0]},
+        "objects": _wall_objects(plan),
+    }
+    floor = ClearanceMap.of(scene_from_json(world, "walls"))
+    for number, room in enumerate(plan.rooms):
+        if not len(_free_cells(floor, room, plan.doors)):
+            raise _NoRoomError
+        floor = _furnish(
+            world["objects"], floor, plan.doors, room, f"{room.kind.replace(' ', '_')}_{number}", random
+        )
+    places: list[list[Point]] = [
+        [
+            (round(x, 3), round(y, 3))
+            for x, y in floor.map.centers(*_free_cells(floor, room, plan.doors).T).tolist()
+        ]
+        for room in plan.rooms
+    ]
+    start = _chosen(places[0], [], floor, random)
+    # A charger stands at a wall: of some places the one with the least clearance.
+    charger = min(
+        (_chosen(places[0], [start], floor, random) for _ in range(10)),
+        key=lambda at: floor.clearance_at(*at),
+    )
+    visited = places[1:] if plan.rooms[0].kind == "corridor" else places
+    route = _in_order(start, [_chosen(cells, [start, charger], floor, random) for cells in visited])
+    world["waypoints"] = {
+        "start": list(start),
+        "recharge": list(charger),
+        **{f"wp{number}": list(place) for number, place in enumerate(route, 1)},
+    }
+    _move_origin(world, (_snap(start[0]), _snap(start[1])))
+    return {key: world[key] for key in ("description", "physics_rate", "start", "waypoints", "objects")}
+
+
+def _move_origin(world: dict[str, Any], start: Point) -> None:
+    """Make *start* the origin, where the robot starts: a map that the robot makes has its origin there."""
+    world["start"] = {"pose": [0, 0, 0]}
+    world["waypoints"]["start"] = list(start)
+    for place in (*world["waypoints"].values(), *(thing["position"] for thing in world["objects"])):
+        place[:2] = [round(place[0] - start[0], 4), round(place[1] - start[1], 4)]
+
+
+def _chosen(
+    cells: Sequence[Point], others: Sequence[Point], floor: ClearanceMap, random: np.random.Generator
+) -> Point:
+    """Draw a place that is apart from *others*, if there is one, and has more clearance than most places."""
+    drawn = [cells[int(random.integers(len(cells)))] for _ in range(30)]
+    apart = [at for at in drawn if all(math.dist(at, other) >= _APART for other in others)]
+    return max((apart or drawn)[:4], key=lambda at: floor.clearance_at(*at))
+
+
+def _in_order(start: Point, places: list[Point]) -> list[Point]:
+    """Return *places* in the order of a walk that always continues to the nearest place."""
+    left, route, here = list(places), [], start
+    while left:
+        here = min(left, key=lambda place: math.dist(place, here))
+        left.remove(here)
+        route.append(here)
+    return route
+
+
+def _free_cells(floor: ClearanceMap, room: Room, doors: Sequence[Door]) -> NDArray[np.intp]:
+    """Return the rows and columns, shape `(n, 2)`, of the cells of *room* at which a waypoint may be.
+
+    There are none if the doors are not connected with each other.
+    """
+    _, labels = cv2.connectedComponents((floor.clearances >= WAY).astype(np.uint8), connectivity=4)
+    regions = {int(labels[floor.map.cell(*door.middle)]) for door in doors}
+    if len(regions) != 1 or 0 in regions:
+        return np.empty((0, 2), dtype=np.intp)
+    x0, y0, x1, y1 = room.inside
+    (row, col), (last_row, last_col) = floor.map.cell(x0, y0), floor.map.cell(x1, y1)
+    part = np.s_[row : last_row + 1, col : last_col + 1]
+    good = (labels[part] == regions.pop()) & (floor.clearances[part] >= AROUND_WAYPOINT)
+    cells: NDArray[np.intp] = np.argwhere(good) + np.array((row, col))
+    return cells
+
+
+def _furnish(
+    objects: list[dict[str, Any]],
+    floor: ClearanceMap,
+    doors: Sequence[Door],
+    room: Room,
+    name: str,
+    random: np.random.Generator,
+) -> ClearanceMap:
+    """Add furniture to *objects*, and return the clearance map with it.
+
+    Args:
+        objects: The objects of the world.
+        floor: The clearance map without the furniture.
+        doors: All doors of the world.
+        room: The room.
+        name: The beginning of the objects' names.
+        random: The source of the random pieces and places.
+    """
+    taken: list[Rectangle] = []
+    count = 0
+    for draw, least, most in _FURNITURE[room.kind]:
+        for _ in range(int(random.integers(least, most + 1))):
+            for _ in range(_TRIES):
+                piece = draw(random)
+                anchor, quarter = _drawn_place(room, piece, random)
+                outline = _outline(piece, anchor, quarter)
+                if not _fits(outline, room, [*taken, *(door.free_area() for door in doors)]):
+                    continue
+                further = floor.with_obstacle(_block(outline))
+                if len(_free_cells(further, room, doors)):
+                    count += 1
+                    floor = further
+                    taken.append(outline)
+                    objects += [_object(part, f"{name}_{count}", anchor, quarter) for part in piece.parts]
+                    break
+    return floor
+
+
+def _drawn_place(room: Room, piece: Furniture, random: np.random.Generator) -> tuple[Point, int]:
+    """Draw a place for a piece: the position (m) of its origin, and its heading in quarter turns."""
+    x0, y0, x1, y1 = room.inside
+    if piece.central:
+        quarter = int((x1 - x0 < y1 - y0) == (piece.width >= piece.depth))
+        x, y = (x0 + x1) / 2 + random.uniform(-0.5, 0.5), (y0 + y1) / 2 + random.uniform(-0.5, 0.5)
+        back = _turned((0.0, -piece.depth / 2), quarter)
+        return (round(x + back[0], 3), round(y + back[1], 3)), quarter
+    quarter = int(random.integers(4))
+    low, high = (x0, x1) if quarter % 2 == 0 else (y0, y1)
+    low, high = low + piece.width / 2 + _GAP, high - piece.width / 2 - _GAP
+    corner = random.random()
+    along = low if corner < 0.25 else high if corner < 0.5 else random.uniform(min(low, high), max(low, high))
+    along = round(along, 3)
+    at = ((along, y0 + _GAP), (x1 - _GAP, along), (along, y1 - _GAP), (x0 + _GAP, along))[quarter]
+    return (round(at[0], 3), round(at[1], 3)), quarter
+
+
+def _turned(point: Point, quarter: int) -> Point:
+    """Return *point* turned counter-clockwise by *quarter* quarter turns around the origin."""
+    x, y = point
+    return ((x, y), (-y, x), (-x, -y), (y, -x))[quarter]
+
+
+def _outline(piece: Furniture, anchor: Point, quarter: int) -> Rectangle:
+    """Return the area (m) of a piece of furniture at a place."""
+    corners = [
+        _turned((x, y), quarter) for x in (-piece.width / 2, piece.width / 2) for y in (0.0, piece.depth)
+    ]
+    xs, ys = zip(*corners, strict=True)
+    return anchor[0] + min(xs), anchor[1] + min(ys), anchor[0] + max(xs), anchor[1] + max(ys)
+
+
+def _fits(outline: Rectangle, room: Room, taken: Sequence[Rectangle]) -> bool:
+    """Return whether *outline* is inside *room*, and apart from the areas *taken*."""
+    x0, y0, x1, y1 = outline
+    low_x, low_y, high_x, high_y = room.inside
+    if x0 < low_x or y0 < low_y or x1 > high_x or y1 > high_y:
+        return False
+    return all(
+        x1 + _GAP <= other[0] or other[2] + _GAP <= x0 or y1 + _GAP <= other[1] or other[3] + _GAP <= y0
+        for other in taken
+    )
+
+
+def _block(outline: Rectangle) -> SceneObject:
+    """Return a box that fills *outline* (m)."""
+    x0, y0, x1, y1 = outline
+    size, place = (x1 - x0, y1 - y0, 1.0), ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
+    return SceneObject("furniture", "box", size, place, 0.0, 0.0, (0, 0, 0, 255))
+
+
+def _object(part: Part, prefix: str, anchor: Point, quarter: int) -> dict[str, Any]:
+    """Return *part* of a piece of furniture as an object of a world file."""
+    dx, dy = _turned(part.position[:2], quarter)
+    width, depth, height = part.size if quarter % 2 == 0 else (part.size[1], part.size[0], part.size[2])
+    position = [round(anchor[0] + dx, 3), round(anchor[1] + dy, 3)]
+    placed: dict[str, Any] = {"name": f"{prefix}_{part.name}", "kind": part.kind}
+    placed["position"] = [*position, part.position[2]] if part.position[2] else position
+    if part.kind == "cylinder":
+        placed |= {"radius": round(width / 2, 3), "height": round(height, 3)}
+    else:
+        placed["size"] = [round(width, 3), round(depth, 3), round(height, 3)]
+    return {**placed, "color": part.color}

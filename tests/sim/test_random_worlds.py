@@ -1,0 +1,113 @@
+"""Random offices and homes: reachable, furnished, closed, and the same for the same seed."""
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from btcore.cli.main import main
+from btcore.sweep.command import sweep
+from btcore.sweep.definition import create_definition
+from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.commands import world_command
+from btcore_sim.laser import RayCaster
+from btcore_sim.random_worlds import AROUND_WAYPOINT, DOORS, KINDS, WAY, random_world, random_world_json
+from btcore_sim.run_extension import parse_worlds
+from btcore_sim.scene import load_scene
+from btcore_sim.worlds import load_world
+
+GRID_ERROR = 0.05  # m: the map is exact to a cell
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("rooms", [2, 6, 9, 24])
+def test_a_robot_can_drive_to_a_waypoint_in_each_room(kind: str, rooms: int):
+    for seed in range(4 if rooms < 10 else 1):
+        scene = random_world(kind, seed, rooms)
+        assert list(scene.waypoints) == ["start", "recharge", *(f"wp{n}" for n in range(1, rooms + 1))]
+        assert scene.pose is not None
+        assert (scene.pose.x, scene.pose.y) == pytest.approx(scene.waypoints["start"], abs=0.03)
+        floor, places = ClearanceMap.of(scene), list(scene.waypoints.values())
+        assert floor.connected(places, WAY - GRID_ERROR)
+        assert all(floor.clearance_at(*place) >= AROUND_WAYPOINT - GRID_ERROR for place in places)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_ray_at_the_height_of_the_laser_or_the_camera_leaves_the_world(kind: str):
+    around = np.linspace(-math.pi, math.pi, 1440, endpoint=False)
+    for seed, height in itertools.product(range(4), (0.0945, 1.07, 2.4)):
+        scene = random_world(kind, seed)
+        walls = RayCaster.of([thing for thing in scene.things if thing.name.startswith("wall_")])
+        for place in scene.waypoints.values():
+            assert np.isfinite(walls.distances(*place, height, around)).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_objects_do_not_overlap_walls_and_furniture_stands_in_most_rooms(kind: str):
+    for seed in range(4):
+        things = random_world(kind, seed).things
+        walls = [thing for thing in things if thing.name.startswith("wall_")]
+        furniture = [thing for thing in things if not thing.name.startswith("wall_")]
+        assert len({thing.name.rpartition("_")[0] for thing in furniture}) >= 6
+        for wall, thing in itertools.product(walls, furniture):
+            a, b = wall.outline(), thing.outline()
+            assert min(a[2], b[2]) - max(a[0], b[0]) <= 1e-6 or min(a[3], b[3]) - max(a[1], b[1]) <= 1e-6
+
+
+def test_doors_have_all_widths_between_80_and_120_cm():
+    widths = set()
+    for seed in range(12):
+        world = random_world_json("office", seed)
+        corridor = [thing for thing in world["objects"] if thing["name"].startswith("wall_")]
+        rows: dict[float, list[tuple[float, float]]] = {}
+        for wall in corridor:
+            if wall["size"][0] > wall["size"][1]:
+                x, half = wall["position"][0], wall["size"][0] / 2
+                rows.setdefault(wall["position"][1], []).append((x - half, x + half))
+        for spans in rows.values():
+            spans.sort()
+            widths |= {round(right[0] - left[1], 3) for left, right in itertools.pairwise(spans)}
+    assert widths == set(DOORS)
+
+
+def test_the_same_seed_gives_the_same_world_and_another_seed_another():
+    assert random_world_json("home", 5) == random_world_json("home", 5)
+    assert random_world_json("home", 5) != random_world_json("home", 6)
+    assert random_world_json("home", 5, 7) != random_world_json("home", 5)
+
+
+def test_the_command_writes_the_world_that_the_name_means(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(world_command, ["office", "--seed", "3"])
+    assert result.exit_code == 0
+    assert "office_3.json: a random office of 6 rooms, seed 3" in result.stdout
+    written, named = load_scene("office_3.json"), load_world("office:3")
+    assert written == named
+    assert json.loads(Path("office_3.json").read_text())["waypoints"]["start"]
+    failed = CliRunner().invoke(world_command, ["home", "-o", "missing/home.json"])
+    assert failed.exit_code == 2
+    assert "cannot write the world" in failed.stderr
+
+
+def test_worlds_of_a_sweep_are_names_and_ranges():
+    assert parse_worlds("house, office:2-4,home:7") == ["house", "office:2", "office:3", "office:4", "home:7"]
+    for wrong in ("office:4-2", "office:1-2,office:2", "home:1-99999"):
+        with pytest.raises(click.UsageError, match="--worlds"):
+            parse_worlds(wrong)
+
+
+def test_a_sweep_varies_the_world():
+    words = ["bumpgo", "--seeds", "2", "--worlds", "arena,office:1-2", "--camera", "off"]
+    with sweep.make_context("sweep", list(words)) as context:
+        definition = create_definition(context, "bumpgo", (), (0, 1), 10.0)
+    worlds = [episode.command[episode.command.index("--world") + 1] for episode in definition]
+    assert worlds == 2 * ["arena", "office:1", "office:2"]
+    for wrong in (["--param", "world=house"], ["--world", "house"]):
+        result = CliRunner().invoke(main, ["sweep", *words, *wrong])
+        assert result.exit_code == 2
+        assert "cannot be used together" in result.stderr
