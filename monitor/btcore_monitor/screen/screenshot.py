@@ -17,16 +17,19 @@ from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
 from btcore_monitor.screen.viewer_process import ScreenError, ViewerProcess, free_port
 
 if TYPE_CHECKING:
-    from rerun.experimental import View, ViewerClient
+    from rerun.experimental import View, ViewerClient, ViewerState
 
 FULL_HD: Final = (1920, 1080)
-_LOAD_WITHIN: Final = 120.0
-_DATA_WITHIN: Final = 10.0
-"""Timeout (s) for the first data of a recording that is not loading any more."""
-_FINISH_WITHIN: Final = 240.0
-"""Timeout (s) for the viewer, which may also stop answering requests."""
-_SETTLE_WITHIN: Final = 60.0
-"""Timeout (s) for a stable picture; long, because software rendering on a busy machine is slow."""
+# The viewer answers a request when it has drawn a frame. On a busy machine it needs many times as long for a
+# frame, but not more frames. So the limits count answers, and a time limit applies only to a single answer.
+_ANSWER_WITHIN: Final = 300.0
+"""Timeout (s) for an answer of the viewer, after which the viewer is killed."""
+_LOAD_ANSWERS: Final = 3000
+"""Greatest number of answers while a recording loads."""
+_DATA_ANSWERS: Final = 80
+"""Greatest number of answers without data after a recording has loaded."""
+_PICTURES_AT_MOST: Final = 200
+"""Greatest number of pictures until one is stable; the last picture is used otherwise."""
 _TOP_BAR: Final = 37
 """Height (pixels) of the window's bar above the views, which has no content in a picture."""
 _EQUAL: Final = 3
@@ -56,9 +59,10 @@ def screenshot(
     """
     if not recording.is_file():
         raise ScreenError(f"there is no recording {recording}")
-    with _viewer(size) as client:
+    with _viewer(size) as viewer:
+        client = viewer.client
         client.open([str(recording.resolve())])
-        views = _wait_for_views(client)
+        views = _wait_for_views(viewer)
         # The bar has warnings about the computer: of its graphics, for example.
         client.run_command("ui.toggle_top_panel")
         chosen = None
@@ -68,7 +72,7 @@ def screenshot(
                 names = ", ".join(sorted(known.name for known in views))
                 raise ScreenError(f"there is no view {view!r} in the recording; views are: {names}")
         _set_time(client, t, recording)
-        shot = _settled(client, chosen)
+        shot = _settled(viewer, chosen)
     picture.write_bytes(shot if view is not None else _without_top_bar(shot))
 
 
@@ -110,52 +114,97 @@ def _set_time(client: "ViewerClient", t: float | None, recording: Path) -> None:
     client.set_time(TREE_TIME, duration=np.timedelta64(last, "ns"), play_state="paused")
 
 
-@contextlib.contextmanager
-def _viewer(size: tuple[int, int]) -> Iterator["ViewerClient"]:
-    """Run a viewer without a window until the end of the `with` block."""
-    from rerun.experimental import ViewerClient
+class _HeadlessViewer:
+    """A viewer without a window. It is killed if it does not answer for `_ANSWER_WITHIN`.
 
+    Args:
+        process: The process of the viewer.
+    """
+
+    def __init__(self, process: ViewerProcess) -> None:
+        from rerun.experimental import ViewerClient
+
+        self.silent = False
+        """Whether the viewer was killed because it did not answer."""
+        self._process = process
+        self._watchdog = self._start_watchdog()
+        self.client = ViewerClient.connect(process.address)
+
+    def state(self) -> "ViewerState":
+        """Return the viewer's state."""
+        state = self.client.get_state()
+        self._answered()
+        return state
+
+    def picture(self, view_id: str | None) -> bytes:
+        """Return a picture (PNG) of the window, or of the view *view_id*."""
+        shot = self.client.take_screenshot(view_id)
+        self._answered()
+        return shot
+
+    def stop_watching(self) -> None:
+        """Let the viewer run without a time limit."""
+        self._watchdog.cancel()
+
+    def _answered(self) -> None:
+        self._watchdog.cancel()
+        self._watchdog = self._start_watchdog()
+
+    def _start_watchdog(self) -> threading.Timer:
+        watchdog = threading.Timer(_ANSWER_WITHIN, self._kill)
+        watchdog.daemon = True
+        watchdog.start()
+        return watchdog
+
+    def _kill(self) -> None:
+        self.silent = True
+        self._process.kill()
+
+
+@contextlib.contextmanager
+def _viewer(size: tuple[int, int]) -> Iterator[_HeadlessViewer]:
+    """Run a viewer without a window until the end of the `with` block."""
     window = f"--window-size={size[0]}x{size[1] + _TOP_BAR}"
-    viewer = ViewerProcess(
+    process = ViewerProcess(
         "--headless", "--hide-welcome-screen", window, "--memory-limit=1GB", port=free_port()
     )
-    watchdog = threading.Timer(_FINISH_WITHIN, viewer.kill)
-    watchdog.start()
+    viewer = None
     try:
-        viewer.wait_until_listening()
-        yield ViewerClient.connect(viewer.address)
+        process.wait_until_listening()
+        viewer = _HeadlessViewer(process)
+        yield viewer
     except ConnectionError as error:
-        reason = viewer.failure() or "it does not answer"
+        if viewer is not None and viewer.silent:
+            reason = f"it did not answer for {_ANSWER_WITHIN:.0f} s, and was killed"
+        else:
+            reason = process.failure() or "it does not answer"
         raise ScreenError(f"the viewer (rerun) failed while it drew the picture: {reason}") from error
     finally:
-        watchdog.cancel()
-        viewer.close()
+        if viewer is not None:
+            viewer.stop_watching()
+        process.close()
 
 
-def _wait_for_views(client: "ViewerClient") -> "list[View]":
-    now = loading_at = time.monotonic()
-    deadline = now + _LOAD_WITHIN
-    while now < deadline:
-        state = client.get_state()
+def _wait_for_views(viewer: _HeadlessViewer) -> "list[View]":
+    without_data = 0
+    for _ in range(_LOAD_ANSWERS):
+        state = viewer.state()
         timelines = {timeline.name for recording in state.recordings for timeline in recording.timelines}
         if state.views and TREE_TIME in timelines and not state.loading:
             return list(state.views)
-        time.sleep(0.1)
-        now = time.monotonic()
-        if state.loading or not state.recordings:
-            loading_at = now
-        elif now - loading_at > _DATA_WITHIN:
+        without_data = 0 if state.loading or not state.recordings else without_data + 1
+        if without_data > _DATA_ANSWERS:
             raise ScreenError("the recording is not one of btcore's monitor, or it has no data")
-    raise ScreenError(f"the recording did not load within {_LOAD_WITHIN:.0f} s")
+        time.sleep(0.1)
+    raise ScreenError(f"the viewer (rerun) has not loaded the recording after {_LOAD_ANSWERS} frames")
 
 
-def _settled(client: "ViewerClient", view_id: str | None) -> bytes:
+def _settled(viewer: _HeadlessViewer, view_id: str | None) -> bytes:
     """Return the picture once it is stable; layout, fonts and late data take a few frames."""
-    deadline = time.monotonic() + _SETTLE_WITHIN
     last, equal, since = b"", 0, time.monotonic()
-    while time.monotonic() < deadline:
+    for _ in range(_PICTURES_AT_MOST):
         # The viewer does not report that it has finished drawing, so pictures are compared.
-        shot = client.take_screenshot(view_id)
+        shot = viewer.picture(view_id)
         now = time.monotonic()
         if shot != last:
             last, equal, since = shot, 0, now

@@ -24,7 +24,8 @@ from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_monitor.errors import MonitorError
 
 LOOPBACK: Final = "127.0.0.1"
-_START_WITHIN: Final = 60.0
+_START_WITHIN: Final = 300.0
+"""Timeout (s) for the start, which is slow on a busy machine. A viewer that ends is noticed at once."""
 _DRAW_WITHIN: Final = 5.0
 _END_WITHIN: Final = 2.0
 _CLOSED: Final = (0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP if hasattr(signal, "SIGHUP") else 0)
@@ -70,7 +71,7 @@ class ViewerProcess:
         """Wait until the viewer accepts connections at *port* (default: its port for recordings).
 
         Raises:
-            ScreenError: The viewer ends, or does not listen within a minute.
+            ScreenError: The viewer ends, or does not listen within `_START_WITHIN`.
         """
         deadline = time.monotonic() + _START_WITHIN
         while time.monotonic() < deadline:

@@ -1,6 +1,8 @@
 """Screenshots without a display, checked by their pixels."""
 
 import io
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from btcore_monitor.events import (
     Ticked,
     TreeSeen,
 )
+from btcore_monitor.screen import screenshot as screenshot_module
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIME
@@ -166,6 +169,19 @@ def test_a_viewer_that_dies_is_an_error_with_its_reason(vulkan, tmp_path):
     recording.disconnect()
     with pytest.raises(ScreenError, match=r'failed while it drew the picture: No glyph for "🔋"'):
         screenshot(tmp_path / "emoji.rrd", tmp_path / "none.png", size=(640, 480))
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="a process can't be stopped here")
+def test_a_viewer_that_does_not_answer_is_killed(vulkan, recording, monkeypatch):
+    monkeypatch.setattr(screenshot_module, "_ANSWER_WITHIN", 2.0)
+
+    def draw() -> None:
+        with screenshot_module._viewer(SMALL) as viewer:
+            os.kill(viewer._process._process.pid, signal.SIGSTOP)
+            viewer.picture(None)
+
+    with pytest.raises(ScreenError, match=r"did not answer for 2 s, and was killed"):
+        draw()
 
 
 def test_an_unknown_view_is_reported_with_the_existing_views(vulkan, recording, tmp_path):
