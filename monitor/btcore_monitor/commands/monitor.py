@@ -237,7 +237,7 @@ def _show(feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Even
             if text and not (quiet and isinstance(event, ConnectionChanged) and event.state != "lost"):
                 print_line(f"monitor: {text}", err=True)
         if not events:
-            view.flush()
+            view.pause()
         if stop.is_set():
             return
 

@@ -156,7 +156,7 @@ class _Files:
         """Write buffered data."""
         self.log.flush()
         for view in self.views:
-            view.flush()
+            view.pause()
 
     def check(self) -> None:
         """Raise RecordingError if a recording cannot be written because the disk is full."""

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, entity_part
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, entity_part, rounded
 from btcore_monitor.wire.scene_schema import NUMBER_AT_MOST
 from btcore_scene import UPRIGHT, Arrow, BoundingBox, MovingScene, Poses
 
@@ -17,6 +17,8 @@ BOXES: Final = "boxes"
 _RING: Final = 24
 _GOAL_RING, _GOAL_POLE = 0.3, 1.2
 _PARTICLE: Final = 0.14
+_PLACE_STEP: Final = 1 / 512
+"""Distance (m) to which drawn coordinates are rounded, about 2 mm."""
 _NOSE: Final = 1.5
 """Length of the line that shows a heading, in multiples of the ring's radius."""
 _BOX_LINE: Final = 0.02
@@ -73,7 +75,7 @@ def _ahead(rows: Rows) -> Rows:
 
 
 def _lifted(points: NDArray[np.floating], z: float) -> NDArray[np.float32]:
-    return np.concatenate((points, np.full((len(points), 1), z)), axis=1).astype(np.float32)
+    return rounded(np.concatenate((points, np.full((len(points), 1), z)), axis=1), _PLACE_STEP)
 
 
 POSE_STYLES: Final[Mapping[str, PoseStyle]] = {

@@ -43,13 +43,20 @@ from btcore_monitor.screen.viewer_windows import ROOM, RobotWindow, SingleRobotW
 
 _ENDLESS: Final = 1 << 62
 SEND_EVERY: Final = 0.2
-"""Wall time (s) between two transmissions of buffered rows while events arrive."""
+"""Wall time (s) between two transmissions of buffered rows to a viewer while events arrive."""
+WRITE_EVERY: Final = 10.0
+"""Wall time (s) between two transmissions to a file alone.
+
+Each transmission adds about 4 kB for each entity to the file, whatever the number of rows.
+"""
+_EVENTS_AT_MOST: Final = 2000
+"""Number of events after which the rows are sent at the latest."""
 
 
 class RobotView:
     """The view of a robot.
 
-    Call `show` for each event in order, `flush` while no events arrive, and `close` at the
+    Call `show` for each event in order, `pause` while no events arrive, and `close` at the
     end. A tree with a new id begins a new recording, so that a restarted robot does not overwrite the old
     data.
 
@@ -76,6 +83,7 @@ class RobotView:
         self._new_tree: TreeSeen | None = None
         self._scene: SceneStatic | None = None
         self._sent = time.monotonic()
+        self._events = 0
 
     @property
     def tree(self) -> TreeView | None:
@@ -95,12 +103,23 @@ class RobotView:
             self._draw()
             if self._shown is not None:
                 self._shown.show(event)
-        if time.monotonic() - self._sent >= SEND_EVERY:
+        self._events += 1
+        interval = SEND_EVERY if self._window.is_live else WRITE_EVERY
+        if time.monotonic() - self._sent >= interval or self._events >= _EVENTS_AT_MOST:
             self.flush()
+
+    def pause(self) -> None:
+        """Process a moment without events: a viewer receives the buffered rows now, a file later."""
+        if self._window.is_live or time.monotonic() - self._sent >= WRITE_EVERY:
+            self.flush()
+            return
+        self._draw()
+        if self._shown is not None:
+            self._shown.settle()
 
     def flush(self) -> None:
         """Send the buffered rows."""
-        self._sent = time.monotonic()
+        self._sent, self._events = time.monotonic(), 0
         self._draw()
         if self._shown is not None:
             self._shown.settle()

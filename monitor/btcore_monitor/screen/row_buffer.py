@@ -14,6 +14,7 @@ from typing import Any, Final, Generic, Literal, TypeVar
 import numpy as np
 import pyarrow as pa
 import rerun as rr
+from numpy.typing import NDArray
 
 from btcore_monitor.screen.font import legible, spell
 
@@ -152,6 +153,17 @@ def _legible_column(column: Any) -> Any:
 def entity_part(name: str) -> str:
     """Return *name* as a part of an entity's path, without characters that rerun shows with escapes."""
     return re.sub(r"[^\w.-]+", "_", spell(name[:_NAME_ROOM])).strip("_") or "_"
+
+
+def rounded(values: NDArray[np.floating], step: float) -> NDArray[np.float32]:
+    """Return *values*, rounded to multiples of *step*, of which rerun's compression stores many in less room.
+
+    Args:
+        values: The values, of any shape.
+        step: A power of two: only such multiples have few bits.
+    """
+    multiples: NDArray[np.float32] = (np.round(values / step) * step).astype(np.float32)
+    return multiples
 
 
 def scalars(values: list[float]) -> Iterable[Any]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from btcore_monitor.screen.camera_view import CameraView
 from btcore_monitor.screen.floor import Floor
 from btcore_monitor.screen.navigation_markers import NavigationMarkers
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, curve, entity_part, scalars
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, curve, entity_part, rounded, scalars
 from btcore_monitor.screen.shapes import archetypes, extent, surface
 from btcore_monitor.screen.style import Palette
 from btcore_scene import UPRIGHT, Laser, Mesh, MovingScene, Part, StaticScene
@@ -40,7 +40,11 @@ _COLOUR_LEGEND: Final = """
 | hatched | keep-out area |
 """
 _FAN_STEP: Final = 4
-"""Number of laser rays for each corner of the fan, the filled area that the laser sees to be free."""
+"""Number of drawn rays for each corner of the fan, the filled area that the laser sees to be free."""
+_POINTS_AT_MOST: Final = 400
+"""Greatest number of drawn rays of a scan; of more rays, every second (third …) is drawn."""
+_SCAN_STEP: Final = 1 / 64
+"""Distance (m) to which coordinates of a scan are rounded: a quarter of the noise of Tiago's laser."""
 _FAN_REACH: Final = 6.0
 """Length (m) of the fan for rays without an echo; a fan of the sensor's full range would hide the scene."""
 _BODIES: Final = ("base_footprint", "base_link")
@@ -100,6 +104,8 @@ class SceneView:
         self._floor = Floor(rows, palette, ORIGIN)
         self._markers = NavigationMarkers(rows, ORIGIN)
         self._cameras = CameraView(rows, ORIGIN)
+        self._rays = 0
+        self._ray_step = 1
         self._directions: NDArray[np.float32] = np.zeros((0, 3), dtype=np.float32)
         self._scan_stamp = -1
         self._last: Vector | None = None
@@ -236,8 +242,9 @@ class SceneView:
         laser = self._static.laser
         if laser is None:
             return
-        if len(self._directions) != len(ranges):
+        if len(ranges) != self._rays:
             self._set_directions(laser, len(ranges))
+        ranges = ranges[:: self._ray_step]
         seen = np.isfinite(ranges) & (ranges >= (laser.range_min or 0.0))
         self._points.add(t, wall, self._directions[seen] * ranges[seen, None])
         reach = _FAN_REACH if laser.range_max is None else min(_FAN_REACH, float(laser.range_max))
@@ -246,7 +253,9 @@ class SceneView:
         self._fan.add(t, wall, np.concatenate((np.zeros((1, 3), dtype=np.float32), corners)))
 
     def _set_directions(self, laser: Laser, count: int) -> None:
-        angles = laser.angle_min + laser.angle_increment * np.arange(count)
+        self._rays = count
+        self._ray_step = max(1, -(-count // _POINTS_AT_MOST))  # rounded up
+        angles = laser.angle_min + laser.angle_increment * np.arange(0, count, self._ray_step)
         self._directions = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1).astype(np.float32)
         corners = np.arange(1, len(self._directions[::_FAN_STEP]), dtype=np.uint32)
         triangles = np.stack((0 * corners, corners, corners + 1), axis=1)
@@ -328,12 +337,12 @@ def _near(first: Pose, second: Pose) -> bool:
 
 
 def _positions(values: list[Any]) -> Iterable[Any]:
-    columns = rr.Points3D.columns(positions=np.concatenate(values))
+    columns = rr.Points3D.columns(positions=rounded(np.concatenate(values), _SCAN_STEP))
     return columns.partition([len(row) for row in values])
 
 
 def _vertices(values: list[Any]) -> Iterable[Any]:
-    columns = rr.Mesh3D.columns(vertex_positions=np.concatenate(values))
+    columns = rr.Mesh3D.columns(vertex_positions=rounded(np.concatenate(values), _SCAN_STEP))
     return columns.partition([len(row) for row in values])
 
 

@@ -79,6 +79,11 @@ class RecordingSinks:
     # Kept after a failure, too: the destructor of a recording that cannot be written never returns.
     _written: list[tuple[rr.RecordingStream, Path]] = field(default_factory=list, init=False)
 
+    @property
+    def is_live(self) -> bool:
+        """Whether a viewer shows the recordings while they are made."""
+        return self.window is not None or self.relay is not None
+
     def attach(self, recording: rr.RecordingStream) -> Path | None:
         """Send *recording* to all destinations, and return its file, or None without a file."""
         number = next(self._numbers)

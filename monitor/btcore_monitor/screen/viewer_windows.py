@@ -38,6 +38,11 @@ class SingleRobotWindow:
     def __init__(self, sinks: RecordingSinks) -> None:
         self._sinks = sinks
 
+    @property
+    def is_live(self) -> bool:
+        """Whether a viewer shows the recordings while they are made."""
+        return self._sinks.is_live
+
     def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
         """Return a recording for the tree *name*, the entity above all its entities, and its file, or None.
 
@@ -72,6 +77,11 @@ class SharedWindow:
         self._lock = threading.Lock()
         self._places: set[str] = set()
         self._earlier: list[Pane] = []
+
+    @property
+    def is_live(self) -> bool:
+        """Whether a viewer shows the recording while it is made."""
+        return self._sinks.is_live
 
     def begin(self, slot: "SharedWindowSlot") -> tuple[rr.RecordingStream, str, Path | None]:
         """Return the recording, a new entity for all entities of a tree, and the file, or None."""
@@ -116,6 +126,11 @@ class SharedWindowSlot:
         self.pane: Pane | None = None
         """The present content."""
         self._window = window
+
+    @property
+    def is_live(self) -> bool:
+        """Whether a viewer shows the recording while it is made."""
+        return self._window.is_live
 
     def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
         """Return the shared recording, a new entity for all entities of the tree, and the file, or None."""

@@ -21,10 +21,10 @@ from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
 from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
 from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
 
-PARTICLES_AT_MOST = 500
+PARTICLES_AT_MOST = 250
 """The maximum number of particles that are sent; of more particles, every n-th is sent."""
 
-GLOBAL_EVERY, LOCAL_EVERY, MAP_EVERY = 1_000_000_000, 250_000_000, 2_000_000_000
+GLOBAL_EVERY, LOCAL_EVERY, MAP_EVERY = 2_000_000_000, 250_000_000, 2_000_000_000
 """Minimum time (ns) between two messages with a costmap, or with a map that grows."""
 
 

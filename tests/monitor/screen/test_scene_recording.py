@@ -212,6 +212,13 @@ def test_a_picture_without_a_successor_fades_and_shows_its_time(show, kind, arch
     assert [(t, values) for t, values in words] == [(2.5 * SECOND, ["as of 1.0 s"]), (5 * SECOND, [])]
 
 
+def test_of_ten_pictures_a_second_five_are_recorded(show):
+    picture = Picture(name="camera", size=(2, 1), format="rgb8", data=b"\x01\x02\x03\x04\x05\x06")
+    recording = show({at / 10: {"pictures": [picture]} for at in range(10, 20)})
+    taken = [t for t, _ in recording.of("/camera/pictures/camera", "Image:buffer")]
+    assert taken == pytest.approx([SECOND + k * SECOND // 5 for k in range(5)])
+
+
 def test_pictures_are_recorded_with_their_detections(show):
     jpeg = Picture(name="camera", size=(32, 24), format="jpeg", data=b"\xff\xd8 and so on")
     raw = Picture(name="camera", size=(2, 1), format="rgb8", data=b"\x01\x02\x03\x04\x05\x06")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from btcore_monitor.events import (
     BlackboardSeen,
@@ -39,6 +40,17 @@ def test_no_numbered_transition_of_a_thousand_ticks_is_missing(thousand):
     lines = [values[0] for _, values in recording.of("/log", "TextLog:text")]
     assert len([line for line in lines if "→" in line]) == len(sent) > 5000
     assert any("IsObstacle" in line and "IDLE → SUCCESS" in line for line in lines)
+
+
+def test_a_file_without_a_viewer_is_written_in_large_pieces(run, tmp_path):
+    file = tmp_path / "run.rrd"
+    view = RobotView(RecordingSinks(save=file))
+    for event in run(100):
+        view.show(event)
+        view.pause()
+    view.close()
+    entities = [str(chunk.entity_path) for chunk in RrdReader(file).stream() if not chunk.is_static]
+    assert entities.count("/log/numbers") == entities.count("/scene/laser/points") == 1
 
 
 def test_every_tick_has_its_duration_at_its_time(thousand):
@@ -142,7 +154,8 @@ def test_the_robot_moves_with_its_laser_and_leaves_a_trail(thousand):
     assert frames[9][1][0] == pytest.approx([0.3, 0.0, 0.1])
     points = recording.at("/scene/laser/points", "Points3D:positions", events[-2].t)
     assert len(points) == 90  # ten readings without an echo are not points
-    assert np.linalg.norm(points[0]) == pytest.approx(2.0 + 0.5 * np.sin(ticks / 9), abs=1e-3)
+    # Coordinates are rounded to 1/64 m.
+    assert np.linalg.norm(points[0]) == pytest.approx(2.0 + 0.5 * np.sin(ticks / 9), abs=0.012)
     assert len(recording.of("/scene/trail", "LineStrips3D:strips")) == ticks - 1
     speeds = recording.of("/speed/v", "Scalars:scalars")
     assert [values for _, values in speeds] == [[0.3]] * ticks
