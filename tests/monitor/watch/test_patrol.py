@@ -65,7 +65,7 @@ def test_the_static_scene_has_the_parts_of_the_world_and_of_the_navigation(watch
     (static,) = [event.data for event in events if isinstance(event, SceneStatic)]
     assert [grid.name for grid in static.grids] == ["map"]
     assert {"wall_west", "base_link"} <= {
-        name for part in static.parts for name in part.name.split("/") if part.name
+        name for part in (*static.parts, *static.meshes) for name in part.name.split("/")
     }
     assert {"wp1", "wp2", "wp3"} <= {place.name for place in static.places}
     assert static.areas
