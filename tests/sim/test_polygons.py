@@ -139,6 +139,20 @@ def test_clearance_and_map_follow_a_concave_outline(yard: Scene):
     assert 0.2 < yard.clearance_at(-3.0, 2.6) < 0.5, "between two teeth"
 
 
+@pytest.mark.parametrize("start", [(1.2, 1.25, math.pi), (1.25, 1.4, -math.pi / 2), (-0.6, 1.0, 0.0)])
+def test_the_robot_stops_at_every_side_of_a_concave_block(tmp_path: Path, robot_at, steer, start):
+    """Inside the corner of the L, which its convex hull would fill, and outside."""
+    (block,) = load(tmp_path, {**POLYGON, "points": L_SHAPE}).things
+    body = robot_at(block, pose=start)
+    assert body.contacts.events == []
+    steer(body, 4.0, (0.4, 0.0))
+    assert body.contacts.collisions == 1
+    assert body.world.bodies[body.contacts.events[0].body].name == "p"
+    pose = body.true_pose()
+    assert math.dist((pose.x, pose.y), start[:2]) < 0.8
+    assert block.distance(pose.x, pose.y) > 0.2
+
+
 def test_a_block_below_the_laser_is_a_keep_out_area_with_its_outline(tmp_path: Path):
     scene = load(tmp_path, {**POLYGON, "points": L_SHAPE, "height": 0.06})
     covered = overhangs(scene)

@@ -79,6 +79,12 @@ def test_every_world_of_the_package_fits_the_schema(name: str):
     assert problems(WORLD, json.loads((SCENES / f"{name}.json").read_text(encoding="utf-8"))) == []
 
 
+def test_the_lobby_has_an_object_of_every_kind_and_glass():
+    objects = json.loads((SCENES / "lobby.json").read_text(encoding="utf-8"))["objects"]
+    assert {thing["kind"] for thing in objects} == set(KINDS)
+    assert "glass" in {thing.get("material") for thing in objects}
+
+
 def test_the_schema_refuses_what_the_reader_refuses(tmp_path: Path):
     crate = EXAMPLES["box"]
     for changes in (
