@@ -10,7 +10,7 @@ from btcore import Registry, Status, Tree
 from btcore_robot.control.head_tracker import HeadTracker
 from btcore_robot.navigation.action import ActionServer, GoalHandle
 from btcore_robot.process.lifecycle import LifecycleState
-from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D
+from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D, Waypoints
 from btcore_sim.scene import load_scene
 
 TREES = Path(__file__).parents[2] / "trees"
@@ -315,3 +315,41 @@ def test_the_tree_patrols_and_recharges(robot, server: SlowServer, tracker: Head
     assert server.goals[stop + 1] == following[(before + 1) % 3]
     assert states[RECHARGE] == {LifecycleState.INACTIVE}
     assert LifecycleState.ACTIVE in states[WP1]
+
+
+@pytest.mark.parametrize(
+    ("unreachable", "level", "goals", "result"),
+    [
+        # The second round skips wp2 again: a waypoint that was reached resets the count.
+        (("wp2",), 100.0, ["wp1", "wp2", "wp3", "wp1", "wp2", "wp3"], Status.RUNNING),
+        (("wp1", "wp2", "wp3"), 100.0, ["wp1", "wp2", "wp3"], Status.FAILURE),
+        (("recharge",), 15.0, ["recharge", "recharge"], Status.FAILURE),
+    ],
+    ids=["one_waypoint", "all_waypoints", "charger"],
+)
+def test_the_skipping_tree_skips_a_waypoint_and_ends_when_it_can_reach_nothing(
+    robot,
+    server: SlowServer,
+    tracker: HeadTracker,
+    unreachable: Sequence[str],
+    level: float,
+    goals: list[str],
+    result: Status,
+):
+    places = dict(HOUSE.places)
+    for number, name in enumerate(unreachable):
+        places[name] = Pose2D(1000.0 + number, 0.0, 0.0)
+    nodes = Registry.standard()
+    nodes.add_plugin("btcore_robot.leaves")
+    tracker.configure()
+    tree = btcore.load(
+        TREES / "patrolling_skipping.xml",
+        nodes=nodes,
+        resources=[robot, server, tracker, Waypoints(places)],
+    )
+    tree.blackboard["battery_level"] = level
+    assert tick(tree, robot, 120.0) is result
+    names = {pose: name for name, pose in places.items()}
+    visited = [names[goal] for goal in server.goals]
+    assert visited[: len(goals)] == goals
+    assert result is Status.RUNNING or len(visited) == len(goals)
