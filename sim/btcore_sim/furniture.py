@@ -29,6 +29,7 @@ class Part:
         size: The extent along x, y and z; a cylinder's first two values are its diameter.
         position: The middle of the underside.
         color: The colour, `#rrggbb`.
+        look: The name of a look in world files, or empty.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Part:
     size: Vector
     position: Vector
     color: str
+    look: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,15 +70,17 @@ def _one_of(random: np.random.Generator, values: tuple[str, ...]) -> str:
     return values[random.integers(len(values))]
 
 
-def _block(name: str, width: float, depth: float, height: float, color: str) -> Furniture:
-    return Furniture(width, depth, (Part(name, "box", (width, depth, height), (0.0, depth / 2, 0.0), color),))
+def _block(name: str, size: Vector, color: str, look: str = "") -> Furniture:
+    """Return a piece of a single box."""
+    width, depth, _ = size
+    return Furniture(width, depth, (Part(name, "box", size, (0.0, depth / 2, 0.0), color, look),))
 
 
 def _chair(name: str, x: float, y: float, back: int, color: str) -> list[Part]:
     """Return a chair with its middle at x, y, and its back on the side +y (*back* 1) or -y (-1)."""
     return [
-        Part(name, "box", (0.42, 0.42, _SEAT), (x, y, 0.0), color),
-        Part(f"{name}_back", "box", (0.42, 0.05, _BACK), (x, y + back * 0.235, 0.0), color),
+        Part(name, "box", (0.42, 0.42, _SEAT), (x, y, 0.0), color, "chair"),
+        Part(f"{name}_back", "box", (0.42, 0.05, _BACK), (x, y + back * 0.235, 0.0), color, "chair_back"),
     ]
 
 
@@ -95,37 +99,36 @@ def desk(random: np.random.Generator) -> Furniture:
 
 def drawers(random: np.random.Generator) -> Furniture:
     """Return a chest of drawers."""
-    return _block("drawers", _length(random, 0.6, 1.1), 0.45, 0.85, _one_of(random, _WOODS))
+    return _block("drawers", (_length(random, 0.6, 1.1), 0.45, 0.85), _one_of(random, _WOODS), "drawers")
 
 
 def shelf(random: np.random.Generator) -> Furniture:
     """Return a bookshelf."""
-    return _block("shelf", _length(random, 0.8, 1.6), 0.35, 1.9, _one_of(random, _WOODS))
+    return _block("shelf", (_length(random, 0.8, 1.6), 0.35, 1.9), _one_of(random, _WOODS), "shelf")
 
 
 def rack(random: np.random.Generator) -> Furniture:
     """Return a metal rack for a store room."""
-    return _block("rack", _length(random, 1.2, 2.0), 0.5, 2.0, _GREY)
+    return _block("rack", (_length(random, 1.2, 2.0), 0.5, 2.0), _GREY, "shelf")
 
 
 def cabinet(random: np.random.Generator) -> Furniture:
     """Return a filing cabinet."""
-    return _block("cabinet", _length(random, 0.8, 1.2), 0.45, 1.2, _one_of(random, (_WHITE, _GREY)))
+    return _block(
+        "cabinet", (_length(random, 0.8, 1.2), 0.45, 1.2), _one_of(random, (_WHITE, _GREY)), "cabinet"
+    )
 
 
 def printer(random: np.random.Generator) -> Furniture:
     """Return a printer that stands on the floor."""
-    return _block("printer", 0.6, 0.55, 1.05, _WHITE)
+    return _block("printer", (0.6, 0.55, 1.05), _WHITE)
 
 
 def plant(random: np.random.Generator) -> Furniture:
     """Return a plant in a pot."""
     side, height = _length(random, 0.3, 0.45), _length(random, 0.8, 1.4)
-    parts = (
-        Part("pot", "cylinder", (side, side, 0.4), (0.0, side / 2, 0.0), "#a3644a"),
-        Part("plant", "cylinder", (side - 0.1, side - 0.1, height - 0.4), (0.0, side / 2, 0.4), _GREEN),
-    )
-    return Furniture(side, side, parts)
+    whole = Part("plant", "cylinder", (side, side, height), (0.0, side / 2, 0.0), _GREEN, "plant")
+    return Furniture(side, side, (whole,))
 
 
 def sofa(random: np.random.Generator) -> Furniture:
@@ -133,8 +136,8 @@ def sofa(random: np.random.Generator) -> Furniture:
     width, depth, cloth = _length(random, 1.6, 2.2), 0.85, _one_of(random, _CLOTHS)
     arm = (width - 0.15) / 2
     parts = (
-        Part("sofa", "box", (width, depth, 0.42), (0.0, depth / 2, 0.0), cloth),
-        Part("sofa_back", "box", (width, 0.2, 0.8), (0.0, 0.1, 0.0), cloth),
+        Part("sofa", "box", (width, depth, 0.42), (0.0, depth / 2, 0.0), cloth, "seat"),
+        Part("sofa_back", "box", (width, 0.2, 0.8), (0.0, 0.1, 0.0), cloth, "backrest"),
         Part("sofa_arm_left", "box", (0.15, depth, 0.6), (-arm, depth / 2, 0.0), cloth),
         Part("sofa_arm_right", "box", (0.15, depth, 0.6), (arm, depth / 2, 0.0), cloth),
     )
@@ -145,8 +148,8 @@ def armchair(random: np.random.Generator) -> Furniture:
     """Return an armchair."""
     cloth = _one_of(random, _CLOTHS)
     parts = (
-        Part("armchair", "box", (0.8, 0.8, 0.42), (0.0, 0.4, 0.0), cloth),
-        Part("armchair_back", "box", (0.8, 0.2, 0.85), (0.0, 0.1, 0.0), cloth),
+        Part("armchair", "box", (0.8, 0.8, 0.42), (0.0, 0.4, 0.0), cloth, "seat"),
+        Part("armchair_back", "box", (0.8, 0.2, 0.85), (0.0, 0.1, 0.0), cloth, "backrest"),
     )
     return Furniture(0.8, 0.8, parts)
 
@@ -155,7 +158,7 @@ def sideboard(random: np.random.Generator) -> Furniture:
     """Return a sideboard with a television."""
     width, wood = _length(random, 1.2, 1.8), _one_of(random, _WOODS)
     parts = (
-        Part("sideboard", "box", (width, 0.4, 0.5), (0.0, 0.2, 0.0), wood),
+        Part("sideboard", "box", (width, 0.4, 0.5), (0.0, 0.2, 0.0), wood, "drawers"),
         Part("television", "box", (1.1, 0.08, 0.65), (0.0, 0.15, 0.5), _DARK),
     )
     return Furniture(width, 0.4, parts)
@@ -180,7 +183,7 @@ def bed(random: np.random.Generator) -> Furniture:
         Part("pillow", "box", (width - 0.2, 0.4, 0.12), (0.0, 0.35, 0.5), _WHITE),
     ]
     parts += [
-        Part(f"night_stand_{side}", "box", (0.45, 0.4, 0.55), (x, 0.2, 0.0), wood)
+        Part(f"night_stand_{side}", "box", (0.45, 0.4, 0.55), (x, 0.2, 0.0), wood, "drawers")
         for side, x in (("left", -beside), ("right", beside))[:stands]
     ]
     return Furniture(width + (1.0 if stands else 0.0), 2.05, tuple(parts))
@@ -188,7 +191,9 @@ def bed(random: np.random.Generator) -> Furniture:
 
 def wardrobe(random: np.random.Generator) -> Furniture:
     """Return a wardrobe."""
-    return _block("wardrobe", _length(random, 1.2, 2.0), 0.6, 2.0, _one_of(random, (*_WOODS, _WHITE)))
+    return _block(
+        "wardrobe", (_length(random, 1.2, 2.0), 0.6, 2.0), _one_of(random, (*_WOODS, _WHITE)), "cabinet"
+    )
 
 
 def kitchen_unit(random: np.random.Generator) -> Furniture:
@@ -197,14 +202,14 @@ def kitchen_unit(random: np.random.Generator) -> Furniture:
     parts = (
         Part("counter", "box", (width, 0.6, 0.88), (-0.3, 0.3, 0.0), wood),
         Part("worktop", "box", (width, 0.62, 0.04), (-0.3, 0.31, 0.88), _GREY),
-        Part("fridge", "box", (0.6, 0.62, 1.8), (width / 2, 0.31, 0.0), _WHITE),
+        Part("fridge", "box", (0.6, 0.62, 1.8), (width / 2, 0.31, 0.0), _WHITE, "cabinet"),
     )
     return Furniture(width + 0.6, 0.62, parts)
 
 
 def bathtub(random: np.random.Generator) -> Furniture:
     """Return a bathtub."""
-    return _block("bathtub", 1.7, 0.75, 0.55, _WHITE)
+    return _block("bathtub", (1.7, 0.75, 0.55), _WHITE)
 
 
 def toilet(random: np.random.Generator) -> Furniture:
@@ -218,7 +223,7 @@ def toilet(random: np.random.Generator) -> Furniture:
 
 def basin(random: np.random.Generator) -> Furniture:
     """Return a wash basin on a cabinet."""
-    return _block("basin", 0.6, 0.45, 0.85, _WHITE)
+    return _block("basin", (0.6, 0.45, 0.85), _WHITE, "cabinet")
 
 
 def dining_table(random: np.random.Generator) -> Furniture:

@@ -532,4 +532,6 @@ def _object(part: Part, prefix: str, anchor: Point, quarter: int) -> dict[str, A
         placed |= {"radius": round(width / 2, 3), "height": round(height, 3)}
     else:
         placed["size"] = [round(width, 3), round(depth, 3), round(height, 3)]
+    if part.look:
+        placed["look"] = part.look
     return {**placed, "color": part.color}
