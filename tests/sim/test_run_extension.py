@@ -39,6 +39,7 @@ assert "pybullet" not in sys.modules
 def test_the_options_of_the_extension():
     assert [option.name for option in RobotExtension().options] == [
         "world",
+        "waypoints",
         "gui",
         "robot",
         "camera",
