@@ -4,8 +4,12 @@ import math
 
 from btcore_robot.robot import NS_PER_S
 
-PROGRESS = 0.5
-"""The distance (m) that counts as progress, as the controller's `required_movement_radius`."""
+PROGRESS = 2.5
+"""The distance (m) that counts as progress: the default `obstacle_max_range`.
+
+At each attempt the robot notices a closed door at another distance, up to this range. A smaller value would
+take these differences for progress.
+"""
 
 PATIENCE = 60.0
 """The time (s) without progress after which a goal fails, in addition to the time for a detour.

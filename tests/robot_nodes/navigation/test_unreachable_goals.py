@@ -171,12 +171,12 @@ def stalled(progress: GoalProgress, seconds: float) -> bool:
 
 def test_patience_is_the_time_without_progress_and_the_time_for_the_path(progress):
     progress.update(4.0, 0)
-    progress.update(3.6, 50 * NS_PER_S)  # less than half a metre
+    progress.update(1.6, 50 * NS_PER_S)  # less than 2.5 m
     limit = PATIENCE + 4.0 / SPEED
     assert not stalled(progress, limit)
     assert progress.stalled(round((limit + 1.0) * NS_PER_S)) == pytest.approx(limit + 1.0)
-    progress.update(3.5, 70 * NS_PER_S)
-    assert not stalled(progress, 70.0 + PATIENCE + 3.5 / SPEED)
+    progress.update(1.5, 70 * NS_PER_S)
+    assert not stalled(progress, 70.0 + PATIENCE + 1.5 / SPEED)
 
 
 def test_a_detour_takes_its_time_but_the_way_back_adds_none(progress):
