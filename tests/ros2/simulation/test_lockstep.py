@@ -126,10 +126,11 @@ def test_no_message_is_lost(world: Simulation) -> None:
         for tick in range(1, 21):
             publisher.publish(command)
             clock.wait_until(start + tick * TENTH, threading.Event())
-        # The last scan has not arrived yet, because of its latency.
-        assert {stamp(scan) for scan in scans} == {start + tick * TENTH for tick in range(20)}
-        stamps = sorted({stamp(odometry) for odometry in motion})
-        assert stamps == list(range(stamps[0], start + 20 * TENTH + 1, TENTH // 5))
+        # The last scan has not arrived yet, because of its latency. A new subscriber gets the scan before.
+        stamps = {stamp(scan) for scan in scans} - {start - TENTH}
+        assert stamps == {start + tick * TENTH for tick in range(20)}
+        measured = sorted({stamp(odometry) for odometry in motion})
+        assert measured == list(range(measured[0], start + 20 * TENTH + 1, TENTH // 5))
         moved = motion[-1].pose.pose.position.x - motion[0].pose.pose.position.x
         assert moved > 0.3
 
