@@ -7,14 +7,16 @@ import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_monitor.console import print_line
-from btcore_monitor.serve import Publisher
 from btcore_monitor.viewer_setup import stop_on_signals
+
+if TYPE_CHECKING:
+    from btcore_monitor.serve import Publisher
 
 START_TIMEOUT: Final = 30.0
 """Time (s, wall clock) for a monitor process to start before the first tick."""
@@ -37,7 +39,9 @@ class MonitorProcess:
     If *stays* is true, the process continues after the run, until Ctrl-C.
     """
 
-    def __init__(self, publisher: Publisher, options: Sequence[str], name: str, stays: bool = False) -> None:
+    def __init__(
+        self, publisher: "Publisher", options: Sequence[str], name: str, stays: bool = False
+    ) -> None:
         self.name = name
         self.saves = "--save" in options
         self.stays = stays
@@ -109,7 +113,7 @@ class MonitorProcess:
                 self.process.wait()
 
 
-def wait_until_listening(publisher: Publisher, monitors: Sequence[MonitorProcess]) -> None:
+def wait_until_listening(publisher: "Publisher", monitors: Sequence[MonitorProcess]) -> None:
     """Wait until all monitors have connected, so that they receive the run from its beginning.
 
     If a monitor has not connected after START_TIMEOUT, print a message and return.

@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -19,11 +19,12 @@ from btcore_monitor.display import has_display
 from btcore_monitor.display_options import DisplayOptions, create_options, explicit_options
 from btcore_monitor.keys import KeyFileError, RobotKeys, create_keys
 from btcore_monitor.monitor_process import MonitorProcess, print_message, wait_until_listening
-from btcore_monitor.serve import Publisher, ServeError, serve
-from btcore_monitor.serve.tcp_ports import GROOT1_PORTS
 from btcore_monitor.viewer_setup import check_is_recording, check_writable
 from btcore_monitor.wire.groot1 import BESIDE_GROOT2, PUBLISH_PORT
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
+
+if TYPE_CHECKING:
+    from btcore_monitor.serve import Publisher
 
 _GROOT1_OFFSET: Final = BESIDE_GROOT2 - DEFAULT_PORT
 """Offset of Groot 1's ports from Groot 2's ports if both are served: 1667 and 2666."""
@@ -173,6 +174,9 @@ class MonitorExtension(RunExtension):
         if not settings["publish"] and not _shown(settings):
             yield
             return
+        # Imported here, because most runs publish nothing, and the import takes a tenth of a second.
+        from btcore_monitor.serve import ServeError, serve
+
         port, groot1 = _ports(settings)
         with ExitStack() as stack:
             keys, key_options = _robot_keys(settings, stack)
@@ -289,6 +293,8 @@ def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
         return (DEFAULT_PORT if publish else 0) if first is None else first, None
     if "groot2" not in publish:
         return None, PUBLISH_PORT if first is None else first
+    from btcore_monitor.serve.tcp_ports import GROOT1_PORTS
+
     port = DEFAULT_PORT if first is None else first
     groot1 = port + _GROOT1_OFFSET if port else 0
     if groot1 + GROOT1_PORTS > 1 << 16:
