@@ -162,8 +162,9 @@ def rounded(values: NDArray[np.floating], step: float) -> NDArray[np.float32]:
         values: The values, of any shape.
         step: A power of two: only such multiples have few bits.
     """
-    multiples: NDArray[np.float32] = (np.round(values / step) * step).astype(np.float32)
-    return multiples
+    # float64, because a robot may send the largest number of float32, which a division makes greater.
+    multiples = np.round(values.astype(np.float64) / step) * step
+    return multiples.astype(np.float32)
 
 
 def scalars(values: list[float]) -> Iterable[Any]:

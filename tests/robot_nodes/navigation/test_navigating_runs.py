@@ -82,7 +82,8 @@ def test_a_patrol_in_a_world_without_waypoints_is_a_usage_error():
 
 
 def test_a_robot_outside_its_map_logs_the_unknown_pose_and_does_not_drive(tmp_path):
-    save_map(room(0, 100, origin=(20.0, 20.0)), tmp_path / "far.yaml")
+    # The map contains the first waypoint, but not the robot.
+    save_map(room(0, 100, origin=(0.0, -13.3)), tmp_path / "far.yaml")
     options = ("--world", "house", "--duration", "2", "--map", str(tmp_path / "far.yaml"))
     said, logged = started("patrolling", *options).communicate()
     assert "the robot's pose is unknown" in logged
