@@ -6,11 +6,14 @@ step takes 4 ms with a body for each rectangle, and 0.003 ms with one mesh.
 """
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.occupancy_map import OccupancyMap
+if TYPE_CHECKING:
+    # The module needs OpenCV, which the names of worlds do not.
+    from btcore_robot.navigation.occupancy_map import OccupancyMap
 
 WALL_HEIGHT = 2.5
 """Height (m) of the walls."""
@@ -37,7 +40,7 @@ class MapWalls:
             `(n, 4)`. Together they cover exactly the occupied cells, without overlap.
     """
 
-    def __init__(self, map: OccupancyMap) -> None:
+    def __init__(self, map: "OccupancyMap") -> None:
         self.map = map
         by_rows, by_columns = merge_cells(map.occupied), merge_cells(map.occupied.T)[:, [1, 0, 3, 2]]
         cells = by_rows if len(by_rows) <= len(by_columns) else by_columns
