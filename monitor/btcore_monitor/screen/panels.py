@@ -92,6 +92,11 @@ class TransitionLog:
         self._add(event.t, event.wall, line, level, colour)
         self._numbers.add(event.t, event.wall, event)
 
+    def send(self) -> None:
+        """Send the lines and the numbers, before the other data of the robot."""
+        for series in (self._lines, self._numbers):
+            series.send(self._rows.recording)
+
     def not_found(self, pattern: str, t: int, wall: int) -> None:
         """Log that no node matches a search pattern, at tree time *t* and wall time *wall* (ns)."""
         self._warn(t, wall, f"no node's name or path matches '{pattern}'")

@@ -49,6 +49,8 @@ WRITE_EVERY: Final = 10.0
 
 Each transmission adds about 4 kB for each entity to the file, whatever the number of rows.
 """
+WRITE_TRANSITIONS_EVERY: Final = 0.7
+"""Wall time (s) between two transmissions of transitions to a file alone: a killed recorder loses no more."""
 _EVENTS_AT_MOST: Final = 2000
 """Number of events after which the rows are sent at the latest."""
 
@@ -82,7 +84,7 @@ class RobotView:
         self._shown: _Shown | None = None
         self._new_tree: TreeSeen | None = None
         self._scene: SceneStatic | None = None
-        self._sent = time.monotonic()
+        self._sent = self._transitions_sent = time.monotonic()
         self._events = 0
 
     @property
@@ -104,22 +106,30 @@ class RobotView:
             if self._shown is not None:
                 self._shown.show(event)
         self._events += 1
-        interval = SEND_EVERY if self._window.is_live else WRITE_EVERY
-        if time.monotonic() - self._sent >= interval or self._events >= _EVENTS_AT_MOST:
-            self.flush()
+        self._send_if_due(SEND_EVERY)
 
     def pause(self) -> None:
         """Process a moment without events: a viewer receives the buffered rows now, a file later."""
-        if self._window.is_live or time.monotonic() - self._sent >= WRITE_EVERY:
-            self.flush()
-            return
         self._draw()
         if self._shown is not None:
             self._shown.settle()
+        self._send_if_due(0.0)
+
+    def _send_if_due(self, live_interval: float) -> None:
+        """Send the rows whose time has come; *live_interval* (s) is the time between two for a viewer."""
+        now = time.monotonic()
+        interval = live_interval if self._window.is_live else WRITE_EVERY
+        if now - self._sent >= interval or self._events >= _EVENTS_AT_MOST:
+            self.flush()
+        elif now - self._transitions_sent >= WRITE_TRANSITIONS_EVERY and not self._window.is_live:
+            self._transitions_sent = now
+            if self._shown is not None:
+                self._shown.log.send()
 
     def flush(self) -> None:
         """Send the buffered rows."""
-        self._sent, self._events = time.monotonic(), 0
+        self._sent = self._transitions_sent = time.monotonic()
+        self._events = 0
         self._draw()
         if self._shown is not None:
             self._shown.settle()
