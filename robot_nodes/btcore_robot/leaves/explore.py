@@ -40,6 +40,9 @@ class Explorer(Protocol):
     def is_goal_unknown(self) -> bool:
         """Return whether the area around the last goal of `next_goal` is still unknown."""
 
+    def is_goal_free(self) -> bool:
+        """Return whether the robot can stand at the last goal of `next_goal`."""
+
     def exclude_goal(self) -> None:
         """Exclude the area around the last goal of `next_goal` from further exploration."""
 
@@ -96,7 +99,9 @@ class Explore(StatefulAction):
             if now - self.last_check < CHECK_PERIOD:
                 return Status.RUNNING
             self.last_check = now
-            return Status.RUNNING if self.explorer.is_goal_unknown() else self.send_next_goal()
+            explorer = self.explorer
+            is_useful = explorer.is_goal_unknown() and explorer.is_goal_free()
+            return Status.RUNNING if is_useful else self.send_next_goal()
         if self.handle.status is GoalStatus.ABORTED:
             result = self.handle.result
             log.info(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from btcore_robot.navigation.costmap import GlobalCostmap
+from btcore_robot.navigation.costmap import INSCRIBED, GlobalCostmap
 from btcore_robot.navigation.costmap_layers import static_costs
 from btcore_robot.navigation.mapping.frontiers import Frontier, find_frontiers, is_unknown_nearby
 from btcore_robot.navigation.mapping.mapper import Mapper
@@ -90,6 +90,13 @@ class Exploration(Navigation):
     def is_goal_unknown(self) -> bool:
         """Return whether the area around the last goal of `next_goal` is still unknown."""
         return self._frontier is not None and is_unknown_nearby(self.mapper.map(), self._frontier.position)
+
+    def is_goal_free(self) -> bool:
+        """Return whether the robot can stand at the last goal of `next_goal`, by what it has seen since."""
+        if self._frontier is None:
+            return False
+        goal = self._frontier.goal
+        return self.global_costmap.cost(goal.x, goal.y) < INSCRIBED
 
     def exclude_goal(self) -> None:
         """Exclude the frontier of the last goal, after the goal was unreachable or showed nothing new."""

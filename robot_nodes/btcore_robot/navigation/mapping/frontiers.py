@@ -30,6 +30,11 @@ MAX_VIEW_DISTANCE = 0.8
 """The maximum distance (m) between a frontier and the goal from which the robot looks at it."""
 CLEARANCE = 0.1
 """The distance (m) between the robot at a goal and unknown cells, which may hide a wall."""
+MARGIN = 0.1
+"""The distance (m) between a goal and cells at which the robot would touch an obstacle of the map.
+
+The noise of the laser moves the walls of a new map by a cell or two while the robot drives to the goal.
+"""
 EXCLUSION_RADIUS = 0.5
 """The radius (m) around an excluded position within which nothing counts as a frontier."""
 WALL_CELLS = 2
@@ -111,8 +116,10 @@ def find_frontiers(
     costs[~reached] = IMPASSABLE
     field, _ = MCP_Geometric(costs).find_costs([start])
     from_unknown = cv2.distanceTransform((~map.unknown).astype(np.uint8), cv2.DIST_L2, 5)
-    # Goals keep a distance from unknown cells, unless no reachable cell does.
+    from_obstacles = cv2.distanceTransform((costmap.costs < INSCRIBED).astype(np.uint8), cv2.DIST_L2, 5)
+    # Goals keep a distance from unknown cells and from obstacles, unless no reachable cell does.
     suitable = reached & (from_unknown * map.resolution >= radius + CLEARANCE)
+    suitable &= from_obstacles * map.resolution >= MARGIN
     distance, nearest = _nearest(suitable if suitable.any() else reached)
     frontiers = []
     for label in long_enough:
