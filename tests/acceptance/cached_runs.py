@@ -107,6 +107,12 @@ def _results(case: Case, seeds: Sequence[int], workers: int, execute: Execution)
             yield result
 
 
+def safe(result: Result) -> list[str]:
+    """Require that the robot touched nothing."""
+    robot = result["robot"]
+    return [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes") if robot[kind]]
+
+
 def failure_messages(case: Case, found: Sequence[Result]) -> list[str]:
     """Return a message for each miss."""
     return [

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from cached_runs import Case, Result, failure_messages, results
+from cached_runs import Case, Result, failure_messages, results, safe
 
 HOUSES = ("house", "aws_house")
 ROUND = ("wp1", "wp2", "wp3")
@@ -27,12 +27,6 @@ class Group:
     seeds: Sequence[int]
     allowed: int = 0
     factor: float = 0.0
-
-
-def safe(result: Result) -> list[str]:
-    """Require that the robot touched nothing."""
-    robot = result["robot"]
-    return [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes") if robot[kind]]
 
 
 def patrolled(least: int, recharges: int) -> Callable[[Result], list[str]]:

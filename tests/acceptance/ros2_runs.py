@@ -25,7 +25,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from subprocess import PIPE, Popen
 
-from cached_runs import Case, Result, failure_messages, results
+from cached_runs import Case, Result, failure_messages, results, safe
 from checkout import environment
 
 from btcore_ros2.testing import isolate_ros
@@ -161,17 +161,11 @@ def waypoints(result: Result) -> int:
     return sum(node["success"] for node in result["nodes"].values() if node["id"] == "Move")
 
 
-def contacts(result: Result) -> list[str]:
-    """Return a message for each kind of contact that the simulator has counted."""
-    robot = result["robot"]
-    return [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes") if robot[kind]]
-
-
 def requirements(tree: str, duration: int) -> Callable[[Result], list[str]]:
     """Return the function that returns the requirements of *tree* that a result does not meet."""
 
     def misses(result: Result) -> list[str]:
-        robot, found = result["robot"], contacts(result)
+        robot, found = result["robot"], safe(result)
         if robot["distance_m"] < LEAST_SPEED * duration:
             found.append(f"only {robot['distance_m']} m")
         if result["time_s"] != duration:
@@ -267,7 +261,7 @@ def real_time_run(seconds: int, least_ticks: float) -> list[str]:
         print(f"{name:28} " + " ".join(f"{value * 1e3:8.2f}" for value in values))
     print(f"{'ratio':28} " + " ".join(f"{a / b:8.2f}" for a, b in zip(ticks, calls, strict=True)))
     found = {**driven, **measured}
-    missed = [f"real time: {kind}" for kind in contacts(found)]
+    missed = [f"real time: {kind}" for kind in safe(found)]
     if driven["ticks"] < least_ticks * RATE * seconds:
         missed.append(f"real time: only {driven['ticks']} ticks")
     return missed
