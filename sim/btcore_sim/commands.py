@@ -64,9 +64,11 @@ def map_command(world: str, output: Path, resolution: float) -> None:
         f"origin ({x:g}, {y:g}) m"
     )
     if map.keepout:
-        click.echo(f"{path.with_name(f'{path.stem}.keepout.yaml')}: {len(map.keepout)} keep-out areas")
+        areas = "area" if len(map.keepout) == 1 else "areas"
+        click.echo(f"{path.with_name(f'{path.stem}.keepout.yaml')}: {len(map.keepout)} keep-out {areas}")
     if scene.waypoints:
-        click.echo(f"{waypoints_path(path)}: {len(scene.waypoints)} waypoints")
+        places = "waypoint" if len(scene.waypoints) == 1 else "waypoints"
+        click.echo(f"{waypoints_path(path)}: {len(scene.waypoints)} {places}")
 
 
 @click.command("world", short_help="Make a random office or home.")

@@ -31,6 +31,12 @@ class Explorer(Protocol):
     def must_wait(self) -> bool:
         """Return whether the robot has to stand because its pose is not known yet."""
 
+    def goals_wait(self) -> bool:
+        """Return whether the robot cannot drive to any goal at present.
+
+        Its pose is not known, a sensor has no readings, or the battery is empty.
+        """
+
     def estimate(self) -> Pose2D | None:
         """Return the robot's pose in the frame `map`, or None while it is not known."""
 
@@ -65,8 +71,9 @@ class MapFile:
 class Explore(StatefulAction):
     """Drive to all borders of the known floor, one after another: RUNNING, then SUCCESS if no border is left.
 
-    Goals that cannot be reached, or from which no unknown area becomes visible, are excluded. A halt cancels
-    the drive.
+    Goals that cannot be reached, or from which no unknown area becomes visible, are excluded. FAILURE when a
+    goal fails because the robot cannot drive at all, for example with an empty battery. A halt cancels the
+    drive; the next start continues the exploration and keeps *start*.
     """
 
     start: Annotated[
@@ -87,7 +94,6 @@ class Explore(StatefulAction):
 
     def on_start(self) -> Status:
         """Send the first goal."""
-        self.is_start_written = False
         return self.send_next_goal()
 
     def on_running(self) -> Status:
@@ -104,9 +110,11 @@ class Explore(StatefulAction):
             return Status.RUNNING if is_useful else self.send_next_goal()
         if self.handle.status is GoalStatus.ABORTED:
             result = self.handle.result
-            log.info(
-                "%s: can't get there: %s", self.path, result.message if result else "the goal was aborted"
-            )
+            reason = result.message if result else "the goal was aborted"
+            if self.explorer.goals_wait():
+                log.warning("%s: the exploration ends: %s", self.path, reason)
+                return self.end(Status.FAILURE)
+            log.info("%s: can't get there: %s", self.path, reason)
             # An obstacle may have closed the way; a second failure means that there is no other way.
             if are_near(self.failed_goal, self.goal):
                 self.explorer.exclude_goal()
@@ -131,15 +139,20 @@ class Explore(StatefulAction):
         self.last_check, self.arrived = self.clock.now(), None
         if self.explorer.must_wait():
             return Status.RUNNING
-        if not self.is_start_written:
+        if not self.is_start_written and "start" in self.config.outputs:
             self.start = self.explorer.estimate()
-            self.is_start_written = True
+        self.is_start_written = True
         self.goal = self.explorer.next_goal()
         if self.goal is None:
-            self.on_halted()
-            return Status.SUCCESS
+            return self.end(Status.SUCCESS)
         self.handle = self.explorer.go_to(self.goal)
         return Status.RUNNING
+
+    def end(self, status: Status) -> Status:
+        """Cancel the drive, so that the next start begins a new exploration, and return *status*."""
+        self.on_halted()
+        self.is_start_written = False
+        return status
 
 
 def are_near(first: Pose2D | None, second: Pose2D | None) -> bool:

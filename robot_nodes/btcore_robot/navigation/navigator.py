@@ -59,7 +59,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         on_end: A function that is called with the outcome of every goal.
         hold: A function that returns whether goals have to wait; the tree is not ticked in this time.
         give_up_reason: A function that is called with the time (ns) at which a waiting goal began. It returns
-            the reason to abort the goal, or "" if the goal continues to wait.
+            the error code and the message of a goal to abort, or None if the goal continues to wait.
         check_goal: A function that is called with each pose of a new goal. It raises a PlannerError to reject
             the goal.
         slowest: The average speed (m/s) from which on a detour is progress.
@@ -79,7 +79,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         plugins: Iterable[str] = (),
         on_end: Callable[[GoalOutcome], None] | None = None,
         hold: Callable[[], bool] | None = None,
-        give_up_reason: Callable[[int], str] | None = None,
+        give_up_reason: Callable[[int], tuple[Nav2ErrorCode, str] | None] | None = None,
         check_goal: Callable[[Pose2D], None] | None = None,
         slowest: float = SLOWEST,
     ) -> None:
@@ -156,10 +156,10 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             return
         if self._hold is not None and self._hold():
             self._progress.pause(elapsed)
-            reason = self._give_up_reason(self._began) if self._give_up_reason is not None else ""
-            if reason:
+            reason = self._give_up_reason(self._began) if self._give_up_reason is not None else None
+            if reason is not None:
                 self._halt()
-                self._end(handle, Nav2ErrorCode.NAVIGATE_TF_ERROR, reason, now)
+                self._end(handle, *reason, now)
             return
         try:
             status = tree.tick_exactly_once()

@@ -18,11 +18,13 @@ class Outage:
         sensor: The kind of the missing readings, for messages: "odometry".
         since: The stamp (ns) of the last usable reading.
         detail: The reason if it is known, for messages; otherwise "".
+        is_transform: Whether the readings are poses of a frame; the odometry is the pose of the base.
     """
 
     sensor: str
     since: int
     detail: str = ""
+    is_transform: bool = True
 
     def seconds(self, now: int) -> float:
         """Return the duration (s) of the outage until *now* (ns)."""
@@ -90,7 +92,7 @@ class SensorWatch:
         scan = self._robot.scan()
         if not is_stale(scan, now, self._scan_limit):
             return None
-        return Outage("laser scan", self._began if scan is None else scan.stamp)
+        return Outage("laser scan", self._began if scan is None else scan.stamp, is_transform=False)
 
     def _laser_frame_outage(self) -> Outage | None:
         """Return an outage if the laser's pose at the time of the newest scan is not known."""

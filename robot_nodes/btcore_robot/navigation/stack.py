@@ -17,6 +17,7 @@ from btcore_robot.navigation.behaviours import (
 from btcore_robot.navigation.clearance import laser_pose
 from btcore_robot.navigation.controller import ControllerServer
 from btcore_robot.navigation.costmap import GlobalCostmap, LocalCostmap
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.localiser import Localiser
 from btcore_robot.navigation.navigator import NavigateGoal, NavigateHandle, Navigator, tree_file
 from btcore_robot.navigation.occupancy_map import OccupancyMap
@@ -66,7 +67,8 @@ class Navigation:
     The robot also stands while the odometry, the scans or the laser's pose on the robot are too old.
     Goals wait in this time, and continue with a newly planned path. If the search has no result after
     `SEARCH_PATIENCE`, because places look alike or the map doesn't fit, the robot stops searching and the
-    waiting goals fail. They also fail when a sensor has no readings for longer than `time_limits.PATIENCE`.
+    waiting goals fail. They also fail when a sensor has no readings for longer than `time_limits.PATIENCE`,
+    and at once when the battery is empty.
 
     *random* is the source of the localiser's samples. *trees* is the folder whose subfolder `navigation`
     contains the default trees. Messages have the names of *waypoints* instead of their coordinates.
@@ -167,7 +169,7 @@ class Navigation:
                 through=through,
                 plugins=named.plugin_lib_names,
                 on_end=self._outcomes.append,
-                hold=self._goals_wait,
+                hold=self.goals_wait,
                 give_up_reason=self.give_up_reason,
                 check_goal=planner.check_goal,
                 slowest=_DETOUR_SPEED * min(parameters.controller.max_vel_x, robot.base.v_max),
@@ -234,23 +236,42 @@ class Navigation:
             return True
         return self.sensors.odometry_outage(self.robot.clock.now()) is not None
 
-    def _goals_wait(self) -> bool:
-        """Return whether goals have to wait: for the robot's pose, or for the readings of a sensor."""
-        return self.must_wait() or self.sensors.outage(self.robot.clock.now()) is not None
+    def goals_wait(self) -> bool:
+        """Return whether the robot cannot drive to any goal at present.
 
-    def give_up_reason(self, began: int) -> str:
-        """Return why a goal that began at *began* (ns) stops waiting; "" to wait on.
+        Its pose is not known, a sensor has no readings, or the battery is empty.
+        """
+        if self.must_wait() or self.sensors.outage(self.robot.clock.now()) is not None:
+            return True
+        return self._is_battery_empty()
+
+    def _is_battery_empty(self) -> bool:
+        battery = self.robot.battery()
+        return battery is not None and battery.level <= 0.0
+
+    def give_up_reason(self, began: int) -> tuple[Nav2ErrorCode, str] | None:
+        """Return error code and message of a goal that stops waiting, or None if the goal continues to wait.
 
         A goal that began after the robot gave up its search makes the robot search again.
+
+        Args:
+            began: The time (ns) at which the goal began.
         """
+        if self._is_battery_empty():
+            return Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, "the battery is empty"
         now = self.robot.clock.now()
         outage = self.sensors.outage(now)
         if outage is not None and outage.exceeds_patience(now):
-            return outage.message(now)
-        if self._gave_up is None or began <= self._gave_up:
-            return "" if self._gave_up is None else _LOST
+            # CONTROLLER_TIMED_OUT is Nav2's code for a costmap without new observations.
+            is_transform = outage.is_transform
+            code = Nav2ErrorCode.NAVIGATE_TF_ERROR if is_transform else Nav2ErrorCode.CONTROLLER_TIMED_OUT
+            return code, outage.message(now)
+        if self._gave_up is None:
+            return None
+        if began <= self._gave_up:
+            return Nav2ErrorCode.NAVIGATE_TF_ERROR, _LOST
         self._gave_up, self._search_began = None, began
-        return ""
+        return None
 
     def _wire(self, frames: FrameBroadcaster) -> None:
         every, parameters, servers = self.robot.schedule.every, self.parameters, self.servers

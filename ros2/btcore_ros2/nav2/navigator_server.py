@@ -137,10 +137,10 @@ class NavigatorServer:
         else:
             self._to_pose.send_goal(goal)
 
-    def _give_up_reason(self, began: int) -> str:
+    def _give_up_reason(self, began: int) -> tuple[Nav2ErrorCode, str] | None:
         if self.session.clock.now() - began < POSE_PATIENCE_S * NS_PER_S:
-            return ""
-        return POSE_IS_UNKNOWN
+            return None
+        return Nav2ErrorCode.NAVIGATE_TF_ERROR, POSE_IS_UNKNOWN
 
 
 def _refusal(navigator: Navigator, goal: NavigateGoal) -> str:

@@ -344,22 +344,38 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(flat, c
 
 
 @pytest.mark.parametrize(
-    ("sensor", "reading", "tree"),
+    ("sensor", "code", "reading", "tree"),
     [
-        ("odometry", "odometry", ""),
-        ("laser", "laser scan", ""),
-        ("odometry", "odometry", "navigate_w_replanning_time.xml"),
+        ("odometry", "NAVIGATE_TF_ERROR", "odometry", ""),
+        ("laser", "CONTROLLER_TIMED_OUT", "laser scan", ""),
+        ("odometry", "NAVIGATE_TF_ERROR", "odometry", "navigate_w_replanning_time.xml"),
     ],
 )
-def test_a_goal_fails_after_a_long_outage_with_its_cause(flat, monkeypatch, sensor, reading, tree):
+def test_a_goal_fails_after_a_long_outage_with_its_cause(flat, monkeypatch, sensor, code, reading, tree):
     monkeypatch.setattr(sensor_watch, "PATIENCE", 2.0)
     home = flat(Fault(sensor, 3 * NS_PER_S, 99 * NS_PER_S))
     goal = NavigateGoal((Pose2D(4.3, 0.0, 0.0),), tree)
     handle = home.navigation.navigate_to_pose.send_goal(goal)
     assert home.run(8.0, lambda: handle.done) == pytest.approx(5.0, abs=0.2)
     assert handle.status is GoalStatus.ABORTED
-    sentence = rf"NAVIGATE_TF_ERROR: no {reading} for 2.\d s: the robot stands until it arrives again"
+    sentence = rf"{code}: no {reading} for 2.\d s: the robot stands until it arrives again"
     assert re.fullmatch(sentence, handle.result.message)
+    assert Nav2ErrorCode(handle.result.code).name == code
+
+
+def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharging(flat):
+    home = flat()
+    home.body.cells.level = 0.6
+    handle = home.navigation.go_to(Pose2D(2.5, 0.0, 0.0))
+    home.run(20.0, lambda: handle.done)
+    assert handle.status is GoalStatus.ABORTED
+    assert handle.result.message == "FAILED_TO_MAKE_PROGRESS: the battery is empty"
+    assert home.body.battery().level == 0.0
+    assert home.distance_to(0.0, 0.0) > 0.2
+    home.body.recharge()
+    again = home.navigation.go_to(Pose2D(2.5, 0.0, 0.0))
+    home.run(30.0, lambda: again.done)
+    assert again.status is GoalStatus.SUCCEEDED
 
 
 def test_a_goal_waits_for_a_laser_that_fails_at_the_start(flat):

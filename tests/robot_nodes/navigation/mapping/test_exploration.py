@@ -25,6 +25,7 @@ WALLS = {
     "between_north": ([1.5, 1.3], [0.1, 1.4]),
     "cabinet": ([3.7, 1.6], [0.6, 0.8]),
 }
+EXPLORE = """<root BTCPP_format="4"><BehaviorTree ID="T"><Explore/></BehaviorTree></root>"""
 GO = """<root BTCPP_format="4"><BehaviorTree ID="Go"><Move goal="2.9;-0.8"/></BehaviorTree></root>"""
 
 
@@ -44,14 +45,15 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
     }
     (folder / "flat.json").write_text(json.dumps(scene), encoding="utf-8")
     (folder / "go.xml").write_text(GO, encoding="utf-8")
+    (folder / "explore.xml").write_text(EXPLORE, encoding="utf-8")
     result = explore(folder, "made.yaml")
     assert result.exit_code == 0, result.output
     (folder / "told.json").write_text(result.stdout.splitlines()[-1], encoding="utf-8")
     return folder
 
 
-def explore(folder: Path, name: str, *more: str) -> Result:
-    command = ["run", "mapping", "--world", str(folder / "flat.json"), "--fast", "--camera", "off", "--json"]
+def explore(folder: Path, name: str, *more: str, tree: str = "mapping") -> Result:
+    command = ["run", tree, "--world", str(folder / "flat.json"), "--fast", "--camera", "off", "--json"]
     return CliRunner().invoke(
         main, [*command, "--save-map", str(folder / name), "--seed", "2", *more], prog_name="btcore"
     )
@@ -100,6 +102,37 @@ def test_the_unfinished_map_is_saved_at_the_end_of_the_duration(flat: Path) -> N
     assert result.exit_code == 0, result.output
     half, whole = load_map(flat / "half.yaml"), load_map(flat / "made.yaml")
     assert 0 < half.free.sum() < whole.free.sum()
+
+
+def test_the_robot_recharges_at_its_start_and_then_completes_the_map(flat: Path) -> None:
+    result = explore(flat, "recharged.yaml", "--battery", "33")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout.splitlines()[-1])
+    robot = told["robot"]
+    assert (told["status"], robot["recharges"], robot["goals_failed"]) == ("SUCCESS", 1, 0)
+    assert 20.0 < robot["battery_min"] < 30.0
+    assert np.hypot(robot["pose"]["x"], robot["pose"]["y"]) < 0.35
+    made, whole = load_map(flat / "recharged.yaml"), load_map(flat / "made.yaml")
+    assert made.free.sum() > 0.97 * whole.free.sum()
+
+
+def test_a_robot_with_a_low_battery_recharges_before_it_explores(flat: Path) -> None:
+    told = json.loads(explore(flat, "low.yaml", "--battery", "20", "--duration", "7").stdout)
+    assert told["robot"]["recharges"] == 1
+    assert told["robot"]["battery_min"] > 19.9
+    assert [node["ticks"] > 10 for node in told["nodes"].values() if node["id"] == "Explore"] == [True]
+
+
+def test_an_exploration_with_an_empty_battery_fails_with_this_cause(
+    flat: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    result = explore(flat, "empty.yaml", "--battery", "1", tree=str(flat / "explore.xml"))
+    told = json.loads(result.stdout.splitlines()[-1])
+    assert told["status"] == "FAILURE"
+    cause = "FAILED_TO_MAKE_PROGRESS: the battery is empty"
+    assert [goal["cause"] for goal in told["robot"]["failed_goals"]] == [cause]
+    assert f"Explore::1: the exploration ends: {cause}" in caplog.messages
+    assert f"cause {cause}" in result.stderr
 
 
 def test_a_missing_folder_is_reported_as_a_usage_error(flat: Path) -> None:
