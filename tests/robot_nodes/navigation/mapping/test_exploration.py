@@ -25,6 +25,12 @@ WALLS = {
     "between_north": ([1.5, 1.3], [0.1, 1.4]),
     "cabinet": ([3.7, 1.6], [0.6, 0.8]),
 }
+INTERRUPTED = """<root BTCPP_format="4"><BehaviorTree ID="T"><Sequence>
+  <Repeat num_cycles="2"><ForceSuccess>
+    <Timeout msec="15000"><Explore start="{start}"/></Timeout>
+  </ForceSuccess></Repeat>
+  <Move goal="{start}"/>
+</Sequence></BehaviorTree></root>"""
 EXPLORE = """<root BTCPP_format="4"><BehaviorTree ID="T"><Explore/></BehaviorTree></root>"""
 GO = """<root BTCPP_format="4"><BehaviorTree ID="Go"><Move goal="2.9;-0.8"/></BehaviorTree></root>"""
 
@@ -45,6 +51,7 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
     }
     (folder / "flat.json").write_text(json.dumps(scene), encoding="utf-8")
     (folder / "go.xml").write_text(GO, encoding="utf-8")
+    (folder / "interrupted.xml").write_text(INTERRUPTED, encoding="utf-8")
     (folder / "explore.xml").write_text(EXPLORE, encoding="utf-8")
     result = explore(folder, "made.yaml")
     assert result.exit_code == 0, result.output
@@ -114,6 +121,14 @@ def test_the_robot_recharges_at_its_start_and_then_completes_the_map(flat: Path)
     assert np.hypot(robot["pose"]["x"], robot["pose"]["y"]) < 0.35
     made, whole = load_map(flat / "recharged.yaml"), load_map(flat / "made.yaml")
     assert made.free.sum() > 0.97 * whole.free.sum()
+
+
+def test_an_interrupted_exploration_continues_and_keeps_its_start(flat: Path) -> None:
+    result = explore(flat, "interrupted.yaml", tree=str(flat / "interrupted.xml"))
+    assert result.exit_code == 0, result.output
+    robot = json.loads(result.stdout.splitlines()[-1])["robot"]
+    assert robot["distance_m"] > 2.0
+    assert np.hypot(robot["pose"]["x"], robot["pose"]["y"]) < 0.35
 
 
 def test_a_robot_with_a_low_battery_recharges_before_it_explores(flat: Path) -> None:
