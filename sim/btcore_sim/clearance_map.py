@@ -37,16 +37,17 @@ class ClearanceMap:
         """
         return cls(rasterise(scene, movable=True))
 
-    def add_obstacle(self, thing: SceneObject) -> None:
-        """Add *thing* to the map as an obstacle."""
-        draw(thing, self._taken, self.map.origin, self.map.resolution)
+    def add_obstacle(self, *things: SceneObject) -> None:
+        """Add *things* to the map as obstacles."""
+        for thing in things:
+            draw(thing, self._taken, self.map.origin, self.map.resolution)
         self._measure()
 
-    def with_obstacle(self, thing: SceneObject) -> "ClearanceMap":
-        """Return a copy of the map with *thing* added as an obstacle."""
+    def with_obstacle(self, *things: SceneObject) -> "ClearanceMap":
+        """Return a copy of the map with *things* added as obstacles."""
         other = object.__new__(ClearanceMap)
         other.map, other._taken = self.map, self._taken.copy()
-        other.add_obstacle(thing)
+        other.add_obstacle(*things)
         return other
 
     def clearance_at(self, x: float, y: float) -> float:
@@ -89,8 +90,32 @@ class ClearanceMap:
         labels = {int(regions[self.map.cell(*point)]) for point in points}
         return len(labels) <= 1 and 0 not in labels  # 0 is the label of cells without enough clearance
 
+    def reachable(self, start: Point, room: float) -> NDArray[np.bool_]:
+        """Return the cells that a body can reach from *start* over cells with the clearance *room*.
+
+        Near a start with less clearance, the clearance of the start is sufficient. No cell is reachable from
+        a start that is not free.
+
+        Args:
+            start: The position of the body (m).
+            room: The clearance that the body needs (m).
+
+        Returns:
+            A mask of the shape of `clearances`.
+        """
+        passable = self.clearances >= room
+        here = self.clearance_at(*start)
+        if here <= 0.0:
+            return np.zeros_like(passable)
+        (row, col), reach = self.map.cell(*start), math.ceil(2 * room / self.map.resolution)
+        near = np.s_[max(row - reach, 0) : row + reach + 1, max(col - reach, 0) : col + reach + 1]
+        passable[near] |= self.clearances[near] >= min(room, here)
+        _, regions = cv2.connectedComponents(passable.astype(np.uint8), connectivity=4)
+        mask: NDArray[np.bool_] = regions == regions[row, col]
+        return mask
+
     def way(self, start: Point, end: Point, room: float) -> list[Point] | None:
-        """Return the shortest way from *start* to *end* over cells with the clearance *room* (m).
+        """Return the shortest way from *start* to *end* over the cells that are `reachable` from *start*.
 
         Args:
             start: The first point (m).
@@ -100,10 +125,10 @@ class ClearanceMap:
         Returns:
             The middles of the cells on the way, or None if there is no way.
         """
+        open_cells = self.reachable(start, room)
         first, last = self.map.cell(*start), self.map.cell(*end)
-        if not (self.map.inside(*start) and self.map.inside(*end) and self.connected([start, end], room)):
+        if not (self.map.inside(*end) and open_cells[last]):
             return None
-        open_cells = self.clearances >= room
         height, width = open_cells.shape
         # Dijkstra's algorithm from the end, so that the links of the cells lead from the start to the end.
         lengths = {last: 0.0}
@@ -128,17 +153,21 @@ class ClearanceMap:
             cells.append(links[cells[-1]])
         return [self.map.center(*cell) for cell in cells]
 
-    def random_point(self, random: np.random.Generator, room: float) -> Point | None:
+    def random_point(
+        self, random: np.random.Generator, room: float, among: NDArray[np.bool_] | None = None
+    ) -> Point | None:
         """Return the middle of a random cell with enough clearance.
 
         Args:
             random: The source of the random choice.
             room: The smallest accepted clearance (m).
+            among: A mask of the cells to choose from, of the shape of `clearances`; None = all cells.
 
         Returns:
-            The point (x, y in m), or None if no cell has enough clearance.
+            The point (x, y in m), or None if none of the cells has enough clearance.
         """
-        cells = np.flatnonzero(self.clearances >= room)
+        enough = self.clearances >= room
+        cells = np.flatnonzero(enough if among is None else enough & among)
         if not len(cells):
             return None
         row, col = divmod(int(cells[random.integers(len(cells))]), self.clearances.shape[1])

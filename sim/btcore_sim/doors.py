@@ -12,6 +12,7 @@ OPENING_TIME = 3.0
 MARGIN = 0.1
 """Distance (m) from an obstacle at which a door stops that moves towards the obstacle."""
 
+_STRIDE = 0.1  # greatest difference of opening between two poses of a moving leaf
 _TOWARDS = 0.01  # m/s: a part of the door that moves more slowly towards an obstacle does not stop the door
 
 
@@ -51,6 +52,19 @@ class MovingDoors:
     def opening(self, name: str) -> float:
         """Return how far the door *name* is open, from 0 (closed) to 1 (open)."""
         return self._doors[name].opening
+
+    def leaves(self) -> list[SceneObject]:
+        """Return all leaves of doors at their present poses, and moving leaves at their next poses too."""
+        return [leaf for state in self._doors.values() for leaf in state.leaves(state.target)]
+
+    def leaves_of(self, name: str, open: bool) -> list[SceneObject]:
+        """Return the leaf of a door at its present pose, and the poses that it would have while it moves.
+
+        Args:
+            name: The name of the door.
+            open: Whether the door would open.
+        """
+        return self._doors[name].leaves(float(open))
 
     def distance(self, x: float, y: float) -> float:
         """Return the distance (m) from a point to the nearest leaf at its present pose; inf without doors.
@@ -118,6 +132,12 @@ class _State:
     def leaf(self) -> SceneObject:
         """Return the leaf at its present pose."""
         return self.door.placed(self.thing, self.opening)
+
+    def leaves(self, target: float) -> list[SceneObject]:
+        """Return the leaf at its present pose, and at further poses until it is open by *target* (0 to 1)."""
+        steps = math.ceil(abs(target - self.opening) / _STRIDE)
+        further = (self.opening + (target - self.opening) * step / steps for step in range(1, steps + 1))
+        return [self.leaf(), *(self.door.placed(self.thing, opening) for opening in further)]
 
     def velocity(self, x: float, y: float, speed: float) -> tuple[float, float]:
         """Return the velocity (m/s) of a point (x, y; m) of the leaf whose opening grows by *speed* (1/s)."""

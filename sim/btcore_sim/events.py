@@ -216,6 +216,9 @@ class EventTarget(Protocol):
     def carry(self, way: Sequence[Pose2D], speed: float) -> None:
         """Carry the robot along *way* at *speed* (m/s), without a change of its odometry."""
 
+    def carried_along(self) -> Sequence[Pose2D]:
+        """Return the poses along which the robot is still to be carried; empty if it is not being carried."""
+
 
 class EventRunner:
     """Triggers *events* for *robot*, which has the radius *radius* (m).
@@ -329,8 +332,7 @@ class EventRunner:
             case "box":
                 place = self._drop(event)
             case "door":
-                self._world.set_door(event.door, event.opens)
-                place = {"door": event.door, "open": event.opens}
+                place = self._move_door(event)
             case _:
                 place = self._move_robot(event)
         self.event_log.append({"event": event.kind, "t": now / NS_PER_S, **place})
@@ -371,34 +373,51 @@ class EventRunner:
             and floor.with_obstacle(box).connected([*points, (pose.x, pose.y)], self._radius + 0.05)
         )
 
+    def _move_door(self, event: Event) -> dict[str, object]:
+        leaves = self._world.door_leaves_of(event.door, event.opens)
+        way = self._robot.carried_along()
+        if any(leaf.distance(pose.x, pose.y) < self._radius for leaf in leaves for pose in way):
+            raise _impossible(event, "the robot is being carried past this door")
+        self._world.set_door(event.door, event.opens)
+        return {"door": event.door, "open": event.opens}
+
     def _move_robot(self, event: Event) -> dict[str, object]:
         before = self._robot.true_pose()
         start = (before.x, before.y)
-        # Where the robot is in a narrow place, the way begins with the clearance that there is.
-        narrow = min(self._radius + _CARRIED_ROOM, self._floor.clearance_at(*start))
+        # The map has no doors: their leaves are obstacles where they are at this time.
+        leaves = self._world.door_leaves()
+        floor = self._floor.with_obstacle(*leaves) if leaves else self._floor
+        room = self._radius + _CARRIED_ROOM
+        reachable = floor.reachable(start, room) if event.kind == "carry" else None
         for _ in range(_TRIES):
-            place = self._floor.random_point(self._random, self._radius + CLEAR + self._floor.map.resolution)
+            clear = self._radius + CLEAR + floor.map.resolution
+            place = floor.random_point(self._random, clear, reachable)
             if place is None:
                 break
             yaw = float(self._random.uniform(-math.pi, math.pi))
             people = min((math.dist(place, person) for person in self._people()), default=math.inf)
-            near_door = self._world.door_distance(*place) < self._radius + CLEAR
-            if math.dist(place, start) <= FAR or people <= 1.0 + self._radius or near_door:
+            if math.dist(place, start) <= FAR or people <= 1.0 + self._radius:
                 continue
             pose = Pose2D(*place, yaw)
             if event.kind == "kidnap":
                 self._robot.teleport(pose)
             else:
-                way = self._floor.way(start, place, narrow)
+                way = floor.way(start, place, room)
                 if way is None:
                     continue
                 self._robot.carry(_with_headings([start, *way, place], before.yaw, yaw), CARRYING_SPEED)
             return {"from": _rounded(before), "x": _rounded(pose)[0], "y": _rounded(pose)[1]}
-        way_there = "" if event.kind == "kidnap" else " with a way to it"
-        raise _impossible(
-            event,
-            f"there is no free place{way_there} that is more than {FAR:g} m away from the robot and has "
-            f"{CLEAR:g} m of room around it",
+        raise _impossible(event, self._no_place(start, carried=event.kind == "carry"))
+
+    def _no_place(self, start: Point, *, carried: bool) -> str:
+        """Return the reason why there is no place to which the robot can be moved from *start*."""
+        if carried and self._floor.clearance_at(*start) <= 0.0:
+            return f"the robot is not on free floor of the map, at ({start[0]:.2f}, {start[1]:.2f})"
+        shut = [name for name in self._world.scene.doors if self._world.door_opening(name) < 1.0]
+        doors = f" (doors that are not open: {', '.join(shut)})" if shut else ""
+        return (
+            f"there is no free place{f' with a way to it{doors}' if carried else ''} that is more than "
+            f"{FAR:g} m away from the robot and has {CLEAR:g} m of room around it"
         )
 
 

@@ -84,6 +84,10 @@ class Journey:
         x, y, yaw = (float(np.interp(now, self._times, column)) for column in self._columns)
         return Pose2D(x, y, wrap_angle(yaw))
 
+    def rest(self, now: int) -> list[Pose2D]:
+        """Return the pose at the time *now* (ns), and the poses of the way that follow."""
+        return [self.pose(now), *(self.pose(round(time)) for time in self._times if time > now)]
+
 
 class SimulatedRobot(Robot):
     """A robot with a differential drive and a laser, and optionally head, torso, camera and sonars.
@@ -352,6 +356,10 @@ class SimulatedRobot(Robot):
     def is_carried(self) -> bool:
         """Whether the robot is being carried to another place."""
         return self._journey is not None
+
+    def carried_along(self) -> Sequence[Pose2D]:
+        """Return the poses along which the robot is still to be carried; empty if it is not being carried."""
+        return () if self._journey is None else self._journey.rest(self.world.now())
 
     def ramped_twist(self) -> tuple[float, float]:
         """Return the velocity (m/s, rad/s) that is commanded to the wheels, after limits and ramps."""

@@ -196,6 +196,23 @@ class World:
         self.scene.door(name)
         return self._doors.opening(name)
 
+    def door_leaves(self) -> list[SceneObject]:
+        """Return all leaves of doors at their present poses, and moving leaves at their next poses too."""
+        return self._doors.leaves()
+
+    def door_leaves_of(self, name: str, open: bool) -> list[SceneObject]:
+        """Return the leaf of a door at its present pose, and the poses that it would have while it moves.
+
+        Args:
+            name: The name of the door, one of `Scene.doors`.
+            open: Whether the door would open.
+
+        Raises:
+            SimError: The world has no door of this name.
+        """
+        self.scene.door(name)
+        return self._doors.leaves_of(name, open)
+
     def door_distance(self, x: float, y: float) -> float:
         """Return the distance (m) from a point to the nearest leaf of a door at present; inf without doors.
 

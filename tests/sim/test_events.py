@@ -311,6 +311,73 @@ def test_a_carried_robot_sees_the_way_but_its_wheels_do_not_turn(meet):
     assert body.odometry().pose.x > 0.1
 
 
+@pytest.fixture
+def flat(tmp_path: Path):
+    """A world file with two rooms, a closed door between them, and the start pose *start*."""
+
+    def make(*start: float) -> str:
+        walls = {
+            "outside": [[-5, 3], [-5, -3], [5, -3], [5, 3]],
+            "far": [[-5, 3], [5, 3]],
+            "south": [[0, -3], [0, -0.6]],
+            "north": [[0, 0.6], [0, 3]],
+            "closet": [[-5, 1], [-3, 1], [-3, 3]],
+        }
+        objects = [
+            {"name": name, "kind": "wall", "points": line, "height": 2} for name, line in walls.items()
+        ]
+        door = {"name": "inner", "kind": "hinged_door", "position": [0, 0], "width": 1.2, "yaw": math.pi / 2}
+        path = tmp_path / "flat.json"
+        world = {"start": {"pose": start}, "objects": [*objects, door]}
+        path.write_text(json.dumps(world), encoding="utf-8")
+        return str(path)
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("start", "events", "passes"),
+    [
+        ((-3.0, -1.0, 0.0), ["carry:1"], False),
+        ((-4.67, -1.0, 0.0), ["carry:1"], False),  # beside a wall
+        ((-3.0, -1.0, 0.0), ["door:inner:open@0.5", "carry:1"], False),  # the door is still moving
+        ((-3.0, -1.0, 0.0), ["door:inner:open@0.5", "carry:4"], True),
+    ],
+)
+def test_a_robot_is_carried_only_through_open_doors(meet, flat, start, events: list[str], passes: bool):
+    rooms = set()
+    for seed in range(4):
+        body, _ = meet(flat(*start), *events, seed=seed)
+        go(body, parse_event(events[-1]).time / SECOND, 0.0)
+        way = body.carried_along()
+        rooms.add(way[-1].x > 0.0)
+        free = [place for place in way if math.dist((place.x, place.y), start[:2]) > 0.6]
+        obstacles = [thing for thing in body.world.bodies.values() if thing.still] + body.world.door_leaves()
+        assert min(thing.distance(place.x, place.y) for thing in obstacles for place in free) > 0.27
+    assert (True in rooms) == passes
+
+
+@pytest.mark.parametrize(
+    ("start", "events", "said"),
+    [
+        (
+            (-4.2, 2.0, 0.0),
+            ["carry:0.5"],
+            r"no free place with a way to it \(doors that are not open: inner\) that is more than 2 m away",
+        ),
+        (
+            (-1.5, -1.0, 0.0),
+            ["door:inner:open@0.2", "carry:3.5", "door:inner:close@3.6"],
+            "'door:inner:close@3.6' is not possible: the robot is being carried past this door",
+        ),
+    ],
+)
+def test_a_way_that_a_door_prevents_is_an_error(meet, flat, start, events: list[str], said: str):
+    body, _ = meet(flat(*start), *events)
+    with pytest.raises(SimError, match=said):
+        go(body, 4.0, 0.0)
+
+
 def test_a_door_opens_and_closes_at_its_times(tmp_path: Path):
     door = {"name": "kitchen", "kind": "sliding_door", "position": [2, 0], "width": 1.0}
     path = tmp_path / "flat.json"
