@@ -35,9 +35,9 @@ def rasterise(
     """Return the map of the static objects that cut the laser's plane.
 
     A cell is occupied if its middle is less than half a cell from an object, free if it can be reached from
-    the robot's start over cells that are not occupied, and otherwise unknown. A way through glass does not
-    count. The keep-out areas are the scene's own, glass, and the outlines of objects below the robot's height
-    that do not cut the plane (table tops).
+    the start area or the start pose over cells that are not occupied, and otherwise unknown. A way through
+    glass does not count. The keep-out areas are the scene's own, glass, and the outlines of objects below the
+    robot's height that do not cut the plane (table tops).
 
     For a world that was made from a map, the result is that map, with its own resolution and size, on which
     the objects that were added to the world are drawn.
@@ -166,11 +166,16 @@ def draw(
 
 
 def _reached(map: OccupancyMap, glass: NDArray[np.bool_], scene: Scene) -> NDArray[np.bool_]:
-    """Return the cells that are connected (by their sides) with the start pose or the start area."""
+    """Return the cells that are connected (by their sides) with the start area or the start pose.
+
+    A start pose of the run replaces that of the world, but not the world's area, where the waypoints are.
+    """
     empty = ~map.occupied & ~glass
     _, regions = cv2.connectedComponents(empty.astype(np.uint8), connectivity=4)
     x0, y0, x1, y1 = scene.area
     (row, col), (last_row, last_col) = map.cell(x0, y0), map.cell(x1, y1)
     starts = np.unique(regions[max(row, 0) : max(last_row + 1, 0), max(col, 0) : max(last_col + 1, 0)])
+    if scene.pose is not None and map.inside(scene.pose.x, scene.pose.y):
+        starts = np.append(starts, regions[map.cell(scene.pose.x, scene.pose.y)])
     mask: NDArray[np.bool_] = empty & np.isin(regions, starts)
     return mask

@@ -292,14 +292,19 @@ class RobotExtension:
 
 def _scene(settings: Mapping[str, Any]) -> "Scene":
     from btcore_sim.robot_description import TIAGO, load_description
+    from btcore_sim.scenario import with_start
+    from btcore_sim.world import random_generator
     from btcore_sim.worlds import load_world
 
-    return load_world(
+    seed = settings.get("seed", 0)
+    scene = load_world(
         settings.get("world", "arena"),
-        seed=settings.get("seed", 0),
+        seed=seed,
         radius=load_description(settings.get("robot") or TIAGO).base.radius,
         waypoints=settings.get("waypoints"),
     )
+    start = settings.get("start")
+    return scene if start is None else with_start(scene, start, random_generator(seed, "start"))
 
 
 def _map(scene: "Scene") -> object:
@@ -314,9 +319,9 @@ def _make(scene: "Scene", settings: Mapping[str, Any]) -> "tuple[SimulatedRobot,
     from btcore_sim.events import check_events, parse_event
     from btcore_sim.faults import parse_fault
     from btcore_sim.robot_description import TIAGO, load_description
-    from btcore_sim.scenario import Scenario, with_start
+    from btcore_sim.scenario import Scenario
     from btcore_sim.simulated_robot import SimulatedRobot
-    from btcore_sim.world import World, random_generator
+    from btcore_sim.world import World
 
     noise = settings.get("noise", 1.0)
     if not math.isfinite(noise):
@@ -331,9 +336,6 @@ def _make(scene: "Scene", settings: Mapping[str, Any]) -> "tuple[SimulatedRobot,
     )
     seed = settings.get("seed", 0)
     check_events(events, scene, settings.get("duration"))
-    start = settings.get("start")
-    if start is not None:
-        scene = with_start(scene, start, random_generator(seed, "start"))
     scene = scenario.scene(scene, seed)
     world = World(scene, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
     level = settings.get("battery", 100.0)

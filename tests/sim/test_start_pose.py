@@ -123,6 +123,20 @@ def test_the_localiser_is_given_the_start_pose(yard: Path, start: str | None):
     body.world.close()
 
 
+def test_a_robot_can_navigate_in_a_closed_room_outside_the_start_area(yard: Path):
+    world = json.loads(yard.read_text(encoding="utf-8"))
+    world["objects"].append({"kind": "wall", "points": [[17, 12], [20, 12], [20, 13]], "height": 1})
+    yard.write_text(json.dumps(world), encoding="utf-8")
+    body, found = navigation(yard, start="18,12.5")
+    for place in ((18.0, 12.5), (19.0, 9.0)):
+        assert found.map.free[found.map.cell(*place)]
+    handle = found.go_to(Pose2D(19.0, 12.5, 0.0))
+    while not handle.done and body.world.now() < 30_000_000_000:
+        body.world.wait_until(body.world.now() + 500_000_000, threading.Event())
+    assert handle.status is GoalStatus.SUCCEEDED
+    body.world.close()
+
+
 def test_the_users_initial_pose_replaces_the_start_pose(yard: Path, tmp_path: Path):
     file = tmp_path / "nav2.yaml"
     file.write_text("amcl: {ros__parameters: {initial_pose: {x: 18.5, y: 9.0, yaw: 0.4}}}", encoding="utf-8")
