@@ -94,7 +94,7 @@ def provide_resources(
 
 
 def require_resources(
-    ctx: click.Context, settings: Mapping[str, Any], wanted: Sequence[type]
+    ctx: click.Context, settings: Mapping[str, Any], wanted: Sequence[type], optional: Sequence[type] = ()
 ) -> GatheredResources:
     """Return the resources that the extensions provide for *wanted*, such as a robot.
 
@@ -102,12 +102,13 @@ def require_resources(
         ctx: The context of a command of class `RunCommand`.
         settings: The options of the command.
         wanted: The types of the required resources.
+        optional: The types of further resources, which the result contains if an extension provides them.
 
     Raises:
         click.UsageError: No extension provides a resource of one of the types.
         ExtensionError: An installed extension cannot be used.
     """
-    gathered = provide_resources(ctx, settings, wanted)
+    gathered = provide_resources(ctx, settings, (*wanted, *optional))
     warn_unused_options(ctx, gathered.idle, "this command")
     missing = load_extensions(ctx).missing
     for kind in wanted:

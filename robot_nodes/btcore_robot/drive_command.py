@@ -1,5 +1,6 @@
 """`btcore drive`: drive the robot with keys, and make a map on the way."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from btcore_robot.control.keyboard import (
     Terminal,
     parse_key_script,
 )
-from btcore_robot.robot import Phase, Robot
+from btcore_robot.robot import InitialPose, Phase, Robot
 
 if TYPE_CHECKING:
     from btcore_robot.navigation.mapping.mapper import Mapper
@@ -49,9 +50,9 @@ def drive(ctx: click.Context, /, **settings: Any) -> int:
         keys: KeySource = Terminal() if settings["keys"] is None else parse_key_script(settings["keys"])
     except KeyInputError as error:
         raise click.UsageError(f"--keys: {error}" if settings["keys"] is not None else str(error)) from error
-    gathered = require_resources(ctx, settings, (Robot,))
+    gathered = require_resources(ctx, settings, (Robot,), _map_resources() if path is not None else ())
     robot = next(resource for resource in gathered.resources if isinstance(resource, Robot))
-    mapper = _mapper(robot) if path is not None else None
+    mapper = _mapper(robot, gathered.resources) if path is not None else None
     teleop = KeyboardTeleop(robot, keys)
     results: dict[str, object] = {}
 
@@ -71,21 +72,34 @@ def drive(ctx: click.Context, /, **settings: Any) -> int:
     return done.code
 
 
-def _mapper(robot: Robot) -> "Mapper":
-    """Return a mapper on the robot's schedule, with the transforms that it needs."""
+def _map_resources() -> Sequence[type]:
+    """Return the types of the resources that put a map into the frame of a simulated world."""
     try:
-        from btcore_robot.navigation.mapping.mapper import Mapper
+        from btcore_robot.navigation.occupancy_map import OccupancyMap
     except ModuleNotFoundError as missing:
         raise click.UsageError(
             f"maps need the module '{missing.name}', which is not installed: pip install 'btcore[robot]'"
         ) from missing
+    return InitialPose, OccupancyMap
+
+
+def _mapper(robot: Robot, resources: Sequence[object]) -> "Mapper":
+    """Return a mapper on the robot's schedule, with the transforms that it needs.
+
+    If the initial pose is among *resources*, the map is in its frame, with the keep-out areas of the world.
+    """
+    from btcore_robot.navigation.mapping.mapper import Mapper
+    from btcore_robot.navigation.occupancy_map import OccupancyMap
     from btcore_robot.transforms import FrameBroadcaster, TransformTree
 
+    start = next((resource.pose for resource in resources if isinstance(resource, InitialPose)), None)
+    world = next((resource for resource in resources if isinstance(resource, OccupancyMap)), None)
+    keepout = world.keepout if world is not None and start is not None else ()
     tree = TransformTree()
     frames = FrameBroadcaster(robot, tree)
     # Once before the start, so that the first scan finds its frame.
     frames.step(robot.clock.now())
-    mapper = Mapper(robot, tree)
+    mapper = Mapper(robot, tree, start=start, keepout=keepout)
     robot.schedule.every(frames.RATE, Phase.TRANSFORMS, frames.step)
     robot.schedule.every(robot.laser.rate, Phase.LOCALISER, mapper.step)
     return mapper

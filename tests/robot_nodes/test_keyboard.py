@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
@@ -56,6 +58,8 @@ def test_the_robot_drives_by_the_keys(drive: Run) -> None:
 
 def test_a_map_is_made_while_driving(drive: Run, tmp_path: Path) -> None:
     from btcore_robot.navigation.occupancy_map import load_map
+    from btcore_sim.map_rasteriser import rasterise
+    from btcore_sim.scene import load_scene
 
     file = tmp_path / "arena.yaml"
     lines = [
@@ -68,6 +72,11 @@ def test_a_map_is_made_while_driving(drive: Run, tmp_path: Path) -> None:
     assert (map.width, map.height) == (told["map"]["width"], told["map"]["height"])
     assert map.occupied.sum() > 400
     assert map.free.sum() * map.resolution**2 > 30.0
+    # The walls are where they are in the world, although the robot started elsewhere.
+    world = rasterise(load_scene("arena"))
+    indices = world.indices(map.centers(*np.nonzero(map.occupied)))
+    thick_walls = cv2.dilate(world.occupied.astype(np.uint8), np.ones((5, 5)))
+    assert thick_walls[indices[:, 0], indices[:, 1]].mean() > 0.95
 
 
 def test_the_error_without_a_terminal_names_the_keys_option(drive: Run) -> None:
