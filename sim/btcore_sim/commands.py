@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from btcore_sim.completion import complete_world
+from btcore_sim.random_world_kinds import KINDS, MAX_ROOMS, ROOMS
 
 
 @click.command("map")
@@ -72,11 +73,11 @@ def map_command(world: str, output: Path, resolution: float) -> None:
 
 
 @click.command("world", short_help="Make a random office or home.")
-@click.argument("kind", type=click.Choice(["office", "home"]))
+@click.argument("kind", type=click.Choice(KINDS))
 @click.option(
     "--rooms",
-    type=click.IntRange(2, 24),
-    default=6,
+    type=click.IntRange(2, MAX_ROOMS),
+    default=ROOMS,
     show_default=True,
     metavar="N",
     help="The number of rooms; the corridor of an office is not counted.",

@@ -19,15 +19,9 @@ from btcore_sim import furniture
 from btcore_sim.clearance_map import ClearanceMap, Point
 from btcore_sim.errors import SimError
 from btcore_sim.furniture import Draw, Furniture, Part
+from btcore_sim.random_world_kinds import ROOMS
 from btcore_sim.scene import Rectangle, Scene, SceneObject, scene_from_json
 from btcore_sim.world import random_generator
-
-KINDS = ("office", "home")
-
-ROOMS = 6
-"""Default number of rooms."""
-
-MAX_ROOMS = 24
 
 DOORS = (0.8, 0.85, 0.9, 1.0, 1.1, 1.2)
 """Widths of doors (m)."""
@@ -143,7 +137,7 @@ def random_world(kind: str, seed: int, rooms: int = ROOMS) -> Scene:
         rooms: The number of rooms; the corridor of an office is not counted.
 
     Raises:
-        SimError: No world was found; `office` and `home` with up to 24 rooms are always found in practice.
+        SimError: No world was found; `office` and `home` with up to `MAX_ROOMS` rooms are found in practice.
     """
     return scene_from_json(random_world_json(kind, seed, rooms), f"{kind}_{seed}")
 

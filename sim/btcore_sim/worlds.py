@@ -7,7 +7,8 @@ from btcore_robot.navigation.occupancy_map import MapError
 from btcore_robot.navigation.waypoint_file import load_waypoints
 from btcore_sim.errors import SimError
 from btcore_sim.map_world import load_map_world, with_waypoints
-from btcore_sim.random_worlds import KINDS, random_world
+from btcore_sim.random_world_kinds import KINDS
+from btcore_sim.random_worlds import random_world
 from btcore_sim.scene import Scene, load_scene
 
 __all__ = ["load_world"]

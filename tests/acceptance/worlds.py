@@ -14,7 +14,8 @@ from typing import Any
 
 from cached_runs import RESULTS, Case, Result, completed, results, sources
 
-KINDS = ("office", "home")
+from btcore_sim.random_world_kinds import KINDS
+
 EXPLORATION, PATROL = 900, 300
 """The longest exploration and the duration of the patrol (s)."""
 LEAST_WAYPOINTS = 4
