@@ -3,8 +3,11 @@
 import pytest
 
 from btcore import NodeExecutionError, Status
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.goal_progress import PATIENCE
+from btcore_robot.navigation.navigator import SLOWEST, NavigateGoal, Navigator
 from btcore_robot.navigation.path import NavPath
-from btcore_robot.robot import Pose2D
+from btcore_robot.robot import Phase, Pose2D
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 
@@ -263,3 +266,20 @@ def test_path_longer_on_approach_halts_its_child_when_the_path_is_short_again(be
     tree.blackboard["path"] = path((0, 0), (1, 0))
     assert bench.letters(tree, 1) == "S"
     assert bench.journal.take()[-1] == "a:halted"
+
+
+@pytest.mark.parametrize(("tree", "ends"), [("{}", True), (UPDATER, False)], ids=["fixed", "updated"])
+def test_the_navigator_expects_no_progress_towards_a_goal_that_may_move(
+    bench, tmp_path, tree: str, ends: bool
+):
+    plan = '<ComputePathToPose goal="{goal}" path="{path}"/><Sleep msec="1000000"/>'
+    inside = tree.replace("{}", f"<Sequence>{plan}</Sequence>")
+    file = tmp_path / "tree.xml"
+    file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="T">{inside}</BehaviorTree></root>', "utf-8")
+    navigator = Navigator(bench.servers, file, clock=bench.robot.clock, resources=[bench.robot])
+    bench.robot.schedule.every(2.0, Phase.PLANNER, navigator.step)
+    handle = navigator.send_goal(NavigateGoal((THERE,)))
+    bench.wait(PATIENCE + 2.0 * THERE.x / SLOWEST)
+    assert handle.done == ends
+    if ends:
+        assert handle.result.code == Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS
