@@ -1,13 +1,15 @@
-"""Draw the pictures of docs/guides/worlds.md with the renderer of the simulated camera.
+"""Draw the pictures of the guides to worlds with the renderer of the simulated camera.
 
 ``python docs/site/world_pictures.py docs/images/world_kinds.png`` draws the example of each kind of object in
-the JSON schema of worlds, beside the robot; ``… docs/images/world_lobby.png lobby`` draws a whole world.
+the JSON schema of worlds, beside the robot; ``… docs/images/world_lobby.png lobby`` draws a whole world, and
+``… docs/images/random_worlds.png office:1 office:2 home:1 home:2`` draws four worlds from above.
 """
 
 import json
 import math
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from btcore_sim.renderer import Renderer
 from btcore_sim.scene import KINDS, SCHEMA, Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World, scene_extent
+from btcore_sim.worlds import load_world
 
 FINER = 3  # each pixel is the mean of 3 x 3 pixels, for smooth edges
 TILE = (300, 225)
@@ -39,6 +42,9 @@ GROUND = {
     "color": "#a8adb2",
 }
 HALF_OPEN = 0.4
+PLAN = (640, 520)
+"""The size (pixels) of a world that is drawn from above."""
+WAYPOINT = (30, 30, 200)
 
 
 def draw(scene: Scene, size: tuple[int, int], span: float, up: float) -> NDArray[np.uint8]:
@@ -70,6 +76,28 @@ def draw(scene: Scene, size: tuple[int, int], span: float, up: float) -> NDArray
     return picture
 
 
+def plan(scene: Scene) -> NDArray[np.uint8]:
+    """Return a picture (BGR) of a world with its robot from above, with the names of its waypoints."""
+    x0, y0, x1, y1 = scene_extent(scene)
+    width, height = PLAN
+    # The walls are nearer to the eye than the floor, and so appear larger.
+    span = 1.15 * max(x1 - x0, (y1 - y0) * width / height)
+    picture = draw(scene, PLAN, span, math.radians(90))
+    for name, (x, y) in scene.waypoints.items():
+        column = round(width / 2 + (x - (x0 + x1) / 2) * width / span)
+        row = round(height / 2 - (y - (y0 + y1) / 2) * width / span)
+        cv2.circle(picture, (column, row), 4, WAYPOINT, cv2.FILLED, cv2.LINE_AA)
+        place = (column + 8, row - 6)
+        cv2.putText(picture, name, place, cv2.FONT_HERSHEY_DUPLEX, 0.45, WAYPOINT, 1, cv2.LINE_AA)
+    return picture
+
+
+def plans(names: Sequence[str]) -> NDArray[np.uint8]:
+    """Return a picture (BGR) of an even number of worlds from above, two in each row."""
+    drawn = [plan(load_world(name)) for name in names]
+    return np.vstack([np.hstack(drawn[row : row + 2]) for row in range(0, len(drawn), 2)])
+
+
 def _thing(scene: Scene, name: str) -> Any:
     return next(thing for thing in scene.things if thing.name == name)
 
@@ -93,9 +121,14 @@ def kinds() -> NDArray[np.uint8]:
     return np.vstack([np.hstack(drawn[:4]), np.hstack(drawn[4:])])
 
 
-def main(target: str, world: str = "") -> None:
-    """Draw a picture into the file *target*: the kinds of objects, or the *world*."""
-    picture = draw(load_scene(world), (900, 680), 11.8, math.radians(66)) if world else kinds()
+def main(target: str, *worlds: str) -> None:
+    """Draw a picture into the file *target*: the kinds of objects, a world, or several worlds from above."""
+    if not worlds:
+        picture = kinds()
+    elif len(worlds) == 1:
+        picture = draw(load_scene(worlds[0]), (900, 680), 11.8, math.radians(66))
+    else:
+        picture = plans(worlds)
     cv2.imwrite(target, picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     print(f"{target}: {Path(target).stat().st_size / 1000:.0f} kB")
 

@@ -24,5 +24,5 @@ def test_the_pictures_can_be_drawn_and_are_small() -> None:
     picture = world_pictures.kinds()
     tiles = [tile for row in (picture[:229], picture[229:]) for tile in (row[:, :304], row[:, 304:608])]
     assert all(len({tuple(color) for line in tile for color in line}) > 20 for tile in tiles)
-    for name in ("world_kinds.png", "world_lobby.png"):
+    for name in ("world_kinds.png", "world_lobby.png", "random_worlds.png"):
         assert (ROOT / "docs/images" / name).stat().st_size < 100_000
