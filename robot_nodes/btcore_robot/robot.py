@@ -400,6 +400,13 @@ class Robot(Protocol, metaclass=_RobotType):
         frames of the laser, the camera and the sonars are among them.
         """
 
+    def moving_frames(self) -> Sequence[TransformStamped]:
+        """Return those of `frames` whose poses in their parents can change; by default all frames.
+
+        A robot with many fixed frames overrides this method, so that they are stored only once.
+        """
+        return self.frames()
+
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
         """Command the base to drive. Repeat the command within its timeout as long as the base should drive.
 

@@ -318,12 +318,23 @@ class FrameBroadcaster:
         self._tree = tree
         self._odom = odom
         self._base = base
+        self._wrote_fixed = False
 
     def step(self, now: int) -> None:
-        """Write the current frames to the tree, each with the robot's stamp. *now* (ns) is not used."""
+        """Write the current frames to the tree, each with the robot's stamp. *now* (ns) is not used.
+
+        The first step writes the frames that never move; they are valid at all times.
+        """
         odometry = self._robot.odometry()
         base = Transform.from_pose(odometry.pose)
         frame = TransformStamped(self._base, self._odom, base.position, base.quaternion, odometry.stamp)
         self._tree.set(frame)
-        for frame in self._robot.frames():
+        moving = self._robot.moving_frames()
+        for frame in moving:
             self._tree.set(frame)
+        if not self._wrote_fixed:
+            self._wrote_fixed = True
+            names = {frame.child for frame in moving}
+            for frame in self._robot.frames():
+                if frame.child not in names:
+                    self._tree.set_static(frame)

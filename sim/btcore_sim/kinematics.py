@@ -80,6 +80,11 @@ class Kinematics:
             TransformStamped(child, parent, position, quaternion, stamp)
             for child, parent, position, quaternion in self._still
         ]
+        return frames + self.frames_of_joints(positions, stamp)
+
+    def frames_of_joints(self, positions: Sequence[float], stamp: int) -> list[TransformStamped]:
+        """Return the poses of the frames in `moving_frames`; see `frames` for the parameters."""
+        frames = []
         for joint, angle in zip(self._moving, positions, strict=True):
             place = joint.place(angle)
             frames.append(

@@ -243,6 +243,11 @@ class SimulatedRobot(Robot):
         """Return the transforms of links and sensors below `base_footprint`, from the joints' positions."""
         return self._kinematics.frames(self.model.joint_positions(self._joints), self.world.now())
 
+    def moving_frames(self) -> list[TransformStamped]:
+        """Return the transforms of the links that a joint moves; the other frames are fixed."""
+        positions = self.model.joint_positions(self._joints)
+        return self._kinematics.frames_of_joints(positions, self.world.now())
+
     def joint_positions(self) -> dict[str, float]:
         """Return the positions (rad or m) of the moving joints of the URDF, including the wheels, by name."""
         wheels = self.description.wheels

@@ -245,6 +245,24 @@ def test_the_broadcaster_publishes_odometry_and_the_robots_links(robot) -> None:
     assert math.isclose(tree.lookup("odom", "base_link", 0).position[0], 0.1)
 
 
+def test_the_broadcaster_writes_fixed_frames_once(robot) -> None:
+    class Tall(type(robot)):
+        def frames(self) -> list[TransformStamped]:
+            return [frame("torso", "base_footprint", 0.1, stamp=self.clock.now()), *self.moving_frames()]
+
+        def moving_frames(self) -> list[TransformStamped]:
+            now = self.clock.now()
+            return [frame("head", "torso", 0.2 + now / SECOND, stamp=now)]
+
+    body, tree = Tall(), TransformTree()
+    broadcaster = FrameBroadcaster(body, tree)
+    broadcaster.step(0)
+    body.clock.time = SECOND
+    broadcaster.step(SECOND)
+    assert tree.lookup("base_footprint", "head", SECOND).position[0] == pytest.approx(1.3)
+    assert tree.lookup("base_footprint", "torso", 20 * SECOND).position[0] == 0.1
+
+
 @given(st.floats(-100.0, 100.0))
 def test_wrapped_angles_are_the_same_direction(angle: float):
     wrapped = wrap_angle(angle)

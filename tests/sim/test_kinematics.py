@@ -2,6 +2,7 @@
 
 import json
 import math
+import threading
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from btcore_robot.rigid_transform import Transform
+from btcore_robot.robot import NS_PER_S
 from btcore_sim.errors import SimError
 from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf, from_rpy
 from btcore_sim.robot_description import TIAGO, load_description
@@ -39,6 +41,17 @@ def test_every_frame_is_connected_to_the_footprint_once(robot_at):
     for frame in frames:
         pose(frames, frame.child)
         assert np.linalg.norm(frame.quaternion) == pytest.approx(1.0)
+
+
+def test_only_the_moving_frames_move(robot_at):
+    body = robot_at()
+    before = {frame.child: (frame.position, frame.quaternion) for frame in body.frames()}
+    body.lift(0.2)
+    body.move_head(0.5, -0.3)
+    body.world.wait_until(NS_PER_S, threading.Event())
+    moved = [frame for frame in body.frames() if before[frame.child] != (frame.position, frame.quaternion)]
+    assert moved == body.moving_frames()
+    assert [frame.child for frame in moved] == ["torso_lift_link", "head_1_link", "head_2_link"]
 
 
 def test_the_names_are_those_of_the_data_sheet(robot_at):
