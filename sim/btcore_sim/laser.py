@@ -102,19 +102,23 @@ class RayCaster:
             an object.
         """
         distances = np.full(len(angles), np.inf)
+        ways = np.cos(angles), np.sin(angles)
         boxes = self._boxes[:, (self._boxes[6] <= z) & (z <= self._boxes[7])]
         if boxes.shape[1]:
-            _against_boxes(boxes, x, y, angles, distances)
+            _against_boxes(boxes, x, y, angles, ways, distances)
         rounds = self._rounds[:, (self._rounds[6] <= z) & (z <= self._rounds[7])]
         if rounds.shape[1]:
-            _against_rounds(rounds, x, y, angles, distances)
+            _against_rounds(rounds, x, y, angles, ways, distances)
         sides = self._sides[:, (self._sides[4] <= z) & (z <= self._sides[5])]
         if sides.shape[1]:
-            _against_sides(sides, x, y, angles, distances)
+            _against_sides(sides, x, y, angles, ways, distances)
         return distances
 
 
-def _against_boxes(boxes: Floats, x: float, y: float, angles: Floats, distances: Floats) -> None:
+def _against_boxes(
+    boxes: Floats, x: float, y: float, angles: Floats, ways: tuple[Floats, Floats], distances: Floats
+) -> None:
+    """Shorten *distances* to the nearest box; *ways* are the cosines and the sines of *angles*."""
     half_x, half_y, cos, sin = boxes[2], boxes[3], boxes[4], boxes[5]
     to_x, to_y = boxes[0] - x, boxes[1] - y
     # The bearings of the corners relative to the middle's bearing. The extremes bound the rays that can hit.
@@ -128,7 +132,7 @@ def _against_boxes(boxes: Floats, x: float, y: float, angles: Floats, distances:
     # Seen from outside, a convex outline covers less than half a turn around the bearing of its middle.
     low[inside], high[inside] = -math.pi, math.pi
     rays, things = _pairs(np.arctan2(to_y, to_x) + low, high - low, angles)
-    dx, dy = np.cos(angles)[rays], np.sin(angles)[rays]
+    dx, dy = ways[0][rays], ways[1][rays]
     cos, sin = cos[things], sin[things]
     near, far = _slab(local_x[things], cos * dx + sin * dy, half_x[things])
     near_y, far_y = _slab(local_y[things], cos * dy - sin * dx, half_y[things])
@@ -139,12 +143,15 @@ def _against_boxes(boxes: Floats, x: float, y: float, angles: Floats, distances:
     np.minimum.at(distances, rays, near)
 
 
-def _against_rounds(rounds: Floats, x: float, y: float, angles: Floats, distances: Floats) -> None:
+def _against_rounds(
+    rounds: Floats, x: float, y: float, angles: Floats, ways: tuple[Floats, Floats], distances: Floats
+) -> None:
+    """Shorten *distances* to the nearest cylinder; *ways* are the cosines and the sines of *angles*."""
     to_x, to_y, radius = rounds[0] - x, rounds[1] - y, rounds[2]
     distance = np.hypot(to_x, to_y)
     half = np.where(distance > radius, np.arcsin(radius / np.maximum(distance, radius)), math.pi)
     rays, things = _pairs(np.arctan2(to_y, to_x) - half, 2.0 * half, angles)
-    dx, dy = np.cos(angles)[rays], np.sin(angles)[rays]
+    dx, dy = ways[0][rays], ways[1][rays]
     along = to_x[things] * dx + to_y[things] * dy
     across = to_x[things] * dy - to_y[things] * dx
     room = radius[things] ** 2 - across**2
@@ -154,7 +161,10 @@ def _against_rounds(rounds: Floats, x: float, y: float, angles: Floats, distance
     np.minimum.at(distances, rays, near)
 
 
-def _against_sides(sides: Floats, x: float, y: float, angles: Floats, distances: Floats) -> None:
+def _against_sides(
+    sides: Floats, x: float, y: float, angles: Floats, ways: tuple[Floats, Floats], distances: Floats
+) -> None:
+    """Shorten *distances* to the nearest side of a prism; *ways* are the cosines and sines of *angles*."""
     x0, y0, x1, y1 = sides[0] - x, sides[1] - y, sides[2] - x, sides[3] - y
     cross = x0 * y1 - y0 * x1
     # The winding number around the origin of the rays: each prism that contains the origin adds 1.
@@ -165,7 +175,7 @@ def _against_sides(sides: Floats, x: float, y: float, angles: Floats, distances:
     turn = np.arctan2(cross, x0 * x1 + y0 * y1)
     begin = np.arctan2(y0, x0) + np.minimum(turn, 0.0)
     rays, things = _pairs(begin, np.abs(turn), angles)
-    dx, dy = np.cos(angles)[rays], np.sin(angles)[rays]
+    dx, dy = ways[0][rays], ways[1][rays]
     ex, ey = (x1 - x0)[things], (y1 - y0)[things]
     # The ray t·d meets the line through the side at t = (p × e) / (d × e). The angles already chose the rays.
     across = dx * ey - dy * ex
@@ -195,9 +205,7 @@ def _pairs(start: Floats, width: Floats, angles: Floats) -> tuple[NDArray[np.int
 
 def _slab(origin: Floats, direction: Floats, half: Floats) -> tuple[Floats, Floats]:
     """Return the distances (m) at which rays enter and leave the slab from -*half* to *half* on an axis."""
-    direction = direction.copy()
-    direction[np.abs(direction) < _PARALLEL] = _PARALLEL
-    inverse = 1.0 / direction
+    inverse = 1.0 / np.where(np.abs(direction) < _PARALLEL, _PARALLEL, direction)
     lower, upper = (-half - origin) * inverse, (half - origin) * inverse
     return np.minimum(lower, upper), np.maximum(lower, upper)
 
@@ -322,12 +330,13 @@ class Laser:
         """Return *distances* (m) with outliers; each ray has at most one."""
         kind, where = self._random.random((2, len(distances)))
         errors, changed = self._errors, distances.copy()
+        step = np.zeros(len(distances))
         with np.errstate(invalid="ignore"):  # inf - inf
-            step = np.append(np.diff(distances), 0.0)
+            np.subtract(distances[1:], distances[:-1], out=step[:-1])
         mixed = np.isfinite(step) & (np.abs(step) > _EDGE) & (kind >= 1.0 - errors.edge)
         changed[mixed] += where[mixed] * step[mixed]
         short = (kind < errors.missed + errors.short) & ~mixed
-        changed[short] = where[short] * np.minimum(distances, self.facts.range_max)[short]
+        changed[short] = where[short] * np.minimum(distances[short], self.facts.range_max)
         changed[(kind < errors.missed) & ~mixed] = np.inf
         return changed
 
