@@ -12,7 +12,7 @@ from btcore_robot.navigation.action import ActionResult, ActionServer, GoalStatu
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.goal_progress import GoalProgress
 from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal, NavigateHandle
-from btcore_robot.navigation.navigation_servers import NavigationServers
+from btcore_robot.navigation.navigation_servers import AnyGoalHandle, NavigationServers
 from btcore_robot.navigation.nodes.action_node import RECOVERIES, BtActionNode, BtServiceNode
 from btcore_robot.navigation.nodes.decorators import GoalUpdater
 from btcore_robot.navigation.nodes.goals import WaypointStatus
@@ -104,6 +104,11 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         self._trees: dict[Path, Tree] = {}
         self._began = 0
         self._earlier_goals: Sequence[object] = ()
+        self._inherited: Sequence[AnyGoalHandle] | None = None
+        """The servers' goals that were in progress when the running tree got its present goal.
+
+        None for a tree that began with its present goal.
+        """
 
     def start(self, handle: NavigateHandle, now: int, previous: NavigateHandle | None) -> None:
         """Write the goal to the blackboard of its tree."""
@@ -138,6 +143,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             before.halt()
         if not continues:
             board["path"] = empty_path(now)
+        in_progress = [one for one in self.servers.last_goals() if one is not None and not one.done]
+        self._inherited = in_progress if continues else None
         self.tree = tree
         self._judges_progress = next(iter(tree.find(GoalUpdater)), None) is None
         if self.through:
@@ -168,7 +175,10 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             self._end(handle, Nav2ErrorCode.NAVIGATE_UNKNOWN, str(error), now)
             return
         self._defer_feedback(handle, tree, now)
-        if status is Status.SUCCESS and self.servers.is_pose_contradicted:
+        if status is Status.SUCCESS and self._reached_the_previous_goal():
+            self._inherited = None
+            self.restart_goal()
+        elif status is Status.SUCCESS and self.servers.is_pose_contradicted:
             self._end(handle, Nav2ErrorCode.NAVIGATE_TF_ERROR, _ELSEWHERE, now)
         elif status is Status.SUCCESS:
             handle.succeed()
@@ -179,6 +189,18 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             self._end(handle, code, message, now)
         elif self._judges_progress:
             self._check_progress(handle, now)
+
+    def _reached_the_previous_goal(self) -> bool:
+        """Return whether the tree succeeded before it followed a path to the present goal.
+
+        The trees notice a new goal once a second. In this time the robot may reach the previous goal.
+        """
+        if self._inherited is None:
+            return False
+        latest = self.servers.last_goals()
+        if all(one is earlier for one, earlier in zip(latest, self._earlier_goals, strict=True)):
+            return True
+        return any(one in latest and one.status is GoalStatus.SUCCEEDED for one in self._inherited)
 
     def stop(self, handle: NavigateHandle, now: int) -> None:
         """Halt the tree, which cancels the goals that its nodes have sent."""

@@ -136,6 +136,17 @@ def test_a_new_goal_replaces_the_current_goal_without_a_stop(flat):
     assert [one.status for one in home.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
 
 
+@pytest.mark.parametrize("distance", [0.3, 0.26])
+def test_a_goal_that_is_sent_just_before_the_arrival_at_another_goal_is_reached(flat, distance):
+    home = flat()
+    first = home.navigation.go_to(Pose2D(1.5, 0.0, 0.0))
+    home.run(20.0, lambda: home.distance_to(1.5, 0.0) < distance or first.done)
+    second = home.navigation.go_to(Pose2D(0.0, 1.2, 0.0))
+    home.run(40.0, lambda: second.done)
+    assert second.status is GoalStatus.SUCCEEDED
+    assert home.distance_to(0.0, 1.2) < 0.35
+
+
 def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat):
     home = flat()
     handle = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
