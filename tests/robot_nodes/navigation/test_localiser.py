@@ -46,6 +46,8 @@ class Wanderer:
             TransformStamped("base_laser_link", "base_footprint", (LASER_AHEAD, 0.0, 0.1), still, self.time)
         ]
 
+    moving_frames = frames
+
     def scan(self):
         return self.newest
 
