@@ -132,12 +132,14 @@ def draw_keepouts(
         frame: The pose of the frame map in the grid's frame.
     """
     cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
-    for xmin, ymin, xmax, ymax in keepout:
-        corners = np.array([(xmin, ymin), (xmax, ymin), (xmax, ymax), (xmin, ymax)])
-        x = frame.x + cos * corners[:, 0] - sin * corners[:, 1]
-        y = frame.y + sin * corners[:, 0] + cos * corners[:, 1]
-        pixels = np.stack(((x - origin[0]) / resolution - 0.5, (y - origin[1]) / resolution - 0.5), axis=1)
-        cv2.fillConvexPoly(costs, np.rint(pixels * _FIXED_POINT).astype(np.int32), LETHAL, cv2.LINE_8, _SHIFT)
+    # The corners of all rectangles, shape (rectangles, 4).
+    sides = np.array(keepout, dtype=np.float64).reshape(-1, 4)
+    east, north = sides[:, (0, 2, 2, 0)], sides[:, (1, 1, 3, 3)]
+    pixels = np.empty((*east.shape, 2))
+    pixels[..., 0] = (frame.x + cos * east - sin * north - origin[0]) / resolution - 0.5
+    pixels[..., 1] = (frame.y + sin * east + cos * north - origin[1]) / resolution - 0.5
+    for outline in np.rint(pixels * _FIXED_POINT).astype(np.int32):
+        cv2.fillConvexPoly(costs, outline, LETHAL, cv2.LINE_8, _SHIFT)
 
 
 class InflationLayer:
