@@ -232,18 +232,19 @@ class Navigation:
 
     def must_wait(self) -> bool:
         """Return whether the robot has to stand because its pose is uncertain."""
-        if self._processed_scans < INITIAL_SCANS or not self.localiser.confident:
-            return True
-        return self.sensors.odometry_outage(self.robot.clock.now()) is not None
+        return not self._is_localised() or self.sensors.odometry_outage(self.robot.clock.now()) is not None
 
     def goals_wait(self) -> bool:
         """Return whether the robot cannot drive to any goal at present.
 
         Its pose is not known, a sensor has no readings, or the battery is empty.
         """
-        if self.must_wait() or self.sensors.outage(self.robot.clock.now()) is not None:
+        if not self._is_localised() or self.sensors.outage(self.robot.clock.now()) is not None:
             return True
         return self._is_battery_empty()
+
+    def _is_localised(self) -> bool:
+        return self._processed_scans >= INITIAL_SCANS and self.localiser.confident
 
     def _is_battery_empty(self) -> bool:
         battery = self.robot.battery()
@@ -285,8 +286,11 @@ class Navigation:
         for behaviour in (servers.spin, servers.back_up, servers.drive_on_heading, servers.wait):
             every(parameters.behaviours.cycle_frequency, Phase.CONTROLLER, behaviour.step)
         rate = MS_PER_S / parameters.navigator.bt_loop_duration
-        every(rate, Phase.CONTROLLER, self.navigate_to_pose.step)
-        every(rate, Phase.CONTROLLER, self.navigate_through_poses.step)
+        every(rate, Phase.CONTROLLER, self._step_navigators)
+
+    def _step_navigators(self, now: int) -> None:
+        self.navigate_to_pose.step(now)
+        self.navigate_through_poses.step(now)
 
     def _localise(self, now: int) -> None:
         before = self.localiser.stamp
