@@ -174,12 +174,11 @@ class SimulatedTime(_Tasks):
         """
         while not wake.is_set():
             due = self.next_due()
-            until = deadline if due is None else min(due, deadline)
+            until = deadline if due is None or due > deadline else due
             if self.pace is not None and self.pace(self._now, until, wake):
                 return True
-            if due is None or due > deadline:
-                self._now = max(self._now, deadline)
+            self._now = max(self._now, until)
+            if until != due:
                 return False
-            self._now = max(self._now, due)
             self._run(self._now)
         return True
