@@ -66,10 +66,15 @@ class ContactCounter:
         """Forget all contacts. A contact that lasts is not counted again."""
         self.events.clear()
 
-    def before_step(self, now: int) -> None:
-        """Record the velocities of all bodies that may touch in the coming step."""
+    def before_step(self, place: Sequence[float]) -> None:
+        """Record the velocities of all bodies that may touch in the coming step.
+
+        Args:
+            place: The present position (m) of the robot's base link in the world frame.
+        """
         self._moving.clear()
-        self._record_velocity(self._robot)
+        linear, angular = pybullet.getBaseVelocity(self._robot, physicsClientId=self._client)
+        self._moving[self._robot, -1] = (linear, angular, place)
         if self._near:
             states = pybullet.getLinkStates(self._robot, self._links, 1, physicsClientId=self._client)
             for link, state in zip(self._links, states, strict=True):

@@ -418,7 +418,7 @@ class SimulatedRobot(Robot):
         if self.cells.empty and not self._empty:
             _log.warning("the robot's battery is empty: the robot stands until it is recharged")
         self._empty = self.cells.empty
-        self.contacts.before_step(now)
+        self.contacts.before_step(self._place)
 
     def _after_step(self, now: int) -> None:
         place = self.model.place()[0]
