@@ -92,7 +92,7 @@ def check_schedule(robot: Robot) -> None:
 
 
 def check_frames(robot: Robot) -> None:
-    """Check that all frames form a tree below `base_footprint`, and that every sensor's frame is in it."""
+    """Check that all frames form a tree below `base_footprint`, with the sensors' and the moving frames."""
     wait(robot, 0.1)
     frames = robot.frames()
     parents = {frame.child: frame.parent for frame in frames}
@@ -102,6 +102,10 @@ def check_frames(robot: Robot) -> None:
         required.append(robot.camera_info.frame)
     for name in required:
         assert name in parents, f"the sensor's frame '{name}' is not among the frames"
+    for frame in robot.moving_frames():
+        assert parents.get(frame.child) == frame.parent, (
+            f"the moving frame '{frame.child}' in '{frame.parent}' is not among the frames"
+        )
     for child in parents:
         chain = [child]
         while chain[-1] in parents and len(chain) <= len(parents):

@@ -346,6 +346,11 @@ class TwoParents(PlainRobot):
         return [*super().frames(), replace(super().frames()[1], parent="base_footprint")]
 
 
+class UnknownMovingFrame(PlainRobot):
+    def moving_frames(self) -> Sequence[TransformStamped]:
+        return [replace(super().frames()[1], child="arm")]
+
+
 class LongQuaternion(PlainRobot):
     def frames(self) -> Sequence[TransformStamped]:
         return [replace(frame, quaternion=(1.0, 0.0, 0.0, 1.0)) for frame in super().frames()]
@@ -421,6 +426,7 @@ class ReportsMotion(PlainRobot):
         (NoLaserFrame, "'laser' is not among the frames"),
         (DisconnectedFrames, "the chain of parents of frame 'laser' ends at 'torso'"),
         (TwoParents, "it has one parent"),
+        (UnknownMovingFrame, "the moving frame 'arm' in 'base_link' is not among the frames"),
         (LongQuaternion, "has length 1.414"),
         (TransposedCameraInfo, "as high and wide as camera_info says"),
         (ZeroDepth, "depth is in metres"),
