@@ -1,4 +1,5 @@
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ from hypothesis import strategies as st
 
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D, TransformStamped
+from btcore_robot.transform_filter import CAPACITY, TransformFilter
 from btcore_robot.transforms import (
     CACHE_TIME,
     ConnectivityError,
@@ -268,3 +270,39 @@ def test_wrapped_angles_are_the_same_direction(angle: float):
     wrapped = wrap_angle(angle)
     assert -math.pi < wrapped <= math.pi
     assert math.cos(wrapped - angle) == pytest.approx(1.0)
+
+
+@dataclass(frozen=True)
+class Reading:
+    frame: str
+    stamp: int
+
+
+def reading(second: float) -> Reading:
+    return Reading("base_laser_link", round(second * SECOND))
+
+
+def test_readings_wait_for_their_transforms_and_are_returned_once():
+    tree = chain()  # until 10 s
+    readings = TransformFilter[Reading](tree, "odom")
+    assert readings.newest(None) is None
+    early, first, second, third = (reading(at) for at in (9.0, 10.5, 11.0, 11.5))
+    assert readings.newest(early) == early
+    assert readings.newest(early) is None
+    assert [readings.newest(late) for late in (first, second, second, third)] == [None] * 4
+    tree.set(frame("base_footprint", "odom", 11.0, stamp=11 * SECOND))
+    assert readings.newest(third) == second  # the first is discarded
+    assert readings.newest(third) is None
+    tree.set(frame("base_footprint", "odom", 12.0, stamp=12 * SECOND))
+    assert readings.newest(None) == third
+
+
+def test_only_the_newest_readings_wait():
+    tree = chain()
+    readings = TransformFilter[Reading](tree, "odom")
+    for second in range(11, 12 + CAPACITY):
+        assert readings.newest(reading(second)) is None
+    tree.set(frame("base_footprint", "odom", 11.0, stamp=11 * SECOND))
+    assert readings.newest(None) is None
+    tree.set(frame("base_footprint", "odom", 12.0, stamp=12 * SECOND))
+    assert readings.newest(None) == reading(12)

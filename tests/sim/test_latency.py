@@ -1,16 +1,26 @@
 """Latency: a reading arrives later than its stamp."""
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from btcore_robot.navigation.stack import Navigation
+from btcore_robot.perception.object_locator import ObjectLocator
 from btcore_robot.robot import NS_PER_S
 from btcore_sim.camera import CameraSettings
 from btcore_sim.latency import DelayedReadings
+from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.robot_description import load_description
+from btcore_sim.scene import load_scene
+from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.world import World
 
+TREES = Path(__file__).parents[2] / "trees"
 TIAGO = load_description()
 
 
@@ -53,3 +63,23 @@ def test_a_robots_readings_are_as_old_as_the_latency_and_at_most_a_period_older(
         ages.append((robot.world.now() - read(robot).stamp) / NS_PER_S)
     settled = ages[5:]
     assert 0.15 <= min(settled) <= max(settled) <= 0.15 + period + 1e-9
+
+
+def test_localiser_and_locator_wait_for_an_odometry_that_is_later_than_scans_and_pictures():
+    errors = replace(TIAGO.laser.errors, latency=0.0)
+    late = replace(
+        TIAGO,
+        laser=replace(TIAGO.laser, errors=errors),
+        odometry=replace(TIAGO.odometry, latency=0.1),
+    )
+    world = World(load_scene("house"), seed=1)
+    body = SimulatedRobot(world, late, camera=CameraSettings(160, 120, 10.0))
+    navigation = Navigation(body, rasterise(world.scene), np.random.default_rng(1), TREES)
+    locator = ObjectLocator(body, navigation.transforms)
+    assert locator.configure()
+    assert locator.activate()
+    body.move_head(-1.2, -0.15)
+    world.wait_until(3 * NS_PER_S, threading.Event())
+    assert navigation.localiser.stamp == pytest.approx(2.9 * NS_PER_S, abs=NS_PER_S / 10)
+    assert {box.stamp for box in locator.boxes} == {round(2.5 * NS_PER_S)}
+    world.close()

@@ -9,6 +9,7 @@ from btcore_robot.book.top_view import Colour, TopView
 from btcore_robot.process.process import ProcessContext
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import LaserScan, Phase, Pose2D
+from btcore_robot.transform_filter import TransformFilter
 from btcore_robot.transforms import TransformError
 
 RATE = 10.0
@@ -31,7 +32,7 @@ class Trail:
         self.poses: list[Pose2D] = []
         self.states: list[str] = []
         self._laser_points: dict[tuple[int, int], tuple[float, float]] = {}
-        self._stamp = -1
+        self._scans = TransformFilter[LaserScan](context.transforms, ODOM_FRAME)
         context.schedule.every(RATE, Phase.JUDGE, self._record)
 
     def draw(
@@ -65,10 +66,9 @@ class Trail:
     def _record(self, now: int) -> None:
         self.poses.append(self._robot.odometry().pose)
         self.states.append(self._state())
-        scan = self._robot.scan()
-        if scan is None or scan.stamp == self._stamp:
+        scan = self._scans.newest(self._robot.scan())
+        if scan is None:
             return
-        self._stamp = scan.stamp
         for x, y in scan_points_in(self._context, ODOM_FRAME, scan):
             self._laser_points.setdefault((round(x / _CELL), round(y / _CELL)), (x, y))
 

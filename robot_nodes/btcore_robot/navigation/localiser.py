@@ -23,7 +23,8 @@ from btcore_robot.navigation.relocalisation import Relocaliser
 from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import NS_PER_S, LaserScan, Odometry, Pose2D, Robot, TransformStamped
 from btcore_robot.time_limits import ODOMETRY, is_stale
-from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformError, TransformTree
+from btcore_robot.transform_filter import TransformFilter
+from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformTree
 
 __all__ = ["Localiser"]
 
@@ -106,6 +107,7 @@ class Localiser:
         self._odometry_limit = odometry_limit
         self._robot = robot
         self._tree = tree
+        self._scans = TransformFilter[LaserScan](tree, ODOM_FRAME)
         self._random = random
         self._least_range = max(robot.laser.range_min, settings.laser_min_range)
         self._most_range = min(robot.laser.range_max, settings.laser_max_range)
@@ -202,7 +204,7 @@ class Localiser:
         self.weights = np.full(count, 1.0 / count)
 
     def step(self, now: int) -> None:
-        """Process the newest scan, unless it was processed before or its transforms are not available yet."""
+        """Process the newest scan whose transforms are available, unless it was processed before."""
         newest = self._robot.odometry()
         if is_stale(newest, now, self._odometry_limit):
             if self._before_outage is None:
@@ -211,17 +213,14 @@ class Localiser:
             return
         if self._odometry_began is None:
             self._odometry_began = newest.stamp
-        scan = self._robot.scan()
+        scan = self._scans.newest(self._robot.scan())
         if scan is None or scan.stamp == self.stamp:
             return
         if self._before_outage is not None and scan.stamp < self._odometry_began:
             return  # taken during the outage: its pose by odometry is not known
         settings = self.parameters
-        try:
-            odometry = self._tree.lookup(ODOM_FRAME, BASE_FRAME, scan.stamp).to_pose()
-            laser = self._tree.lookup(BASE_FRAME, scan.frame, scan.stamp)
-        except TransformError:
-            return
+        odometry = self._tree.lookup(ODOM_FRAME, BASE_FRAME, scan.stamp).to_pose()
+        laser = self._tree.lookup(BASE_FRAME, scan.frame, scan.stamp)
         self.stamp = scan.stamp
         laser_xy = (laser.position[0], laser.position[1])
         points = laser.apply(beam_endpoints(scan, settings.max_beams, self._least_range, self._most_range))

@@ -14,7 +14,8 @@ from btcore_robot.perception.colour import WOOD, ColourRange, colour_mask
 from btcore_robot.process.lifecycle import LifecycleComponent
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo, Phase, Robot
-from btcore_robot.transforms import TransformError, TransformTree
+from btcore_robot.transform_filter import TransformFilter
+from btcore_robot.transforms import TransformTree
 from btcore_scene import BoundingBox, MovingScene, StaticScene
 
 __all__ = ["BoundingBox3D", "ObjectLocator", "depth_to_points", "detect_boxes"]
@@ -122,8 +123,8 @@ def _box(cloud: NDArray[np.float64], frame: str, stamp: int) -> BoundingBox3D:
 class ObjectLocator(LifecycleComponent):
     """While active, detect objects within *colours* in the robot's camera images and locate them in *frame*.
 
-    Images are requested only while the locator is active. An image is ignored if *transforms* does not know
-    the camera's pose at its stamp. `configure` returns False for a robot without a camera.
+    Images are requested only while the locator is active. An image waits until *transforms* knows the
+    camera's pose at its stamp. `configure` returns False for a robot without a camera.
 
     Attributes:
         robot: The robot.
@@ -143,7 +144,7 @@ class ObjectLocator(LifecycleComponent):
         self.boxes: Sequence[BoundingBox3D] = ()
         """The boxes of the objects in the newest image, the largest first."""
         self._stop_steps: Callable[[], None] | None = None
-        self._last_stamp = -1
+        self._images = TransformFilter[CameraImage](transforms, frame)
 
     def on_configure(self) -> bool:
         """Return whether the robot has a camera."""
@@ -151,6 +152,7 @@ class ObjectLocator(LifecycleComponent):
 
     def on_activate(self) -> bool:
         """Start to call `step` at `RATE`."""
+        self._images = TransformFilter(self.transforms, self.frame)
         self._stop_steps = self.robot.schedule.every(RATE, Phase.HEAD, self.step)
         return True
 
@@ -163,15 +165,11 @@ class ObjectLocator(LifecycleComponent):
         return True
 
     def step(self, now: int) -> None:
-        """Process the camera image if it is new. *now* is the time (ns)."""
-        image, camera_info = self.robot.camera(), self.robot.camera_info
-        if image is None or camera_info is None or image.stamp == self._last_stamp:
+        """Process the newest camera image whose transform is available. *now* is the time (ns)."""
+        image, camera_info = self._images.newest(self.robot.camera()), self.robot.camera_info
+        if image is None or camera_info is None:
             return
-        try:
-            camera = self.transforms.lookup(self.frame, image.frame, image.stamp)
-        except TransformError:
-            return
-        self._last_stamp = image.stamp
+        camera = self.transforms.lookup(self.frame, image.frame, image.stamp)
         self.boxes = tuple(detect_boxes(image, camera_info, self.colours, self.frame, camera))
 
     def scene_static(self) -> StaticScene:

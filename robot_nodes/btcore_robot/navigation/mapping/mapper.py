@@ -23,9 +23,10 @@ from btcore_robot.navigation.mapping.pose_arrays import (
 from btcore_robot.navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import NS_PER_S, Pose2D, Robot, TransformStamped
+from btcore_robot.robot import NS_PER_S, LaserScan, Pose2D, Robot, TransformStamped
 from btcore_robot.time_limits import MAP_TRANSFORM, ODOMETRY, is_stale
-from btcore_robot.transforms import TransformError, TransformTree
+from btcore_robot.transform_filter import TransformFilter
+from btcore_robot.transforms import TransformTree
 
 __all__ = ["Mapper"]
 
@@ -102,6 +103,7 @@ class Mapper:
         self._robot = robot
         self._tree = tree
         self._frames = frames
+        self._scans = TransformFilter[LaserScan](tree, frames[1])
         self._start = pose_to_row(start) if start is not None else np.zeros(3)
         self._grid = LogOddsGrid(resolution, robot.base.radius, keepout)
         self._loop_detector = LoopClosureDetector() if loops else None
@@ -157,7 +159,7 @@ class Mapper:
         return trim_map(self._grid.map())
 
     def step(self, now: int) -> None:
-        """Process the newest scan, unless it was processed before or its transforms are not available yet.
+        """Process the newest scan whose transforms are available, unless it was processed before.
 
         Args:
             now: The time (ns).
@@ -167,7 +169,7 @@ class Mapper:
             self._interrupted, self._resumed_at = True, None
             self._recent_scans = []
             return
-        scan = self._robot.scan()
+        scan = self._scans.newest(self._robot.scan())
         if scan is None or scan.stamp == self.stamp:
             return
         if self._interrupted:
@@ -175,11 +177,8 @@ class Mapper:
             if scan.stamp < self._resumed_at[0]:
                 return  # taken during the outage: its pose by odometry is not known
         _, odom, base = self._frames
-        try:
-            odometry = self._tree.lookup(odom, base, scan.stamp).to_pose()
-            laser = self._tree.lookup(base, scan.frame, scan.stamp)
-        except TransformError:
-            return
+        odometry = self._tree.lookup(odom, base, scan.stamp).to_pose()
+        laser = self._tree.lookup(base, scan.frame, scan.stamp)
         self.stamp = scan.stamp
         if self._interrupted:
             self._resume(LocalisedScan(scan, laser, odometry))
