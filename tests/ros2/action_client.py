@@ -164,9 +164,9 @@ def main() -> None:
 
         def answered(future: Any) -> None:
             handle = handles[number] = future.result()
-            tell("accepted", number, handle.accepted)
             if handle.accepted:
                 handle.get_result_async().add_done_callback(ended)
+            tell("accepted", number, handle.accepted)
 
         def ended(future: Any) -> None:
             answer = future.result()

@@ -23,7 +23,7 @@ import btcore
 from btcore import Status
 from btcore_ros2.errors import RosError
 from btcore_ros2.session import RosSession
-from btcore_ros2.testing import DOMAINS
+from btcore_ros2.testing import isolate_ros
 
 LIMIT = 60  # s
 
@@ -246,9 +246,11 @@ def test_fork_refuses_the_session_of_its_parent_and_leaves_it_intact(session: Ro
         assert session.wait_for(lambda: received, LIMIT)
 
 
-def test_two_sessions_of_a_process_are_separate(session: RosSession) -> None:
-    here = int(os.environ["ROS_DOMAIN_ID"])
-    elsewhere = DOMAINS[0] if here != DOMAINS[0] else DOMAINS[1]
+def test_two_sessions_of_a_process_are_separate(session: RosSession, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = os.environ["ROS_DOMAIN_ID"]
+    monkeypatch.setenv("ROS_DOMAIN_ID", here)  # which is restored after the test
+    elsewhere = isolate_ros()  # no other test runs there
+    monkeypatch.setenv("ROS_DOMAIN_ID", here)
     received: list[str] = []
     session.node.create_subscription(String, "words", lambda message: received.append(message.data), 10)
     with RosSession("near") as near, RosSession("far", domain=elsewhere) as far:

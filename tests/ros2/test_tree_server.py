@@ -334,6 +334,8 @@ def test_trees_and_plugins_of_a_parameter_file(folder: Path, client: ClientProce
 class CountingServer(TreeServer):
     """Overrides all methods for subclasses."""
 
+    may_end = threading.Event()
+
     def reject_reason(self, tree_id: str, payload: str) -> str:
         return "" if payload.isdigit() else "the payload is not a number"
 
@@ -343,7 +345,7 @@ class CountingServer(TreeServer):
 
     def on_tick(self, status: Status) -> Status | None:
         self.ticks += 1
-        return Status.SKIPPED if self.ticks >= 100 else None
+        return Status.SKIPPED if self.may_end.is_set() else None
 
     def feedback(self) -> str | None:
         return f"tick {self.ticks}" if self.ticks <= 2 else None
@@ -373,10 +375,12 @@ def test_python_server(session: RosSession, folder: Path) -> None:
 
         send("many", accepted=False)
         number = send("1000000")
+        client.wait(lambda: len(client.feedback(number)) == 2)
+        server.may_end.set()
         status, result = client.result(number)
         assert status == GoalStatus.STATUS_ABORTED
         assert result["node_status"]["status"] == Status.SKIPPED
-        assert result["return_message"] == "SKIPPED after 100 ticks, cancelled"
+        assert result["return_message"] == f"SKIPPED after {server.ticks} ticks, cancelled"
         assert [message["message"] for message in client.feedback(number)] == ["tick 1", "tick 2"]
         server.stop()
         thread.join(LIMIT_S)

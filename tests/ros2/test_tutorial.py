@@ -18,7 +18,7 @@ from btcore_ros2.testing import isolate_ros
 from tests.docs.test_docs import PROGRESS, commands, environment, files, output_matches
 
 PAGE = Path(__file__).parents[2] / "docs/tutorials/ros2_robot.md"
-LIMIT = 120.0
+LIMIT = 250.0
 """The longest time (s) of a command, on a slow machine."""
 
 SHORTER = {
@@ -29,8 +29,8 @@ SHORTER = {
 }
 """Texts of the page, and those that replace them in this test."""
 
-SLOW = re.compile(r"^warning: \d+ ticks? \w+ skipped.*\n", re.MULTILINE)
-"""What a slow machine prints in addition."""
+SLOW = re.compile(r"^(warning: \d+ ticks? \w+ skipped|.*RTPS_TRANSPORT_SHM).*\n", re.MULTILINE)
+"""What a slow machine prints in addition: of the tree, and of Fast DDS, whose files others lock."""
 
 
 class Terminal:
@@ -87,14 +87,14 @@ def test_the_commands_of_the_tutorial_print_what_it_shows(tmp_path: Path) -> Non
     assert (len(runs), len(others)) == (3, 6)
     with terminal.start(simulation) as robot:
         assert robot.stdout is not None
-        assert robot.stdout.readline() == ready
+        assert next(line for line in robot.stdout if not SLOW.match(line)) == ready
         for _, command, expected in others:
             if not command.startswith("btcore run"):
                 terminal.check(command, expected)
     # On a slow machine, the robot must wait for the runs.
     with terminal.start(f"{simulation} --lockstep") as robot:
         assert robot.stdout is not None
-        robot.stdout.readline()
+        assert next(line for line in robot.stdout if not SLOW.match(line))
         for command, expected in runs[:-1]:
             terminal.check(f"{command} --lockstep", expected)
         with terminal.start(reader) as process:

@@ -10,15 +10,14 @@ import pytest
 pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import Pose, PoseStamped
-from rclpy.action import ActionClient
 from sensor_msgs.msg import BatteryState
-from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
 
 import btcore
 from btcore import Blackboard, NodeExecutionError, Registry, Status, Tree, TreeError
 from btcore_ros2.leaves import register
 from btcore_ros2.session import RosSession
+from tests.ros2.discovery import wait_until_known
 
 LIMIT_S = 60
 
@@ -31,12 +30,11 @@ def session() -> Iterator[RosSession]:
         assert server.stdout is not None
         assert server.stdout.readline() == "ready\n"
         with RosSession("by_name") as made:
-            action = ActionClient(made.node, Fibonacci, "count")
-            service = made.node.create_client(SetBool, "switch")
-            assert made.wait_for(lambda: action.server_is_ready() and service.service_is_ready(), LIMIT_S)
-            assert made.wait_for(lambda: made.node.count_publishers("battery"), LIMIT_S)
+            tree_of(COUNT, made)  # its client is used by all trees
+            wait_until_known(made, "count")
+            for topic in ("battery", "other_battery", "silence"):
+                assert made.wait_for(lambda topic=topic: made.node.count_publishers(topic), LIMIT_S)
             yield made
-            action.destroy()
         assert server.stdin is not None
         server.stdin.close()
         assert server.wait(LIMIT_S) == 0

@@ -2,7 +2,7 @@
 
 It publishes on the topic `received`, as JSON, what it receives. The names of some servers have a prefix and
 behave accordingly: `abort/`, `reject/`, `hang/` (works until the goal is cancelled), `stubborn/` (refuses to
-cancel), and `late/` (accepts after 1.5 s). With `--without-navigator` the servers of bt_navigator are
+cancel), and `late/` (accepts after 3 s). With `--without-navigator` the servers of bt_navigator are
 missing. The process prints "ready" and ends when its standard input ends.
 """
 
@@ -91,6 +91,7 @@ class PlainNav2(Node):
         for name, kind in SERVICES.items():
             answer = lambda request, response, name=name: self.answer(name, request, response)  # noqa: E731
             self.create_service(kind, name, answer, callback_group=group)
+        self.create_subscription(String, "mark", lambda message: self.report("mark", message.data), 10)
         self.create_publisher(String, "planner_selector", LATCHED).publish(String(data="Lattice"))
         self.goal_update = self.create_publisher(PoseStamped, "goal_update", 1)
         self.tf = self.create_publisher(TFMessage, "/tf", 100)
@@ -131,7 +132,7 @@ class PlainNav2(Node):
         """Answer a goal."""
         self.report(name, goal)
         if name.startswith("late/"):
-            time.sleep(1.5)
+            time.sleep(3.0)
         return GoalResponse.REJECT if name.startswith("reject/") else GoalResponse.ACCEPT
 
     def cancel(self, name: str) -> CancelResponse:
@@ -145,8 +146,8 @@ class PlainNav2(Node):
         result = kind.Result()
         while time.monotonic() < end:
             if goal.is_cancel_requested:
-                goal.canceled()
                 self.report(f"{name} canceled", "")
+                goal.canceled()
                 return result
             feedback = kind.Feedback()
             if kind is action.FollowPath:
@@ -181,7 +182,7 @@ class PlainNav2(Node):
         """Answer a request: the second pose of a path is invalid, and costs are 0, 1, 254, 3 …"""
         self.report(name, request)
         if name.startswith("late/"):
-            time.sleep(1.5)
+            time.sleep(3.0)
         if name == "is_path_valid":
             response.is_valid = len(request.path.poses) < 3
             response.invalid_pose_indices = [] if response.is_valid else [1]

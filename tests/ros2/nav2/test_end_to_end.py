@@ -24,6 +24,8 @@ from btcore_robot.robot import Pose2D
 from btcore_ros2.nav2.conversions import pose_to_stamped
 from btcore_ros2.nav2.pose_listener import PoseListener
 from btcore_ros2.session import RosSession
+from tests.ros2.discovery import wait_until_known
+from tests.ros2.nav2.conftest import PATIENT
 
 LIMIT = 120.0
 NAVIGATION = "navigation --world arena --camera off --start 0,0,0 --without-navigators"
@@ -32,7 +34,7 @@ NAVIGATION = "navigation --world arena --camera off --start 0,0,0 --without-navi
 @contextmanager
 def running(arguments: str) -> Iterator[None]:
     """Run a command of `btcore ros2`, and end it like Ctrl-C."""
-    command = [sys.executable, "-m", "btcore", "ros2", *arguments.split()]
+    command = [sys.executable, "-c", PATIENT, "ros2", *arguments.split()]
     with subprocess.Popen(command, text=True, env={**os.environ, "NO_COLOR": "1"}) as process:
         try:
             yield
@@ -62,7 +64,7 @@ def send(session: RosSession, kind: Any, name: str, goal: Any) -> tuple[GoalStat
     """Send a goal, wait for its end, and return its status and result."""
     client = ActionClient(session.node, kind, name)
     assert session.wait_for(client.server_is_ready, LIMIT)
-    session.wait_for(lambda: False, 0.2)  # the server has to find the client, too
+    wait_until_known(session, name)
     accepted = client.send_goal_async(goal)
     assert session.wait_for(accepted.done, LIMIT)
     result = accepted.result().get_result_async()

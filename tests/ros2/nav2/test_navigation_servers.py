@@ -26,6 +26,7 @@ from tf2_msgs.msg import TFMessage
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_ros2.session import RosSession
 from tests.ros2.action_client import LIMIT_S, ClientProcess
+from tests.ros2.nav2.conftest import PATIENT
 
 SUCCEEDED, CANCELED, ABORTED = (
     GoalStatus.STATUS_SUCCEEDED,
@@ -276,7 +277,7 @@ def test_default_tree_of_nav2_in_another_process(navigation: NavigationProcess) 
     """Nav2's default tree, with its nodes as clients, reaches its goal through the navigation."""
     tree = subprocess.Popen(
         [
-            *(sys.executable, "-m", "btcore", "run", "--nav2", "--set", "goal=0.2;-0.2;0.0"),
+            *(sys.executable, "-c", PATIENT, "run", "--nav2", "--set", "goal=0.2;-0.2;0.0"),
             *("navigation/navigate_to_pose_w_replanning_and_recovery", "--duration", str(LIMIT_S)),
         ],
         stderr=subprocess.PIPE,

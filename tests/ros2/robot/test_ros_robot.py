@@ -135,7 +135,7 @@ def test_robot_that_does_not_answer(
     session: RosSession, point_robot: PointRobotProcess, tmp_path: Path
 ) -> None:
     RosRobot(session, describe(tmp_path)).close()  # the topics of the robot are known
-    text = DESCRIPTION.replace("start_timeout: 60", "start_timeout: 1").replace(
+    text = DESCRIPTION.replace("start_timeout: 60", "start_timeout: 5").replace(
         "topic: /scan", "topic: /lidar"
     )
     with pytest.raises(RosError) as caught:

@@ -184,6 +184,9 @@ def test_client_that_did_not_wait_for_a_response_may_request_the_next_step(
     times = [state["time"] + number * TENTH for number in range(3)]
     steps = client.node.create_client(SetParametersAtomically, "/sim/step")
     client.wait(steps.service_is_ready)
+    # A response is lost if the server does not know the new client yet.
+    refused = SetParametersAtomically.Request()
+    client.wait(lambda: client.session.wait_for(steps.call_async(refused).done, LIMIT / 10))
     requests = [
         SetParametersAtomically.Request(
             parameters=[

@@ -28,7 +28,7 @@ from btcore_ros2.robot.topic_report import type_name
 from btcore_ros2.robot.topic_robot import TopicRobot
 from btcore_ros2.session import RosSession
 from btcore_ros2.simulation.lockstep import LockstepClock
-from tests.ros2.simulation.process import Simulation
+from tests.ros2.simulation.process import LIMIT, Simulation
 
 SECONDS = 5
 """The length of the recorded run. The robot reaches an obstacle before."""
@@ -82,7 +82,7 @@ def test_recorded_run_gives_the_same_commands(start: Callable[..., Simulation], 
         Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
         RosSession() as session,
     ):
-        session.clock = LockstepClock(session)
+        session.clock = LockstepClock(session, LIMIT)
         record_messages(session, writer)
         with RosRobot(session, tiago) as robot:
             tree = load_tree(robot)

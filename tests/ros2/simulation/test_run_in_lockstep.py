@@ -21,7 +21,7 @@ from tests.ros2.simulation.process import LIMIT, Simulation
 
 def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-m", "btcore", "run", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT, check=False)
 
 
 def test_a_tree_drives_the_robot(start: Callable[..., Simulation]) -> None:
