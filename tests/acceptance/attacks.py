@@ -27,6 +27,7 @@ GROWTH = 50.0  # MB, permitted
 LIMIT = 200  # MB that the robot's process may allocate in addition; then allocations fail
 PICTURE = 200_000  # bytes of a camera's picture; the robot has 30 pictures a second
 LATENESS = 5.0  # ms, permitted in addition to 1.5 times the lateness of the robot that is not attacked
+JUDGED_FROM = 3  # pairs; the ticks of fewer are printed only, because other work on the computer delays them
 LOST = 0.01  # of the ticks, permitted in addition to the lost ticks of the robot that is not attacked
 GREETING = b"\xff" + b"\0" * 8 + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + b"\0" * 32
 READY = b"\x04\x19\x05READY\x0bSocket-Type\0\0\0\x03"
@@ -254,7 +255,7 @@ class Robot:
         """Wait until the client is connected."""
         self.ports = json.loads(self._line())
         self._client.start()
-        assert self._connected.wait(30), "the robot can't be watched"
+        assert self._connected.wait(120), "the robot can't be watched"
 
     def _line(self) -> str:
         assert self._process.stdout is not None
@@ -289,7 +290,7 @@ class Robot:
         from btcore_monitor.wire.groot2 import Request
 
         address = f"tcp://127.0.0.1:{self.ports[0]}"
-        with Feed(address) as feed, Groot2Client(parse_address(address), timeout=5.0) as requests:
+        with Feed(address) as feed, Groot2Client(parse_address(address), timeout=60.0) as requests:
             while not self._ended.is_set():
                 for event in feed.poll(0.1):
                     if isinstance(event, TreeSeen):
@@ -359,10 +360,11 @@ def violations(name: str, pairs: Sequence[tuple[Outcome, Outcome]]) -> Iterator[
         return
     if growth > GROWTH:
         yield f"{name}: the robot's memory grew by {growth:.0f} MB"
+    judged = len(pairs) >= JUDGED_FROM
     # On a busy computer both robots lose ticks; chance explains three standard deviations.
-    if lost - lost_alone > LOST * planned + 3 * (lost + lost_alone) ** 0.5:
+    if judged and lost - lost_alone > LOST * planned + 3 * (lost + lost_alone) ** 0.5:
         yield f"{name}: {lost} ticks were lost, and {lost_alone} without the attack"
-    if late > 1.5 * late_alone + LATENESS:
+    if judged and late > 1.5 * late_alone + LATENESS:
         yield f"{name}: ticks were late by {late:.1f} ms, and by {late_alone:.1f} ms without the attack"
     if missing or unanswered:
         yield f"{name}: the other client missed {missing} transitions and {unanswered} replies"

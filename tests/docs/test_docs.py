@@ -68,6 +68,10 @@ PROGRESS = re.compile(r"^\S+ +[A-Z]+  .* tick \d+  ×.*\n", re.MULTILINE)
 KINDS = re.compile(r"python|console|diff|text|toml|cpp|xml [EWC]\d{3}|[a-z]+ unrun: .{8,}")
 
 
+LIMIT = 250
+"""The longest time (s) of a program or a command, on a slow machine."""
+
+
 class Block(NamedTuple):
     """A fenced block: the words after its fence, the number of its first line, and its lines."""
 
@@ -221,7 +225,7 @@ def run(page: str, name: str, folder: Path) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=LIMIT,
     )
 
 
@@ -242,7 +246,7 @@ def run_commands(page: str, folder: Path) -> list[str]:
             stderr=subprocess.STDOUT,
             text=True,
             check=False,
-            timeout=100,
+            timeout=LIMIT,
         )
         output = PROGRESS.sub("", done.stdout)
         if not output_matches(shown, output) if shown else done.returncode != 0:

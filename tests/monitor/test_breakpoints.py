@@ -63,7 +63,7 @@ class Robot:
         self._stop.set()
         self.publisher.close()
         if self._thread.ident is not None:
-            self._thread.join(10)
+            self._thread.join(60)
             assert not self._thread.is_alive()
 
 
@@ -194,7 +194,7 @@ def test_a_robot_waits_at_a_breakpoint_as_long_as_a_client_is_connected(until):
             breaks.wait(LIMIT)
             tick.join(3)
             assert tick.is_alive()
-        tick.join(10)
+        tick.join(60)
         assert not tick.is_alive()
 
 
@@ -304,7 +304,7 @@ def test_the_command_watches_breakpoints_until_the_last_is_released(robot):
         breaks.release("left")
         assert watching.stdout.readline() == "reached go/right\n"
         breaks.release("right")
-    assert watching.wait(20) == 0
+    assert watching.wait(60) == 0
     watching.stdout.close()
     assert robot.tree.hooks.all() == []
 
@@ -349,11 +349,11 @@ def test_ctrl_c_ends_a_run_that_waits_at_a_breakpoint(tmp_path):
         assert run.stderr is not None
         published = re.search(r"publishing at (\S+)", run.stderr.readline())
         assert published is not None
-        with BreakpointClient(published[1], timeout=20) as breaks:
+        with BreakpointClient(published[1], timeout=LIMIT) as breaks:
             breaks.break_at("left")
             breaks.wait(LIMIT)
             run.send_signal(signal.SIGINT)
-            said = run.communicate(timeout=20)[1]
+            said = run.communicate(timeout=LIMIT)[1]
         assert run.returncode == 130
         assert "interrupted" in said
     finally:

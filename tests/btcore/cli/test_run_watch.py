@@ -46,7 +46,7 @@ class Running:
 
     def wait_for(self, words: str, times: int = 1) -> None:
         """Return when *words* have been printed on stdout or stderr, this number of times."""
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 100
         while sum(words in line for line in [*self.said, *self.complained]) < times:
             assert time.monotonic() < deadline, (words, self.said, self.complained)
             assert self.process.poll() is None, self.complained
@@ -55,7 +55,7 @@ class Running:
     def end(self, number: int = signal.SIGINT) -> int:
         """Send the signal *number* to the process and return its exit code."""
         self.process.send_signal(number)
-        code = self.process.wait(20)
+        code = self.process.wait(100)
         self.close()
         return code
 

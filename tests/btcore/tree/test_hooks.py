@@ -85,7 +85,7 @@ class Ticking:
         return any(hook.waiting for hook in self.tree.hooks.all())
 
     def end(self) -> Status:
-        self.thread.join(10)
+        self.thread.join(60)
         assert not self.thread.is_alive(), "the tick still stands"
         assert self.status is not None
         return self.status
@@ -94,7 +94,7 @@ class Ticking:
 def wait_until_true(true: Callable[[], object]) -> None:
     deadline = time.monotonic() + 60
     while not true():
-        assert time.monotonic() < deadline, "not within 10 s"
+        assert time.monotonic() < deadline, "not within a minute"
         time.sleep(0.001)
 
 
@@ -407,7 +407,7 @@ def test_hooks_may_be_inserted_and_removed_while_the_tree_ticks() -> None:
         bench.tree.hooks.unlock(uid, position, Status.SKIPPED, turn % 3 == 0)
         bench.tree.hooks.remove(uid, position)
     stop.set()
-    thread.join(10)
+    thread.join(60)
     assert not thread.is_alive()
     bench.worked.clear()
     assert bench.tree.tick_once() is Status.SUCCESS
@@ -422,7 +422,7 @@ async def async_wait_until_true(true: Callable[[], object]) -> int:
     deadline = time.monotonic() + 60
     turns = 0
     while not true():
-        assert time.monotonic() < deadline, "not within 10 s"
+        assert time.monotonic() < deadline, "not within a minute"
         turns += 1
         await asyncio.sleep(0.001)
     return turns
@@ -450,7 +450,7 @@ def test_event_loop_keeps_running_at_a_breakpoint(debug: bool) -> None:
             await asyncio.sleep(0)
         assert not run.done()
         tree.hooks.unlock(tree.node("next").uid, remove_when_done=True)
-        assert await asyncio.wait_for(run, 10) is Status.SUCCESS
+        assert await asyncio.wait_for(run, 60) is Status.SUCCESS
         assert asyncio.get_running_loop().get_debug() is debug
 
     asyncio.run(main(), debug=debug)
@@ -508,7 +508,7 @@ def test_breakpoint_set_within_a_tick_does_not_block_the_event_loop() -> None:
         run = asyncio.ensure_future(tree.run())
         await async_wait_until_true(lambda: any(hook.waiting for hook in tree.hooks.all()))
         tree.hooks.remove_all()
-        assert await asyncio.wait_for(run, 10) is Status.SUCCESS
+        assert await asyncio.wait_for(run, 60) is Status.SUCCESS
 
     asyncio.run(main())
 

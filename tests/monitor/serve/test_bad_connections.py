@@ -37,7 +37,7 @@ def test_both_protocols_work_after_junk_at_any_port(name, endless, no_threads_le
                 asking.setsockopt(zmq.LINGER, 0)
                 asking.connect(f"tcp://127.0.0.1:{port}")
                 asking.send(question)
-                assert asking.poll(5_000), f"no reply at {port}"
+                assert asking.poll(60_000), f"no reply at {port}"
                 assert len(asking.recv_multipart()[-1]) > 0
 
 
@@ -51,6 +51,6 @@ def test_a_request_without_the_empty_delimiter_frame_is_dropped(endless, no_thre
                 dealer.connect(f"tcp://127.0.0.1:{port}")
                 dealer.send(b"no delimiter")
                 dealer.send_multipart([b"", question])
-                assert dealer.poll(5_000), f"no reply at {port}"
+                assert dealer.poll(60_000), f"no reply at {port}"
                 assert dealer.recv_multipart()[0] == b""
                 assert not dealer.poll(100)

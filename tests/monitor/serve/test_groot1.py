@@ -114,7 +114,7 @@ class Window:
             socket.setsockopt(zmq.LINGER, 0)
             socket.connect(f"tcp://127.0.0.1:{self.publisher.groot1 + 1}")
             socket.send_multipart(frames or (b"",))
-            assert socket.poll(5_000), "no reply within 5 s"
+            assert socket.poll(60_000), "no reply within a minute"
             (reply,) = socket.recv_multipart()
             return reply
 
@@ -122,7 +122,7 @@ class Window:
         return tree_in(self.ask())
 
     def next(self) -> Message:
-        assert self.news.poll(5_000), "no update within 5 s"
+        assert self.news.poll(60_000), "no update within a minute"
         (frame,) = self.news.recv_multipart()
         return Message.read(frame)
 
@@ -139,7 +139,7 @@ def window() -> Iterator[Callable[..., Window]]:
         opened.append(links)
         news.subscribe(b"")
         news.connect(f"tcp://127.0.0.1:{publisher.groot1}")
-        assert links.poll(5_000)
+        assert links.poll(60_000)
         news.disable_monitor()
         made = Window(publisher, context, news)
         made.ask()  # after the reply, the publisher has processed the subscription
@@ -394,7 +394,7 @@ def test_hundreds_of_random_requests_are_answered_with_the_tree(sample, window):
             @settings(max_examples=600, deadline=None, database=None, suppress_health_check=list(HealthCheck))
             def noise(frames: list[bytes]) -> None:
                 socket.send_multipart(frames)
-                assert socket.poll(5_000), "no reply within 5 s"
+                assert socket.poll(60_000), "no reply within a minute"
                 assert socket.recv_multipart() == [tree]
 
             noise()
@@ -514,7 +514,7 @@ def test_both_protocols_are_served_at_once(sample, window):
         with groot.context.socket(zmq.REQ) as socket:
             socket.connect(publisher.address)
             socket.send(b"\x02S\x01\x02\x03\x04")
-            assert socket.poll(5_000)
+            assert socket.poll(60_000)
             assert len(socket.recv_multipart()) == 2
 
 

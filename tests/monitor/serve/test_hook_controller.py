@@ -63,7 +63,7 @@ class Window:
         self.notices.setsockopt(zmq.SUBSCRIBE, b"")
         ready = self.notices.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
         self.notices.connect(f"tcp://127.0.0.1:{publisher.port + 1}")
-        connected = ready.poll(5_000)
+        connected = ready.poll(60_000)
         self.notices.disable_monitor()
         ready.close(linger=0)
         assert connected
@@ -71,7 +71,7 @@ class Window:
 
     def send(self, *frames: bytes) -> list[bytes]:
         self.requests.send_multipart(frames)
-        assert self.requests.poll(5_000), "no reply within 5 s"
+        assert self.requests.poll(60_000), "no reply within a minute"
         return self.requests.recv_multipart()
 
     def ask(self, kind: str, what: object = None) -> bytes:
@@ -93,7 +93,7 @@ class Window:
         return found
 
     def reached(self) -> int:
-        assert self.notices.poll(5_000), "no notification within 5 s"
+        assert self.notices.poll(60_000), "no notification within a minute"
         header, uid = self.notices.recv_multipart()
         assert (len(header), header[:2]) == (6, b"\x02N")
         return int(uid)
@@ -136,7 +136,7 @@ class Ticking:
         self._status = self._tree.tick_exactly_once()
 
     def end(self) -> btcore.Status | None:
-        self.thread.join(10)
+        self.thread.join(60)
         assert not self.thread.is_alive(), "the tick still stands"
         return self._status
 
@@ -379,12 +379,13 @@ def test_a_client_that_only_watches_neither_enables_hooks_nor_keeps_them_enabled
 
 def test_a_client_that_releases_breakpoints_keeps_hooks_enabled(sample, control, until):
     """Single commands, each with a connection of its own: break, and then release again and again."""
-    window = control(sample, max_heartbeat_delay=0.5)
+    window = control(sample, max_heartbeat_delay=3.0)
     releasing = Window(window.publisher)
     try:
         window.ask("I", BREAKPOINT)
-        deadline = time.monotonic() + 1.5
+        deadline = time.monotonic() + 4.0
         while time.monotonic() < deadline:
+            time.sleep(0.1)
             releasing.ask("U", {"uid": 4, "position": 0, "desired_status": "", "remove_when_done": False})
             assert [one["enabled"] for one in releasing.dump()] == [True]
         until(lambda: not sample.hooks.all()[0].enabled, "both are silent")
@@ -504,6 +505,6 @@ def test_robot_and_publisher_survive_a_thousand_random_requests(endless, control
         stop.wait(0.1)
         after = endless.ticks
         stop.set()
-        ticking.join(10)
+        ticking.join(60)
     assert after > before
     assert min(answers.values()) > 100

@@ -41,7 +41,7 @@ def test_replies_go_to_the_requesting_client(dealer):
             client.send_multipart([b"", request(b"S", 100 * at + turn)])
     for at, client in enumerate(clients):
         for turn in range(10):
-            assert client.poll(5_000)
+            assert client.poll(60_000)
             empty, header, _ = client.recv_multipart()
             assert (empty, header[:6]) == (b"", request(b"S", 100 * at + turn))
         assert not client.poll(0)
@@ -51,7 +51,7 @@ def test_a_reply_has_the_routing_envelope_of_its_request(dealer):
     """As with a REP socket, the envelope ends at the first empty frame, and is returned unchanged."""
     client = dealer()
     client.send_multipart([b"first", b"second", b"", request(b"B", 7), b""])
-    assert client.poll(5_000)
+    assert client.poll(60_000)
     first, second, empty, header, boards = client.recv_multipart()
     assert (first, second, empty, header[:6]) == (b"first", b"second", b"", request(b"B", 7))
     assert boards
@@ -70,7 +70,7 @@ def test_an_invalid_request_does_not_affect_other_clients(dealer, frames):
     for socket, number in ((client, 1), (odd, 2)):
         answers = []
         while not answers or answers[-1][1][:6] != request(b"S", number):
-            assert socket.poll(5_000)
+            assert socket.poll(60_000)
             answers.append(socket.recv_multipart())
         assert len(answers) <= (2 if socket is odd else 1)
 
@@ -82,7 +82,7 @@ def test_clients_that_leave_before_the_reply_do_no_harm(dealer):
             gone.send_multipart([b"", request(b"T", 1)])
     client = dealer()
     client.send_multipart([b"", request(b"S", 3)])
-    assert client.poll(5_000)
+    assert client.poll(60_000)
     assert client.recv_multipart()[1][:6] == request(b"S", 3)
 
 
@@ -97,7 +97,7 @@ def test_waiting_replies_to_a_client_that_does_not_read_are_limited():
             deaf.connect(f"tcp://127.0.0.1:{port}")
             for _ in range(asked):
                 deaf.send_multipart([b"", b"any"])
-                assert questions.socket.poll(5_000)
+                assert questions.socket.poll(60_000)
                 assert questions.take() == [b"any"]
                 questions.answer([big])
             answers = 0

@@ -339,7 +339,7 @@ def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
 def test_the_scene_channel_is_preferred_to_groot1(endless, watch, until):
     with serve(endless, groot1=0) as publisher:
         viewer = watch(publisher.address)
-        assert publisher.wait_for_clients(1, 10)
+        assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()
         until(lambda: viewer.of(Ticked), "a tick, which Groot 1 doesn't know")
     assert viewer.of(TreeSeen)[0].numbered

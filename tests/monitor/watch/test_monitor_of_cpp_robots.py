@@ -143,7 +143,7 @@ def test_several_robots_are_watched_in_one_window_and_in_one_recording(cpp_robot
             robot.change((4, RUNNING), (4, SUCCESS), (4, IDLE))
         until(lambda: all(not robot._recorded for robot in robots), "that the monitor took it in")
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=100)
     finally:
         process.kill()
     assert process.returncode == 0
