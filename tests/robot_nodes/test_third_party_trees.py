@@ -65,7 +65,7 @@ def test_a_patrol_in_subtrees_recharges_below_its_own_threshold() -> None:
 
 
 def test_a_subtree_with_remapped_goals_visits_them_and_has_a_timeout() -> None:
-    result = run("round_of_visits.xml", "--world", "aws_house", "--duration", "150")
+    result = run("round_of_visits.xml", "--world", "aws_house", "--duration", "100")
     assert result["robot"]["waypoints_visited"][:3] == ["wp1", "wp2", "wp3"]
     assert ids(result)["Timeout"]["failure"] >= 1
 

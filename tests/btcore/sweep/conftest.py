@@ -93,9 +93,12 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), "COLUMNS": "110"}
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
-    """Start a Dask scheduler with two workers, and provide its address."""
+    """Start a Dask scheduler with two workers, and provide its address.
+
+    They need a tenth of a core even when nothing happens, so that they end with the module.
+    """
     pytest.importorskip("distributed")
     with subprocess.Popen(
         [sys.executable, "-c", CLUSTER],

@@ -412,7 +412,7 @@ class Robot(threading.Thread):
     def run(self) -> None:
         scene = 0.0
         while not self.stopped.is_set():
-            if self._requests.poll(5):
+            if self._requests.poll(5 if self.notices else 50):  # ms
                 self._answer()
             if self.notices:
                 for _ in range(50):
@@ -516,7 +516,7 @@ def watched(robots: Mapping[str, Robot], folder: Path) -> dict[str, Outcome]:
     while time.monotonic() < min(end, deadline):
         for outcome in outcomes:
             outcome.step()
-        time.sleep(0.01)
+        time.sleep(0.05)
         if end == deadline and all(outcome.robot.has_attacked for outcome in outcomes):
             end = time.monotonic() + 1
     for outcome in outcomes:

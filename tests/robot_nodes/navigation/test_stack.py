@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from btcore_robot.navigation import sensor_watch
+from btcore_robot.navigation import sensor_watch, stack
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.costmap import INSCRIBED
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.navigator import NavigateGoal
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.parameters import NavigationParameters
-from btcore_robot.navigation.stack import SEARCH_PATIENCE, SEARCH_TURN, Navigation
+from btcore_robot.navigation.stack import SEARCH_TURN, Navigation
 from btcore_robot.robot import Pose2D
 from btcore_sim.faults import Fault
 from btcore_sim.map_rasteriser import rasterise
@@ -178,12 +178,13 @@ def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat):
     assert home.distance_to(3.0, -1.0) < 0.35
 
 
-def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(flat):
+def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(flat, monkeypatch):
+    monkeypatch.setattr(stack, "SEARCH_PATIENCE", 30.0)
     cells = np.zeros((80, 80), dtype=np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
     home = flat(map=OccupancyMap(cells, 0.05, (-2.0, -2.0)))
     handle = home.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
-    assert home.run(180.0, lambda: handle.done) == pytest.approx(SEARCH_PATIENCE, abs=3.0)
+    assert home.run(180.0, lambda: handle.done) == pytest.approx(30.0, abs=3.0)
     assert handle.status is GoalStatus.ABORTED
     assert handle.result.code == Nav2ErrorCode.NAVIGATE_TF_ERROR
     assert "the robot's pose is unknown" in handle.result.message
