@@ -224,6 +224,24 @@ class ObstacleLayer:
         self._marked_at = np.full(shape, _NEVER, dtype=np.int64)
         """The stamp (ns) of the scan that marked each cell last."""
 
+    def rebuild(self, shape: tuple[int, int], rows: int, cols: int, since: int) -> None:
+        """Replace the grid by another grid of the same resolution, and keep the cells that were marked last.
+
+        Args:
+            shape: The number of rows and columns of the new grid.
+            rows: The row of the present grid that is the first row of the new grid; it may be negative.
+            cols: The column of the present grid that is the first column of the new grid.
+            since: The stamp (ns) from which on marked cells stay LETHAL.
+        """
+        marked = np.argwhere((self.values == LETHAL) & (self._marked_at >= since))
+        stamps = self._marked_at[marked[:, 0], marked[:, 1]]
+        self.restart(shape)
+        moved = marked - (rows, cols)
+        on_grid = ((moved >= 0) & (moved < shape)).all(axis=1)
+        new_rows, new_cols = moved[on_grid].T
+        self.values[new_rows, new_cols] = LETHAL
+        self._marked_at[new_rows, new_cols] = stamps[on_grid]
+
     def update_from_scan(self, scan: LaserScan, laser: Pose2D, origin: tuple[float, float]) -> None:
         """Clear and mark cells by a scan.
 

@@ -18,6 +18,7 @@ from btcore_robot.navigation.costmap import (
     LocalCostmap,
 )
 from btcore_robot.navigation.costmap_layers import InflationLayer, ObstacleLayer
+from btcore_robot.navigation.mapping.exploration import REMEMBERED, GrowingCostmap
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserScan, Pose2D
 
@@ -400,3 +401,25 @@ def test_the_disc_under_the_robot_has_all_cells_up_to_its_radius():
     layer.free_disc(Pose2D(4.5, 4.5, 0.0), 2.0, (0.0, 0.0))
     rows, columns = np.indices((9, 9))
     assert np.array_equal(layer.values == FREE, (rows - 4) ** 2 + (columns - 4) ** 2 <= 4)
+
+
+# -- a map that grows
+
+
+def test_a_growing_costmap_remembers_recent_obstacles_at_their_places_on_the_new_map():
+    costmap = GrowingCostmap(floor())
+    costmap.observe(wall_at(1.0), HERE)
+    costmap.update(0)
+    assert costmap.cost(3.025, 2.025) == LETHAL
+    grown = OccupancyMap(np.zeros((100, 120), dtype=np.int8), 0.05, (-1.0, -0.5))
+    costmap.redraw(grown)
+    assert costmap.costs.shape == (100, 120)
+    assert costmap.cost(3.025, 2.025) == LETHAL
+    assert costmap.cost(2.125, 2.025) == FREE
+    small = floor(2.5)
+    costmap.redraw(small)
+    assert (costmap.costs == FREE).all()
+    costmap.observe(wall_at(0.4), HERE)
+    costmap.update(REMEMBERED + 1)
+    costmap.redraw(small)
+    assert (costmap.costs == FREE).all()

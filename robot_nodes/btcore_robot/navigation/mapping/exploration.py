@@ -13,7 +13,15 @@ from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle, save_
 from btcore_robot.navigation.parameters import NavigationParameters
 from btcore_robot.navigation.servers import PoseSource
 from btcore_robot.navigation.stack import Navigation, costmap_arguments
-from btcore_robot.robot import Pose2D, Robot
+from btcore_robot.robot import NS_PER_S, Pose2D, Robot
+
+REMEMBERED = 30 * NS_PER_S
+"""The time (ns) for which an observed obstacle stays in the costmap although the map does not have it.
+
+In a passage that is just wide enough for the robot, the scans and the map disagree. Without a memory the
+robot would turn round each time it looks at the passage, and turn back as soon as it looks away. In this time
+it leaves the passage on the other way.
+"""
 
 
 class GrowingCostmap(GlobalCostmap):
@@ -23,9 +31,11 @@ class GrowingCostmap(GlobalCostmap):
     """
 
     def redraw(self, map: OccupancyMap) -> None:
-        """Replace the map by *map*, of any size, and forget observed obstacles: the map contains them."""
+        """Replace the map by *map*, of any size, and forget old observations: the map contains them."""
         shape = (map.height, map.width)
-        self.obstacles.restart(shape)
+        rows = round((map.origin[1] - self.origin[1]) / self.resolution)
+        cols = round((map.origin[0] - self.origin[0]) / self.resolution)
+        self.obstacles.rebuild(shape, rows, cols, self.stamp - REMEMBERED)
         self.map = map
         self.origin = map.origin
         self._static = static_costs(map)
