@@ -26,6 +26,7 @@ class Count(RosAction):
 
     action_type = Fibonacci
     action_name = "count"
+    server_timeout = wait_for_server_timeout = 20_000  # ms, on a slow machine
     order: In[int]
     last: Out[int]
 
@@ -37,7 +38,7 @@ class Count(RosAction):
         return True
 
 
-@ros_service(SetBool, "switch_motors")
+@ros_service(SetBool, "switch_motors", server_timeout=20_000, wait_for_server_timeout=20_000)
 def switch_motors(on: In[bool]) -> Any:
     response = yield SetBool.Request(data=on)
     return response.success

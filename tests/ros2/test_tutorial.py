@@ -14,6 +14,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("pybullet")
 pytest.importorskip("nav2_msgs")
 
+from btcore_ros2.session import RosSession
 from btcore_ros2.testing import isolate_ros
 from tests.docs.test_docs import PROGRESS, commands, environment, files, output_matches
 
@@ -97,7 +98,8 @@ def test_the_commands_of_the_tutorial_print_what_it_shows(tmp_path: Path) -> Non
         assert next(line for line in robot.stdout if not SLOW.match(line))
         for command, expected in runs[:-1]:
             terminal.check(f"{command} --lockstep", expected)
-        with terminal.start(reader) as process:
+        with RosSession() as session, terminal.start(reader) as process:
+            assert session.wait_for(lambda: session.node.count_subscribers("/behavior_tree_log"), LIMIT)
             terminal.check(f"{runs[-1][0]} --lockstep", runs[-1][1])
             # Which transitions it prints depends on the moment.
             assert " → " in process.communicate(timeout=LIMIT)[0]

@@ -31,7 +31,8 @@ def doctor(*arguments: str, **environment: str) -> tuple[int, str]:
 def findings(*arguments: str) -> list[dict[str, Any]]:
     code, output = doctor("--json", *arguments)
     assert code == 0, output
-    found: list[dict[str, Any]] = json.loads(output[output.index("{") :])["findings"]
+    # Fast DDS may print a warning before or after it.
+    found: list[dict[str, Any]] = json.JSONDecoder().raw_decode(output, output.index("{"))[0]["findings"]
     return found
 
 

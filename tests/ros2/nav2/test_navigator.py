@@ -19,6 +19,7 @@ from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.robot import Pose2D
 from btcore_ros2.nav2.conversions import pose_to_stamped, poses_to_goals
 from tests.ros2.discovery import wait_until_known
+from tests.ros2.nav2.conftest import PATIENT
 
 PLAIN_NAV2 = ("--without-navigator",)
 LIMIT = 120.0
@@ -51,7 +52,7 @@ BROKEN = '<root BTCPP_format="4"><BehaviorTree ID="B"><Script code="a := missing
 @pytest.fixture(scope="module")
 def navigator(shared_bench: Any) -> Iterator[subprocess.Popen[str]]:
     """The process of the navigator."""
-    command = [sys.executable, "-m", "btcore", "ros2", "navigator"]
+    command = [sys.executable, "-c", PATIENT, "ros2", "navigator"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     with process:
         yield process
@@ -99,7 +100,12 @@ class Client:
 
 @pytest.fixture(scope="module")
 def shared_client(shared_bench: Any, navigator: Any) -> Client:
-    return Client(shared_bench)
+    made = Client(shared_bench)
+    # The navigator knows the robot's pose some time after its start.
+    assert shared_bench.session.wait_for(
+        lambda: made.result(made.send(2.0))[0] is GoalStatus.SUCCEEDED, LIMIT
+    )
+    return made
 
 
 @pytest.fixture
