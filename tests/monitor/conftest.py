@@ -148,7 +148,7 @@ class Command:
 
     def wait_for(self, pattern: str) -> re.Match[str]:
         """Wait for text on stderr that matches *pattern*, and return the match."""
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 200
         while not (found := re.search(pattern, self.stderr_text)):
             assert self.process.poll() is None, self.stderr_text
             assert time.monotonic() < deadline, self.stderr_text
@@ -159,7 +159,7 @@ class Command:
         """Send signal *number*, if given, wait for the end, and return the exit code."""
         if number is not None:
             self.process.send_signal(number)
-        code = self.process.wait(60)
+        code = self.process.wait(200)
         self._reader.join()
         return code
 

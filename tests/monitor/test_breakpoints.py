@@ -47,7 +47,10 @@ class Robot:
 
     def __init__(self, port: int = 0) -> None:
         self.tree = btcore.loads(PATROL, resources=[SimClock()])
-        self.publisher = serve(self.tree, groot2=port, scene=False, allow_control=True)
+        # Between two commands, a slow machine may need longer than the default permits.
+        self.publisher = serve(
+            self.tree, groot2=port, scene=False, allow_control=True, max_heartbeat_delay=LIMIT
+        )
         self.address = self.publisher.address
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -186,13 +189,13 @@ def test_a_step_ends_at_another_breakpoint_on_the_way(robot):
 
 def test_a_robot_waits_at_a_breakpoint_as_long_as_a_client_is_connected(until):
     tree = btcore.loads(PATROL, resources=[SimClock()])
-    with serve(tree, groot2=0, scene=False, allow_control=True, max_heartbeat_delay=1.5) as publisher:
+    with serve(tree, groot2=0, scene=False, allow_control=True, max_heartbeat_delay=4.0) as publisher:
         tick = threading.Thread(target=tree.tick_exactly_once)
         with BreakpointClient(publisher.address) as breaks:
             breaks.break_at("left")
             tick.start()
             breaks.wait(LIMIT)
-            tick.join(3)
+            tick.join(6)
             assert tick.is_alive()
         tick.join(60)
         assert not tick.is_alive()

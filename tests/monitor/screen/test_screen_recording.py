@@ -12,6 +12,7 @@ from btcore_monitor.events import (
     TransitionsLost,
     TreeSeen,
 )
+from btcore_monitor.screen import robot_view
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT
@@ -42,7 +43,9 @@ def test_no_numbered_transition_of_a_thousand_ticks_is_missing(thousand):
     assert any("IsObstacle" in line and "IDLE → SUCCESS" in line for line in lines)
 
 
-def test_a_file_without_a_viewer_is_written_in_large_pieces(run, tmp_path):
+def test_a_file_without_a_viewer_is_written_in_large_pieces(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(robot_view, "WRITE_TRANSITIONS_EVERY", 1000.0)  # s; a slow machine takes long
+    monkeypatch.setattr(robot_view, "WRITE_EVERY", 1000.0)
     file = tmp_path / "run.rrd"
     view = RobotView(RecordingSinks(save=file))
     for event in run(100):

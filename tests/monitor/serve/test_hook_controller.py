@@ -401,14 +401,14 @@ def test_hooks_of_the_program_itself_stay_enabled_without_a_client(sample, contr
 
 
 def test_a_request_of_any_kind_counts_as_a_heartbeat(sample, control):
-    window = control(sample, max_heartbeat_delay=0.5)
+    window = control(sample, max_heartbeat_delay=3.0)
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
     window.reached()
     deadline = threading.Event()
     for _ in range(10):
         assert window.send(b"no request")[0] == b"error"
-        deadline.wait(0.1)
+        deadline.wait(0.4)
     assert tick.thread.is_alive()
     window.ask("A")
     tick.end()
