@@ -1,6 +1,5 @@
 """The time limit of all tests, and fixtures for the tests of several packages."""
 
-import gc
 import importlib.util
 import os
 import signal
@@ -68,12 +67,6 @@ def limit_time() -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
-
-
-def pytest_collection_finish() -> None:
-    """Exempt the collected tests, which last until the end, from garbage collection."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)
