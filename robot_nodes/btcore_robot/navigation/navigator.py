@@ -165,8 +165,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
             self._progress.pause(elapsed)
             reason = self._give_up_reason(self._began) if self._give_up_reason is not None else None
             if reason is not None:
-                self._halt()
-                self._end(handle, *reason, now)
+                self._give_up(handle, *reason, now)
             return
         try:
             status = tree.tick_exactly_once()
@@ -269,13 +268,17 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         failure = self._plan_failure
         if not seconds or (failure is None and math.isinf(nearest)):
             return  # without a failure and a path, the tree has another task before it drives
-        self._halt()
         distance = "" if math.isinf(nearest) else f" than {nearest:.1f} m"
         message = f"the robot has come no closer{distance} for {seconds:.0f} s"
-        if failure is None:
-            self._end(handle, Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, message, now)
-        else:
-            self._end(handle, failure.code, f"{failure.message}; {message}", now)
+        self._give_up(handle, Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, message, now)
+
+    def _give_up(self, handle: NavigateHandle, code: int, message: str, now: int) -> None:
+        """Halt the tree and end the goal; if there was no path last, this is the first part of the cause."""
+        self._halt()
+        failure = self._plan_failure
+        if failure is not None:
+            code, message = failure.code, f"{failure.message}; {message}"
+        self._end(handle, code, message, now)
 
     def _failure_reason(self) -> tuple[int, str]:
         """Return code and message of the first server whose last goal since the start was aborted."""
