@@ -15,7 +15,8 @@ class ExitCode(IntEnum):
     LEAF_ERROR = 3
     """A leaf raised an exception."""
     INCOMPLETE_OUTPUT = 4
-    """A log, a recording or stdout is incomplete, for example because the disk is full."""
+    """A log, a recording or stdout is incomplete, for example because the disk is full, or a question of
+    `btcore prove` has no answer."""
     INTERNAL_ERROR = 70
     """An error in btcore itself: EX_SOFTWARE of sysexits.h."""
     INTERRUPTED = 130

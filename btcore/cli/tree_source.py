@@ -121,8 +121,13 @@ class TreeSource:
         """The name of the file without its suffix."""
         return "stdin" if self.path == STDIN else self.path.stem
 
-    def read(self) -> tuple[DocumentAnalysis, Registry]:
+    def read(
+        self, substitute: Callable[[Registry], Registry] | None = None
+    ) -> tuple[DocumentAnalysis, Registry]:
         """Read and check the file.
+
+        Args:
+            substitute: Returns the nodes to use instead of the available nodes; None = use these.
 
         Returns:
             The analysis of the document, which has no errors, and the nodes that it was analysed with.
@@ -133,6 +138,8 @@ class TreeSource:
         try:
             document = parse_source(self.path, self.confined)
             nodes = self.libraries.nodes_for(document)
+            if substitute is not None:
+                nodes = substitute(nodes)
             examined = analyse_document(document, nodes, self.tree, self.format)
             examined.diagnostics.raise_errors()
         except TreeError as error:

@@ -15,6 +15,11 @@ class LeafNode(TreeNode):
     """A node without children. A leaf may return True for SUCCESS and False for FAILURE."""
 
     node_type: ClassVar[NodeType] = NodeType.ACTION
+    uses: ClassVar[frozenset[str] | None] = None
+    """The names of the things that only one action may use at a time, such as a robot's base, for proofs.
+
+    None = an action uses the resources that it gets as parameters; a condition uses nothing.
+    """
 
     @classmethod
     def possible_results(

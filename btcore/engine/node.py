@@ -80,6 +80,8 @@ class TreeNode:
     the time. None = the node cannot be saved while it is RUNNING. A user's class with attributes must declare
     this, if only as (), before a tree with it can be saved.
     """
+    time_fields: ClassVar[tuple[str, ...]] = ()
+    """The state fields that hold the time (ns, tree's clock) until which the node waits; ≤ 0 = no time."""
     never_pauses: ClassVar[bool] = False
     """Whether a tick only ticks children and, while a child is RUNNING, only this child.
 

@@ -26,6 +26,7 @@ class Timeout(DecoratorNode):
     node_symbol: ClassVar[str] = "◷"
     batch_class: ClassVar[str] = "btcore.batch.timing:Timeout"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
+    time_fields: ClassVar[tuple[str, ...]] = ("_deadline",)
 
     _deadline: int = -1
 
@@ -88,6 +89,7 @@ class Delay(DecoratorNode):
     node_symbol: ClassVar[str] = "◷"
     batch_class: ClassVar[str] = "btcore.batch.timing:Delay"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
+    time_fields: ClassVar[tuple[str, ...]] = ("_deadline",)
 
     _deadline: int = -1
 
@@ -141,6 +143,7 @@ class Sleep(StatefulAction):
     may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
     batch_class: ClassVar[str] = "btcore.batch.timing:Sleep"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
+    time_fields: ClassVar[tuple[str, ...]] = ("_deadline",)
 
     _deadline: int = 0
 

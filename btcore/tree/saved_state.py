@@ -67,14 +67,14 @@ def save_state(tree: Tree) -> SavedState:
     """
     values: list[object] = []
     for node in tree.nodes:
-        _check_declaration(node)
+        check_state_declaration(node)
         if type(node).state_fields is None and node._status is RUNNING:
             raise NodeError(f"the state of '{node.path}' <{node.id}> cannot be saved while it is RUNNING")
         values.append({name: getattr(node, name) for name in state_fields_of(type(node))})
     boards: list[dict[str, int]] = []
     entries: list[SavedEntry] = []
     indices: dict[int, int] = {}
-    for board in _blackboards(tree):
+    for board in blackboards_of(tree):
         keys: dict[str, int] = {}
         for key, entry in board.local_entries().items():
             # Scopes of format 3 share the entries of remapped keys.
@@ -107,7 +107,7 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
     Raises:
         BtcoreError: The nodes or blackboards of *tree* are not those of the saved tree.
     """
-    boards = _blackboards(tree)
+    boards = blackboards_of(tree)
     if _names(tree) != saved.nodes or len(boards) != len(saved.boards):
         raise BtcoreError(f"the saved state is of another tree than '{tree.id}'")
     values = copy.deepcopy(saved.values)
@@ -135,7 +135,7 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
     tree.status = saved.status
 
 
-def _check_declaration(node: TreeNode) -> None:
+def check_state_declaration(node: TreeNode) -> None:
     """Raise NodeError if *node* has attributes of a user's class, but no such class declares its state."""
     kinds = [cls for cls in type(node).__mro__ if issubclass(cls, TreeNode)]
     engine = [cls for cls in kinds if vars(cls)["__module__"].startswith("btcore.")]
@@ -155,7 +155,7 @@ def _names(tree: Tree) -> list[tuple[str, str]]:
     return [(node.path, node.id) for node in tree.nodes]
 
 
-def _blackboards(tree: Tree) -> list[Blackboard]:
+def blackboards_of(tree: Tree) -> list[Blackboard]:
     """Return the scopes of *tree*, each once, including the parents of the main tree's scope."""
     boards: dict[int, Blackboard] = {}
     for subtree in tree.subtrees:

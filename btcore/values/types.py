@@ -572,6 +572,11 @@ class EnumType(ConvertibleType):
             int(member.value): member for member in python_type if isinstance(member.value, int)
         }
 
+    @property
+    def members(self) -> list[Enum]:
+        """The members of the enum, in the order of their definition."""
+        return list(dict.fromkeys(self._members.values()))
+
     def from_text(self, text: str, format: int = 4) -> Enum:
         """Return the member with the name or the number *text*. Raise ConversionError."""
         # The names that scripts use have precedence, as in BehaviorTree.CPP.

@@ -30,6 +30,7 @@ FULL_TURN_TIME = round(2 * math.pi / TURN_SPEED * 1e9)
 class Forward(StatefulAction):
     """Drive forward at 0.3 m/s. Always RUNNING."""
 
+    may_return: ClassVar[frozenset[Status]] = frozenset()
     state_fields = ()
 
     def __init__(self, robot: Robot) -> None:
@@ -52,6 +53,8 @@ class _Manoeuvre(StatefulAction):
     w: ClassVar[float] = 0.0
     duration: ClassVar[int] = MANOEUVRE_TIME
 
+    may_return: ClassVar[frozenset[Status]] = frozenset({Status.SUCCESS})
+    may_complete_on_start: ClassVar[bool] = False
     state_fields = ("started",)
 
     def __init__(self, robot: Robot) -> None:

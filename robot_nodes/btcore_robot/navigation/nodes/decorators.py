@@ -36,25 +36,29 @@ class RateController(DecoratorNode):
 
     hz: Annotated[In[float], "Rate (Hz)."] = 10.0
 
-    state_fields = ("since",)
+    state_fields = ("due",)
+    time_fields = ("due",)
 
     def __init__(self) -> None:
-        self.since = 0
+        self.due = 0
 
     def tick(self) -> Status:
         """Tick the child if its period is over."""
         # Before `set_status`, because `is_first_tick` reads the status.
         first = is_first_tick(self)
         if first:
-            self.since = self.now()
+            self.due = self.period_end()
         self.set_status(RUNNING)
-        elapsed = self.now() - self.since
-        if not (first or self.child.status is RUNNING or elapsed * self.hz >= NS_PER_S):
+        if not (first or self.child.status is RUNNING or self.now() >= self.due):
             return RUNNING
         status = self.child.execute_tick()
         if status is SUCCESS:
-            self.since = self.now()
+            self.due = self.period_end()
         return status
+
+    def period_end(self) -> int:
+        """Return the end (ns) of a period that begins now."""
+        return self.now() + math.ceil(NS_PER_S / self.hz)
 
 
 class DistanceController(DecoratorNode):

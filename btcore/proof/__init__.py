@@ -1,0 +1,1 @@
+"""Exhaustive search over the states of a tree, to prove what holds in every run."""

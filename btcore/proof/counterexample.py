@@ -1,0 +1,130 @@
+"""Counterexamples: runs of the ordinary engine that show what is wrong."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+from btcore.clock import NS_PER_S, Clock, SimClock
+from btcore.errors import NodeExecutionError
+from btcore.proof.exploration import Edge, Explorer
+from btcore.proof.fair_cycles import Step
+from btcore.proof.model_leaves import Choices, UnknownValue
+from btcore.proof.tick_times import Deadline, tick_times
+from btcore.proof.tree_state import NOW, PENDING
+from btcore.status import Status
+from btcore.tree.tree import Tree
+
+TreeMaker = Callable[[Choices, Clock], Tree]
+"""Loads the tree with model leaves, and writes the entries of the run's beginning."""
+
+
+class LeafTick(NamedTuple):
+    """The tick of one leaf: the leaf's path, its result, and the values that it wrote, as texts by port."""
+
+    path: str
+    result: Status
+    written: Mapping[str, str]
+
+
+class RunTick(NamedTuple):
+    """One tick of a run.
+
+    Attributes:
+        time: The time of the tick (s) since the first tick.
+        leaves: The ticks of the leaves that follow models, in order.
+        halted: The paths of the leaves that were halted while RUNNING.
+        running: The paths of all nodes that are RUNNING after the tick.
+        result: The result of the tree; None if a node raised.
+        error: The message of the exception, or "".
+    """
+
+    time: float
+    leaves: list[LeafTick]
+    halted: list[str]
+    running: list[str]
+    result: Status | None
+    error: str
+
+
+class Counterexample(NamedTuple):
+    """A run that shows what is wrong.
+
+    Attributes:
+        ticks: The ticks, from the start of the tree.
+        cycle: The index of the tick at which a cycle begins that repeats forever; None without a cycle.
+    """
+
+    ticks: list[RunTick]
+    cycle: int | None = None
+
+
+def times_of(explorer: Explorer, steps: Sequence[Step]) -> list[int] | None:
+    """Return times (ns) of the ticks at which the timers expire as in *steps*, or None."""
+    keeper, table = explorer.keeper, explorer.table
+    open_timers: list[int] = []
+    deadlines: list[list[int | None]] = []  # set in, duration, expired in, last pending
+    for number, (state_number, edge) in enumerate(steps):
+        state = table.state(state_number)
+        advance = keeper.advances(state)[edge.advance]
+        for index in advance.expired:
+            deadlines[open_timers[index]][2] = number
+        kept = [timer for index, timer in enumerate(open_timers) if index not in advance.expired]
+        for timer in kept:
+            deadlines[timer][3] = number
+        explorer.run_tick(state, advance, edge.choices)
+        open_timers = []
+        for value in keeper.deadlines():
+            if value >= PENDING:
+                open_timers.append(kept[value - PENDING])
+            else:
+                open_timers.append(len(deadlines))
+                deadlines.append([number, value - NOW, None, number])
+    found = [Deadline(first or 0, length or 0, end, last or 0) for first, length, end, last in deadlines]
+    return tick_times(len(steps), found)
+
+
+def replay(
+    make: TreeMaker,
+    steps: Sequence[Edge],
+    times: Sequence[int],
+    domains: Mapping[str, tuple[str, ...]],
+    attach: Callable[[Tree], object] | None = None,
+) -> list[RunTick]:
+    """Run the tree on the ordinary engine with the choices of *steps*.
+
+    Args:
+        make: Loads the tree.
+        steps: The edges of the run.
+        times: The times of the ticks (ns).
+        domains: The declared values of entries.
+        attach: Called with the tree before its first tick, for example to record a log.
+    """
+    choices = Choices(domains)
+    clock = SimClock()
+    tree = make(choices, clock)
+    if attach is not None:
+        attach(tree)
+    ticks: list[RunTick] = []
+    for edge, time in zip(steps, times, strict=True):
+        clock.advance((time - clock.now()) / NS_PER_S)
+        choices.begin(edge.choices)
+        error = ""
+        result: Status | None = None
+        try:
+            result = tree.tick_exactly_once()
+        except NodeExecutionError as raised:
+            error = str(raised)
+        leaves = [
+            LeafTick(
+                event.leaf.path, event.result, {port: _text(value) for port, value in event.written.items()}
+            )
+            for event in choices.events
+        ]
+        halted = [leaf.path for leaf in choices.halted]
+        running = [node.path for node in tree.nodes if node.status is Status.RUNNING]
+        ticks.append(RunTick(time / NS_PER_S, leaves, halted, running, result, error))
+    tree.flush_observers()
+    return ticks
+
+
+def _text(value: object) -> str:
+    return "?" if isinstance(value, UnknownValue) else str(value)

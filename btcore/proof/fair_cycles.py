@@ -1,0 +1,201 @@
+"""Search for infinite runs that are fair: cycles of a state graph, in its strongly connected components.
+
+The conditions of fairness are Streett conditions: if one thing happens infinitely often, another does too. A
+component that violates a condition may contain smaller components that meet it, so the search continues in
+them (E. A. Emerson, C.-L. Lei, "Modalities for Model Checking", 1987).
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+from btcore.proof.exploration import Edge, StateGraph
+
+Step = tuple[int, Edge]
+"""A state and one of its edges."""
+_Part = dict[int, list[Edge]]
+
+
+class Fairness(NamedTuple):
+    """A condition of fairness: what happens infinitely often if a bit of *cause* is set infinitely often.
+
+    The effect is that a bit of *sets* is set or that a bit of *clears* is not set.
+
+    Attributes:
+        cause: The bits of the cause; 0 = the effect must happen in any case.
+        sets: The bits of which one must be set.
+        clears: The bits of which one must be clear.
+    """
+
+    cause: int
+    sets: int = 0
+    clears: int = 0
+
+    def is_caused_by(self, edge: Edge) -> bool:
+        """Return whether the cause happens in a tick."""
+        return not self.cause or bool(edge.signals & self.cause)
+
+    def is_met_by(self, edge: Edge) -> bool:
+        """Return whether the effect happens in a tick."""
+        return bool(edge.signals & self.sets) or edge.signals & self.clears != self.clears
+
+
+class FairCycle(NamedTuple):
+    """A fair infinite run from a state: *steps* lead back to the state of the first step."""
+
+    steps: list[Step]
+
+    @property
+    def start(self) -> int:
+        """The state at which the cycle begins."""
+        return self.steps[0][0]
+
+
+def find_fair_cycle(
+    graph: StateGraph,
+    conditions: Sequence[Fairness],
+    allowed: Callable[[Edge], bool] = lambda edge: True,
+    reachable: Iterable[int] | None = None,
+) -> FairCycle | None:
+    """Return a cycle that meets all conditions, or None if there is none.
+
+    Args:
+        graph: The state graph.
+        conditions: The conditions of fairness.
+        allowed: Returns whether an edge may be part of the cycle.
+        reachable: The states that may be part of the cycle; None = all.
+    """
+    states = range(len(graph.edges)) if reachable is None else reachable
+    whole: _Part = {
+        state: [edge for edge in graph.edges[state] if edge.target >= 0 and allowed(edge)]
+        for state in states
+        if state < len(graph.edges)
+    }
+    pending = _components(whole)
+    while pending:
+        part = pending.pop()
+        violated = [condition for condition in conditions if not _holds(part, condition)]
+        if not violated:
+            return _cycle_through(part, conditions)
+        kept = {
+            state: [edge for edge in edges if not any(each.is_caused_by(edge) for each in violated)]
+            for state, edges in part.items()
+        }
+        pending += _components(kept)
+    return None
+
+
+def states_from(
+    graph: StateGraph, start: Iterable[int], allowed: Callable[[Edge], bool]
+) -> dict[int, Step | None]:
+    """Return the states that allowed edges reach from *start*, each with the step that leads to it."""
+    found: dict[int, Step | None] = dict.fromkeys(start)
+    queue = deque(found)
+    while queue:
+        state = queue.popleft()
+        for edge in graph.edges[state] if state < len(graph.edges) else ():
+            if edge.target >= 0 and edge.target not in found and allowed(edge):
+                found[edge.target] = (state, edge)
+                queue.append(edge.target)
+    return found
+
+
+def steps_back(found: dict[int, Step | None], state: int) -> list[Step]:
+    """Return the steps by which `states_from` reached *state*, in order."""
+    steps: list[Step] = []
+    while (step := found[state]) is not None:
+        steps.append(step)
+        state = step[0]
+    return steps[::-1]
+
+
+def _holds(part: _Part, condition: Fairness) -> bool:
+    """Return whether a run through all edges of *part* again and again meets *condition*."""
+    caused = False
+    for edges in part.values():
+        for edge in edges:
+            if condition.is_met_by(edge):
+                return True
+            caused = caused or condition.is_caused_by(edge)
+    return not caused
+
+
+def _components(part: _Part) -> list[_Part]:
+    """Return the strongly connected components of *part* that have an edge, with their inner edges."""
+    # Tarjan's algorithm without recursion.
+    index: dict[int, int] = {}
+    low: dict[int, int] = {}
+    stack: list[int] = []
+    on_stack: set[int] = set()
+    found: list[_Part] = []
+    for root in part:
+        if root in index:
+            continue
+        index[root] = low[root] = len(index)
+        stack.append(root)
+        on_stack.add(root)
+        work = [(root, iter(part[root]))]
+        while work:
+            state, edges = work[-1]
+            for edge in edges:
+                target = edge.target
+                if target not in part:
+                    continue
+                if target not in index:
+                    index[target] = low[target] = len(index)
+                    stack.append(target)
+                    on_stack.add(target)
+                    work.append((target, iter(part[target])))
+                    break
+                if target in on_stack:
+                    low[state] = min(low[state], index[target])
+            else:
+                work.pop()
+                if work:
+                    parent = work[-1][0]
+                    low[parent] = min(low[parent], low[state])
+                if low[state] == index[state]:
+                    members: set[int] = set()
+                    while state not in members:
+                        members.add(stack.pop())
+                    on_stack -= members
+                    inner = {
+                        member: [edge for edge in part[member] if edge.target in members]
+                        for member in sorted(members)
+                    }
+                    if any(inner.values()):
+                        found.append(inner)
+    return found
+
+
+def _cycle_through(part: _Part, conditions: Sequence[Fairness]) -> FairCycle:
+    """Return a cycle in a component on which all conditions hold."""
+    start = min(part)
+    steps: list[Step] = []
+    state = start
+
+    def go(wanted: Callable[[Edge], bool]) -> None:
+        nonlocal state
+        found: dict[int, Step | None] = {state: None}
+        queue = deque([state])
+        while queue:
+            here = queue.popleft()
+            for edge in part[here]:
+                if wanted(edge):
+                    steps.extend(steps_back(found, here))
+                    steps.append((here, edge))
+                    state = edge.target
+                    return
+                if edge.target not in found:
+                    found[edge.target] = (here, edge)
+                    queue.append(edge.target)
+
+    for condition in conditions:
+        # A condition whose cause never happens on the cycle is met; another needs its effect.
+        caused = any(condition.is_caused_by(edge) for edges in part.values() for edge in edges)
+        met = any(condition.is_met_by(edge) for _, edge in steps)
+        if caused and not met:
+            go(condition.is_met_by)
+    if state != start or not steps:
+        go(lambda edge: edge.target == start)
+    return FairCycle(steps)

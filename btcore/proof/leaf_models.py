@@ -1,0 +1,154 @@
+"""Models of leaves for proofs: what a leaf may return, write and use.
+
+A model comes from the leaf's class, its metadata, and a declaration beside the tree, each more specific than
+the one before.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.ports import Port
+from btcore.clock import Clock
+from btcore.engine.leaf import Condition, StatefulAction
+from btcore.engine.node import SYNCHRONOUS, TreeNode
+from btcore.errors import BtcoreError, ConversionError
+from btcore.registry.manifest import Manifest, is_tree_state
+from btcore.status import FAILURE, SKIPPED, SUCCESS, NodeType, Status
+from btcore.suggestions import did_you_mean, join_names
+from btcore.values import BOOL, EnumType
+
+RESULTS: Final = {"SUCCESS": SUCCESS, "FAILURE": FAILURE, "SKIPPED": SKIPPED}
+_KEYS: Final = ("results", "lasts", "at_once", "endless", "uses")
+
+
+class ModelError(BtcoreError):
+    """A declaration for a proof is invalid."""
+
+
+class LeafModel(NamedTuple):
+    """What a leaf may do in a tick.
+
+    Attributes:
+        results: The results with which the leaf may complete, in the order in which they are tried.
+        lasts: Whether the leaf may be RUNNING.
+        at_once: Whether the leaf may complete in the tick that starts it.
+        endless: Whether the leaf may be RUNNING forever. Any other leaf completes after some ticks.
+        uses: The names of the resources that only one leaf at a time may use, such as a robot.
+    """
+
+    results: tuple[Status, ...]
+    lasts: bool
+    at_once: bool
+    endless: bool
+    uses: frozenset[str]
+
+
+def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> LeafModel:
+    """Return the model of a leaf.
+
+    By default a condition and an action of one tick return SUCCESS or FAILURE, and any other action also
+    RUNNING. If the leaf's class declares `may_return` or `may_complete_on_start`, they restrict the results.
+    An action uses the resources that it declares as parameters.
+
+    Args:
+        manifest: The registration of the leaf.
+        declared: The declaration of the leaf beside the tree, with the names of the attributes of LeafModel.
+
+    Raises:
+        ModelError: The metadata of the leaf or *declared* is invalid.
+    """
+    cls = manifest.cls
+    results = {SUCCESS, FAILURE} if cls.may_return is TreeNode.may_return else set(cls.may_return)
+    lasts = not (issubclass(cls, Condition) or cls._family & SYNCHRONOUS)
+    uses = _resources(manifest) if manifest.type is NodeType.ACTION else frozenset()
+    at_once = not lasts or _may_complete_on_start(cls)
+    model = LeafModel(_ordered(results), lasts, at_once, lasts and not results, uses)
+    metadata = {key: text for key, text in manifest.metadata.items() if key in _KEYS}
+    if metadata:
+        model = _narrowed(model, metadata, f"the metadata of <{manifest.id}>")
+    if declared is not None:
+        model = _narrowed(model, declared, f"[leaves.{manifest.id}]")
+    return model
+
+
+def domain_of(port: Port, declared: Mapping[str, tuple[str, ...]], key: str) -> tuple[object, ...]:
+    """Return the values that a leaf may write to the entry *key*; () = the values are not known.
+
+    Args:
+        port: The output port.
+        declared: The texts of the declared values of each entry.
+        key: The blackboard key.
+
+    Raises:
+        ModelError: A declared value is not of the type of the port.
+    """
+    kind = port.type
+    texts = declared.get(key)
+    if texts is None:
+        if kind is BOOL:
+            return (True, False)
+        return tuple(kind.members) if isinstance(kind, EnumType) else ()
+    try:
+        return tuple(kind.from_text(text) if kind.strong else text for text in texts)
+    except ConversionError as error:
+        raise ModelError(f"[entries] {key}: {error}") from error
+
+
+def _may_complete_on_start(cls: type[TreeNode]) -> bool:
+    """Return what a class declares; True if only the default of all actions is known."""
+    for base in cls.__mro__:
+        if base is not StatefulAction and "may_complete_on_start" in vars(base):
+            return bool(vars(base)["may_complete_on_start"])
+    return True
+
+
+def _ordered(results: set[Status]) -> tuple[Status, ...]:
+    return tuple(status for status in RESULTS.values() if status in results)
+
+
+def _resources(manifest: Manifest) -> frozenset[str]:
+    """Return the names of the types of the resources that a leaf gets as parameters."""
+    types = [parameter.resource_type for parameter in manifest.parameters if parameter.port is None]
+    return frozenset(
+        kind.__name__
+        for kind in types
+        if isinstance(kind, type) and not is_tree_state(kind) and kind not in (Clock, Blackboard)
+    )
+
+
+def _narrowed(model: LeafModel, declared: Mapping[str, Any], place: str) -> LeafModel:
+    """Return *model* with the values that a declaration replaces."""
+    for key, value in declared.items():
+        if key not in _KEYS:
+            raise ModelError(f"{place}: unknown key '{key}'{did_you_mean(key, _KEYS)}")
+        if key == "results":
+            names = _names(value, place, key)
+            unknown = [name for name in names if name not in RESULTS and name != "RUNNING"]
+            if unknown:
+                raise ModelError(
+                    f"{place}: '{unknown[0]}' is not a result: use {join_names([*RESULTS, 'RUNNING'])}"
+                )
+            results = _ordered({RESULTS[name] for name in names if name in RESULTS})
+            lasts = model.lasts if results else True
+            model = model._replace(results=results, lasts=lasts or "RUNNING" in names, endless=not results)
+        elif key == "uses":
+            model = model._replace(uses=frozenset(_names(value, place, key)))
+        else:
+            flag = {"true": True, "false": False}.get(str(value).lower())
+            if flag is None:
+                raise ModelError(f"{place}: {key} is true or false, not {value!r}")
+            changed: Any = {key: flag}
+            model = model._replace(**changed)
+    if model.endless and not model.lasts:
+        model = model._replace(lasts=True)
+    return model
+
+
+def _names(value: object, place: str, key: str) -> list[str]:
+    """Return a list of names, which may be given as a text with commas."""
+    if isinstance(value, str):
+        return [name.strip() for name in value.split(",") if name.strip()]
+    if isinstance(value, list) and all(isinstance(name, str) for name in value):
+        return value
+    raise ModelError(f"{place}: {key} is a list of names, not {value!r}")

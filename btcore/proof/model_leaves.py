@@ -1,0 +1,306 @@
+"""Leaves that take every result and write every value that their model allows, as a search decides.
+
+Their choices are made by `Choices`, which repeats a given list of choices and takes the first option
+of every choice beyond it.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import ClassVar, Final, NamedTuple, NoReturn
+
+from btcore.blackboard.blackboard import Entry
+from btcore.blackboard.ports import Input, Output, Port
+from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
+from btcore.engine.node import SYNCHRONOUS, TreeNode
+from btcore.errors import BtcoreError
+from btcore.proof.leaf_models import LeafModel, domain_of, model_of
+from btcore.registry.registry import Registry
+from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status
+
+MOST_CHOICES: Final = 300
+"""The number of choices within a tick after which the tick counts as endless."""
+
+
+class UnknownValueError(BtcoreError):
+    """A node uses a value that the models do not know."""
+
+
+class EndlessTickError(BtcoreError):
+    """A tick did not end: it repeats nodes without a pause."""
+
+
+class UnknownValue:
+    """The value of an entry that a leaf has written, if no domain is declared. Any use of it raises."""
+
+    __slots__ = ("key",)
+
+    def __init__(self, key: str) -> None:
+        self.key = key
+
+    def _raise(self, *_: object) -> NoReturn:
+        raise UnknownValueError(f"the value of {{{self.key}}} is not known: declare its domain")
+
+    __lt__ = __le__ = __gt__ = __ge__ = __add__ = __radd__ = __sub__ = __rsub__ = _raise
+    __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __and__ = __or__ = __xor__ = __neg__ = __invert__ = (
+        _raise
+    )
+    __bool__ = __int__ = __float__ = __str__ = __iter__ = __len__ = __index__ = _raise
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or self._raise()
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __repr__(self) -> str:
+        return "?"
+
+    def __reduce__(self) -> tuple[type["UnknownValue"], tuple[str]]:
+        return UnknownValue, (self.key,)
+
+
+class LeafEvent(NamedTuple):
+    """One tick of a leaf: its status before, its result, and the values that it wrote, by port."""
+
+    leaf: LeafNode
+    before: Status
+    result: Status
+    written: Mapping[str, object]
+
+
+class Choices:
+    """The choices within one tick of a tree.
+
+    Attributes:
+        given: The choices to repeat: for each the number of the option.
+        made: The choices of this tick: the number of the option, and the number of options.
+        events: The ticks of model leaves, in order.
+        halted: The model leaves that were halted while RUNNING.
+        domains: The declared values of entries, as texts, by key.
+    """
+
+    def __init__(self, domains: Mapping[str, tuple[str, ...]] | None = None) -> None:
+        self.given: Sequence[int] = ()
+        self.made: list[tuple[int, int]] = []
+        self.events: list[LeafEvent] = []
+        self.halted: list[LeafNode] = []
+        self.domains = dict(domains or {})
+        self._unknown: dict[str, UnknownValue] = {}
+
+    def begin(self, given: Sequence[int]) -> None:
+        """Begin a tick that repeats the choices *given*."""
+        self.given = given
+        self.made.clear()
+        self.events.clear()
+        self.halted.clear()
+
+    def choose(self, options: int) -> int:
+        """Return the number of the chosen option, from 0 to *options* - 1."""
+        count = len(self.made)
+        if count >= MOST_CHOICES:
+            raise EndlessTickError("the tick does not end: it repeats nodes without a pause")
+        chosen = self.given[count] if count < len(self.given) else 0
+        self.made.append((chosen, options))
+        return chosen
+
+    def next_given(self) -> list[int] | None:
+        """Return the choices to try after those that were made, or None if all have been tried."""
+        made = self.made
+        count = len(made)
+        while count:
+            count -= 1
+            chosen, options = made[count]
+            if chosen + 1 < options:
+                return [choice for choice, _ in made[:count]] + [chosen + 1]
+        return None
+
+    def unknown(self, key: str) -> UnknownValue:
+        """Return the unknown value of the entry *key*."""
+        return self._unknown.setdefault(key, UnknownValue(key))
+
+
+class _Writer(NamedTuple):
+    """An output port of a leaf, and the values that the leaf may write to it."""
+
+    output: Output
+    key: str
+    values: tuple[object, ...]
+
+
+class _Chooser:
+    """Chooses the results and the outputs of one leaf."""
+
+    def __init__(self, leaf: LeafNode, model: LeafModel, choices: Choices) -> None:
+        self._leaf = leaf
+        self._model = model
+        self.choices = choices
+        self._reads: list[Input] | None = None
+        self._writers: list[_Writer] = []
+        self._options: dict[tuple[bool, ...], list[tuple[Status, tuple[int, ...]]]] = {}
+        self._starts_running = model.lasts and not model.at_once
+
+    def take(self, before: Status) -> Status:
+        """Read the mandatory inputs, choose a result and what is written, and record the tick."""
+        if self._reads is None:
+            self._prepare()
+        assert self._reads is not None
+        for port in self._reads:
+            assert port.key is not None
+            entry = port.blackboard.find(port.key)
+            if entry is None or not isinstance(entry.value, UnknownValue):
+                port.read()
+        choices = self.choices
+        if self._starts_running and before is not RUNNING:
+            choices.events.append(LeafEvent(self._leaf, before, RUNNING, {}))
+            return RUNNING
+        writers = self._writers
+        fresh = tuple([self._is_fresh(writer) for writer in writers])
+        options = self._options.get(fresh)
+        if options is None:
+            self._options[fresh] = options = self._all_options(fresh)
+        status, picked = options[choices.choose(len(options)) if len(options) > 1 else 0]
+        written: dict[str, object] = {}
+        for writer, pick in zip(writers, picked, strict=False):
+            value = self._write(writer, pick)
+            written[writer.output.name] = value
+        choices.events.append(LeafEvent(self._leaf, before, status, written))
+        return status
+
+    def _prepare(self) -> None:
+        config = self._leaf.config
+        self._reads = [
+            port
+            for port in config.inputs.values()
+            if port.key is not None and port.port.default is None and not port.port.optional
+        ]
+        for output in config.outputs.values():
+            if output.key is not None:
+                values = domain_of(output.binding.port, self.choices.domains, output.key)
+                self._writers.append(_Writer(output, output.key, values))
+
+    def _is_fresh(self, writer: _Writer) -> bool:
+        """Return whether a write changes the entry: not if it already holds the unknown value."""
+        if writer.values:
+            return True
+        entry = writer.output.blackboard.find(writer.key)
+        return entry is None or not isinstance(entry.value, UnknownValue)
+
+    def _all_options(self, fresh: tuple[bool, ...]) -> list[tuple[Status, tuple[int, ...]]]:
+        """Return the results with the numbers of the values that are written.
+
+        With SUCCESS the leaf writes all its outputs, with FAILURE all or none, otherwise none.
+        """
+        picks: list[tuple[int, ...]] = [()]
+        for writer in self._writers:
+            picks = [(*pick, number) for pick in picks for number in range(len(writer.values) or 1)]
+        options: list[tuple[Status, tuple[int, ...]]] = []
+        for status in self._model.results:
+            if status is not SUCCESS:
+                options.append((status, ()))
+            if status is SUCCESS or (status is FAILURE and any(fresh)):
+                options += [(status, pick) for pick in picks]
+        if self._model.lasts:
+            options.append((RUNNING, ()))
+        return options
+
+    def _write(self, writer: _Writer, pick: int) -> object:
+        if writer.values:
+            value = writer.values[pick]
+            writer.output.write(value)
+            return value
+        board = writer.output.blackboard
+        entry: Entry = board.find(writer.key) or board.create(writer.key, writer.output.type)
+        unknown = self.choices.unknown(writer.key)
+        entry.put(unknown, board.now())
+        return unknown
+
+
+class ModelAction(StatefulAction):
+    """An action that follows its model; it may last several ticks."""
+
+    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    model: ClassVar[LeafModel]
+
+    def __init__(self, choices: Choices) -> None:
+        self._chooser = _Chooser(self, self.model, choices)
+
+    def on_start(self) -> Status:
+        """Return a result that the model allows."""
+        return self._chooser.take(self._status)
+
+    def on_running(self) -> Status:
+        """Return a result that the model allows."""
+        return self._chooser.take(self._status)
+
+    def on_halted(self) -> None:
+        """Record the halt."""
+        self._chooser.choices.halted.append(self)
+
+
+class ModelSyncAction(SyncAction):
+    """An action of one tick that follows its model."""
+
+    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    model: ClassVar[LeafModel]
+
+    def __init__(self, choices: Choices) -> None:
+        self._chooser = _Chooser(self, self.model, choices)
+
+    def tick(self) -> Status:
+        """Return a result that the model allows."""
+        return self._chooser.take(self._status)
+
+
+class ModelCondition(Condition):
+    """A condition that follows its model."""
+
+    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    model: ClassVar[LeafModel]
+
+    def __init__(self, choices: Choices) -> None:
+        self._chooser = _Chooser(self, self.model, choices)
+
+    def tick(self) -> Status:
+        """Return a result that the model allows."""
+        return self._chooser.take(self._status)
+
+
+def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, object]]) -> Registry:
+    """Return a copy of a registry in which leaves that follow their models replace all leaves with code.
+
+    Leaves that are built in remain.
+
+    Args:
+        nodes: The registry.
+        declared: The declarations beside the tree, by the ID of the leaf.
+
+    Raises:
+        ModelError: A declaration is invalid.
+    """
+    copy = nodes.copy()
+    for format in (3, 4):
+        for ID, manifest in nodes.manifests_of(format).items():
+            is_leaf = manifest.type in (NodeType.ACTION, NodeType.CONDITION)
+            if not is_leaf or manifest.distribution == "btcore" or ID in copy.substitutions:
+                continue
+            model = model_of(manifest, declared.get(ID))
+            ports = list(manifest.ports.values())
+            if copy.get(ID, format) is manifest:
+                copy.remove(ID)
+                copy.add(_model_class(ID, manifest.cls, model, ports), ID=ID)
+    return copy
+
+
+def _model_class(ID: str, cls: type[TreeNode], model: LeafModel, ports: Iterable[Port]) -> type[TreeNode]:
+    kind: type[TreeNode]
+    if issubclass(cls, Condition):
+        kind = ModelCondition
+    else:
+        kind = ModelAction if model.lasts or not cls._family & SYNCHRONOUS else ModelSyncAction
+    listed = list(ports)
+    members = {"model": model, "provided_ports": staticmethod(lambda: listed), "__doc__": "A model leaf."}
+    return type(ID, (kind,), members)
+
+
+def model_leaf_model(node: TreeNode) -> LeafModel | None:
+    """Return the model that *node* follows, or None if it is not a model leaf."""
+    return node.model if isinstance(node, (ModelAction, ModelSyncAction, ModelCondition)) else None

@@ -1,0 +1,435 @@
+"""`prove`: answer questions about all runs of a tree."""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from typing import Final, NamedTuple
+
+from btcore.clock import Clock
+from btcore.engine.leaf import Condition
+from btcore.engine.node import TreeNode
+from btcore.errors import ConversionError
+from btcore.proof.counterexample import Counterexample, replay, times_of
+from btcore.proof.exploration import RESULT_OF, Edge, Explorer, StateGraph, clock_for_search
+from btcore.proof.fair_cycles import FairCycle, Fairness, Step, find_fair_cycle, states_from, steps_back
+from btcore.proof.leaf_models import ModelError
+from btcore.proof.model_leaves import Choices, model_leaf_model
+from btcore.proof.propositions import ParsedProposition, Question, parse_proposition
+from btcore.proof.standard_questions import (
+    ENDS,
+    LEAVES,
+    STANDARD_QUESTIONS,
+    endless_nodes,
+    standard_checks,
+)
+from btcore.status import FAILURE, RUNNING, SUCCESS
+from btcore.suggestions import join_names
+from btcore.tree.tree import Tree
+
+PROVED: Final = "proved"
+REFUTED: Final = "refuted"
+UNKNOWN_ANSWER: Final = "unknown"
+
+
+class Answer(NamedTuple):
+    """The answer to one question.
+
+    Attributes:
+        question: The question.
+        answer: `proved`, `refuted` or `unknown`.
+        detail: What is wrong, what bounded the search, or under which condition the question is proved; "".
+        ticks: The number of ticks of the counterexample, or of the longest run without a repeated state.
+        states: The number of states that were searched.
+        counterexample: A run that shows what is wrong; None if there is none.
+        is_vacuous: Whether the premise of the question never occurs.
+    """
+
+    question: str
+    answer: str
+    detail: str
+    ticks: int
+    states: int
+    counterexample: Counterexample | None = None
+    is_vacuous: bool = False
+
+
+class Report(NamedTuple):
+    """The answers, in the order of the questions, and the number of ticks that the search has run."""
+
+    answers: list[Answer]
+    transitions: int
+
+
+class NamedQuestion(NamedTuple):
+    """A question of the user, and the text that its answer shows."""
+
+    name: str
+    question: Question
+
+
+class _Prepared(NamedTuple):
+    """A question of the user, with the numbers of its propositions."""
+
+    question: Question
+    first: int
+    second: int
+
+
+class Prover:
+    """Answers questions about one tree.
+
+    Args:
+        make: Loads the tree with model leaves for these choices and this clock.
+        domains: The declared values of entries, as texts, by key.
+        given: The keys that the program sets before the first tick.
+
+    Attributes:
+        explorer: The search.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[Choices, Clock], Tree],
+        questions: Sequence[Question] = (),
+        domains: Mapping[str, tuple[str, ...]] | None = None,
+        given: Sequence[str] = (),
+    ) -> None:
+        self._make = make
+        self._domains = dict(domains or {})
+        choices = Choices(self._domains)
+        self._tree = tree = make(choices, clock_for_search())
+        parsed: list[ParsedProposition] = []
+        self._questions: list[_Prepared] = []
+        for question in questions:
+            first = len(parsed)
+            parsed.append(parse_proposition(question.first, tree))
+            second = first
+            if question.second:
+                second = len(parsed)
+                parsed.append(parse_proposition(question.second, tree))
+            self._questions.append(_Prepared(question, first, second))
+        watched = {node.uid: node for each in parsed for node in each.nodes}
+        for node in tree.nodes:
+            if not node.children:
+                node.count_ticks()
+        self.explorer = Explorer(
+            tree,
+            choices,
+            standard_checks(tree),
+            [each.holds for each in parsed],
+            list(watched.values()),
+        )
+        self._given = list(given)
+        self._beginnings: list[dict[str, object]] = []
+        for beginning in _beginnings(tree, choices, self._domains, self._given):
+            _write_all(tree, beginning)
+            if self.explorer.start():
+                self._beginnings.append(beginning)
+
+    def answer(
+        self,
+        most_ticks: int | None = None,
+        memory: int | None = None,
+        progress: Callable[[StateGraph], object] | None = None,
+    ) -> Report:
+        """Search, and answer the standard questions and the given ones."""
+        self.explorer.run(most_ticks, memory, progress)
+        answers = [self._standard(question) for question in STANDARD_QUESTIONS]
+        answers += [self._own(prepared) for prepared in self._questions]
+        return Report(answers, self.explorer.graph.transitions)
+
+    # --- the standard questions
+
+    def _standard(self, question: str) -> Answer:
+        if question is ENDS:
+            return self._ends()
+        if question is LEAVES:
+            return self._leaves()
+        violation = self.explorer.graph.violations.get(question)
+        if violation is not None:
+            return self._refuted(question, violation.message, [(violation.state, violation.edge)])
+        return self._proved(question)
+
+    def _ends(self) -> Answer:
+        graph, signals = self.explorer.graph, self.explorer.signals
+        endless = endless_nodes(self._tree)
+        inside = [self._states_in_which_runs(node) for node in endless]
+        # Outside of nodes that are meant to run forever.
+        outside = set(range(len(self.explorer.table))).difference(*inside)
+        fairness = self._fairness()
+        failing_conditions = 0
+        actions_succeed: list[Fairness] = []
+        for number, leaf in enumerate(signals.leaves):
+            if isinstance(leaf, Condition):
+                failing_conditions |= signals.failed(number)
+            else:
+                actions_succeed.append(Fairness(signals.failed(number), sets=signals.succeeded(number)))
+        cycle = self._cycle([*fairness, *actions_succeed], outside, failing_conditions)
+        if cycle is not None:
+            return self._refuted(ENDS, "it can go on forever although no leaf fails forever", [], cycle)
+        if not graph.is_complete:
+            return self._proved(ENDS)
+        reasons = [
+            f"'{node.path}' runs forever"
+            for node, states in zip(endless, inside, strict=True)
+            if self._cycle(fairness, states)
+        ]
+        for number, leaf in enumerate(signals.leaves):
+            succeeds, fails = signals.succeeded(number), signals.failed(number)
+            sometimes_fails = [*fairness, Fairness(0, sets=fails)]
+            if self._cycle(sometimes_fails, outside, succeeds):
+                reasons.append(f"'{leaf.path}' fails forever")
+            elif isinstance(leaf, Condition) and self._cycle(
+                [*sometimes_fails, Fairness(0, sets=succeeds)], outside
+            ):
+                reasons.append(f"'{leaf.path}' changes its result forever")
+        if not any(edge.target in RESULT_OF for edges in graph.edges for edge in edges):
+            detail = f"never by itself: {join_names(reasons)}" if reasons else "it raises an exception first"
+        else:
+            detail = f"unless {join_names(reasons, 'or')}" if reasons else ""
+        return self._proved(ENDS, detail)
+
+    def _states_in_which_runs(self, node: TreeNode) -> set[int]:
+        """Return the states in which *node* is RUNNING."""
+        place, table = self._tree.nodes.index(node), self.explorer.table
+        return {number for number in range(len(table)) if table.state(number).nodes[place][0] is RUNNING}
+
+    def _cycle(self, conditions: Sequence[Fairness], states: set[int], avoided: int = 0) -> FairCycle | None:
+        """Return a fair cycle through *states* whose ticks have none of the signals *avoided*, or None."""
+        return find_fair_cycle(
+            self.explorer.graph,
+            conditions,
+            lambda edge: edge.target in states and not edge.signals & avoided,
+        )
+
+    def _fairness(self) -> list[Fairness]:
+        """Return the conditions that an action that is not endless ends, and that every timer expires."""
+        signals = self.explorer.signals
+        conditions = [
+            Fairness(signals.ticked(number), clears=signals.kept(number))
+            for number, leaf in enumerate(signals.leaves)
+            if (model := model_leaf_model(leaf)) is not None and model.lasts and not model.endless
+        ]
+        return conditions + [Fairness(0, clears=signals.pending(number)) for number in range(signals.timers)]
+
+    def _leaves(self) -> Answer:
+        problems: list[str] = []
+        for node in self._tree.nodes:
+            counts = node.tick_counts
+            if node.children or counts is None:
+                continue
+            model = model_leaf_model(node)
+            if not counts.ticks - counts.skipped:
+                problems.append(f"'{node.path}' is never ticked")
+            elif model is not None:
+                if SUCCESS in model.results and not counts.success:
+                    problems.append(f"'{node.path}' never succeeds")
+                if FAILURE in model.results and not counts.failure:
+                    problems.append(f"'{node.path}' never fails")
+        if not problems or not self.explorer.graph.is_complete:
+            return self._proved(LEAVES)
+        return self._answer(LEAVES, REFUTED, "; ".join(problems))
+
+    # --- questions of the user
+
+    def _own(self, prepared: _Prepared) -> Answer:
+        graph, signals = self.explorer.graph, self.explorer.signals
+        question = prepared.question
+        first = signals.proposition(prepared.first)
+        second = signals.proposition(prepared.second)
+        occurs = [
+            (state, edge) for state, edges in enumerate(graph.edges) for edge in edges if edge.signals & first
+        ]
+        if question.kind == "never":
+            if occurs:
+                return self._refuted(question.text, "", [occurs[0]])
+            return self._proved(question.text)
+        if question.kind == "before":
+            return self._before(question, first, second)
+        found = self._not_followed(occurs, second, question.within)
+        if found is not None:
+            steps, cycle = found
+            what = "not within this number of ticks" if question.within is not None else "never follows"
+            return self._refuted(question.text, f"'{question.second}' {what}", steps, cycle)
+        answer = self._proved(question.text)
+        if answer.answer == PROVED and not occurs:
+            return answer._replace(is_vacuous=True, detail=f"'{question.first}' never occurs")
+        return answer
+
+    def _before(self, question: Question, first: int, second: int) -> Answer:
+        graph = self.explorer.graph
+        starts = [state for state, parent in enumerate(graph.parents) if parent is None]
+        found = states_from(graph, starts, lambda edge: not edge.signals & first)
+        for state in found:
+            for edge in graph.edges[state] if state < len(graph.edges) else ():
+                if edge.signals & second and not edge.signals & first:
+                    steps = [*steps_back(found, state), (state, edge)]
+                    return self._refuted(question.text, "", steps, whole=True)
+        answer = self._proved(question.text)
+        occurs = any(edge.signals & second for edges in graph.edges for edge in edges)
+        if answer.answer == PROVED and not occurs:
+            return answer._replace(is_vacuous=True, detail=f"'{question.second}' never occurs")
+        return answer
+
+    def _not_followed(
+        self, occurs: Sequence[Step], second: int, within: int | None
+    ) -> tuple[list[Step], FairCycle | None] | None:
+        """Return a run in which *second* does not follow: steps from a state, and the cycle at its end."""
+        graph = self.explorer.graph
+        pending = [step for step in occurs if not step[1].signals & second]
+        if within is not None:
+            return self._too_late(pending, second, within)
+        for step in pending:
+            if step[1].target in RESULT_OF:
+                return [step], None
+        if not pending:
+            return None
+        entered: dict[int, Step] = {}
+        for step in pending:
+            if step[1].target >= 0:
+                entered.setdefault(step[1].target, step)
+        found = states_from(graph, entered, lambda edge: not edge.signals & second)
+        for state in found:
+            for edge in graph.edges[state] if state < len(graph.edges) else ():
+                if edge.target in RESULT_OF and not edge.signals & second:
+                    steps = steps_back(found, state)
+                    origin = steps[0][0] if steps else state
+                    return [entered[origin], *steps, (state, edge)], None
+        cycle = find_fair_cycle(graph, self._fairness(), lambda edge: not edge.signals & second, found)
+        if cycle is None:
+            return None
+        steps = steps_back(found, cycle.start)
+        origin = steps[0][0] if steps else cycle.start
+        return [entered[origin], *steps], cycle
+
+    def _too_late(
+        self, pending: Sequence[Step], second: int, within: int
+    ) -> tuple[list[Step], FairCycle | None] | None:
+        graph = self.explorer.graph
+        paths: dict[int, list[Step]] = {}
+        for step in pending:
+            if step[1].target in RESULT_OF or within == 0:
+                return [step], None
+            if step[1].target >= 0:
+                paths.setdefault(step[1].target, [step])
+        for _ in range(within):
+            later: dict[int, list[Step]] = {}
+            for state, path in paths.items():
+                for edge in graph.edges[state] if state < len(graph.edges) else ():
+                    if edge.signals & second:
+                        continue
+                    if edge.target in RESULT_OF:
+                        return [*path, (state, edge)], None
+                    if edge.target >= 0:
+                        later.setdefault(edge.target, [*path, (state, edge)])
+            paths = later
+        return (next(iter(paths.values())), None) if paths else None
+
+    # --- answers
+
+    def _answer(
+        self, question: str, answer: str, detail: str = "", shown: Counterexample | None = None
+    ) -> Answer:
+        graph = self.explorer.graph
+        ticks = len(shown.ticks) if shown is not None else max(graph.depths, default=0) + 1
+        return Answer(question, answer, detail, ticks, len(self.explorer.table), shown)
+
+    def _proved(self, question: str, detail: str = "") -> Answer:
+        """Return that *question* is proved, or unknown if the search is not complete."""
+        bounds = self.explorer.graph.bounds
+        if bounds:
+            return self._answer(question, UNKNOWN_ANSWER, "; ".join(bounds))
+        return self._answer(question, PROVED, detail)
+
+    def _refuted(
+        self,
+        question: str,
+        message: str,
+        steps: Sequence[Step],
+        cycle: FairCycle | None = None,
+        whole: bool = False,
+    ) -> Answer:
+        """Return that *question* is refuted, if the ordinary engine reproduces the run.
+
+        Args:
+            question: The question.
+            message: What is wrong.
+            steps: The end of the run, from a state; the run to this state is added unless *whole* is true.
+            cycle: The cycle that follows.
+            whole: Whether *steps* begins with an initial state.
+        """
+        run = list(steps) if whole else [*self._path_to(steps[0][0] if steps else cycle_start(cycle)), *steps]
+        prefix = len(run)
+        if cycle is not None:
+            run += cycle.steps * 2
+        times = times_of(self.explorer, run)
+        if times is None:
+            return self._answer(
+                question, UNKNOWN_ANSWER, f"{message}, but no times of ticks were found for it"
+            )
+        start = self._start_of(run[0][0])
+        beginning = self._beginnings[start]
+
+        def make(choices: Choices, clock: Clock) -> Tree:
+            tree = self._make(choices, clock)
+            _write_all(tree, beginning)
+            return tree
+
+        edges = [edge for _, edge in run]
+        ticks = replay(make, edges, times, self._domains)
+        same = all(_agrees(edge, tick.result) for edge, tick in zip(edges, ticks, strict=True))
+        if not same:
+            return self._answer(question, UNKNOWN_ANSWER, f"{message}, but a normal run does not show it")
+        if cycle is not None:
+            ticks = ticks[: prefix + len(cycle.steps)]
+        shown = Counterexample(ticks, prefix if cycle is not None else None)
+        return self._answer(question, REFUTED, message, shown)
+
+    def _path_to(self, state: int) -> list[Step]:
+        steps: list[Step] = []
+        while (parent := self.explorer.graph.parents[state]) is not None:
+            steps.append(parent)
+            state = parent[0]
+        return steps[::-1]
+
+    def _start_of(self, state: int) -> int:
+        """Return the number of the beginning whose state is *state*."""
+        starts = [number for number, parent in enumerate(self.explorer.graph.parents) if parent is None]
+        return starts.index(state)
+
+
+def cycle_start(cycle: FairCycle | None) -> int:
+    """Return the first state of *cycle*."""
+    assert cycle is not None
+    return cycle.start
+
+
+def _agrees(edge: Edge, result: object) -> bool:
+    """Return whether a tick of a normal run has the result that the search found."""
+    if edge.target >= 0:
+        return result is RUNNING
+    return result is RESULT_OF.get(edge.target)
+
+
+def _beginnings(
+    tree: Tree, choices: Choices, domains: Mapping[str, tuple[str, ...]], given: Sequence[str]
+) -> list[dict[str, object]]:
+    """Return the possible values of the entries *given* before the first tick."""
+    options: list[list[object]] = []
+    for key in given:
+        entry = tree.blackboard.find(key)
+        texts = domains.get(key)
+        if texts is None:
+            options.append([choices.unknown(key)])
+            continue
+        try:
+            strong = entry is not None and entry.declared.strong
+            options.append([entry.declared.from_text(text) if strong and entry else text for text in texts])
+        except ConversionError as error:
+            raise ModelError(f"[entries] {key}: {error}") from error
+    return [dict(zip(given, values, strict=True)) for values in product(*options)]
+
+
+def _write_all(tree: Tree, values: Mapping[str, object]) -> None:
+    board = tree.blackboard
+    for key, value in values.items():
+        board.create(key).put(value, 0)

@@ -1,0 +1,138 @@
+"""The questions that are asked about every tree, and how single ticks answer them."""
+
+from itertools import combinations
+from typing import Final
+
+from btcore.engine.control import ControlNode
+from btcore.engine.leaf import LeafNode
+from btcore.engine.node import TreeNode
+from btcore.errors import BlackboardError
+from btcore.nodes.repeat import RepeatedNode
+from btcore.nodes.result_decorators import KeepRunningUntilFailure
+from btcore.proof.exploration import Check, Tick
+from btcore.proof.model_leaves import model_leaf_model
+from btcore.status import RUNNING
+from btcore.tree.tree import Tree
+
+ENDS: Final = "the tree ends"
+LEAVES: Final = "every leaf is ticked, and can succeed and fail"
+RESOURCES: Final = "no two leaves use the same resource at once"
+HALTED: Final = "everything that runs is halted when its parent ends"
+INPUTS: Final = "every mandatory input is written before it is read"
+REACTIVE: Final = "no reactive node keeps two children running"
+EXCEPTIONS: Final = "no node raises an exception"
+STANDARD_QUESTIONS: Final = (ENDS, LEAVES, RESOURCES, HALTED, INPUTS, REACTIVE, EXCEPTIONS)
+
+
+def standard_checks(tree: Tree) -> dict[str, Check]:
+    """Return the checks of single ticks, by the question that they answer."""
+    return {
+        RESOURCES: _resource_check(tree),
+        HALTED: _halt_check(tree),
+        INPUTS: _unwritten_input,
+        REACTIVE: _reactive_check(tree),
+        EXCEPTIONS: _exception,
+    }
+
+
+def endless_nodes(tree: Tree) -> list[TreeNode]:
+    """Return the nodes that may run forever, as declared: endless leaves, and loops without a limit."""
+    return [node for node in tree.nodes if _is_endless_loop(node) or _is_endless_leaf(node)]
+
+
+def _is_endless_leaf(node: TreeNode) -> bool:
+    model = model_leaf_model(node)
+    return model is not None and model.endless
+
+
+def _is_endless_loop(node: TreeNode) -> bool:
+    if isinstance(node, KeepRunningUntilFailure):
+        return True
+    if not isinstance(node, RepeatedNode):
+        return False
+    limit = node.config.inputs.get(node.limit)
+    return limit is not None and limit.key is None and limit.literal == -1
+
+
+def _resource_check(tree: Tree) -> Check:
+    shared: dict[tuple[int, int], str] = {}
+    users = [(node, model.uses) for node in tree.nodes if (model := model_leaf_model(node)) is not None]
+    for (first, its), (second, other) in combinations(users, 2):
+        common = sorted(its & other)
+        if common:
+            shared[first.uid, second.uid] = shared[second.uid, first.uid] = common[0]
+    if not shared:
+        return lambda tick: None
+
+    def check(tick: Tick) -> str | None:
+        if tick.error is not None:
+            return None
+        kept = [leaf for leaf in tick.running if leaf._status is RUNNING and leaf not in tick.halted]
+        active: list[LeafNode] = [*kept, *(event.leaf for event in tick.events if event.leaf not in kept)]
+        for first in active:
+            if first._status is not RUNNING:
+                continue
+            for second in active:
+                common = shared.get((first.uid, second.uid))
+                # A leaf that completes before another one starts in the same tick is no conflict.
+                if common and second is not first and (second._status is RUNNING or first in kept):
+                    return f"'{first.path}' and '{second.path}' both use {common}"
+        return None
+
+    return check
+
+
+def _halt_check(tree: Tree) -> Check:
+    pairs = [(parent, child) for parent in tree.nodes for child in parent.children]
+
+    def check(tick: Tick) -> str | None:
+        if tick.error is not None:
+            return None
+        for parent, child in pairs:
+            if child._status is RUNNING and parent._status is not RUNNING:
+                return f"'{child.path}' is still RUNNING although its parent '{parent.path}' has ended"
+        return None
+
+    return check
+
+
+def _reactive_check(tree: Tree) -> Check:
+    reactive = [node for node in tree.nodes if isinstance(node, ControlNode) and node.runs_one_child]
+
+    def check(tick: Tick) -> str | None:
+        for node in reactive:
+            running = [child for child in node.children if child._status is RUNNING]
+            if len(running) > 1:
+                return f"'{node.path}' keeps '{running[0].path}' and '{running[1].path}' RUNNING"
+        return None
+
+    return check
+
+
+def _unwritten_input(tick: Tick) -> str | None:
+    key = _unwritten_key(tick)
+    return (
+        None
+        if key is None or tick.error is None
+        else f"'{tick.error.path}' reads {{{key}}}, which is not written"
+    )
+
+
+def _exception(tick: Tick) -> str | None:
+    if tick.error is None or _unwritten_key(tick) is not None:
+        return None
+    return f"'{tick.error.path}' raises {type(tick.error.cause).__name__}: {tick.error.cause}"
+
+
+def _unwritten_key(tick: Tick) -> str | None:
+    """Return the key of the entry that a node has read before it was written, or None."""
+    if tick.error is None or not isinstance(tick.error.cause, BlackboardError):
+        return None
+    path = tick.error.path
+    node = next((node for node in tick.tree.nodes if node.path == path), None)
+    for port in node.config.inputs.values() if node is not None else ():
+        if port.key is not None:
+            entry = port.blackboard.find(port.key)
+            if entry is None or entry.value is None:
+                return port.key
+    return None

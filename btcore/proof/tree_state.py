@@ -1,0 +1,321 @@
+"""The state of a tree as one hashable value: all that decides what it may do from now on.
+
+It is the state of `btcore.tree.saved_state`, in a form that is equal for equal futures: numbers that only
+grow, such as counts of writes, are numbered anew, and times are replaced by what is known of their order.
+"""
+
+from collections import deque
+from collections.abc import Hashable, Iterable
+from typing import Any, Final, NamedTuple
+
+from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.engine.node import TreeNode
+from btcore.errors import NodeError
+from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
+from btcore.nodes.repeat import RepeatedNode
+from btcore.proof.timer_order import NO_TIMERS, Advance, Bounds, advances, with_timer, without_timers
+from btcore.status import Status
+from btcore.tree.saved_state import blackboards_of, check_state_declaration, state_fields_of
+from btcore.tree.tree import Tree
+
+NOW: Final = 10**18
+"""The time (ns) at which every tick of a search happens."""
+_EXPIRED: Final = NOW
+PENDING: Final = 10**30
+"""The first deadline (ns) of timers that were pending before a tick: later than a node can set one."""
+_ENDED: Final = "expired"
+
+
+class TreeState(NamedTuple):
+    """The state of a tree between two ticks.
+
+    Attributes:
+        nodes: The status and the state fields of each node.
+        boards: The entries of each blackboard scope: keys, and numbers of entries.
+        entries: The type, the value and the number of writes of each entry.
+        objects: The contents of mutable values, to which values refer by number.
+        timers: The bounds of the remaining times of all pending timers.
+    """
+
+    nodes: tuple[tuple[Any, ...], ...]
+    boards: tuple[tuple[tuple[str, int], ...], ...]
+    entries: tuple[tuple[Any, ...], ...]
+    objects: tuple[Any, ...]
+    timers: Bounds
+
+
+class _Reference(NamedTuple):
+    """Stands for a mutable object: its number among the objects of the state."""
+
+    number: int
+
+
+class _Timer(NamedTuple):
+    """Stands for the deadline of a pending timer: its number in the bounds."""
+
+    number: int
+
+
+class StateKeeper:
+    """Captures and restores the state of one tree.
+
+    Args:
+        tree: The tree, whose clock must stand at `NOW`.
+
+    Attributes:
+        timer_slots: The nodes with time fields, and the names of these fields.
+
+    Raises:
+        NodeError: The state of a node of the tree cannot be saved.
+    """
+
+    def __init__(self, tree: Tree) -> None:
+        self._tree = tree
+        self._boards: list[Blackboard] = blackboards_of(tree)
+        self._nodes: list[tuple[TreeNode, list[str], frozenset[str]]] = []
+        self._watchers: list[tuple[int, EntryUpdatedDecorator | WasEntryUpdated]] = []
+        self._endless: set[int] = set()
+        self.timer_slots: list[tuple[TreeNode, str]] = []
+        for index, node in enumerate(tree.nodes):
+            check_state_declaration(node)
+            if type(node).state_fields is None:
+                raise NodeError(
+                    f"the state of '{node.path}' <{node.id}> cannot be saved while it is RUNNING, so that "
+                    "nothing can be proved about it"
+                )
+            fields = state_fields_of(type(node))
+            self._nodes.append((node, fields, frozenset(type(node).time_fields)))
+            self.timer_slots += [(node, name) for name in type(node).time_fields]
+            if isinstance(node, (EntryUpdatedDecorator, WasEntryUpdated)):
+                self._watchers.append((index, node))
+            if isinstance(node, RepeatedNode):
+                limit = node.config.inputs.get(node.limit)
+                if limit is not None and limit.key is None and limit.literal == -1:
+                    self._endless.add(index)
+
+    def advances(self, state: TreeState) -> list[Advance]:
+        """Return what may have happened to the timers of *state* before the next tick."""
+        return advances(state.timers)
+
+    def restore(self, state: TreeState, advance: Advance) -> None:
+        """Put the tree into *state*, after *advance*."""
+        objects = _thawed_objects(state.objects)
+        expired = set(advance.expired)
+        numbers: dict[int, int] = {}
+        for number in range(len(state.timers) - 1):
+            if number not in expired:
+                numbers[number] = PENDING + len(numbers)
+        for (node, fields, _), values in zip(self._nodes, state.nodes, strict=True):
+            node._status = values[0]
+            for name, value in zip(fields, values[1:], strict=True):
+                kind = type(value)
+                if kind is _Timer:
+                    value = numbers.get(value.number, _EXPIRED)
+                elif value is _ENDED:
+                    value = _EXPIRED
+                elif kind not in _PLAIN:
+                    value = _thawed(value, objects)
+                setattr(node, name, value)
+        entries: list[Entry] = []
+        for declared, inferred, _, value, writes in state.entries:
+            entry = Entry(declared, inferred)
+            entry.value = value if type(value) in _PLAIN else _thawed(value, objects)
+            entry.sequence_id = writes
+            entries.append(entry)
+        for board, keys in zip(self._boards, state.boards, strict=True):
+            held = board.local_entries()
+            held.clear()
+            for key, number in keys:
+                held[key] = entries[number]
+        context = self._tree.context
+        context.deadlines.clear()
+        if context.is_woken:
+            context.take_wake_up()
+
+    def kept_timers(self) -> int:
+        """Return a bit for each time field whose timer was pending before the last tick and still is."""
+        bits = 0
+        for number, (node, name) in enumerate(self.timer_slots):
+            if getattr(node, name) >= PENDING:
+                bits |= 1 << number
+        return bits
+
+    def deadlines(self) -> list[int]:
+        """Return the deadlines of all pending timers, each once, in the order of the bounds of the state.
+
+        Those from `PENDING` on were pending before the last tick already, in this order.
+        """
+        values = [getattr(node, name) for node, name in self.timer_slots]
+        return list(dict.fromkeys(value for value in values if value > NOW))
+
+    def capture(self, timers: Bounds = NO_TIMERS) -> TreeState:
+        """Return the state of the tree.
+
+        Args:
+            timers: The bounds of the timers that were pending in this tick.
+        """
+        freezer = _Freezer()
+        seen: dict[int, list[tuple[int, int]]] = {}
+        rows: list[list[Any]] = []
+        deadlines = self.deadlines() if self.timer_slots else []
+        numbers_of_deadlines = {deadline: number for number, deadline in enumerate(deadlines)}
+        for index, (node, fields, times) in enumerate(self._nodes):
+            row: list[Any] = [node._status]
+            for name in fields:
+                value = getattr(node, name)
+                if name in times:
+                    if value > NOW:
+                        value = _Timer(numbers_of_deadlines[value])
+                    elif value > 0:
+                        value = _ENDED
+                elif index in self._endless and name == "_count":
+                    value = 0
+                else:
+                    value = freezer.frozen(value)
+                row.append(value)
+            rows.append(row)
+        entries: list[list[Any]] = []
+        numbers: dict[int, int] = {}
+        found: list[Entry] = []
+        boards: list[tuple[tuple[str, int], ...]] = []
+        for board in self._boards:
+            keys: list[tuple[str, int]] = []
+            for key, entry in board.local_entries().items():
+                if id(entry) not in numbers:
+                    numbers[id(entry)] = len(entries)
+                    value = entry.value
+                    # 1, True and 1.0 are equal, but scripts tell them apart.
+                    entries.append([entry.declared, entry.inferred, type(value), freezer.frozen(value), 0])
+                    found.append(entry)
+                keys.append((key, numbers[id(entry)]))
+            keys.sort()
+            boards.append(tuple(keys))
+        for index, node in self._watchers:
+            watched = node.blackboard.find(node._key)
+            # Without an entry, the count that was seen remains, and is compared with later writes.
+            place = numbers.get(id(watched), -1) if watched is not None else -1
+            seen.setdefault(place, []).append((index, node._seen))
+        for place, watchers in seen.items():
+            if place >= 0:
+                self._renumber(rows, entries[place], found[place].sequence_id, watchers)
+        return TreeState(
+            tuple(map(tuple, rows)),
+            tuple(boards),
+            tuple(map(tuple, entries)),
+            freezer.objects(),
+            _timer_bounds(timers, deadlines),
+        )
+
+    def _renumber(
+        self, rows: list[list[Any]], entry: list[Any], writes: int, watchers: list[tuple[int, int]]
+    ) -> None:
+        """Replace the number of writes of an entry, and those that nodes have seen, by small numbers.
+
+        Nodes compare them for equality only. A number beyond the present one, which a node has seen before
+        the entry was removed, keeps its distance.
+        """
+        below = sorted({0, writes, *(seen for _, seen in watchers if seen <= writes)})
+        entry[4] = below.index(writes)
+        for index, seen in watchers:
+            fields = self._nodes[index][1]
+            number = below.index(seen) if seen <= writes else entry[4] + seen - writes
+            rows[index][1 + fields.index("_seen")] = number
+
+
+def _timer_bounds(timers: Bounds, deadlines: Iterable[int]) -> Bounds:
+    """Return the bounds of the pending timers, given the values of their deadlines.
+
+    A deadline from `PENDING` on is that of a timer that was pending in this tick; any other is new.
+    """
+    bounds = timers
+    order: list[int] = []
+    for deadline in deadlines:
+        if deadline >= PENDING:
+            order.append(deadline - PENDING)
+        else:
+            bounds = with_timer(bounds, deadline - NOW)
+            order.append(len(bounds) - 2)
+    return without_timers(bounds, order)
+
+
+class _Freezer:
+    """Replaces mutable values by references to hashable copies, each object once."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[int, int] = {}
+        self._objects: list[Any] = []
+
+    def frozen(self, value: object) -> Hashable:
+        """Return a hashable value that stands for *value*."""
+        kind = type(value)
+        if kind in _PLAIN or value is None:
+            return value
+        if kind is set:
+            assert isinstance(value, set)
+            return _FrozenSet(frozenset(value))
+        if kind not in (deque, list, dict):
+            return value if isinstance(value, Hashable) else _Identity(value)
+        number = self._numbers.get(id(value))
+        if number is None:
+            number = self._numbers[id(value)] = len(self._objects)
+            self._objects.append(None)
+            items: tuple[Hashable, ...]
+            if isinstance(value, dict):
+                items = tuple((key, self.frozen(item)) for key, item in value.items())
+            else:
+                assert isinstance(value, (deque, list))
+                items = tuple(self.frozen(item) for item in value)
+            self._objects[number] = (kind, items)
+        return _Reference(number)
+
+    def objects(self) -> tuple[Any, ...]:
+        """Return the contents of all mutable objects, by number."""
+        return tuple(self._objects)
+
+
+class _FrozenSet(NamedTuple):
+    """Stands for a set, which a node of the engine never shares."""
+
+    members: frozenset[object]
+
+
+class _Identity:
+    """Makes an object hashable that is not; no node changes it."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: object) -> None:
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Identity) and other.value is self.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+
+_PLAIN: Final = frozenset({bool, int, float, str, Status, bytes})
+
+
+def _thawed_objects(frozen: tuple[Any, ...]) -> list[Any]:
+    """Return new mutable objects with the contents *frozen*."""
+    if not frozen:
+        return []
+    objects: list[Any] = [kind() for kind, _ in frozen]
+
+    for made, (_, items) in zip(objects, frozen, strict=True):
+        if isinstance(made, dict):
+            made.update((key, _thawed(item, objects)) for key, item in items)
+        else:
+            made.extend(_thawed(item, objects) for item in items)
+    return objects
+
+
+def _thawed(value: Any, objects: list[Any]) -> Any:
+    """Return the value for which *value* stands."""
+    kind = type(value)
+    if kind is _Reference:
+        return objects[value.number]
+    if kind is _FrozenSet:
+        return set(value.members)
+    return value.value if kind is _Identity else value
