@@ -56,6 +56,7 @@ LAYERS = (
     {"loading"},
     {"logs"},
     {""},  # btcore/__init__.py
+    {"proof"},
     {"testing"},
     {"batch"},
     {"run_extension", "bundled_trees"},

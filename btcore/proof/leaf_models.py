@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import Port
 from btcore.clock import Clock
-from btcore.engine.leaf import Condition, StatefulAction
+from btcore.engine.leaf import Condition, LeafNode, StatefulAction
 from btcore.engine.node import SYNCHRONOUS, TreeNode
 from btcore.errors import BtcoreError, ConversionError
 from btcore.registry.manifest import Manifest, is_tree_state
@@ -61,7 +61,9 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
     cls = manifest.cls
     results = {SUCCESS, FAILURE} if cls.may_return is TreeNode.may_return else set(cls.may_return)
     lasts = not (issubclass(cls, Condition) or cls._family & SYNCHRONOUS)
-    uses = _resources(manifest) if manifest.type is NodeType.ACTION else frozenset()
+    uses = cls.uses if issubclass(cls, LeafNode) else None
+    if uses is None:
+        uses = _resources(manifest) if manifest.type is NodeType.ACTION else frozenset()
     at_once = not lasts or _may_complete_on_start(cls)
     model = LeafModel(_ordered(results), lasts, at_once, lasts and not results, uses)
     metadata = {key: text for key, text in manifest.metadata.items() if key in _KEYS}

@@ -152,6 +152,7 @@ class Prover:
     def _ends(self) -> Answer:
         graph, signals = self.explorer.graph, self.explorer.signals
         endless = endless_nodes(self._tree)
+        ends = any(edge.target in RESULT_OF for edges in graph.edges for edge in edges)
         inside = [self._states_in_which_runs(node) for node in endless]
         # Outside of nodes that are meant to run forever.
         outside = set(range(len(self.explorer.table))).difference(*inside)
@@ -164,7 +165,7 @@ class Prover:
             else:
                 actions_succeed.append(Fairness(signals.failed(number), sets=signals.succeeded(number)))
         cycle = self._cycle([*fairness, *actions_succeed], outside, failing_conditions)
-        if cycle is not None:
+        if cycle is not None and (ends or not endless):
             return self._refuted(ENDS, "it can go on forever although no leaf fails forever", [], cycle)
         if not graph.is_complete:
             return self._proved(ENDS)
@@ -182,11 +183,8 @@ class Prover:
                 [*sometimes_fails, Fairness(0, sets=succeeds)], outside
             ):
                 reasons.append(f"'{leaf.path}' changes its result forever")
-        if not any(edge.target in RESULT_OF for edges in graph.edges for edge in edges):
-            detail = f"never by itself: {join_names(reasons)}" if reasons else "it raises an exception first"
-        else:
-            detail = f"unless {join_names(reasons, 'or')}" if reasons else ""
-        return self._proved(ENDS, detail)
+        detail = f"unless {join_names(reasons, 'or')}" if reasons else ""
+        return self._proved(ENDS, detail if ends or not endless else "never by itself, as declared")
 
     def _states_in_which_runs(self, node: TreeNode) -> set[int]:
         """Return the states in which *node* is RUNNING."""

@@ -32,6 +32,7 @@ class Move(StatefulAction):
     error_code: Annotated[Out[int | None], "Nav2's error code; 0 when there was no error."] = None
     error: Annotated[Out[str | None], "The error message; empty when there was no error."] = None
 
+    may_complete_on_start = False
     state_fields = None  # the goal and its handle belong to the navigator
 
     def __init__(self, navigator: PoseNavigator, robot: Robot) -> None:

@@ -42,7 +42,8 @@ class WaitForScan(StatefulAction):
     timeout: Annotated[In[float], "The maximum age (s) of a scan."] = SCAN
     # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
     may_complete_on_start = True
-
+    may_return = frozenset({Status.SUCCESS})
+    uses = frozenset()
     state_fields = ()
 
     def __init__(self, robot: Robot) -> None:

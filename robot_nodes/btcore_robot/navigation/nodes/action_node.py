@@ -34,6 +34,7 @@ class ServersAction(SyncAction):
     """Base of the actions that call the navigation servers and end within a tick."""
 
     state_fields = ()
+    uses: ClassVar[frozenset[str] | None] = frozenset()
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -62,6 +63,7 @@ class BtActionNode(StatefulAction):
     logged = ""
 
     state_fields = None  # the goal and its handle belong to the server
+    uses: ClassVar[frozenset[str] | None] = frozenset()
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -146,6 +148,7 @@ class BtServiceNode(StatefulAction):
 
     may_complete_on_start = True
     state_fields = None  # the request belongs to the server
+    uses: ClassVar[frozenset[str] | None] = frozenset()
 
     handle: AnyGoalHandle | None = None
     sent = 0

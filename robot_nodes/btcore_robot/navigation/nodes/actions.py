@@ -32,6 +32,10 @@ Allowance = Annotated[In[float], "Allowed time (s) for the behaviour."]
 Unchecked = Annotated[In[bool], "Disable collision checking."]
 
 
+BASE = frozenset({"base"})
+"""What the nodes that drive the robot use."""
+
+
 class _PlanningNode(BtActionNode):
     """Base of the planning nodes: on failure and on a halt the path becomes empty."""
 
@@ -105,6 +109,7 @@ class FollowPath(BtActionNode):
     """Follow *path*. A new path or plug-in is taken over without a stop while the robot drives."""
 
     action = "follow_path"
+    uses = BASE
 
     controller_id: Annotated[In[str], "Controller plug-in: FollowPath or empty."] = ""
     goal_checker_id: Annotated[In[str], "Goal checker plug-in."] = ""
@@ -161,6 +166,7 @@ class Spin(_RecoveryAction):
     """Turn on the spot by *spin_dist* (rad, positive to the left)."""
 
     action = "spin"
+    uses = BASE
 
     spin_dist: Annotated[In[float], "Spin distance (rad), positive to the left."] = 1.57
     time_allowance: Allowance = 10.0
@@ -176,6 +182,7 @@ class BackUp(_RecoveryAction):
     """Drive backwards by *backup_dist* (m) at *backup_speed* (m/s), both positive."""
 
     action = "backup"
+    uses = BASE
 
     backup_dist: Annotated[In[float], "Distance to back up (m)."] = 0.15
     backup_speed: Annotated[In[float], "Speed at which to back up (m/s)."] = 0.025
@@ -193,6 +200,7 @@ class DriveOnHeading(BtActionNode):
     """Drive straight ahead by *dist_to_travel* (m) at *speed* (m/s)."""
 
     action = "drive_on_heading"
+    uses = BASE
 
     dist_to_travel: Annotated[In[float], "Distance to travel (m)."] = 0.15
     speed: Annotated[In[float], "Speed at which to travel (m/s)."] = 0.025
@@ -222,6 +230,7 @@ class NavigateToPose(BtActionNode):
     """Navigate to *goal* by the navigator's default tree or by *behavior_tree*."""
 
     action = "navigate_to_pose"
+    uses = BASE
 
     goal: Annotated[In[Pose2D], "Destination to plan to."]
     behavior_tree: Annotated[In[str], "Behavior tree file to run; empty: the navigator's default."] = ""
@@ -235,6 +244,7 @@ class NavigateThroughPoses(BtActionNode):
     """Navigate through *goals* by the navigator's default tree or by *behavior_tree*."""
 
     action = "navigate_through_poses"
+    uses = BASE
 
     goals: Annotated[In[Poses], "Destinations to plan through, in order."]
     behavior_tree: Annotated[In[str], "Behavior tree file to run; empty: the navigator's default."] = ""
