@@ -112,13 +112,13 @@ class StateGraph:
         """Whether every state was found."""
         return not self.bounds
 
-    def path_to(self, state: int) -> tuple[int, list[Edge]]:
-        """Return the initial state and the edges of a shortest path to *state*."""
-        edges: list[Edge] = []
+    def path_to(self, state: int) -> list[tuple[int, Edge]]:
+        """Return the states and edges of a shortest path from an initial state to *state*."""
+        steps: list[tuple[int, Edge]] = []
         while (step := self.parents[state]) is not None:
-            state, edge = step
-            edges.append(edge)
-        return state, edges[::-1]
+            steps.append(step)
+            state = step[0]
+        return steps[::-1]
 
 
 class Signals:

@@ -59,13 +59,6 @@ class Report(NamedTuple):
     transitions: int
 
 
-class NamedQuestion(NamedTuple):
-    """A question of the user, and the text that its answer shows."""
-
-    name: str
-    question: Question
-
-
 class _Prepared(NamedTuple):
     """A question of the user, with the numbers of its propositions."""
 
@@ -261,7 +254,7 @@ class Prover:
             for edge in graph.edges[state] if state < len(graph.edges) else ():
                 if edge.signals & second and not edge.signals & first:
                     steps = [*steps_back(found, state), (state, edge)]
-                    return self._refuted(question.text, "", steps, whole=True)
+                    return self._refuted(question.text, "", steps)
         answer = self._proved(question.text)
         occurs = any(edge.signals & second for edges in graph.edges for edge in edges)
         if answer.answer == PROVED and not occurs:
@@ -344,21 +337,21 @@ class Prover:
         message: str,
         steps: Sequence[Step],
         cycle: FairCycle | None = None,
-        whole: bool = False,
     ) -> Answer:
         """Return that *question* is refuted, if the ordinary engine reproduces the run.
 
         Args:
             question: The question.
             message: What is wrong.
-            steps: The end of the run, from a state; the run to this state is added unless *whole* is true.
+            steps: The end of the run, from a state.
             cycle: The cycle that follows.
-            whole: Whether *steps* begins with an initial state.
         """
-        run = list(steps) if whole else [*self._path_to(steps[0][0] if steps else cycle_start(cycle)), *steps]
+        more = cycle.steps if cycle is not None else []
+        origin = [*steps, *more][0][0]
+        run = [*self.explorer.graph.path_to(origin), *steps]
         prefix = len(run)
-        if cycle is not None:
-            run += cycle.steps * 2
+        # The cycle twice: the normal run must be able to begin it again.
+        run += more * 2
         times = times_of(self.explorer, run)
         if times is None:
             return self._answer(
@@ -377,28 +370,13 @@ class Prover:
         same = all(_agrees(edge, tick.result) for edge, tick in zip(edges, ticks, strict=True))
         if not same:
             return self._answer(question, UNKNOWN_ANSWER, f"{message}, but a normal run does not show it")
-        if cycle is not None:
-            ticks = ticks[: prefix + len(cycle.steps)]
-        shown = Counterexample(ticks, prefix if cycle is not None else None)
+        shown = Counterexample(ticks[: prefix + len(more)], prefix if more else None)
         return self._answer(question, REFUTED, message, shown)
-
-    def _path_to(self, state: int) -> list[Step]:
-        steps: list[Step] = []
-        while (parent := self.explorer.graph.parents[state]) is not None:
-            steps.append(parent)
-            state = parent[0]
-        return steps[::-1]
 
     def _start_of(self, state: int) -> int:
         """Return the number of the beginning whose state is *state*."""
         starts = [number for number, parent in enumerate(self.explorer.graph.parents) if parent is None]
         return starts.index(state)
-
-
-def cycle_start(cycle: FairCycle | None) -> int:
-    """Return the first state of *cycle*."""
-    assert cycle is not None
-    return cycle.start
 
 
 def _agrees(edge: Edge, result: object) -> bool:
