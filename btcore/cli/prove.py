@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
@@ -9,24 +10,27 @@ import click
 from rich.live import Live
 from rich.text import Text
 
-from btcore.cli import node_libraries, terminal
+from btcore.cli import files, node_libraries, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.tree_source import STDIN, TreeSource, confined_option, find_source, format_option, tree_option
-from btcore.clock import Clock
-from btcore.escaping import escape_controls
-from btcore.proof.counterexample import Counterexample, RunTick
-from btcore.proof.declarations import Declarations, declarations_beside, read_declarations
+from btcore.logs.formats import open_log
+from btcore.proof.answer_text import lines_of_answer
+from btcore.proof.counterexample import RunTick
+from btcore.proof.declarations import Declarations
 from btcore.proof.exploration import StateGraph
-from btcore.proof.model_leaves import Choices, with_model_leaves
-from btcore.proof.propositions import parse_question
-from btcore.proof.prove import PROVED, REFUTED, Answer, Prover, Report
-from btcore.status import Status
+from btcore.proof.model_leaves import with_model_leaves
+from btcore.proof.planned_run import planned_ticks
+from btcore.proof.prove import PROVED, REFUTED, Answer, Report
+from btcore.proof.saved_counterexamples import TreeReference, file_name, test_source
+from btcore.proof.tree_files import declarations_of, fault_in_run, prover_of
+from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
-from btcore.xml.build import TreeInstantiator
+from btcore.xml.models.stand_ins import StubAction, StubCondition
+from btcore.xml.plan.document_checks import DocumentAnalysis
 
-_MARKS: Final = {PROVED: ("✔", "green"), REFUTED: ("✘", "red")}
-_COLOURS: Final = {Status.SUCCESS: "green", Status.FAILURE: "red", Status.RUNNING: "yellow"}
+LOGGED_CYCLES: Final = 3
+"""How often a log repeats a cycle."""
 _INTERVAL_S: Final = 0.2
 
 
@@ -76,6 +80,13 @@ _INTERVAL_S: Final = 0.2
     metavar="MB",
     help="End the search when the process has used this much memory.",
 )
+@click.option(
+    "--save",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Write each counterexample to FOLDER: a log for `btcore replay`, and a test for pytest that fails "
+    "until the tree is mended.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def prove(
     source: str,
@@ -90,6 +101,7 @@ def prove(
     file: Path | None,
     ticks: int | None,
     memory: int,
+    save: Path | None,
     as_json: bool,
 ) -> int:
     """Search all possible runs of TREE, and answer questions about them.
@@ -107,21 +119,22 @@ def prove(
       4  something is unknown, and nothing is refuted
     """
     path = find_source(source)
+    if save is not None and path == STDIN:
+        raise click.UsageError("--save needs a tree in a file, because tests name the file.")
     libraries = node_libraries.load_libraries(plugins, models, confined)
-    declared = _declarations(path, file)
+    declared = Declarations() if path == STDIN and file is None else declarations_of(path, file)
     examined, nodes = TreeSource(path, tree, libraries, format, confined).read(
         lambda nodes: with_model_leaves(nodes, declared.leaves)
     )
-
-    def make(choices: Choices, clock: Clock) -> Tree:
-        return TreeInstantiator(examined, nodes, None, [choices], clock).instantiate()
-
-    questions = [parse_question(f"never {text}") for text in never]
-    questions += [parse_question(text) for text in [*asked, *declared.questions.values()]]
-    keys = [*dict.fromkeys([*declared.given, *given])]
-    prover = Prover(make, questions, declared.entries, keys)
+    prover = prover_of(examined, nodes, [*(f"never {text}" for text in never), *asked], declared, given)
     with _Progress() as progress:
         report = prover.answer(ticks, memory << 20, progress)
+    if save is not None:
+        has_libraries = _has_libraries(prover.tree, libraries.nodes, plugins)
+        used = TreeReference(path, tree, format, models, plugins, has_libraries, file)
+        for number, answer in enumerate(report.answers, 1):
+            if answer.counterexample is not None:
+                _save(save, file_name(number, answer.question), answer, used, examined, nodes, declared)
     if as_json:
         terminal.print_json({"questions": [_as_data(answer) for answer in report.answers]})
     else:
@@ -132,10 +145,49 @@ def prove(
     return ExitCode.SUCCESS if answers == {PROVED} else ExitCode.INCOMPLETE_OUTPUT
 
 
-def _declarations(path: Path, file: Path | None) -> Declarations:
-    if file is not None:
-        return read_declarations(file)
-    return Declarations() if path == STDIN else declarations_beside(path)
+def _has_libraries(tree: Tree, nodes: Registry, plugins: Sequence[str]) -> bool:
+    """Return whether a tree has nodes of installed libraries."""
+    own = {"btcore", *(Path(plugin).stem if plugin.endswith(".py") else plugin for plugin in plugins)}
+    manifests = [nodes.get(node.id, node.config.format) for node in tree.nodes]
+    return any(
+        manifest.distribution not in own and not issubclass(manifest.cls, (StubAction, StubCondition))
+        for manifest in manifests
+        if manifest is not None
+    )
+
+
+def _save(
+    folder: Path,
+    name: str,
+    answer: Answer,
+    used: TreeReference,
+    examined: DocumentAnalysis,
+    nodes: Registry,
+    declared: Declarations,
+) -> None:
+    """Write the counterexample of *answer* as a log and as a test."""
+    run = answer.counterexample
+    assert run is not None
+    plan = planned_ticks(run)
+    cycle = None if run.cycle is None else (run.cycle, run.period)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise click.ClickException(f"cannot create '{folder}': {error.strerror}") from error
+    with ExitStack() as open_logs:
+        fault_in_run(
+            examined,
+            nodes,
+            answer.question,
+            plan,
+            cycle,
+            run.given,
+            declared,
+            lambda tree: open_logs.enter_context(open_log(tree, folder / f"{name}.btlog")),
+            LOGGED_CYCLES,
+        )
+    target = folder / f"test_{name.replace('-', '_')}.py"
+    files.write(target, test_source(name, answer, used, folder).encode())
 
 
 class _Progress:
@@ -171,52 +223,13 @@ def _print(report: Report) -> None:
     """Print the answers, with the counterexamples."""
     console = terminal.stdout_console()
     for answer in report.answers:
-        mark, colour = _MARKS.get(answer.answer, ("?", "yellow"))
-        line = Text(f"{mark} ", style=f"bold {colour}").append(
-            escape_controls(answer.question, one_line=True), style="bold"
-        )
-        word = f"{answer.answer}, vacuously" if answer.is_vacuous else answer.answer
-        line.append(f"  {word}", style=colour)
-        if answer.detail:
-            line.append(f": {escape_controls(answer.detail)}")
-        console.print(line, soft_wrap=True)
-        if answer.counterexample is not None:
-            for text in _lines_of(answer.counterexample):
-                console.print(text, soft_wrap=True)
+        for line in lines_of_answer(answer):
+            console.print(Text.assemble(*line), soft_wrap=True)
     states = report.answers[0].states
     console.print(
         Text(f"{terminal.counted(states, 'state')}, {report.transitions:,} ticks run", style="dim"),
         soft_wrap=True,
     )
-
-
-def _lines_of(run: Counterexample) -> list[Text]:
-    """Return a line for each tick of a counterexample."""
-    lines: list[Text] = []
-    for number, tick in enumerate(run.ticks):
-        if number == run.cycle:
-            lines.append(Text("    ↻ from here again and again:", style="dim"))
-        lines.append(_line_of(number + 1, tick))
-        if tick.error:
-            lines += [
-                Text(f"           {line}", style="red") for line in escape_controls(tick.error).splitlines()
-            ]
-    return lines
-
-
-def _line_of(number: int, tick: RunTick) -> Text:
-    line = Text(f"    {number:>3}  {tick.time:>6.1f} s  ", style="dim")
-    for index, leaf in enumerate(tick.leaves):
-        line.append(", " if index else "", style="dim")
-        line.append(f"{escape_controls(leaf.path)} ", style="not dim")
-        line.append(leaf.result.name, style=f"not dim {_COLOURS.get(leaf.result, 'dim')}")
-        for port, value in leaf.written.items():
-            line.append(f" {port}={escape_controls(value)}", style="dim")
-    for path in tick.halted:
-        line.append(f", {escape_controls(path)} halted")
-    if tick.result is not None:
-        line.append(f"  → {tick.result.name}", style="not dim")
-    return line
 
 
 def _as_data(answer: Answer) -> dict[str, object]:

@@ -1,5 +1,6 @@
 """Counterexamples: runs of the ordinary engine that show what is wrong."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from btcore.proof.model_leaves import Choices, UnknownValue
 from btcore.proof.tick_times import Deadline, tick_times
 from btcore.proof.tree_state import NOW, PENDING
 from btcore.status import Status
+from btcore.tree.drawing import Fragment
 from btcore.tree.tree import Tree
 
 TreeMaker = Callable[[Choices, Clock], Tree]
@@ -18,11 +20,19 @@ TreeMaker = Callable[[Choices, Clock], Tree]
 
 
 class LeafTick(NamedTuple):
-    """The tick of one leaf: the leaf's path, its result, and the values that it wrote, as texts by port."""
+    """The tick of one leaf.
+
+    Attributes:
+        path: The leaf's path.
+        result: Its result.
+        written: The values that the leaf wrote, as texts by port; `?` = the value is not known.
+        name: The leaf's name, or its path if another node has the same name.
+    """
 
     path: str
     result: Status
     written: Mapping[str, str]
+    name: str
 
 
 class RunTick(NamedTuple):
@@ -51,10 +61,17 @@ class Counterexample(NamedTuple):
     Attributes:
         ticks: The ticks, from the start of the tree.
         cycle: The index of the tick at which a cycle begins that repeats forever; None without a cycle.
+        period: The duration of the cycle (s).
+        given: The values of the entries that the program sets before the first tick, as texts by key;
+            `?` = the value is not known.
+        drawing: The tree after the last tick, as lines of texts with their styles.
     """
 
     ticks: list[RunTick]
     cycle: int | None = None
+    period: float = 0.0
+    given: Mapping[str, str] = {}
+    drawing: Sequence[Sequence[Fragment]] = ()
 
 
 def times_of(explorer: Explorer, steps: Sequence[Step]) -> list[int] | None:
@@ -103,6 +120,7 @@ def replay(
     tree = make(choices, clock)
     if attach is not None:
         attach(tree)
+    names = names_of(tree)
     ticks: list[RunTick] = []
     for edge, time in zip(steps, times, strict=True):
         clock.advance((time - clock.now()) / NS_PER_S)
@@ -115,7 +133,10 @@ def replay(
             error = str(raised)
         leaves = [
             LeafTick(
-                event.leaf.path, event.result, {port: _text(value) for port, value in event.written.items()}
+                event.leaf.path,
+                event.result,
+                {port: text_of(value) for port, value in event.written.items()},
+                names[event.leaf.uid],
             )
             for event in choices.events
         ]
@@ -126,5 +147,16 @@ def replay(
     return ticks
 
 
-def _text(value: object) -> str:
+def names_of(tree: Tree) -> dict[int, str]:
+    """Return the name of each node, or the path if another node has the same name, by uid."""
+    counts = Counter(node.name for node in tree.nodes)
+    return {
+        node.uid: node.name if counts[node.name] == 1 else key for key, node in tree.nodes_by_path().items()
+    }
+
+
+def text_of(value: object) -> str:
+    """Return the text that stands for a value in a counterexample."""
+    if isinstance(value, bool):
+        return str(value).lower()
     return "?" if isinstance(value, UnknownValue) else str(value)

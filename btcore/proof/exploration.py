@@ -290,7 +290,7 @@ class Explorer:
             given: list[int] | None = []
             while given is not None:
                 self.keeper.restore(state, advance)
-                tick = self._tick(given)
+                tick = self.tick(given)
                 given = self.choices.next_given()
                 self._add(number, tick, index, advance, found)
                 outcomes += 1
@@ -303,9 +303,10 @@ class Explorer:
     def run_tick(self, state: TreeState, advance: Advance, given: Sequence[int]) -> Tick:
         """Run one tick again."""
         self.keeper.restore(state, advance)
-        return self._tick(given)
+        return self.tick(given)
 
-    def _tick(self, given: Sequence[int]) -> Tick:
+    def tick(self, given: Sequence[int]) -> Tick:
+        """Run one tick from the present state of the tree."""
         self.choices.begin(given)
         self._results.clear()
         tree = self.tree

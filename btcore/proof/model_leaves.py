@@ -58,6 +58,10 @@ class UnknownValue:
         return UnknownValue, (self.key,)
 
 
+Outcome = tuple[Status, tuple[int, ...]]
+"""A result of a leaf, and for each written output the number of the value."""
+
+
 class LeafEvent(NamedTuple):
     """One tick of a leaf: its status before, its result, and the values that it wrote, by port."""
 
@@ -102,6 +106,16 @@ class Choices:
         self.made.append((chosen, options))
         return chosen
 
+    def choose_outcome(self, leaf: LeafNode, options: Sequence[Outcome], writers: Sequence["Writer"]) -> int:
+        """Return the number of the chosen outcome of a leaf.
+
+        Args:
+            leaf: The leaf.
+            options: Its possible outcomes.
+            writers: The outputs that an outcome writes.
+        """
+        return self.choose(len(options)) if len(options) > 1 else 0
+
     def next_given(self) -> list[int] | None:
         """Return the choices to try after those that were made, or None if all have been tried."""
         made = self.made
@@ -118,7 +132,7 @@ class Choices:
         return self._unknown.setdefault(key, UnknownValue(key))
 
 
-class _Writer(NamedTuple):
+class Writer(NamedTuple):
     """An output port of a leaf, and the values that the leaf may write to it."""
 
     output: Output
@@ -134,8 +148,8 @@ class _Chooser:
         self._model = model
         self.choices = choices
         self._reads: list[Input] | None = None
-        self._writers: list[_Writer] = []
-        self._options: dict[tuple[bool, ...], list[tuple[Status, tuple[int, ...]]]] = {}
+        self._writers: list[Writer] = []
+        self._options: dict[tuple[bool, ...], list[Outcome]] = {}
         self._starts_running = model.lasts and not model.at_once
 
     def take(self, before: Status) -> Status:
@@ -157,7 +171,7 @@ class _Chooser:
         options = self._options.get(fresh)
         if options is None:
             self._options[fresh] = options = self._all_options(fresh)
-        status, picked = options[choices.choose(len(options)) if len(options) > 1 else 0]
+        status, picked = options[choices.choose_outcome(self._leaf, options, writers)]
         written: dict[str, object] = {}
         for writer, pick in zip(writers, picked, strict=False):
             value = self._write(writer, pick)
@@ -175,16 +189,16 @@ class _Chooser:
         for output in config.outputs.values():
             if output.key is not None:
                 values = domain_of(output.binding.port, self.choices.domains, output.key)
-                self._writers.append(_Writer(output, output.key, values))
+                self._writers.append(Writer(output, output.key, values))
 
-    def _is_fresh(self, writer: _Writer) -> bool:
+    def _is_fresh(self, writer: Writer) -> bool:
         """Return whether a write changes the entry: not if it already holds the unknown value."""
         if writer.values:
             return True
         entry = writer.output.blackboard.find(writer.key)
         return entry is None or not isinstance(entry.value, UnknownValue)
 
-    def _all_options(self, fresh: tuple[bool, ...]) -> list[tuple[Status, tuple[int, ...]]]:
+    def _all_options(self, fresh: tuple[bool, ...]) -> list[Outcome]:
         """Return the results with the numbers of the values that are written.
 
         With SUCCESS the leaf writes all its outputs, with FAILURE all or none, otherwise none.
@@ -192,7 +206,7 @@ class _Chooser:
         picks: list[tuple[int, ...]] = [()]
         for writer in self._writers:
             picks = [(*pick, number) for pick in picks for number in range(len(writer.values) or 1)]
-        options: list[tuple[Status, tuple[int, ...]]] = []
+        options: list[Outcome] = []
         for status in self._model.results:
             if status is not SUCCESS:
                 options.append((status, ()))
@@ -202,7 +216,7 @@ class _Chooser:
             options.append((RUNNING, ()))
         return options
 
-    def _write(self, writer: _Writer, pick: int) -> object:
+    def _write(self, writer: Writer, pick: int) -> object:
         if writer.values:
             value = writer.values[pick]
             writer.output.write(value)

@@ -8,7 +8,7 @@ from btcore.clock import Clock
 from btcore.engine.leaf import Condition
 from btcore.engine.node import TreeNode
 from btcore.errors import ConversionError
-from btcore.proof.counterexample import Counterexample, replay, times_of
+from btcore.proof.counterexample import Counterexample, replay, text_of, times_of
 from btcore.proof.exploration import RESULT_OF, Edge, Explorer, StateGraph, clock_for_search
 from btcore.proof.fair_cycles import FairCycle, Fairness, Step, find_fair_cycle, states_from, steps_back
 from btcore.proof.leaf_models import ModelError
@@ -23,6 +23,7 @@ from btcore.proof.standard_questions import (
 )
 from btcore.status import FAILURE, RUNNING, SUCCESS
 from btcore.suggestions import join_names
+from btcore.tree.drawing import draw_results
 from btcore.tree.tree import Tree
 
 PROVED: Final = "proved"
@@ -77,6 +78,7 @@ class Prover:
 
     Attributes:
         explorer: The search.
+        tree: The tree that the search runs.
     """
 
     def __init__(
@@ -89,7 +91,7 @@ class Prover:
         self._make = make
         self._domains = dict(domains or {})
         choices = Choices(self._domains)
-        self._tree = tree = make(choices, clock_for_search())
+        self.tree = tree = make(choices, clock_for_search())
         parsed: list[ParsedProposition] = []
         self._questions: list[_Prepared] = []
         for question in questions:
@@ -113,8 +115,8 @@ class Prover:
         )
         self._given = list(given)
         self._beginnings: list[dict[str, object]] = []
-        for beginning in _beginnings(tree, choices, self._domains, self._given):
-            _write_all(tree, beginning)
+        for beginning in beginnings_of(tree, choices, self._domains, self._given):
+            write_entries(tree, beginning)
             if self.explorer.start():
                 self._beginnings.append(beginning)
 
@@ -144,7 +146,7 @@ class Prover:
 
     def _ends(self) -> Answer:
         graph, signals = self.explorer.graph, self.explorer.signals
-        endless = endless_nodes(self._tree)
+        endless = endless_nodes(self.tree)
         ends = any(edge.target in RESULT_OF for edges in graph.edges for edge in edges)
         inside = [self._states_in_which_runs(node) for node in endless]
         # Outside of nodes that are meant to run forever.
@@ -181,7 +183,7 @@ class Prover:
 
     def _states_in_which_runs(self, node: TreeNode) -> set[int]:
         """Return the states in which *node* is RUNNING."""
-        place, table = self._tree.nodes.index(node), self.explorer.table
+        place, table = self.tree.nodes.index(node), self.explorer.table
         return {number for number in range(len(table)) if table.state(number).nodes[place][0] is RUNNING}
 
     def _cycle(self, conditions: Sequence[Fairness], states: set[int], avoided: int = 0) -> FairCycle | None:
@@ -204,7 +206,7 @@ class Prover:
 
     def _leaves(self) -> Answer:
         problems: list[str] = []
-        for node in self._tree.nodes:
+        for node in self.tree.nodes:
             counts = node.tick_counts
             if node.children or counts is None:
                 continue
@@ -362,15 +364,24 @@ class Prover:
 
         def make(choices: Choices, clock: Clock) -> Tree:
             tree = self._make(choices, clock)
-            _write_all(tree, beginning)
+            write_entries(tree, beginning)
             return tree
 
         edges = [edge for _, edge in run]
-        ticks = replay(make, edges, times, self._domains)
+        trees: list[Tree] = []
+        ticks = replay(make, edges, times, self._domains, trees.append)
         same = all(_agrees(edge, tick.result) for edge, tick in zip(edges, ticks, strict=True))
         if not same:
             return self._answer(question, UNKNOWN_ANSWER, f"{message}, but a normal run does not show it")
-        shown = Counterexample(ticks[: prefix + len(more)], prefix if more else None)
+        period = ticks[prefix + len(more)].time - ticks[prefix].time if more else 0.0
+        ticks = ticks[: prefix + len(more)]
+        shown = Counterexample(
+            ticks,
+            prefix if more else None,
+            period,
+            {key: text_of(value) for key, value in beginning.items()},
+            draw_results(trees[0].id, len(ticks), trees[0].root),
+        )
         return self._answer(question, REFUTED, message, shown)
 
     def _start_of(self, state: int) -> int:
@@ -386,7 +397,7 @@ def _agrees(edge: Edge, result: object) -> bool:
     return result is RESULT_OF.get(edge.target)
 
 
-def _beginnings(
+def beginnings_of(
     tree: Tree, choices: Choices, domains: Mapping[str, tuple[str, ...]], given: Sequence[str]
 ) -> list[dict[str, object]]:
     """Return the possible values of the entries *given* before the first tick."""
@@ -405,7 +416,8 @@ def _beginnings(
     return [dict(zip(given, values, strict=True)) for values in product(*options)]
 
 
-def _write_all(tree: Tree, values: Mapping[str, object]) -> None:
+def write_entries(tree: Tree, values: Mapping[str, object]) -> None:
+    """Write entries of the main tree's blackboard before the first tick."""
     board = tree.blackboard
     for key, value in values.items():
         board.create(key).put(value, 0)
