@@ -139,6 +139,7 @@ def replay(
                 names[event.leaf.uid],
             )
             for event in choices.events
+            if event.result is Status.RUNNING or not event.leaf.children
         ]
         halted = [leaf.path for leaf in choices.halted]
         running = [node.path for node in tree.nodes if node.status is Status.RUNNING]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from btcore.clock import SimClock
-from btcore.engine.leaf import LeafNode
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.proof.model_leaves import (
@@ -65,13 +64,19 @@ class Tick(NamedTuple):
     """
 
     tree: Tree
-    running: Sequence[LeafNode]
+    running: Sequence[TreeNode]
     events: Sequence[LeafEvent]
-    halted: Sequence[LeafNode]
+    halted: Sequence[TreeNode]
     result: Status | None
     error: NodeExecutionError | None
     results: "dict[int, list[Status]]"
     halts: set[int]
+
+    def kept(self) -> list[TreeNode]:
+        """Return the leaves that remained RUNNING: they neither completed nor were halted in the tick."""
+        ended = {event.leaf.uid for event in self.events if event.result is not RUNNING}
+        ended.update(leaf.uid for leaf in self.halted)
+        return [leaf for leaf in self.running if leaf._status is RUNNING and leaf.uid not in ended]
 
 
 Check = Callable[[Tick], str | None]
@@ -129,7 +134,7 @@ class Signals:
     the questions' propositions.
     """
 
-    def __init__(self, leaves: Sequence[LeafNode], timers: int, propositions: int) -> None:
+    def __init__(self, leaves: Sequence[TreeNode], timers: int, propositions: int) -> None:
         self.leaves = list(leaves)
         self.numbers = {leaf.uid: number for number, leaf in enumerate(leaves)}
         self.timers = timers
@@ -229,9 +234,7 @@ class Explorer:
         self.table = StateTable()
         self._checks = dict(checks)
         self._propositions = list(propositions)
-        self._leaves: list[LeafNode] = [
-            node for node in tree.nodes if isinstance(node, LeafNode) and model_leaf_model(node) is not None
-        ]
+        self._leaves: list[TreeNode] = [node for node in tree.nodes if model_leaf_model(node) is not None]
         self.signals = Signals(self._leaves, len(self.keeper.timer_slots), len(propositions))
         self._results: dict[int, list[Status]] = {}
         self._watched = list(watched)
@@ -383,9 +386,8 @@ class Explorer:
                 bits |= 4 << shift
             elif result is FAILURE:
                 bits |= 8 << shift
-        for leaf in tick.running:
-            if leaf._status is RUNNING and leaf not in tick.halted:
-                bits |= 2 << 4 * numbers[leaf.uid]
+        for leaf in tick.kept():
+            bits |= 2 << 4 * numbers[leaf.uid]
         bits |= timers << 4 * len(numbers)
         for number, proposition in enumerate(self._propositions):
             try:

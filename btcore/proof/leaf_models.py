@@ -63,7 +63,7 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
     lasts = not (issubclass(cls, Condition) or cls._family & SYNCHRONOUS)
     uses = cls.uses if issubclass(cls, LeafNode) else None
     if uses is None:
-        uses = _resources(manifest) if manifest.type is NodeType.ACTION else frozenset()
+        uses = resources_of(manifest) if manifest.type is NodeType.ACTION else frozenset()
     at_once = not lasts or _may_complete_on_start(cls)
     model = LeafModel(_ordered(results), lasts, at_once, lasts and not results, uses)
     metadata = {key: text for key, text in manifest.metadata.items() if key in _KEYS}
@@ -109,7 +109,7 @@ def _ordered(results: set[Status]) -> tuple[Status, ...]:
     return tuple(status for status in RESULTS.values() if status in results)
 
 
-def _resources(manifest: Manifest) -> frozenset[str]:
+def resources_of(manifest: Manifest) -> frozenset[str]:
     """Return the names of the types of the resources that a leaf gets as parameters."""
     types = [parameter.resource_type for parameter in manifest.parameters if parameter.port is None]
     return frozenset(

@@ -9,10 +9,11 @@ from typing import ClassVar, Final, NamedTuple, NoReturn
 
 from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import Input, Output, Port
+from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.engine.node import SYNCHRONOUS, TreeNode
 from btcore.errors import BtcoreError
-from btcore.proof.leaf_models import LeafModel, domain_of, model_of
+from btcore.proof.leaf_models import LeafModel, domain_of, model_of, resources_of
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status
 
@@ -63,9 +64,12 @@ Outcome = tuple[Status, tuple[int, ...]]
 
 
 class LeafEvent(NamedTuple):
-    """One tick of a leaf: its status before, its result, and the values that it wrote, by port."""
+    """One tick of a leaf: its status before, its result, and the values that it wrote, by port.
 
-    leaf: LeafNode
+    A model decorator has an event with the result RUNNING if it holds its child back, else with SUCCESS.
+    """
+
+    leaf: TreeNode
     before: Status
     result: Status
     written: Mapping[str, object]
@@ -141,9 +145,9 @@ class Writer(NamedTuple):
 
 
 class _Chooser:
-    """Chooses the results and the outputs of one leaf."""
+    """Chooses the results and the outputs of one leaf or decorator."""
 
-    def __init__(self, leaf: LeafNode, model: LeafModel, choices: Choices) -> None:
+    def __init__(self, leaf: TreeNode, model: LeafModel, choices: Choices) -> None:
         self._leaf = leaf
         self._model = model
         self.choices = choices
@@ -228,6 +232,28 @@ class _Chooser:
         return unknown
 
 
+class ModelDecorator(DecoratorNode):
+    """A decorator that ticks its child, or holds it back and is RUNNING; a RUNNING child is always ticked.
+
+    It writes its outputs when it ticks the child. It does not hold the child back forever.
+    """
+
+    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    model: ClassVar[LeafModel]
+
+    def __init__(self, choices: Choices) -> None:
+        free = self.model._replace(results=(SUCCESS,), at_once=True)
+        self._free = _Chooser(self, free, choices)
+        self._passing = _Chooser(self, free._replace(lasts=False), choices)
+
+    def tick(self) -> Status:
+        """Tick the child, unless the search decides to hold it back."""
+        before = self._status
+        self.set_status(RUNNING)
+        chooser = self._passing if self.child._status is RUNNING else self._free
+        return RUNNING if chooser.take(before) is RUNNING else self.child.execute_tick()
+
+
 class ModelAction(StatefulAction):
     """An action that follows its model; it may last several ticks."""
 
@@ -281,7 +307,7 @@ class ModelCondition(Condition):
 def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, object]]) -> Registry:
     """Return a copy of a registry in which leaves that follow their models replace all leaves with code.
 
-    Leaves that are built in remain.
+    Models also replace decorators that need resources. Leaves that are built in remain.
 
     Args:
         nodes: The registry.
@@ -294,7 +320,8 @@ def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, objec
     for format in (3, 4):
         for ID, manifest in nodes.manifests_of(format).items():
             is_leaf = manifest.type in (NodeType.ACTION, NodeType.CONDITION)
-            if not is_leaf or manifest.distribution == "btcore" or ID in copy.substitutions:
+            is_decorator = manifest.type is NodeType.DECORATOR and bool(resources_of(manifest))
+            if not (is_leaf or is_decorator) or manifest.distribution == "btcore" or ID in copy.substitutions:
                 continue
             model = model_of(manifest, declared.get(ID))
             ports = list(manifest.ports.values())
@@ -306,15 +333,20 @@ def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, objec
 
 def _model_class(ID: str, cls: type[TreeNode], model: LeafModel, ports: Iterable[Port]) -> type[TreeNode]:
     kind: type[TreeNode]
-    if issubclass(cls, Condition):
+    if issubclass(cls, DecoratorNode):
+        kind = ModelDecorator
+    elif issubclass(cls, Condition):
         kind = ModelCondition
     else:
         kind = ModelAction if model.lasts or not cls._family & SYNCHRONOUS else ModelSyncAction
     listed = list(ports)
-    members = {"model": model, "provided_ports": staticmethod(lambda: listed), "__doc__": "A model leaf."}
+    members = {"model": model, "provided_ports": staticmethod(lambda: listed), "__doc__": "A model."}
     return type(ID, (kind,), members)
 
 
 def model_leaf_model(node: TreeNode) -> LeafModel | None:
-    """Return the model that *node* follows, or None if it is not a model leaf."""
-    return node.model if isinstance(node, (ModelAction, ModelSyncAction, ModelCondition)) else None
+    """Return the model that *node* follows, or None if it has its own code."""
+    return node.model if isinstance(node, _MODELS) else None
+
+
+_MODELS: Final = (ModelAction, ModelSyncAction, ModelCondition, ModelDecorator)

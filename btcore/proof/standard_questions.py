@@ -4,7 +4,6 @@ from itertools import combinations
 from typing import Final
 
 from btcore.engine.control import ControlNode
-from btcore.engine.leaf import LeafNode
 from btcore.engine.node import TreeNode
 from btcore.errors import BlackboardError
 from btcore.nodes.repeat import RepeatedNode
@@ -63,19 +62,20 @@ def _resource_check(tree: Tree) -> Check:
             shared[first.uid, second.uid] = shared[second.uid, first.uid] = common[0]
     if not shared:
         return lambda tick: None
+    brief = {node.uid for node in tree.nodes if (model := model_leaf_model(node)) and not model.lasts}
 
     def check(tick: Tick) -> str | None:
         if tick.error is not None:
             return None
-        kept = [leaf for leaf in tick.running if leaf._status is RUNNING and leaf not in tick.halted]
-        active: list[LeafNode] = [*kept, *(event.leaf for event in tick.events if event.leaf not in kept)]
-        for first in active:
-            if first._status is not RUNNING:
-                continue
-            for second in active:
+        kept = tick.kept()
+        active = list({event.leaf.uid: event.leaf for event in tick.events}.values())
+        running = [*kept, *(leaf for leaf in active if leaf._status is RUNNING and leaf not in kept)]
+        for first in running:
+            # An action that lasts uses its resources while it is RUNNING, an action of one tick in its tick.
+            others = [*running, *(leaf for leaf in active if first in kept and leaf.uid in brief)]
+            for second in others:
                 common = shared.get((first.uid, second.uid))
-                # A leaf that completes before another one starts in the same tick is no conflict.
-                if common and second is not first and (second._status is RUNNING or first in kept):
+                if common:
                     return f"'{first.path}' and '{second.path}' both use {common}"
         return None
 

@@ -46,6 +46,11 @@ class WaitForScan(StatefulAction):
     uses = frozenset()
     state_fields = ()
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the node may be RUNNING forever, for proofs: no scan may arrive."""
+        return {"endless": "true"}
+
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
 

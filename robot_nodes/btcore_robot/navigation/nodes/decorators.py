@@ -195,6 +195,11 @@ class GoalUpdater(DecoratorNode):
 
     state_fields = ("several", "single")
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the node never holds its child back, for proofs."""
+        return {"lasts": "false"}
+
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
         self.single = NewestSource()
