@@ -23,7 +23,6 @@ NOW: Final = 10**18
 _EXPIRED: Final = NOW
 PENDING: Final = 10**30
 """The first deadline (ns) of timers that were pending before a tick: later than a node can set one."""
-_ENDED: Final = "expired"
 
 
 class TreeState(NamedTuple):
@@ -51,9 +50,16 @@ class _Reference(NamedTuple):
 
 
 class _Timer(NamedTuple):
-    """Stands for the deadline of a pending timer: its number in the bounds."""
+    """Stands for the deadline of a timer: its number in the bounds; -1 = it has expired."""
 
     number: int
+
+
+class _Typed(NamedTuple):
+    """Stands for a value that may be equal to a value of another type, as True and 1 are."""
+
+    kind: type
+    value: object
 
 
 class StateKeeper:
@@ -111,13 +117,11 @@ class StateKeeper:
                 kind = type(value)
                 if kind is _Timer:
                     value = numbers.get(value.number, _EXPIRED)
-                elif value is _ENDED:
-                    value = _EXPIRED
                 elif kind not in _PLAIN:
                     value = _thawed(value, objects)
                 setattr(node, name, value)
         entries: list[Entry] = []
-        for declared, inferred, _, value, writes in state.entries:
+        for declared, inferred, value, writes in state.entries:
             entry = Entry(declared, inferred)
             entry.value = value if type(value) in _PLAIN else _thawed(value, objects)
             entry.sequence_id = writes
@@ -167,7 +171,7 @@ class StateKeeper:
                     if value > NOW:
                         value = _Timer(numbers_of_deadlines[value])
                     elif value > 0:
-                        value = _ENDED
+                        value = _Timer(-1)
                 elif index in self._endless and name == "_count":
                     value = 0
                 else:
@@ -184,8 +188,7 @@ class StateKeeper:
                 if id(entry) not in numbers:
                     numbers[id(entry)] = len(entries)
                     value = entry.value
-                    # 1, True and 1.0 are equal, but scripts tell them apart.
-                    entries.append([entry.declared, entry.inferred, type(value), freezer.frozen(value), 0])
+                    entries.append([entry.declared, entry.inferred, freezer.frozen(value), 0])
                     found.append(entry)
                 keys.append((key, numbers[id(entry)]))
             keys.sort()
@@ -215,10 +218,10 @@ class StateKeeper:
         the entry was removed, keeps its distance.
         """
         below = sorted({0, writes, *(seen for _, seen in watchers if seen <= writes)})
-        entry[4] = below.index(writes)
+        entry[3] = below.index(writes)
         for index, seen in watchers:
             fields = self._nodes[index][1]
-            number = below.index(seen) if seen <= writes else entry[4] + seen - writes
+            number = below.index(seen) if seen <= writes else entry[3] + seen - writes
             rows[index][1 + fields.index("_seen")] = number
 
 
@@ -248,8 +251,11 @@ class _Freezer:
     def frozen(self, value: object) -> Hashable:
         """Return a hashable value that stands for *value*."""
         kind = type(value)
-        if kind in _PLAIN or value is None:
-            return value
+        if kind in _PLAIN:
+            # 1, True, 1.0 and a Status are equal, but nodes and scripts tell them apart.
+            return value if kind is int or kind is str else _Typed(kind, value)
+        if value is None:
+            return None
         if kind is set:
             assert isinstance(value, set)
             return _FrozenSet(frozenset(value))
@@ -318,4 +324,4 @@ def _thawed(value: Any, objects: list[Any]) -> Any:
         return objects[value.number]
     if kind is _FrozenSet:
         return set(value.members)
-    return value.value if kind is _Identity else value
+    return value.value if kind is _Identity or kind is _Typed else value
