@@ -13,6 +13,7 @@ from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.engine.node import SYNCHRONOUS, TreeNode
 from btcore.errors import BtcoreError
+from btcore.nodes.manual_selector import Prompt
 from btcore.proof.leaf_models import LeafModel, domain_of, model_of, resources_of
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status
@@ -302,6 +303,17 @@ class ModelCondition(Condition):
     def tick(self) -> Status:
         """Return a result that the model allows."""
         return self._chooser.take(self._status)
+
+
+class ModelPrompt(Prompt):
+    """A user who may give every answer, for `ManualSelector`."""
+
+    def __init__(self, choices: Choices) -> None:
+        self._choices = choices
+
+    def choose(self, question: str, options: list[str]) -> int:
+        """Return the number of the chosen option."""
+        return self._choices.choose(len(options))
 
 
 def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, object]]) -> Registry:

@@ -9,7 +9,7 @@ from btcore.clock import Clock
 from btcore.proof.answer_text import lines_of_answer
 from btcore.proof.counterexample import TreeMaker
 from btcore.proof.declarations import Declarations, declarations_beside, read_declarations
-from btcore.proof.model_leaves import Choices, with_model_leaves
+from btcore.proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore.proof.planned_run import CYCLES, PlannedChoices, PlannedTick, run_plan
 from btcore.proof.propositions import parse_question
 from btcore.proof.prove import PROVED, Prover, Report, beginnings_of, write_entries
@@ -274,7 +274,8 @@ def _maker(analysis: DocumentAnalysis, leaves: Registry, set_before: Mapping[str
     known = {key: (text,) for key, text in set_before.items() if text != "?"}
 
     def make(choices: Choices, clock: Clock) -> Tree:
-        made = TreeInstantiator(analysis, leaves, None, [choices], clock).instantiate()
+        resources = [choices, ModelPrompt(choices)]
+        made = TreeInstantiator(analysis, leaves, None, resources, clock).instantiate()
         (values,) = beginnings_of(made, choices, known, list(set_before))
         write_entries(made, values)
         return made
