@@ -9,7 +9,14 @@ from btcore.engine.leaf import Condition
 from btcore.engine.node import TreeNode
 from btcore.errors import ConversionError
 from btcore.proof.counterexample import Counterexample, replay, text_of, times_of
-from btcore.proof.exploration import RESULT_OF, Edge, Explorer, StateGraph, clock_for_search
+from btcore.proof.exploration import (
+    RAISED,
+    RESULT_OF,
+    Edge,
+    Explorer,
+    StateGraph,
+    clock_for_search,
+)
 from btcore.proof.fair_cycles import FairCycle, Fairness, Step, find_fair_cycle, states_from, steps_back
 from btcore.proof.leaf_models import ModelError
 from btcore.proof.model_leaves import Choices, model_leaf_model
@@ -29,6 +36,8 @@ from btcore.tree.tree import Tree
 PROVED: Final = "proved"
 REFUTED: Final = "refuted"
 UNKNOWN_ANSWER: Final = "unknown"
+_ENDS: Final = frozenset({*RESULT_OF, RAISED})
+"""The targets of edges with which a run ends."""
 
 
 class Answer(NamedTuple):
@@ -272,7 +281,7 @@ class Prover:
         if within is not None:
             return self._too_late(pending, second, within)
         for step in pending:
-            if step[1].target in RESULT_OF:
+            if step[1].target in _ENDS:
                 return [step], None
         if not pending:
             return None
@@ -283,7 +292,7 @@ class Prover:
         found = states_from(graph, entered, lambda edge: not edge.signals & second)
         for state in found:
             for edge in graph.edges[state] if state < len(graph.edges) else ():
-                if edge.target in RESULT_OF and not edge.signals & second:
+                if edge.target in _ENDS and not edge.signals & second:
                     steps = steps_back(found, state)
                     origin = steps[0][0] if steps else state
                     return [entered[origin], *steps, (state, edge)], None
@@ -297,25 +306,29 @@ class Prover:
     def _too_late(
         self, pending: Sequence[Step], second: int, within: int
     ) -> tuple[list[Step], FairCycle | None] | None:
+        """Return a shortest run in which *second* does not follow in time: steps from a state."""
         graph = self.explorer.graph
-        paths: dict[int, list[Step]] = {}
+        begun: dict[int, list[Step]] = {}
         for step in pending:
-            if step[1].target in RESULT_OF or within == 0:
-                return [step], None
-            if step[1].target >= 0:
-                paths.setdefault(step[1].target, [step])
-        for _ in range(within):
-            later: dict[int, list[Step]] = {}
-            for state, path in paths.items():
+            begun.setdefault(graph.depths[step[0]], []).append(step)
+        # For each state the path to it with the fewest ticks left, and their number: no other can end sooner.
+        waiting: dict[int, tuple[list[Step], int]] = {}
+        depth = min(begun, default=0)
+        while waiting or depth <= max(begun, default=-1):
+            steps = [([step], within) for step in begun.get(depth, ())]
+            for state, (path, left) in waiting.items():
                 for edge in graph.edges[state] if state < len(graph.edges) else ():
-                    if edge.signals & second:
-                        continue
-                    if edge.target in RESULT_OF:
-                        return [*path, (state, edge)], None
-                    if edge.target >= 0:
-                        later.setdefault(edge.target, [*path, (state, edge)])
-            paths = later
-        return (next(iter(paths.values())), None) if paths else None
+                    if not edge.signals & second:
+                        steps.append(([*path, (state, edge)], left - 1))
+            waiting = {}
+            for path, left in steps:
+                target = path[-1][1].target
+                if left == 0 or target in _ENDS:
+                    return path, None
+                if target >= 0 and (target not in waiting or left < waiting[target][1]):
+                    waiting[target] = path, left
+            depth += 1
+        return None
 
     # --- answers
 
