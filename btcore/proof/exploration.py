@@ -24,8 +24,8 @@ from btcore.tree.tree import Tree
 
 MOST_OUTCOMES: Final = 200_000
 """The number of outcomes of one tick from one state after which the search gives up."""
-TICK_LIMIT: Final = 5.0
-"""The time (s, real time) after which a tick that repeats nodes counts as endless."""
+TICK_LIMIT: Final = 2.0
+"""The time (s, real time) after which a tick that repeats nodes is stopped with an exception."""
 RAISED: Final = -1
 UNKNOWN: Final = -2
 _ENDED: Final = {SUCCESS: -3, FAILURE: -4, SKIPPED: -5}
@@ -297,6 +297,9 @@ class Explorer:
                 given = self.choices.next_given()
                 self._add(number, tick, index, advance, found)
                 outcomes += 1
+                if tick.error is not None and isinstance(tick.error.cause, EndlessTickError):
+                    # The search is incomplete now, and such a tick may have any number of outcomes.
+                    return list(found.values())
                 if outcomes > MOST_OUTCOMES:
                     reason = f"a tick has more than {MOST_OUTCOMES:,} outcomes"
                     self.graph.bounds.setdefault(reason, None)

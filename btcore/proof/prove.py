@@ -12,6 +12,7 @@ from btcore.proof.counterexample import Counterexample, replay, text_of, times_o
 from btcore.proof.exploration import (
     RAISED,
     RESULT_OF,
+    TICK_LIMIT,
     Edge,
     Explorer,
     StateGraph,
@@ -97,10 +98,15 @@ class Prover:
         domains: Mapping[str, tuple[str, ...]] | None = None,
         given: Sequence[str] = (),
     ) -> None:
-        self._make = make
+        def limited(choices: Choices, clock: Clock) -> Tree:
+            tree = make(choices, clock)
+            tree.tick_limit = TICK_LIMIT
+            return tree
+
+        self._make = limited
         self._domains = dict(domains or {})
         choices = Choices(self._domains)
-        self.tree = tree = make(choices, clock_for_search())
+        self.tree = tree = limited(choices, clock_for_search())
         parsed: list[ParsedProposition] = []
         self._questions: list[_Prepared] = []
         for question in questions:
