@@ -1,0 +1,102 @@
+"""The answers of the prover about small trees, each of which shows one rule of the search."""
+
+import btcore
+from btcore.clock import Clock
+from btcore.proof.model_leaves import Choices, ModelPrompt, with_model_leaves
+from btcore.proof.propositions import parse_question
+from btcore.proof.prove import PROVED, REFUTED, Answer, Prover
+from btcore.proof.standard_questions import ENDS, EXCEPTIONS, LEAVES, RESOURCES
+from btcore.tree.tree import Tree
+
+
+class Check(btcore.Condition):
+    def tick(self) -> bool:
+        raise NotImplementedError
+
+
+class Act(btcore.StatefulAction):
+    def on_start(self) -> bool:
+        raise NotImplementedError
+
+    on_running = on_start
+
+
+class Move(Act):
+    uses = frozenset({"base"})
+
+
+class Turn(Act):
+    uses = frozenset({"base"})
+
+
+class Use(btcore.SyncAction):
+    value: btcore.In[int]
+
+    def tick(self) -> bool:
+        raise NotImplementedError
+
+
+def answers(body: str, *questions: str, format: int = 4) -> dict[str, Answer]:
+    """Return the answers about the tree *body*, by question."""
+    nodes = btcore.Registry.standard()
+    for leaf in (Check, Act, Move, Turn, Use):
+        nodes.add(leaf)
+    models = with_model_leaves(nodes, {"Act": {"at_once": False}, "Turn": {"results": ["SUCCESS"]}})
+    xml = f'<root BTCPP_format="{format}"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
+
+    def make(choices: Choices, clock: Clock) -> Tree:
+        resources = [choices, ModelPrompt(choices)]
+        return btcore.loads(xml, nodes=models, resources=resources, clock=clock)
+
+    report = Prover(make, [parse_question(question) for question in questions]).answer()
+    return {answer.question: answer for answer in report.answers}
+
+
+def test_a_status_and_an_equal_number_are_different_states() -> None:
+    # Status.IDLE == 0: RunOnce remembers a status, Repeat a number.
+    found = answers(
+        '<Sequence><Act/><Repeat num_cycles="1"><Act/></Repeat><RunOnce><Check/></RunOnce></Sequence>'
+    )
+    assert found[LEAVES].answer == PROVED
+
+
+def test_an_exception_ends_a_run() -> None:
+    found = answers(
+        '<Sequence><Act/><Use value="{never_written}"/></Sequence>',
+        "Act is SUCCESS leads to Use is SUCCESS",
+        "Act is SUCCESS leads to Use is SUCCESS within 3 ticks",
+    )
+    refuted = {question for question, answer in found.items() if answer.answer == REFUTED}
+    assert sum("leads to" in question for question in refuted) == 2
+
+
+def test_the_shortest_run_refutes_a_limit_of_ticks() -> None:
+    # The run ends in the second tick if `a` fails, and only in the third if the check fails.
+    question = "a | Check is FAILURE leads to Check is SUCCESS within 5 ticks"
+    answer = answers('<Sequence><Act name="a"/><Act name="b"/><Check/></Sequence>', question)[question]
+    assert (answer.answer, answer.ticks) == (REFUTED, 2)
+
+
+def test_an_action_that_is_started_again_in_a_tick_has_ended() -> None:
+    found = answers(
+        '<Repeat num_cycles="2"><Sequence><Turn name="turn"/><Move/></Sequence></Repeat>',
+        "never Move & turn",
+        format=3,
+    )
+    assert found[RESOURCES].answer == PROVED
+    assert found[ENDS].answer == PROVED
+
+
+def test_a_user_may_select_every_child() -> None:
+    found = answers("<ManualSelector><Act/><Check/></ManualSelector>", "never Check is FAILURE", format=3)
+    assert found[LEAVES].answer == PROVED
+    assert found["never Check is FAILURE"].answer == REFUTED
+    assert found[ENDS].answer == REFUTED  # the user selects RUNNING again and again
+
+
+def test_a_tick_without_end_is_an_exception(monkeypatch) -> None:
+    monkeypatch.setattr("btcore.proof.prove.TICK_LIMIT", 0.05)
+    body = '<RetryUntilSuccessful num_attempts="-1"><AlwaysFailure/></RetryUntilSuccessful>'
+    answer = answers(body, format=3)[EXCEPTIONS]
+    assert answer.answer == REFUTED
+    assert "tick limit" in answer.detail
