@@ -62,18 +62,22 @@ def _resource_check(tree: Tree) -> Check:
             shared[first.uid, second.uid] = shared[second.uid, first.uid] = common[0]
     if not shared:
         return lambda tick: None
-    brief = {node.uid for node in tree.nodes if (model := model_leaf_model(node)) and not model.lasts}
+    of_one_tick = {node.uid for node in tree.nodes if (model := model_leaf_model(node)) and not model.lasts}
 
     def check(tick: Tick) -> str | None:
         if tick.error is not None:
             return None
-        kept = tick.kept()
-        active = list({event.leaf.uid: event.leaf for event in tick.events}.values())
-        running = [*kept, *(leaf for leaf in active if leaf._status is RUNNING and leaf not in kept)]
-        for first in running:
-            # An action that lasts uses its resources while it is RUNNING, an action of one tick in its tick.
-            others = [*running, *(leaf for leaf in active if first in kept and leaf.uid in brief)]
-            for second in others:
+        running = {leaf.uid: (leaf, -1) for leaf in tick.kept()}
+        for number, (leaf, _, result, _) in enumerate(tick.events):
+            if result is RUNNING and leaf._status is RUNNING:
+                running.setdefault(leaf.uid, (leaf, number))
+        # An action that lasts uses its resources while it is RUNNING, an action of one tick in its tick.
+        brief = [
+            (event.leaf, number) for number, event in enumerate(tick.events) if event.leaf.uid in of_one_tick
+        ]
+        for first, start in running.values():
+            others = [*running.values(), *(other for other in brief if other[1] > start)]
+            for second, _ in others:
                 common = shared.get((first.uid, second.uid))
                 if common:
                     return f"'{first.path}' and '{second.path}' both use {common}"

@@ -59,7 +59,6 @@ def test_two_leaves_that_run_at_once_share_a_resource():
 
 def test_a_leaf_that_completes_and_starts_again_in_each_tick_is_not_stuck():
     # In the cycle in which Drive succeeds and starts again in every tick, Turn never runs.
-    found = answers(
-        '<Fallback><Repeat num_cycles="-1"><Drive/></Repeat><Turn/></Fallback>', "Drive leads to Turn"
-    )
-    assert found["Drive leads to Turn"] == REFUTED
+    xml = '<Fallback><Repeat num_cycles="-1"><Drive/></Repeat><Turn/></Fallback>'
+    question = "Drive leads to Turn ticked"
+    assert answers(xml, question)[question] == REFUTED
