@@ -206,9 +206,24 @@ class _Parser:
                 entry = board.find(key)
                 assert entry is not None
                 held = entry.declared.to_text(held)
-            return bool(compare(held, value))
+            elif isinstance(held, str) and not isinstance(value, str):
+                held = _number_in(held)
+            try:
+                return bool(compare(held, value))
+            except TypeError:
+                return False
 
         return holds
+
+
+def _number_in(text: str) -> float | None:
+    """Return the number that *text* stands for in a comparison with a number, as in scripts, or None."""
+    if text in ("true", "false"):
+        return float(text == "true")
+    try:
+        return float(text)
+    except ValueError:
+        return None
 
 
 def _or(first: Proposition, second: Proposition) -> Proposition:
