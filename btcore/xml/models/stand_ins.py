@@ -42,6 +42,7 @@ class StubAction(StatefulAction):
     """Returns SUCCESS at once, or its planned results."""
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("_segment", "_starts", "_calls")
+    uses: ClassVar[frozenset[str] | None] = frozenset()
 
     def __init__(self, plans: StubPlans = StubPlans()) -> None:  # noqa: B008 - never changed
         self._segments = plans.plan_for(self).split("|")
