@@ -41,6 +41,7 @@ ATTACKS ?= --pairs 3 --seconds 10
 KILLS ?= 100
 SCHEDULES ?= 500
 ROS2_RUNS ?=
+MISTAKES ?=
 
 .PHONY: help setup demo test check environments lint lint-and-pure pure compiled ros2 vulkan accept accept-robot \
 	accept-engine accept-ros2 docs dist bench clean
@@ -178,6 +179,7 @@ accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
+	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
 
 accept-ros2: .venv-ros/ready
 	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)
