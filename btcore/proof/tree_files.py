@@ -73,7 +73,8 @@ def prove(
         ...   <Sequence> <Condition ID="DoorOpen"/> <Action ID="Drive"/> </Sequence>
         ... </BehaviorTree></root>'''
         >>> _ = Path("drive.xml").write_text(xml)
-        >>> report = prove("drive.xml", "DoorOpen is SUCCESS before Drive", "never Drive", models=["drive.xml"])
+        >>> questions = ["DoorOpen is SUCCESS before Drive", "never Drive"]
+        >>> report = prove("drive.xml", *questions, models=["drive.xml"])
         >>> [answer.answer for answer in report.answers[-2:]]
         ['proved', 'refuted']
     """
