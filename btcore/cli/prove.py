@@ -21,7 +21,7 @@ from btcore.proof.declarations import Declarations
 from btcore.proof.exploration import StateGraph
 from btcore.proof.model_leaves import with_model_leaves
 from btcore.proof.planned_run import planned_ticks
-from btcore.proof.prove import PROVED, REFUTED, Answer, Report
+from btcore.proof.prover import PROVED, REFUTED, Answer, Report
 from btcore.proof.saved_counterexamples import TreeReference, file_name, test_source
 from btcore.proof.tree_files import declarations_of, fault_in_run, prover_of
 from btcore.registry.registry import Registry

@@ -8,7 +8,7 @@ from btcore.proof.counterexample import Counterexample, LeafTick, RunTick
 from btcore.proof.leaf_models import ModelError
 from btcore.proof.planned_run import PlanError
 from btcore.proof.propositions import QuestionError
-from btcore.proof.prove import Answer, Report
+from btcore.proof.prover import Answer, Report
 from btcore.proof.tree_files import assert_holds_in_run, assert_proved, prove
 
 __all__ = [

@@ -5,7 +5,7 @@ from typing import Final
 
 from btcore.escaping import escape_controls
 from btcore.proof.counterexample import Counterexample, RunTick
-from btcore.proof.prove import PROVED, REFUTED, Answer
+from btcore.proof.prover import PROVED, REFUTED, Answer
 from btcore.status import Status
 from btcore.tree.drawing import Fragment
 

@@ -111,7 +111,7 @@ class Choices:
         self.made.append((chosen, options))
         return chosen
 
-    def choose_outcome(self, leaf: LeafNode, options: Sequence[Outcome], writers: Sequence["Writer"]) -> int:
+    def choose_outcome(self, leaf: TreeNode, options: Sequence[Outcome], writers: Sequence["Writer"]) -> int:
         """Return the number of the chosen outcome of a leaf.
 
         Args:

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from btcore.proof.counterexample import Counterexample
 from btcore.proof.planned_run import PlannedResult, PlannedTick, planned_ticks
-from btcore.proof.prove import Answer
+from btcore.proof.prover import Answer
 
 _LINE: Final = 88
 """The line length of the tests, which is ruff's default."""

@@ -12,7 +12,7 @@ from btcore.proof.declarations import Declarations, declarations_beside, read_de
 from btcore.proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore.proof.planned_run import CYCLES, PlannedChoices, PlannedTick, run_plan
 from btcore.proof.propositions import parse_question
-from btcore.proof.prove import PROVED, Prover, Report, beginnings_of, write_entries
+from btcore.proof.prover import PROVED, Prover, Report, beginnings_of, write_entries
 from btcore.registry.registry import Registry
 from btcore.tree.drawing import to_text
 from btcore.tree.tree import Tree

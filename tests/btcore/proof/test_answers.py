@@ -4,7 +4,7 @@ import btcore
 from btcore.clock import Clock
 from btcore.proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore.proof.propositions import parse_question
-from btcore.proof.prove import PROVED, REFUTED, Answer, Prover
+from btcore.proof.prover import PROVED, REFUTED, Answer, Prover
 from btcore.proof.standard_questions import ENDS, EXCEPTIONS, LEAVES, RESOURCES
 from btcore.tree.tree import Tree
 
@@ -95,7 +95,7 @@ def test_a_user_may_select_every_child() -> None:
 
 
 def test_a_tick_without_end_is_an_exception(monkeypatch) -> None:
-    monkeypatch.setattr("btcore.proof.prove.TICK_LIMIT", 0.05)
+    monkeypatch.setattr("btcore.proof.prover.TICK_LIMIT", 0.05)
     body = '<RetryUntilSuccessful num_attempts="-1"><AlwaysFailure/></RetryUntilSuccessful>'
     answer = answers(body, format=3)[EXCEPTIONS]
     assert answer.answer == REFUTED

@@ -6,7 +6,7 @@ from btcore import DecoratorNode, In, Out, Registry, Status, SyncAction, loads
 from btcore.clock import Clock
 from btcore.proof.model_leaves import Choices, with_model_leaves
 from btcore.proof.propositions import parse_question
-from btcore.proof.prove import PROVED, REFUTED, Prover
+from btcore.proof.prover import PROVED, REFUTED, Prover
 from btcore.proof.standard_questions import ENDS, INPUTS
 from btcore.tree.tree import Tree
 

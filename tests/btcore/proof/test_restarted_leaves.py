@@ -5,7 +5,7 @@ from btcore.clock import Clock
 from btcore.engine.leaf import StatefulAction, SyncAction
 from btcore.proof.model_leaves import Choices, with_model_leaves
 from btcore.proof.propositions import parse_question
-from btcore.proof.prove import PROVED, REFUTED, Prover
+from btcore.proof.prover import PROVED, REFUTED, Prover
 from btcore.proof.standard_questions import RESOURCES
 from btcore.tree.tree import Tree
 
