@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from btcore.clock import NS_PER_S, SimClock
-from btcore.engine.leaf import LeafNode
+from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
 from btcore.proof.counterexample import Counterexample, LeafTick, TreeMaker, text_of
 from btcore.proof.exploration import Explorer, Tick
@@ -94,7 +94,7 @@ class PlannedChoices(Choices):
         if self._place == len(self._plan) and self._cycle is not None:
             self._place = self._cycle
 
-    def choose_outcome(self, leaf: LeafNode, options: Sequence[Outcome], writers: Sequence[Writer]) -> int:
+    def choose_outcome(self, leaf: TreeNode, options: Sequence[Outcome], writers: Sequence[Writer]) -> int:
         """Return the number of the outcome that is planned for *leaf*, or of a similar one."""
         wanted = self._wanted(self._names.get(leaf.uid, leaf.path))
         number = 0
