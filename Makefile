@@ -39,6 +39,7 @@ EPISODES ?= 1000
 RECORDED ?= 600
 ATTACKS ?= --pairs 3 --seconds 10
 KILLS ?= 100
+PROOFS ?= 1000
 SCHEDULES ?= 500
 ROS2_RUNS ?=
 MISTAKES ?=
@@ -180,6 +181,7 @@ accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
+	@.venv/bin/python tests/acceptance/proofs.py --trees $(PROOFS) --jobs $(CORES)
 
 accept-ros2: .venv-ros/ready
 	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)

@@ -1,0 +1,406 @@
+"""Random trees of at most four leaves, with random questions, for the acceptance run of `btcore prove`.
+
+The trees contain every built-in control node and decorator of both formats. Each leaf has a kind, from which
+the model leaves of the prover and the scripted leaves of the plain enumeration are made separately.
+"""
+
+import random
+from collections.abc import Callable
+from itertools import count
+from typing import NamedTuple
+from xml.sax.saxutils import quoteattr
+
+from btcore.blackboard.ports import Direction, Port
+from btcore.registry.registry import Registry
+from btcore.status import NodeType
+from btcore.values import INT, STRING
+
+MOST_LEAVES = 4
+UNIT_MS = 60
+"""All durations are multiples of this time (ms)."""
+DOMAINS = {"m": ("0", "1"), "s": ("0", "1")}
+"""The values of the entries that leaves write."""
+
+
+class LeafKind(NamedTuple):
+    """What a leaf may do.
+
+    Attributes:
+        base: `condition`, `sync` or `action`.
+        results: The letters of the results: S, F, K (SKIPPED) and R (RUNNING).
+        is_late: Whether the first tick of the leaf is RUNNING.
+        is_endless: Whether the leaf may be RUNNING forever.
+        uses: The resource of the leaf, or "".
+        port: The port `value`; None = no port.
+        key: The entry of the port.
+    """
+
+    base: str
+    results: str
+    is_late: bool = False
+    is_endless: bool = False
+    uses: str = ""
+    port: Port | None = None
+    key: str = "m"
+
+
+LEAVES = {
+    "Check": LeafKind("condition", "SF"),
+    "Do": LeafKind("sync", "SF", uses="base"),
+    "Act": LeafKind("action", "SFR", uses="arm"),
+    "Move": LeafKind("action", "SFR", is_late=True, uses="base"),
+    "Turn": LeafKind("action", "SFR", uses="base"),
+    "Dock": LeafKind("action", "SR", uses="base"),
+    "Watch": LeafKind("action", "FR", is_endless=True),
+    "Pass": LeafKind("sync", "SK"),
+    "Sense": LeafKind("sync", "SF", port=Port("value", Direction.OUT, type=INT)),
+    "Say": LeafKind("sync", "SF", port=Port("value", Direction.OUT, type=STRING), key="s"),
+    "Use": LeafKind("sync", "SF", port=Port("value", Direction.IN, type=INT)),
+}
+_FORMAT_4_LEAVES = ("Pass",)
+_ACTIONS = ("Act", "Move", "Turn", "Dock")
+
+Attributes = dict[str, str]
+_Maker = Callable[[random.Random, int], Attributes]
+
+
+def _none(chance: random.Random, children: int) -> Attributes:
+    return {}
+
+
+def _fixed(**texts: str) -> _Maker:
+    return lambda chance, children: dict(texts)
+
+
+def _switch(chance: random.Random, children: int) -> Attributes:
+    cases = {f"case_{number}": str(number - 1) for number in range(1, children)}
+    return {"variable": "{s}", **cases}
+
+
+def _cycles(chance: random.Random, children: int) -> Attributes:
+    return {"num_cycles": chance.choice(["1", "2", "3", "-1"])}
+
+
+def _attempts(chance: random.Random, children: int) -> Attributes:
+    return {"num_attempts": chance.choice(["1", "2", "3", "-1"])}
+
+
+def _duration(name: str) -> _Maker:
+    return lambda chance, children: {name: str(UNIT_MS * chance.choice([0, 1, 1, 2, 2, 3]))}
+
+
+def _parallel(chance: random.Random, children: int) -> Attributes:
+    needed = chance.choice([-1, *range(1, children + 1)])
+    return {"success_count": str(needed), "failure_count": str(chance.randint(1, children))}
+
+
+def _parallel_3(chance: random.Random, children: int) -> Attributes:
+    return {
+        "success_threshold": str(chance.randint(1, children)),
+        "failure_threshold": str(chance.randint(1, children)),
+    }
+
+
+def _flag(name: str) -> _Maker:
+    return lambda chance, children: {name: chance.choice(["true", "false"])}
+
+
+def _precondition(chance: random.Random, children: int) -> Attributes:
+    results = ["SUCCESS", "FAILURE", "SKIPPED", "RUNNING"]
+    return {"if": chance.choice(_CONDITIONS), "else": chance.choice(results)}
+
+
+def _loop(values: str, key: str) -> _Maker:
+    return lambda chance, children: {
+        "queue": chance.choice([values, values, "{q}"]),
+        "value": "{" + key + "}",
+        "if_empty": chance.choice(["SUCCESS", "FAILURE", "SKIPPED"]),
+    }
+
+
+def _comparison(chance: random.Random, children: int) -> Attributes:
+    status = chance.choice(["SUCCESS", "FAILURE", "RUNNING"])
+    return {"value_A": chance.choice(["{a}", "{m}"]), "value_B": "1", "return_on_mismatch": status}
+
+
+class NodeKind(NamedTuple):
+    """A node with children: the least and greatest number of children, and a maker of its attributes."""
+
+    least: int
+    most: int
+    attributes: _Maker = _none
+
+
+_SHARED = {
+    "Fallback": NodeKind(1, 4),
+    "Sequence": NodeKind(1, 4),
+    "ReactiveFallback": NodeKind(1, 4),
+    "ReactiveSequence": NodeKind(1, 4),
+    "IfThenElse": NodeKind(2, 3),
+    **{f"Switch{number}": NodeKind(number + 1, number + 1, _switch) for number in range(2, 7)},
+    "Delay": NodeKind(1, 1, _duration("delay_msec")),
+    "Timeout": NodeKind(1, 1, _duration("msec")),
+    "ForceFailure": NodeKind(1, 1),
+    "ForceSuccess": NodeKind(1, 1),
+    "Inverter": NodeKind(1, 1),
+    "KeepRunningUntilFailure": NodeKind(1, 1),
+}
+NODES: dict[int, dict[str, NodeKind]] = {
+    4: {
+        **_SHARED,
+        "AsyncFallback": NodeKind(1, 4),
+        "AsyncSequence": NodeKind(1, 4),
+        "SequenceWithMemory": NodeKind(1, 4),
+        "Parallel": NodeKind(1, 4, _parallel),
+        "ParallelAll": NodeKind(1, 4, lambda chance, n: {"max_failures": str(chance.randint(1, n))}),
+        "TryCatch": NodeKind(2, 4, _flag("catch_on_halt")),
+        "WhileDoElse": NodeKind(2, 3),
+        "LoopBool": NodeKind(1, 1, _loop("true;false", "f")),
+        "LoopDouble": NodeKind(1, 1, _loop("0.5;1.5", "d")),
+        "LoopInt": NodeKind(1, 1, _loop("1;0", "a")),
+        "LoopString": NodeKind(1, 1, _loop("1;0", "s")),
+        "Precondition": NodeKind(1, 1, _precondition),
+        "Repeat": NodeKind(1, 1, _cycles),
+        "RetryUntilSuccessful": NodeKind(1, 1, _attempts),
+        "RunOnce": NodeKind(1, 1, _flag("then_skip")),
+        "SkipUnlessUpdated": NodeKind(1, 1, _fixed(entry="{m}")),
+        "WaitValueUpdate": NodeKind(1, 1, _fixed(entry="{m}")),
+    },
+    3: {
+        **_SHARED,
+        "SequenceStar": NodeKind(1, 4),
+        "ManualSelector": NodeKind(1, 3, _flag("repeat_last_selection")),
+        "Parallel": NodeKind(1, 4, _parallel_3),
+        "WhileDoElse": NodeKind(3, 3),
+        # All cycles happen in one tick, so that -1 would make some ticks endless.
+        "Repeat": NodeKind(1, 1, _fixed(num_cycles="2")),
+        "RetryUntilSuccessful": NodeKind(1, 1, _fixed(num_attempts="2")),
+        **{f"BlackboardCheck{kind}": NodeKind(1, 1, _comparison) for kind in ("Bool", "Double", "Int")},
+        "BlackboardCheckString": NodeKind(1, 1, _comparison),
+    },
+}
+_TIMED = ("Delay", "Timeout")
+MOST_TIMERS = 2
+_CONDITIONS = ("@a == 0", "@a == 1", "@b == @a")
+_STATEMENTS = ("@a := 1", "@a := 0", "@b := @a", "@a := 1 - @a")
+_FILLERS = ("AlwaysSuccess", "AlwaysFailure")
+_BUILT_IN: dict[int, dict[str, Callable[[random.Random], Attributes]]] = {
+    4: {
+        "Script": lambda chance: {"code": chance.choice(_STATEMENTS)},
+        "ScriptCondition": lambda chance: {"code": chance.choice(_CONDITIONS)},
+        "SetBlackboard": lambda chance: {"value": chance.choice("01"), "output_key": "{m}"},
+        "UnsetBlackboard": lambda chance: {"key": "m"},
+        "WasEntryUpdated": lambda chance: {"entry": "{m}"},
+        "Sleep": lambda chance: {"msec": str(UNIT_MS * chance.choice([0, 1, 2]))},
+        "AlwaysSuccess": lambda chance: {},
+        "AlwaysFailure": lambda chance: {},
+    },
+    3: {
+        "SetBlackboard": lambda chance: {"value": chance.choice("01"), "output_key": "m"},
+        "AlwaysSuccess": lambda chance: {},
+        "AlwaysFailure": lambda chance: {},
+    },
+}
+
+
+def missing_nodes() -> list[str]:
+    """Return the built-in control nodes and decorators that random trees never contain."""
+    registry = Registry.standard()
+    kinds = (NodeType.CONTROL, NodeType.DECORATOR)
+    return [
+        f"{ID} of format {format}"
+        for format, known in NODES.items()
+        for ID, manifest in registry.manifests_of(format).items()
+        if manifest.type in kinds and ID not in known
+    ]
+
+
+class Atom(NamedTuple):
+    """A proposition: a node is RUNNING, returned a status, was ticked or halted; or an entry has a value."""
+
+    kind: str
+    name: str
+    value: str = ""
+
+    def __str__(self) -> str:
+        if self.kind == "entry":
+            return f"{{{self.name}}} == {self.value}"
+        return {
+            "running": self.name,
+            "is": f"{self.name} is {self.value}",
+            "ticked": f"{self.name} ticked",
+            "halted": f"{self.name} halted",
+        }[self.kind]
+
+
+class RandomQuestion(NamedTuple):
+    """A question about a random tree; *second* is None for `never`. *within* is None without a limit."""
+
+    kind: str
+    first: Atom
+    second: Atom | None = None
+    within: int | None = None
+
+    def __str__(self) -> str:
+        if self.second is None:
+            return f"never {self.first}"
+        limit = "" if self.within is None else f" within {self.within} ticks"
+        return f"{self.first} {self.kind} {self.second}{limit}"
+
+
+class RandomTree(NamedTuple):
+    """A random tree.
+
+    Attributes:
+        format: The XML format.
+        xml: The document.
+        tags: The tag of each node, by the node's name.
+        attributes: The attributes of each node, by the node's name.
+        questions: Random questions about the tree.
+    """
+
+    format: int
+    xml: str
+    tags: dict[str, str]
+    attributes: dict[str, Attributes]
+    questions: list[RandomQuestion]
+
+    @property
+    def leaves(self) -> list[str]:
+        """The names of the leaves that are not built in."""
+        return [name for name, tag in self.tags.items() if tag in LEAVES]
+
+
+class _Writer:
+    """Writes one random tree, node by node."""
+
+    def __init__(self, chance: random.Random, format: int) -> None:
+        self.chance = chance
+        self.format = format
+        self.timers = MOST_TIMERS if chance.random() < 0.3 else 0
+        self.scripted = format == 4 and chance.random() < 0.3
+        self.numbers = count(1)
+        self.tags: dict[str, str] = {}
+        self.attributes: dict[str, Attributes] = {}
+        self.subtrees: list[str] = []
+
+    def element(self, leaves: int, depth: int = 0) -> str:
+        """Return a random element with at most *leaves* leaves that are not built in."""
+        chance = self.chance
+        if leaves == 1 and (depth > 3 or chance.random() < 0.55):
+            return self.leaf()
+        if depth and chance.random() < 0.06:
+            return self.subtree(leaves, depth)
+        known = NODES[self.format]
+        fitting = [tag for tag, kind in known.items() if (kind.most == 1 or leaves > 1 or depth < 1)]
+        decorates = leaves == 1 or chance.random() < 0.35
+        fitting = [
+            tag
+            for tag in fitting
+            if (known[tag].most == 1) == decorates and (self.timers or tag not in _TIMED)
+        ]
+        # One of the Switch nodes, so that they are not in every second tree.
+        switches = [tag for tag in fitting if tag.startswith("Switch")]
+        fitting = [tag for tag in fitting if tag not in switches[1:]]
+        tag = chance.choice(fitting)
+        tag = chance.choice(switches) if tag in switches else tag
+        kind = known[tag]
+        self.timers -= tag in _TIMED
+        return self.written(tag, kind, leaves, depth)
+
+    def written(self, tag: str, kind: NodeKind, leaves: int, depth: int) -> str:
+        """Return an element with children."""
+        chance = self.chance
+        wanted = max(kind.least, min(kind.most, chance.randint(1, leaves) if kind.most > 1 else 1))
+        shares = [0] * wanted
+        for _ in range(leaves):
+            shares[chance.randrange(wanted)] += 1
+        name = self.start(tag, kind.attributes(chance, wanted))
+        inside = "".join(self.element(share, depth + 1) if share else self.filler() for share in shares)
+        return f"<{self.head(name)}>{inside}</{tag}>"
+
+    def start(self, tag: str, attributes: Attributes) -> str:
+        """Return the name of a new node."""
+        name = f"n{next(self.numbers)}"
+        if self.scripted and self.chance.random() < 0.25:
+            before = ["_successIf", "_failureIf", "_skipIf", "_while"]
+            after = ["_onSuccess", "_onFailure", "_post", "_onHalted"]
+            if self.chance.random() < 0.5:
+                attributes = {**attributes, self.chance.choice(before): self.chance.choice(_CONDITIONS)}
+            else:
+                attributes = {**attributes, self.chance.choice(after): self.chance.choice(_STATEMENTS)}
+        self.tags[name] = tag
+        self.attributes[name] = attributes
+        return name
+
+    def head(self, name: str) -> str:
+        """Return the tag and the attributes of a node as XML."""
+        texts = "".join(f" {key}={quoteattr(text)}" for key, text in self.attributes[name].items())
+        return f'{self.tags[name]} name="{name}"{texts}'
+
+    def leaf(self) -> str:
+        """Return a leaf: a scripted one, or a built-in one."""
+        chance = self.chance
+        if chance.random() < 0.2:
+            built_in = _BUILT_IN[self.format]
+            tag = chance.choice([tag for tag in built_in if tag != "Sleep" or self.timers])
+            self.timers -= tag == "Sleep"
+            return f"<{self.head(self.start(tag, built_in[tag](chance)))}/>"
+        possible = [tag for tag in LEAVES if self.format == 4 or tag not in _FORMAT_4_LEAVES]
+        tag = chance.choice([*possible, *_ACTIONS])
+        ports = {} if LEAVES[tag].port is None else {"value": "{" + LEAVES[tag].key + "}"}
+        return f"<{self.head(self.start(tag, ports))}/>"
+
+    def filler(self) -> str:
+        """Return a leaf without a choice."""
+        return f"<{self.head(self.start(self.chance.choice(_FILLERS), {}))}/>"
+
+    def subtree(self, leaves: int, depth: int) -> str:
+        """Return a SubTree, which uses the entries of the tree around it."""
+        ID = f"Sub{len(self.subtrees)}"
+        self.subtrees.append("")
+        if self.format == 4:
+            tag, attributes = "SubTree", {"ID": ID, "_autoremap": "true"}
+        else:
+            shared = self.chance.random() < 0.5
+            tag = "SubTree" if shared else "SubTreePlus"
+            attributes = {"ID": ID, "__shared_blackboard" if shared else "__autoremap": "true"}
+        name = self.start(tag, attributes)
+        written = f"<{self.head(name)}/>"
+        inside = self.element(leaves, depth + 1)
+        self.subtrees[int(ID.removeprefix("Sub"))] = f'<BehaviorTree ID="{ID}">{inside}</BehaviorTree>'
+        return written
+
+
+def random_tree(seed: str) -> RandomTree:
+    """Return the random tree that follows from *seed*."""
+    chance = random.Random(seed)
+    format = chance.choice([4, 4, 3])
+    writer = _Writer(chance, format)
+    body = writer.element(chance.choice([1, 2, 3, 3, MOST_LEAVES, MOST_LEAVES]))
+    trees = f'<BehaviorTree ID="Main">{body}</BehaviorTree>' + "".join(writer.subtrees)
+    xml = f'<root BTCPP_format="{format}" main_tree_to_execute="Main">{trees}</root>'
+    tree = RandomTree(format, xml, writer.tags, writer.attributes, [])
+    if tree.leaves:
+        tree.questions.extend(_random_questions(chance, tree))
+    return tree
+
+
+def _random_questions(chance: random.Random, tree: RandomTree) -> list[RandomQuestion]:
+    # The name of a SubTree of format 3 is the ID of its tree.
+    named = [name for name, tag in tree.tags.items() if not tag.startswith("SubTree")]
+
+    def atom() -> Atom:
+        kind = chance.choice(["running", "is", "is", "ticked", "halted", "entry"])
+        if kind == "entry":
+            return Atom(kind, chance.choice(["a", "m"]), chance.choice("01"))
+        leaf = chance.choice(tree.leaves)
+        name = leaf if kind in ("ticked", "halted") else chance.choice([leaf, *named])
+        return Atom(kind, name, chance.choice(["SUCCESS", "FAILURE"]) if kind == "is" else "")
+
+    return [
+        RandomQuestion("never", atom()),
+        RandomQuestion("before", atom(), atom()),
+        RandomQuestion("leads to", atom(), atom(), chance.randint(0, 3)),
+        RandomQuestion("leads to", atom(), atom()),
+    ]

@@ -1,0 +1,391 @@
+"""`btcore prove` gives the answers of a plain enumeration of all runs, on random trees.
+
+``python tests/acceptance/proofs.py --trees 1000`` uses all cores. Every tree follows from its number and the
+seed, so that a reported tree can be compared again alone: ``--only 1234``. For each tree:
+
+- safety: runs of at most six ticks are enumerated (`proof_enumeration.py`) and searched. For every standard
+  and random safety question the prover must refute exactly what a run violates, with a shortest run.
+- liveness: if the enumeration finds all states, the search must be complete, and its answers must be those of
+  a search for fair cycles in the enumerated graph, which tries all subsets of the conditions.
+"""
+
+import argparse
+import os
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from typing import NamedTuple
+
+from proof_enumeration import (
+    Arc,
+    Enumeration,
+    FairnessRule,
+    Seen,
+    enumerate_graph,
+    enumerate_runs,
+    first_blackboard,
+    has_fair_cycle,
+    standard_checks,
+)
+from proof_trees import DOMAINS, LEAVES, RandomQuestion, RandomTree, missing_nodes, random_tree
+
+from btcore.blackboard.ports import Port
+from btcore.clock import Clock
+from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
+from btcore.errors import BtcoreError
+from btcore.proof.exploration import StateGraph
+from btcore.proof.model_leaves import Choices, ModelPrompt, with_model_leaves
+from btcore.proof.propositions import parse_question
+from btcore.proof.prover import PROVED, REFUTED, Answer, Prover
+from btcore.proof.standard_questions import ENDS
+from btcore.proof.standard_questions import LEAVES as LEAF_QUESTION
+from btcore.registry.registry import Registry
+from btcore.status import FAILURE, SUCCESS
+from btcore.tree.tree import Tree
+from btcore.xml.build import TreeInstantiator
+from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.read.document import parse_text
+
+TICKS = 6
+LEAST_RUNS, MOST_RUNS = 10, 12_000
+"""A tree with fewer or more runs is replaced by another."""
+MOST_RUNS_OF_GRAPH = 6_000
+CHUNK = 5
+_NAMES = {"S": "SUCCESS", "F": "FAILURE", "K": "SKIPPED", "R": "RUNNING"}
+
+
+def _no_code(leaf: LeafNode) -> bool:
+    raise AssertionError("the prover ticks only models of leaves")
+
+
+def _model_nodes() -> Registry:
+    """Return nodes whose leaves have no code, but declarations for the prover."""
+    nodes = Registry.standard()
+    bases: dict[str, type[LeafNode]] = {"condition": Condition, "sync": SyncAction, "action": StatefulAction}
+    declared: dict[str, dict[str, object]] = {}
+    for tag, kind in LEAVES.items():
+        ports: list[Port] = [] if kind.port is None else [kind.port]
+        members: dict[str, object] = {"provided_ports": staticmethod(lambda ports=ports: ports)}
+        methods = ("on_start", "on_running") if kind.base == "action" else ("tick",)
+        members |= dict.fromkeys(methods, _no_code)
+        nodes.add(type(tag, (bases[kind.base],), members), ID=tag)
+        declared[tag] = {
+            "results": [_NAMES[letter] for letter in kind.results],
+            "at_once": not kind.is_late,
+            "endless": kind.is_endless,
+            "uses": [kind.uses] if kind.uses else [],
+        }
+    return with_model_leaves(nodes, declared)
+
+
+MODEL_NODES = _model_nodes()
+
+
+def prover_of(tree: RandomTree) -> Prover:
+    """Return a prover for a random tree."""
+    analysis = analyse_document(parse_text(tree.xml), MODEL_NODES)
+    analysis.diagnostics.raise_errors()
+
+    def make(choices: Choices, clock: Clock) -> Tree:
+        resources = [choices, ModelPrompt(choices)]
+        board = first_blackboard(tree.format, clock)
+        return TreeInstantiator(analysis, MODEL_NODES, board, resources, clock).instantiate()
+
+    return Prover(make, [parse_question(str(question)) for question in tree.questions], DOMAINS)
+
+
+def safety_differences(tree: RandomTree, expected: Enumeration) -> list[str]:
+    """Return where the prover's answers differ from an enumeration."""
+    report = prover_of(tree).answer(expected.ticks)
+    answers = {answer.question: answer for answer in report.answers}
+    asked = [str(question) for question in tree.questions if _is_safety(question)]
+    found: list[str] = []
+    for question in [*standard_checks(tree), *asked]:
+        answer, depth = answers[question], expected.depths.get(question)
+        if depth is None:
+            if answer.answer == REFUTED:
+                found.append(f"{question}: refuted, but no run violates it: {_shown(answer)}")
+        elif answer.answer != REFUTED:
+            found.append(f"{question}: {answer.answer} ({answer.detail}), but {depth} ticks violate it")
+        elif answer.ticks != depth:
+            found.append(f"{question}: {answer.ticks} ticks, but {depth} violate it: {_shown(answer)}")
+    # A run that ends too early violates `leads to` without a limit, too.
+    for question in tree.questions:
+        if not _is_safety(question) and str(question) in expected.depths:
+            answer = answers[str(question)]
+            if answer.answer != REFUTED:
+                found.append(f"{question}: {answer.answer} ({answer.detail}), but runs end without it")
+    return found
+
+
+def _is_safety(question: RandomQuestion) -> bool:
+    return question.kind != "leads to" or question.within is not None
+
+
+def _shown(answer: Answer) -> str:
+    run = answer.counterexample
+    if run is None:
+        return answer.detail
+    ticks = [
+        f"{tick.time:g} s: " + ", ".join(f"{leaf.path} {leaf.result.name}" for leaf in tick.leaves)
+        for tick in run.ticks
+    ]
+    return f"{answer.detail} [{'; '.join(ticks)}] cycle {run.cycle}"
+
+
+class GraphAnswers(NamedTuple):
+    """The answers of an enumerated graph: by question, whether it is refuted."""
+
+    refuted: dict[str, bool]
+    problems: str
+
+
+def graph_answers(tree: RandomTree, arcs: list[Arc], reached: list[Seen]) -> GraphAnswers:
+    """Return the answers to the questions that need all states."""
+    refuted: dict[str, bool] = {ENDS: _goes_on(tree, arcs, reached)}
+    problems = _leaf_problems(tree, arcs)
+    refuted[LEAF_QUESTION] = bool(problems)
+    fairness = _fairness(tree)
+    for question in tree.questions:
+        if _is_safety(question) or question.second is None:
+            continue
+        refuted[str(question)] = _is_not_followed(arcs, question, fairness)
+    return GraphAnswers(refuted, "; ".join(problems))
+
+
+def _fairness(tree: RandomTree) -> list[FairnessRule]:
+    """Return the conditions that actions end, and that timers expire."""
+    conditions: list[FairnessRule] = []
+    for name in tree.leaves:
+        kind = LEAVES[tree.tags[name]]
+        if "R" in kind.results and not kind.is_endless:
+            conditions.append(
+                (
+                    lambda arc, name=name: name in arc.seen.ticked,
+                    lambda arc, name=name: name not in arc.seen.kept,
+                )
+            )
+    for name, tag in tree.tags.items():
+        if tag in ("Delay", "Timeout", "Sleep"):
+            conditions.append((lambda arc: True, lambda arc, name=name: name not in arc.seen.kept_timers))
+    return conditions
+
+
+def _goes_on(tree: RandomTree, arcs: list[Arc], reached: list[Seen]) -> bool:
+    """Return whether the tree goes on forever although no leaf fails forever, outside of endless nodes."""
+    endless = {
+        name
+        for name, tag in tree.tags.items()
+        if tag == "KeepRunningUntilFailure"
+        or "-1" in (tree.attributes[name].get("num_cycles"), tree.attributes[name].get("num_attempts"))
+        or (tag in LEAVES and LEAVES[tag].is_endless)
+    }
+    conditions = _fairness(tree)
+    judges = set()
+    for name in tree.leaves:
+        if LEAVES[tree.tags[name]].base == "condition":
+            judges.add(name)
+        else:
+            conditions.append(
+                (
+                    lambda arc, name=name: (name, FAILURE) in arc.seen.completed,
+                    lambda arc, name=name: (name, SUCCESS) in arc.seen.completed,
+                )
+            )
+    inside = [
+        arc
+        for arc in arcs
+        if arc.target > 0
+        and not reached[arc.target - 1].running & endless
+        and not any(name in judges and status is FAILURE for name, status in arc.seen.completed)
+    ]
+    ends = any(arc.seen.has_ended and arc.seen.result is not None for arc in arcs)
+    return has_fair_cycle(inside, conditions) and (ends or not endless)
+
+
+def _leaf_problems(tree: RandomTree, arcs: list[Arc]) -> list[str]:
+    results: dict[str, set[str]] = {}
+    for arc in arcs:
+        for name, found in arc.seen.results.items():
+            results.setdefault(name, set()).update(status.name for status in found)
+        for name in arc.seen.culprits:
+            results.setdefault(name, set()).add("an exception")
+    problems: list[str] = []
+    for name, tag in tree.tags.items():
+        if f'name="{name}"' not in tree.xml or f'<{tag} name="{name}"' not in tree.xml or not _is_leaf(tag):
+            continue
+        found = results.get(name, set()) - {"SKIPPED"}
+        if not found:
+            problems.append(f"{name} is never ticked")
+        elif tag in LEAVES:
+            if "S" in LEAVES[tag].results and "SUCCESS" not in found:
+                problems.append(f"{name} never succeeds")
+            if "F" in LEAVES[tag].results and "FAILURE" not in found:
+                problems.append(f"{name} never fails")
+    return sorted(problems)
+
+
+def _is_leaf(tag: str) -> bool:
+    known = MODEL_NODES.get(tag, 4) or MODEL_NODES.get(tag, 3)
+    return known is not None and known.cls.child_count == (0, 0)
+
+
+def _is_not_followed(arcs: list[Arc], question: RandomQuestion, fairness: list[FairnessRule]) -> bool:
+    """Return whether a run exists in which the second proposition does not follow the first."""
+    assert question.second is not None
+    second = question.second
+    waiting = [arc for arc in arcs if not arc.seen.holds(second)]
+    pending = [arc for arc in waiting if arc.seen.holds(question.first)]
+    states = {arc.target for arc in pending}
+    growing = True
+    while growing:
+        found = {arc.target for arc in waiting if arc.source in states} - states
+        states |= found
+        growing = bool(found)
+    if -1 in states:
+        return True
+    return has_fair_cycle([arc for arc in waiting if arc.source in states], fairness)
+
+
+def liveness_differences(tree: RandomTree, expected: GraphAnswers, states: int) -> list[str]:
+    """Return where the prover's answers differ from those of the enumerated graph."""
+
+    def limit(graph: StateGraph) -> None:
+        if len(graph.edges) > 20 * states + 5000:
+            raise KeyboardInterrupt
+
+    report = prover_of(tree).answer(progress=limit)
+    found: list[str] = []
+    for answer in report.answers:
+        if answer.answer not in (PROVED, REFUTED):
+            found.append(f"{answer.question}: unknown ({answer.detail}), but there are {states} states")
+        elif answer.question in expected.refuted:
+            if (answer.answer == REFUTED) != expected.refuted[answer.question]:
+                found.append(f"{answer.question}: {_shown(answer) or answer.answer}, but not by the graph")
+            elif answer.question == LEAF_QUESTION and answer.answer == REFUTED:
+                named = sorted(_short(problem) for problem in answer.detail.split("; "))
+                if "; ".join(named) != expected.problems:
+                    found.append(f"{answer.question}: {answer.detail}, but {expected.problems}")
+    return found
+
+
+def _short(problem: str) -> str:
+    """Return a sentence with the name of the node instead of its path."""
+    path, _, rest = problem.removeprefix("'").partition("'")
+    return path.rpartition("/")[2] + rest
+
+
+class Comparison(NamedTuple):
+    """The comparison of one tree.
+
+    Attributes:
+        number: The number of the tree.
+        skipped: Why the tree was not compared, or "".
+        differences: Where prover and enumeration differ.
+        is_plain: Whether every run was enumerated, without merging equal states.
+        has_graph: Whether liveness was compared.
+        violated: The number of questions that are violated.
+        runs: The number of runs of the enumeration.
+        seconds: The duration (s).
+    """
+
+    number: int
+    skipped: str
+    differences: list[str]
+    is_plain: bool = False
+    has_graph: bool = False
+    violated: int = 0
+    runs: int = 0
+    seconds: float = 0.0
+
+
+def compare(number: int, seed: int) -> Comparison:
+    """Compare the answers about the random tree *number*."""
+    began = time.perf_counter()
+    tree = random_tree(f"{seed}:{number}")
+    if not tree.leaves:
+        return Comparison(number, "no leaf", [])
+    try:
+        expected = enumerate_runs(tree, TICKS, MOST_RUNS)
+    except BtcoreError as error:
+        return Comparison(number, f"not loaded: {str(error)[:150]}", [])
+    if expected is None:
+        return Comparison(number, f"more than {MOST_RUNS:,} runs", [])
+    if expected.runs < LEAST_RUNS:
+        return Comparison(number, f"fewer than {LEAST_RUNS} runs", [])
+    try:
+        differences = safety_differences(tree, expected)
+        graph = enumerate_graph(tree, TICKS, MOST_RUNS_OF_GRAPH)
+        if graph is not None:
+            answers = graph_answers(tree, *graph)
+            differences += liveness_differences(tree, answers, len(graph[1]) + 1)
+    except Exception as error:
+        differences = [f"{type(error).__name__}: {error}"]
+        graph = None
+    return Comparison(
+        number,
+        "",
+        differences,
+        expected.is_plain,
+        graph is not None,
+        len(expected.depths),
+        expected.runs,
+        time.perf_counter() - began,
+    )
+
+
+def _compare_all(numbers: range, seed: int) -> list[Comparison]:
+    return [compare(number, seed) for number in numbers]
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command line *arguments*, and return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--trees", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--only", type=int, metavar="NUMBER", help="compare one tree, and print it")
+    chosen = parser.parse_args(arguments)
+    if chosen.only is not None:
+        print(random_tree(f"{chosen.seed}:{chosen.only}").xml)
+        one = compare(chosen.only, chosen.seed)
+        print(one)
+        return 1 if one.differences else 0
+    missing = missing_nodes()
+    if missing:
+        print(f"random trees never contain {', '.join(missing)}")
+        return 1
+    compared: list[Comparison] = []
+    skipped: dict[str, int] = {}
+    first = 0
+    with ProcessPoolExecutor(chosen.jobs) as pool:
+        while len(compared) < chosen.trees:
+            wanted = chosen.trees - len(compared)
+            chunks = [range(n, min(n + CHUNK, first + wanted)) for n in range(first, first + wanted, CHUNK)]
+            first += wanted
+            for results in pool.map(_compare_all, chunks, [chosen.seed] * len(chunks)):
+                for one in results:
+                    if one.skipped:
+                        skipped[one.skipped] = skipped.get(one.skipped, 0) + 1
+                    else:
+                        compared.append(one)
+                    for line in one.differences:
+                        print(f"tree {one.number} of seed {chosen.seed}: {line}", flush=True)
+    wrong = sum(bool(one.differences) for one in compared)
+    runs = sum(one.runs for one in compared)
+    plain = sum(one.is_plain for one in compared)
+    graphs = sum(one.has_graph for one in compared)
+    violated = sum(one.violated for one in compared)
+    slowest = max(one.seconds for one in compared)
+    print(
+        f"proofs: {len(compared)} trees, {wrong} with differences; {runs:,} runs enumerated, "
+        f"of {plain} trees without merging equal states; liveness of {graphs} trees; {violated} violations; "
+        f"slowest {slowest:.1f} s"
+    )
+    for reason, times in sorted(skipped.items()):
+        print(f"  {times} further trees left out: {reason}")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
