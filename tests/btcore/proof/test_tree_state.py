@@ -140,6 +140,34 @@ def test_only_unseen_writes_count() -> None:
     assert after_writes(1, 1) == after_writes(3, 2) != after_writes(1, 0)
 
 
+@pytest.mark.parametrize("is_written", [False, True])
+def test_a_restored_node_knows_the_writes_that_it_has_seen(is_written: bool) -> None:
+    tree = tree_of(
+        '<KeepRunningUntilFailure><SkipUnlessUpdated entry="{a}"><PlanSync plan="S"/>'
+        "</SkipUnlessUpdated></KeepRunningUntilFailure>"
+    )
+    for _ in range(3):
+        tree.blackboard["a"] = 1
+    tree.tick_exactly_once()
+    if is_written:
+        tree.blackboard["a"] = 1
+    keeper = StateKeeper(tree)
+    keeper.restore(keeper.capture(), SAME_TIME)
+    counts = tree.nodes[-1].count_ticks()
+    tree.tick_exactly_once()
+    assert counts.ticks == is_written
+
+
+def test_entries_that_were_created_later_are_removed() -> None:
+    tree = tree_of("<AlwaysSuccess/>")
+    keeper = StateKeeper(tree)
+    state = keeper.capture()
+    tree.blackboard["later"] = 1
+    assert keeper.capture() != state
+    keeper.restore(state, SAME_TIME)
+    assert "later" not in tree.blackboard
+
+
 def test_equal_values_of_different_types_are_different_states() -> None:
     states = []
     for value in (1, True, 1.0, [1], [True], [1.0], deque([1]), "1"):
