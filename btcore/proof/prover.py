@@ -16,6 +16,7 @@ from btcore.proof.exploration import (
     Edge,
     Explorer,
     StateGraph,
+    Tick,
     clock_for_search,
 )
 from btcore.proof.fair_cycles import FairCycle, Fairness, Step, find_fair_cycle, states_from, steps_back
@@ -117,6 +118,8 @@ class Prover:
                 second = len(parsed)
                 parsed.append(parse_proposition(question.second, tree))
             self._questions.append(_Prepared(question, first, second))
+        self._endless = endless_nodes(tree)
+        self._first_endless = len(parsed)
         watched = {node.uid: node for each in parsed for node in each.nodes}
         for node in tree.nodes:
             if not node.children:
@@ -125,7 +128,7 @@ class Prover:
             tree,
             choices,
             standard_checks(tree),
-            [each.holds for each in parsed],
+            [*(each.holds for each in parsed), *map(_runs, self._endless), self._runs_endless_node],
             list(watched.values()),
         )
         self._given = list(given)
@@ -160,13 +163,13 @@ class Prover:
         return self._proved(question)
 
     def _ends(self) -> Answer:
-        graph, signals = self.explorer.graph, self.explorer.signals
-        endless = endless_nodes(self.tree)
+        graph, signals, endless = self.explorer.graph, self.explorer.signals, self._endless
         ends = any(edge.target in RESULT_OF for edges in graph.edges for edge in edges)
-        inside = [self._states_in_which_runs(node) for node in endless]
-        # Outside of nodes that are meant to run forever.
-        outside = set(range(len(self.explorer.table))).difference(*inside)
+        runs = [signals.proposition(self._first_endless + number) for number in range(len(endless))]
+        runs_any = signals.proposition(self._first_endless + len(endless))
         fairness = self._fairness()
+        # Again and again, no node runs that is meant to run forever.
+        pauses = Fairness(0, clears=runs_any)
         failing_conditions = 0
         actions_succeed: list[Fairness] = []
         for number, leaf in enumerate(signals.leaves):
@@ -174,39 +177,35 @@ class Prover:
                 failing_conditions |= signals.failed(number)
             else:
                 actions_succeed.append(Fairness(signals.failed(number), sets=signals.succeeded(number)))
-        cycle = self._cycle([*fairness, *actions_succeed], outside, failing_conditions)
+        cycle = self._cycle([*fairness, pauses, *actions_succeed], avoided=failing_conditions)
         if cycle is not None and (ends or not endless):
             return self._refuted(ENDS, "it can go on forever although no leaf fails forever", [], cycle)
         if not graph.is_complete:
             return self._proved(ENDS)
         reasons = [
             f"'{node.path}' runs forever"
-            for node, states in zip(endless, inside, strict=True)
-            if self._cycle(fairness, states)
+            for node, its in zip(endless, runs, strict=True)
+            if self._cycle([*fairness, Fairness(0, sets=its)], needed=runs_any)
         ]
         for number, leaf in enumerate(signals.leaves):
             succeeds, fails = signals.succeeded(number), signals.failed(number)
-            sometimes_fails = [*fairness, Fairness(0, sets=fails)]
-            if self._cycle(sometimes_fails, outside, succeeds):
+            sometimes_fails = [*fairness, pauses, Fairness(0, sets=fails)]
+            if self._cycle(sometimes_fails, avoided=succeeds):
                 reasons.append(f"'{leaf.path}' fails forever")
-            elif isinstance(leaf, Condition) and self._cycle(
-                [*sometimes_fails, Fairness(0, sets=succeeds)], outside
-            ):
+            elif isinstance(leaf, Condition) and self._cycle([*sometimes_fails, Fairness(0, sets=succeeds)]):
                 reasons.append(f"'{leaf.path}' changes its result forever")
         detail = f"unless {join_names(reasons, 'or')}" if reasons else ""
         return self._proved(ENDS, detail if ends or not endless else "never by itself, as declared")
 
-    def _states_in_which_runs(self, node: TreeNode) -> set[int]:
-        """Return the states in which *node* is RUNNING."""
-        place, table = self.tree.nodes.index(node), self.explorer.table
-        return {number for number in range(len(table)) if table.state(number).nodes[place][0] is RUNNING}
+    def _runs_endless_node(self, tick: Tick) -> bool:
+        return any(node._status is RUNNING for node in self._endless)
 
-    def _cycle(self, conditions: Sequence[Fairness], states: set[int], avoided: int = 0) -> FairCycle | None:
-        """Return a fair cycle through *states* whose ticks have none of the signals *avoided*, or None."""
+    def _cycle(self, conditions: Sequence[Fairness], needed: int = 0, avoided: int = 0) -> FairCycle | None:
+        """Return a fair cycle whose ticks have all signals *needed* and none of *avoided*, or None."""
         return find_fair_cycle(
             self.explorer.graph,
             conditions,
-            lambda edge: edge.target in states and not edge.signals & avoided,
+            lambda edge: edge.signals & needed == needed and not edge.signals & avoided,
         )
 
     def _fairness(self) -> list[Fairness]:
@@ -407,6 +406,10 @@ class Prover:
         """Return the number of the beginning whose state is *state*."""
         starts = [number for number, parent in enumerate(self.explorer.graph.parents) if parent is None]
         return starts.index(state)
+
+
+def _runs(node: TreeNode) -> Callable[[Tick], bool]:
+    return lambda tick: node._status is RUNNING
 
 
 def _agrees(edge: Edge, result: object) -> bool:

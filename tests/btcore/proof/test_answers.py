@@ -100,3 +100,12 @@ def test_a_tick_without_end_is_an_exception(monkeypatch) -> None:
     answer = answers(body, format=3)[EXCEPTIONS]
     assert answer.answer == REFUTED
     assert "tick limit" in answer.detail
+
+
+def test_a_tree_goes_on_if_a_node_that_runs_forever_alternates_with_another() -> None:
+    body = """<WhileDoElse><Check/>
+        <KeepRunningUntilFailure name="patrol"><Act name="a"/></KeepRunningUntilFailure> <Act name="b"/>
+    </WhileDoElse>"""
+    ends = answers(body)[ENDS]
+    assert ends.answer == PROVED
+    assert ends.detail == "unless 'patrol' runs forever or 'Check::2' changes its result forever"
