@@ -528,16 +528,11 @@ class Arc(NamedTuple):
     seen: Seen
 
 
-def enumerate_graph(tree: RandomTree, ticks: int, most_runs: int) -> tuple[list[Arc], list[Seen]] | None:
-    """Return the graph of all states of *tree*, or None if it has too many.
-
-    Returns:
-        The ticks from each state. For each state except the first, what was seen when it was reached.
-    """
+def enumerate_graph(tree: RandomTree, ticks: int, most_runs: int) -> tuple[list[Arc], int] | None:
+    """Return the ticks from all states of *tree*, and the number of states; None after too many runs."""
     runner = Runner(tree, ticks)
     scripts: list[tuple[list[Tick], int]] = [([], 0)]
     numbers: dict[bytes, int] = {b"": 0}
-    reached: list[Seen] = []
     arcs: list[Arc] = []
     for source, (script, longest) in _growing(scripts):
         for elapsed in runner.steps_of(longest):
@@ -550,10 +545,9 @@ def enumerate_graph(tree: RandomTree, ticks: int, most_runs: int) -> tuple[list[
                     if end.state not in numbers:
                         numbers[end.state] = len(scripts)
                         scripts.append(([*script, (elapsed, end.given)], end.longest))
-                        reached.append(seen)
                     target = numbers[end.state]
                 arcs.append(Arc(source, target, seen))
-    return arcs, reached
+    return arcs, len(scripts)
 
 
 def _growing(items: list[tuple[list[Tick], int]]) -> Iterator[tuple[int, tuple[list[Tick], int]]]:

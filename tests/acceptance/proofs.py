@@ -11,6 +11,7 @@ seed, so that a reported tree can be compared again alone: ``--only 1234``. For 
 
 import argparse
 import os
+import re
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -20,7 +21,6 @@ from proof_enumeration import (
     Arc,
     Enumeration,
     FairnessRule,
-    Seen,
     enumerate_graph,
     enumerate_runs,
     first_blackboard,
@@ -134,15 +134,24 @@ def _shown(answer: Answer) -> str:
 
 
 class GraphAnswers(NamedTuple):
-    """The answers of an enumerated graph: by question, whether it is refuted."""
+    """The answers of an enumerated graph.
+
+    Attributes:
+        refuted: Whether each question is refuted.
+        problems: What is wrong with leaves.
+        reasons: Why the tree may go on forever although it is proved to end.
+        vacuous: The questions whose premise never occurs.
+    """
 
     refuted: dict[str, bool]
     problems: str
+    reasons: set[str]
+    vacuous: set[str]
 
 
-def graph_answers(tree: RandomTree, arcs: list[Arc], reached: list[Seen]) -> GraphAnswers:
+def graph_answers(tree: RandomTree, arcs: list[Arc]) -> GraphAnswers:
     """Return the answers to the questions that need all states."""
-    refuted: dict[str, bool] = {ENDS: _goes_on(tree, arcs, reached)}
+    refuted: dict[str, bool] = {ENDS: _goes_on(tree, arcs)}
     problems = _leaf_problems(tree, arcs)
     refuted[LEAF_QUESTION] = bool(problems)
     fairness = _fairness(tree)
@@ -150,7 +159,17 @@ def graph_answers(tree: RandomTree, arcs: list[Arc], reached: list[Seen]) -> Gra
         if _is_safety(question) or question.second is None:
             continue
         refuted[str(question)] = _is_not_followed(arcs, question, fairness)
-    return GraphAnswers(refuted, "; ".join(problems))
+    premises = {
+        str(question): question.second if question.kind == "before" else question.first
+        for question in tree.questions
+        if question.second is not None
+    }
+    vacuous = {
+        question
+        for question, premise in premises.items()
+        if premise is not None and not any(arc.seen.holds(premise) for arc in arcs)
+    }
+    return GraphAnswers(refuted, "; ".join(problems), _reasons(tree, arcs), vacuous)
 
 
 def _fairness(tree: RandomTree) -> list[FairnessRule]:
@@ -171,36 +190,63 @@ def _fairness(tree: RandomTree) -> list[FairnessRule]:
     return conditions
 
 
-def _goes_on(tree: RandomTree, arcs: list[Arc], reached: list[Seen]) -> bool:
-    """Return whether the tree goes on forever although no leaf fails forever, outside of endless nodes."""
-    endless = {
+def _endless_nodes(tree: RandomTree) -> set[str]:
+    return {
         name
         for name, tag in tree.tags.items()
         if tag == "KeepRunningUntilFailure"
         or "-1" in (tree.attributes[name].get("num_cycles"), tree.attributes[name].get("num_attempts"))
         or (tag in LEAVES and LEAVES[tag].is_endless)
     }
-    conditions = _fairness(tree)
-    judges = set()
-    for name in tree.leaves:
-        if LEAVES[tree.tags[name]].base == "condition":
-            judges.add(name)
-        else:
-            conditions.append(
-                (
-                    lambda arc, name=name: (name, FAILURE) in arc.seen.completed,
-                    lambda arc, name=name: (name, SUCCESS) in arc.seen.completed,
-                )
-            )
-    inside = [
-        arc
-        for arc in arcs
-        if arc.target > 0
-        and not reached[arc.target - 1].running & endless
-        and not any(name in judges and status is FAILURE for name, status in arc.seen.completed)
+
+
+def _always(arc: Arc) -> bool:
+    return True
+
+
+def _goes_on(tree: RandomTree, arcs: list[Arc]) -> bool:
+    """Return whether the tree goes on forever although no leaf fails forever and no endless node runs."""
+    endless = _endless_nodes(tree)
+    rules = [*_fairness(tree), (_always, lambda arc: not arc.seen.running & endless)]
+    judges = {name for name in tree.leaves if LEAVES[tree.tags[name]].base == "condition"}
+    rules += [
+        (
+            lambda arc, name=name: (name, FAILURE) in arc.seen.completed,
+            lambda arc, name=name: (name, SUCCESS) in arc.seen.completed,
+        )
+        for name in set(tree.leaves) - judges
     ]
-    ends = any(arc.seen.has_ended and arc.seen.result is not None for arc in arcs)
-    return has_fair_cycle(inside, conditions) and (ends or not endless)
+    inside = [arc for arc in arcs if not any((name, FAILURE) in arc.seen.completed for name in judges)]
+    return has_fair_cycle(inside, rules) and (_can_end(arcs) or not endless)
+
+
+def _can_end(arcs: list[Arc]) -> bool:
+    return any(arc.seen.has_ended and arc.seen.result is not None for arc in arcs)
+
+
+def _reasons(tree: RandomTree, arcs: list[Arc]) -> set[str]:
+    """Return why the tree may go on forever although it is proved to end."""
+    endless, fairness = _endless_nodes(tree), _fairness(tree)
+    if endless and not _can_end(arcs):
+        return set()
+    active = [arc for arc in arcs if arc.seen.running & endless]
+    found = {
+        f"{name} runs forever"
+        for name in endless
+        if has_fair_cycle(active, [*fairness, (_always, lambda arc, name=name: name in arc.seen.running)])
+    }
+    pauses = (_always, lambda arc: not arc.seen.running & endless)
+    for name in tree.leaves:
+        fails = (_always, lambda arc, name=name: (name, FAILURE) in arc.seen.completed)
+        succeeds = (_always, lambda arc, name=name: (name, SUCCESS) in arc.seen.completed)
+        without = [arc for arc in arcs if (name, SUCCESS) not in arc.seen.completed]
+        if has_fair_cycle(without, [*fairness, pauses, fails]):
+            found.add(f"{name} fails forever")
+        elif LEAVES[tree.tags[name]].base == "condition" and has_fair_cycle(
+            arcs, [*fairness, pauses, fails, succeeds]
+        ):
+            found.add(f"{name} changes its result forever")
+    return found
 
 
 def _leaf_problems(tree: RandomTree, arcs: list[Arc]) -> list[str]:
@@ -259,9 +305,16 @@ def liveness_differences(tree: RandomTree, expected: GraphAnswers, states: int) 
     for answer in report.answers:
         if answer.answer not in (PROVED, REFUTED):
             found.append(f"{answer.question}: unknown ({answer.detail}), but there are {states} states")
+        elif answer.answer == PROVED and answer.is_vacuous != (answer.question in expected.vacuous):
+            found.append(f"{answer.question}: vacuous: {answer.is_vacuous}, but not by the graph")
         elif answer.question in expected.refuted:
             if (answer.answer == REFUTED) != expected.refuted[answer.question]:
                 found.append(f"{answer.question}: {_shown(answer) or answer.answer}, but not by the graph")
+            elif answer.question == ENDS and answer.answer == PROVED:
+                reasons = re.findall(r"'([^']*)' ((?:runs|fails|changes its result) forever)", answer.detail)
+                given = {_short(f"'{path}' {reason}") for path, reason in reasons}
+                if given != expected.reasons:
+                    found.append(f"{answer.question}: {answer.detail}, but {sorted(expected.reasons)}")
             elif answer.question == LEAF_QUESTION and answer.answer == REFUTED:
                 named = sorted(_short(problem) for problem in answer.detail.split("; "))
                 if "; ".join(named) != expected.problems:
@@ -317,8 +370,8 @@ def compare(number: int, seed: int) -> Comparison:
         differences = safety_differences(tree, expected)
         graph = enumerate_graph(tree, TICKS, MOST_RUNS_OF_GRAPH)
         if graph is not None:
-            answers = graph_answers(tree, *graph)
-            differences += liveness_differences(tree, answers, len(graph[1]) + 1)
+            arcs, states = graph
+            differences += liveness_differences(tree, graph_answers(tree, arcs), states)
     except Exception as error:
         differences = [f"{type(error).__name__}: {error}"]
         graph = None
