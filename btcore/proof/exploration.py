@@ -1,5 +1,6 @@
 """The exhaustive search over the states of a tree, breadth first, on the ordinary engine."""
 
+import re
 import resource
 import sys
 from collections.abc import Callable, Sequence
@@ -8,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from btcore.clock import SimClock
 from btcore.engine.node import TreeNode
-from btcore.errors import BtcoreError, NodeExecutionError
+from btcore.errors import BtcoreError, NodeExecutionError, ScriptError
 from btcore.proof.model_leaves import (
     Choices,
     EndlessTickError,
@@ -26,6 +27,8 @@ MOST_OUTCOMES: Final = 200_000
 """The number of outcomes of one tick from one state after which the search gives up."""
 TICK_LIMIT: Final = 2.0
 """The time (s, real time) after which a tick that repeats nodes is stopped with an exception."""
+_NAME: Final = re.compile(r"@?[^\W\d]\w*")
+"""A name in a script."""
 RAISED: Final = -1
 UNKNOWN: Final = -2
 _ENDED: Final = {SUCCESS: -3, FAILURE: -4, SKIPPED: -5}
@@ -408,14 +411,17 @@ def _what_is_unknown(error: NodeExecutionError, tree: Tree) -> str | None:
         return str(cause)
     if isinstance(cause, EndlessTickError):
         return f"'{error.path}': {cause}"
-    # A conversion, for example, fails for an unknown value in its own way.
+    # A conversion or an operator of a script, for example, fails for an unknown value in its own way.
     node = next((node for node in tree.nodes if node.path == error.path), None)
     if node is not None and isinstance(cause, BtcoreError):
-        for port in node.config.inputs.values():
-            if port.key is not None:
-                entry = port.blackboard.find(port.key)
-                if entry is not None and isinstance(entry.value, UnknownValue):
-                    return f"the value of {{{entry.value.key}}} is not known: declare its domain"
+        entries = [
+            port.blackboard.find(port.key) for port in node.config.inputs.values() if port.key is not None
+        ]
+        if isinstance(cause, ScriptError):
+            entries += [node.blackboard.find(name) for name in _NAME.findall(cause.text)]
+        for entry in entries:
+            if entry is not None and isinstance(entry.value, UnknownValue):
+                return f"the value of {{{entry.value.key}}} is not known: declare its domain"
     return None
 
 
