@@ -71,7 +71,7 @@ def test_cycle_is_marked(prove: Callable[..., Result]) -> None:
     result = prove(
         DRIVE,
         "--ask",
-        "Drive leads to Drive is SUCCESS | Stop",
+        "Drive leads to Drive is SUCCESS | Drive is FAILURE",
         declarations="[leaves.Drive]\nendless = true",
     )
     assert result.exit_code == 1
