@@ -65,7 +65,12 @@ class Answer(NamedTuple):
 
 
 class Report(NamedTuple):
-    """The answers, in the order of the questions, and the number of ticks that the search has run."""
+    """The result of a search.
+
+    Attributes:
+        answers: The answers: first to the standard questions, then to the others, in the order of the questions.
+        transitions: The number of ticks that the search has run.
+    """
 
     answers: list[Answer]
     transitions: int

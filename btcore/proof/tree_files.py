@@ -77,6 +77,9 @@ def prove(
         >>> report = prove("drive.xml", *questions, models=["drive.xml"])
         >>> [answer.answer for answer in report.answers[-2:]]
         ['proved', 'refuted']
+        >>> run = report.answers[-1].counterexample
+        >>> [(leaf.name, leaf.result.name) for leaf in run.ticks[0].leaves]
+        [('DoorOpen', 'SUCCESS'), ('Drive', 'RUNNING')]
     """
     declared = declarations_of(Path(file), declarations)
     analysis, leaves = _analysed(file, nodes, models, tree, format, declared)
