@@ -41,11 +41,12 @@ ATTACKS ?= --pairs 3 --seconds 10
 KILLS ?= 100
 PROOFS ?= 1000
 SCHEDULES ?= 500
+SPIN_TREES ?= 35
 ROS2_RUNS ?=
 MISTAKES ?=
 
-.PHONY: help setup demo test check environments lint lint-and-pure pure compiled ros2 vulkan accept accept-robot \
-	accept-engine accept-ros2 docs dist bench clean
+.PHONY: help setup demo test check environments lint lint-and-pure pure compiled ros2 vulkan spin accept \
+	accept-robot accept-engine accept-ros2 docs dist bench clean
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
@@ -107,6 +108,17 @@ vulkan:
 			|| { apt-get update -qq && apt-get install -qq -y $(VULKAN) >/dev/null; } \
 			|| echo 'note: that failed; picture tests are skipped'; \
 	else echo 'note: without the packages $(VULKAN), picture tests are skipped'; fi
+
+# The model checker with which proofs are compared.
+spin:
+	@if command -v spin >/dev/null; then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		echo '· installing spin'; \
+		export DEBIAN_FRONTEND=noninteractive; \
+		apt-get install -qq -y spin >/dev/null 2>&1 \
+			|| { apt-get update -qq && apt-get install -qq -y spin >/dev/null; } \
+			|| echo 'note: that failed; proofs are not compared with spin'; \
+	fi
 
 # --- what people ask for
 
@@ -174,7 +186,7 @@ accept-robot: .venv/ready
 	@.venv/bin/python tests/acceptance/worlds.py $(WORLDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 
-accept-engine: .venv/ready .venv-compiled/ready
+accept-engine: .venv/ready .venv-compiled/ready spin
 	@.venv/bin/python tests/acceptance/installs.py out/wheel/btcore-*.whl
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
@@ -182,6 +194,7 @@ accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
 	@.venv/bin/python tests/acceptance/proofs.py --trees $(PROOFS) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/spin.py --trees $(SPIN_TREES) --jobs $(CORES)
 
 accept-ros2: .venv-ros/ready
 	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)
