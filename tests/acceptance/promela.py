@@ -52,11 +52,16 @@ _CONSTANTS: Final = """#define UNSET -1000
 #define SUCCESS 2
 #define FAILURE 3
 #define SKIPPED 4"""
-_EVENTS: Final = (
-    *("ticked", "succeeded", "failed", "skipped", "ran", "halted", "was_running"),
-    *("called", "returned_success", "returned_failure"),
-)
-"""What happened to each node in a tick: to every node, and to the code of a model leaf."""
+_EVENTS: Final = {
+    **dict.fromkeys(("ticked", "succeeded", "failed", "skipped", "ran", "halted", "was_running"), "bool"),
+    **dict.fromkeys(("returned_success", "returned_failure"), "bool"),
+    **dict.fromkeys(("called", "since"), "byte"),
+}
+"""What happened to each node in a tick, and the type of the array with it.
+
+The code of a model leaf was called, and returned a result. `called` is the number of its last call among all
+calls in the tick, `since` that of the call since which it is RUNNING.
+"""
 _OTHER: Final = {SUCCESS: FAILURE, FAILURE: SUCCESS}
 
 
@@ -112,7 +117,7 @@ class _Translator:
         if node in self._timers:
             lines.append(f"{self._timer(node)} = 0;")
         lines += [f"reset_{child.number}();" for child in node.children]
-        lines.append(f"st[{i}] = IDLE;")
+        lines.append(f"st[{i}] = IDLE; since[{i}] = 0;")
         halted = self._scripts(node, "_onHalted")
         return _inline(f"halt_{i}", [*lines, *halted]) + _inline(
             f"reset_{i}",
@@ -277,18 +282,21 @@ class _Translator:
                 options.append(f":: r[{i}] = {result}")
         if model.lasts or model.endless:
             options.append(f":: r[{i}] = RUNNING")
-        choice = [f"called[{i}] = true;", "if", *options, "fi;"]
+        call = [*lines, f"calls++; called[{i}] = calls;"]
+        choice = [*call, "if", *options, "fi;"]
+        started = [f"if :: (r[{i}] == RUNNING && since[{i}] == 0) -> since[{i}] = called[{i}]"]
+        started.append(f":: (r[{i}] == RUNNING && since[{i}] > 0) -> skip :: else -> since[{i}] = 0 fi;")
         choice += [
             f"if :: (r[{i}] == SUCCESS) -> returned_success[{i}] = true",
             f":: (r[{i}] == FAILURE) -> returned_failure[{i}] = true :: else fi;",
         ]
         if not model.lasts:
-            return [*lines, *choice]
-        if not model.at_once:
-            start = [*lines, f"called[{i}] = true; r[{i}] = RUNNING;"]
-            cases = [f":: (st[{i}] == IDLE) ->", *start, f":: (st[{i}] == RUNNING) ->", *lines, *choice]
+            return choice
+        if model.at_once:
+            cases = [f":: (st[{i}] == IDLE || st[{i}] == RUNNING) ->", *choice, *started]
         else:
-            cases = [f":: (st[{i}] == IDLE || st[{i}] == RUNNING) ->", *lines, *choice]
+            start = [*call, f"r[{i}] = RUNNING;", *started]
+            cases = [f":: (st[{i}] == IDLE) ->", *start, f":: (st[{i}] == RUNNING) ->", *choice, *started]
         # A completed action that was not reset returns its result again.
         return ["if", *cases, f":: else -> r[{i}] = st[{i}]", "fi;"]
 
@@ -604,8 +612,8 @@ class _Translator:
         count = len(self._nodes)
         parts = [
             _CONSTANTS,
-            f"byte st[{count}], r[{count}], error, elapsed;",
-            f"bool over, {', '.join(f'{name}[{count}]' for name in _EVENTS)};",
+            f"byte st[{count}], r[{count}], error, elapsed, calls; bool over;",
+            *(f"{kind} {name}[{count}];" for name, kind in _EVENTS.items()),
             *(f"byte {', '.join(self._variables(node))};" for node in self._nodes),
             *self._entries.declarations(),
             *asked.variables,
@@ -624,6 +632,7 @@ class _Translator:
             *(f"{name}[{i}] = 0;" for name in (*_EVENTS, "r") for i in range(count)),
             *(f"fresh_{node.number} = 0;" for node in self._timers),
             *(f"idle_{i} = 0;" for i in range(count)),
+            "calls = 0;",
             "}",
             "if :: over -> break :: else fi",
             "} od }",

@@ -79,7 +79,7 @@ class Questions:
         elif within:
             formula = f"[] !{self._late(a, b, int(within[1]))}"
         else:
-            formula = f"(<>[] !ceased && []<> round && [] !raised) -> [] ({a} -> <> {b})"
+            formula = f"(<>[] !ceased && []<> round) -> [] ({a} -> <> {b})"
         self.result.proofs[question] = [self._formula(formula)]
 
     def _add_never(self, question: str, proposition: str) -> None:
@@ -94,7 +94,7 @@ class Questions:
         excluded.
         """
         fair = [
-            (f"called[{i}]", f"!({self._kept(i)})")
+            (f"(called[{i}] > 0)", f"!({self._kept(i)})")
             for i, model in self._leaves
             if model.lasts and not model.endless
         ]
@@ -106,7 +106,7 @@ class Questions:
         ]
         excluded = [f"returned_failure[{i}]" for i, model in self._leaves if model.is_condition]
         excluded += [f"st[{number}] == RUNNING" for number in self._endless()]
-        self.variables += ["bool ceased, barred, round, whole_round, raised;", "byte turn, whole_turn;"]
+        self.variables += ["bool ceased, barred, round, whole_round;", "byte turn, whole_turn;"]
         masks: list[str] = []
         ceased: list[str] = []
         for number, (cause, _) in enumerate([*fair, *improving]):
@@ -121,7 +121,6 @@ class Questions:
         self.updates += [
             f"ceased = !over && ({own or 'false'});",
             f"barred = !over && ({' || '.join([*ceased, *excluded]) or 'false'});",
-            "raised = (error != 0);",
         ]
         self._add_round("turn", "round", fair)
         self._add_round("whole_turn", "whole_round", [*fair, *improving])
@@ -191,17 +190,22 @@ class Questions:
         return f"({' || '.join(found) or 'false'})"
 
     def _conflict(self) -> str:
-        """Return whether two leaves with a common resource are active in the tick.
+        """Return whether two leaves use a common resource at once.
 
-        One of them is RUNNING at the end. The other is so too, or it was ticked while the first one ran.
+        An action that lasts uses its resources while it is RUNNING, any other leaf when it is ticked.
         """
-        found = [
-            f"(st[{a}] == RUNNING && ({self._kept(a)} || called[{a}]) && ({self._kept(b)} || called[{b}]) "
-            f"&& (st[{b}] == RUNNING || ({self._kept(a)})))"
-            for a, first in self._leaves
-            for b, second in self._leaves
-            if a != b and first.uses & second.uses
-        ]
+
+        def runs(i: int) -> str:
+            return f"st[{i}] == RUNNING && ({self._kept(i)} || since[{i}] > 0)"
+
+        found: list[str] = []
+        for a, first in self._leaves:
+            for b, second in self._leaves:
+                if a == b or not first.uses & second.uses or not first.lasts:
+                    continue
+                start = f"({self._kept(a)} -> 0 : since[{a}])"
+                other = runs(b) if second.lasts else f"called[{b}] > {start}"
+                found.append(f"({runs(a)} && ({other}))")
         return f"({' || '.join(found) or 'false'})"
 
     def _late(self, first: str, second: str, within: int) -> str:
@@ -214,7 +218,7 @@ class Questions:
             f":: (!{second} && {due} == 0 && {first}) -> {due} = {within};",
             f"if :: ({within} == 0) -> {late} = true :: else fi",
             ":: else fi;",
-            f"if :: (over && !error && {due} > 0) -> {late} = true :: else fi;",
+            f"if :: (over && {due} > 0) -> {late} = true :: else fi;",
         ]
         return late
 
