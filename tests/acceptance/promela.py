@@ -5,15 +5,15 @@ reads only the XML. Each node becomes three inline macros: `tick_N`, `halt_N` an
 the tree until it ends. One tick is atomic, and the propositions of the questions are updated at its end, in
 one step.
 
-- A model leaf chooses its result, and what it writes, without determinism.
-- Numbers and texts of entries are numbers; each text of the tree has its own, from `FIRST_TEXT` on.
+- A model leaf chooses its result, and the values that it writes, nondeterministically.
+- The values of entries are numbers: each text of the tree is represented by a number from `FIRST_TEXT` on.
 - The time between two ticks is any number of steps. A step is so small that each order of the timers that is
   possible in real time is possible in steps.
 - Fairness is a premise of the formulas of temporal logic. If each condition of fairness, "if A happens again
   and again, then B too", were written into the formula, spin's automata would grow exponentially. Instead the
   process chooses at its start which of these A cease at some time. `ceased` is true in a tick in which such
-  an A happens nevertheless, and `round` is true in ticks between which each other B has happened. The premise
-  is then `<>[] !ceased && []<> round`.
+  an A happens nevertheless. `round` is true in a tick when each B of the other conditions has happened since
+  the last such tick. The premise is then `<>[] !ceased && []<> round`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -71,7 +71,7 @@ def promela(
     leaves: Mapping[str, Mapping[str, Any]],
     entries: Mapping[str, Sequence[str]],
     questions: Sequence[str],
-) -> "Translation":
+) -> Translation:
     """Return the translation of a tree.
 
     Args:
@@ -79,7 +79,7 @@ def promela(
         models: The XML text with the TreeNodesModel.
         leaves: The declarations of leaves, by ID.
         entries: The values that leaves may write to entries, by key.
-        questions: The user's questions.
+        questions: The questions beside the standard questions.
 
     Raises:
         UntranslatableError: The tree uses something that the translator does not know.
@@ -284,8 +284,10 @@ class _Translator:
             options.append(f":: r[{i}] = RUNNING")
         call = [*lines, f"calls++; called[{i}] = calls;"]
         choice = [*call, "if", *options, "fi;"]
-        started = [f"if :: (r[{i}] == RUNNING && since[{i}] == 0) -> since[{i}] = called[{i}]"]
-        started.append(f":: (r[{i}] == RUNNING && since[{i}] > 0) -> skip :: else -> since[{i}] = 0 fi;")
+        started = [
+            f"if :: (r[{i}] != RUNNING) -> since[{i}] = 0",
+            f":: (r[{i}] == RUNNING && since[{i}] == 0) -> since[{i}] = called[{i}] :: else fi;",
+        ]
         choice += [
             f"if :: (r[{i}] == SUCCESS) -> returned_success[{i}] = true",
             f":: (r[{i}] == FAILURE) -> returned_failure[{i}] = true :: else fi;",
