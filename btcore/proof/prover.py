@@ -68,7 +68,7 @@ class Report(NamedTuple):
     """The result of a search.
 
     Attributes:
-        answers: The answers: first to the standard questions, then to the others, in the order of the questions.
+        answers: The answers to the standard questions, then to the others, in the order of the questions.
         transitions: The number of ticks that the search has run.
     """
 
