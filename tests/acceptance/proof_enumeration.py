@@ -241,9 +241,17 @@ Tick = tuple[int, tuple[int, ...]]
 
 
 class End(NamedTuple):
-    """The end of a run: what was seen in each tick, the next outcomes to try, and the state of the tree."""
+    """The end of a run.
 
-    seen: list[Seen]
+    Attributes:
+        seen: What was seen in the last tick.
+        following: The outcomes to try next instead of those of the last tick; None = all were tried.
+        given: The outcomes of the last tick.
+        state: The state of the tree after it; empty if the run has ended.
+        longest: The greatest remaining time (ns) of a timer.
+    """
+
+    seen: Seen
     following: list[int] | None
     given: tuple[int, ...]
     state: bytes
@@ -269,7 +277,7 @@ class Runner:
         }
 
     def run(self, script: Sequence[Tick]) -> End:
-        """Run a tree that is loaded anew."""
+        """Run a tree that is loaded anew; only the last tick may end the run."""
         self.runs += 1
         clock = SimClock()
         leaves = LeafScript()
@@ -282,15 +290,18 @@ class Runner:
             results.setdefault(node.name, []).append(status)
             return status
 
-        for node in tree.nodes:
-            node.set_post_tick_function(record)
-        seen: list[Seen] = []
-        for elapsed, given in script:
+        for elapsed, given in script[:-1]:
             clock.advance(elapsed / 1e9)
             leaves.begin(given)
-            results.clear()
-            seen.append(self._tick(tree, leaves, results))
-        return End(seen, leaves.following(), tuple(leaves.given), self.state(tree), self._longest_timer(tree))
+            tree.tick_exactly_once()
+        elapsed, given = script[-1]
+        clock.advance(elapsed / 1e9)
+        leaves.begin(given)
+        for node in tree.nodes:
+            node.set_post_tick_function(record)
+        seen = self._tick(tree, leaves, results)
+        state = b"" if seen.has_ended else self.state(tree)
+        return End(seen, leaves.following(), tuple(leaves.given), state, self._longest_timer(tree))
 
     def _tick(self, tree: Tree, leaves: LeafScript, results: dict[str, list[Status]]) -> Seen:
         before = frozenset(node.name for node in tree.nodes if node.status is RUNNING)
@@ -483,7 +494,7 @@ def enumerate_runs(tree: RandomTree, ticks: int, most_runs: int, most_plain: int
                 for end in _outcomes(runner, script, elapsed):
                     if runner.runs > most_runs:
                         return None
-                    seen = end.seen[-1]
+                    seen = end.seen
                     for question, is_violated in checks.items():
                         if is_violated(seen):
                             depths.setdefault(question, depth)
@@ -539,7 +550,7 @@ def enumerate_graph(tree: RandomTree, ticks: int, most_runs: int) -> tuple[list[
             for end in _outcomes(runner, script, elapsed):
                 if runner.runs > most_runs:
                     return None
-                seen = end.seen[-1]
+                seen = end.seen
                 target = -1
                 if not seen.has_ended:
                     if end.state not in numbers:
