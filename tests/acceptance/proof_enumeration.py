@@ -227,7 +227,8 @@ class Seen(NamedTuple):
             return atom.name in self.results
         if atom.kind == "halted":
             return atom.name in self.halted
-        return self.entries[atom.name] == int(atom.value)
+        # Format 3 writes the texts of the XML.
+        return self.entries[atom.name] in (int(atom.value), atom.value)
 
     @property
     def kept(self) -> set[str]:
