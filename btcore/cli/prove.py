@@ -23,6 +23,7 @@ from btcore.proof.model_leaves import with_model_leaves
 from btcore.proof.planned_run import planned_ticks
 from btcore.proof.prover import PROVED, REFUTED, Answer, Report
 from btcore.proof.saved_counterexamples import TreeReference, file_name, test_source
+from btcore.proof.state_graph_pictures import MOST_STATES, draw_graph, graph_to_dot, graph_to_svg
 from btcore.proof.tree_files import declarations_of, fault_in_run, prover_of
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
@@ -87,6 +88,13 @@ _INTERVAL_S: Final = 0.2
     help="Write each counterexample to FOLDER: a log for `btcore replay`, and a test for pytest that fails "
     "until the tree is mended.",
 )
+@click.option("--dot", type=files.OUTPUT_FILE, metavar="FILE", help="Write the state graph for Graphviz.")
+@click.option(
+    "--svg",
+    type=files.OUTPUT_FILE,
+    metavar="FILE",
+    help=f"Draw the state graph; at most {MOST_STATES} states.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def prove(
     source: str,
@@ -102,6 +110,8 @@ def prove(
     ticks: int | None,
     memory: int,
     save: Path | None,
+    dot: Path | None,
+    svg: Path | None,
     as_json: bool,
 ) -> int:
     """Search all possible runs of TREE, and answer questions about them.
@@ -139,6 +149,9 @@ def prove(
         terminal.print_json({"questions": [_as_data(answer) for answer in report.answers]})
     else:
         _print(report)
+    for target, draw in ((dot, graph_to_dot), (svg, graph_to_svg)):
+        if target is not None:
+            files.write(target, draw(*draw_graph(prover)).encode())
     answers = {answer.answer for answer in report.answers}
     if REFUTED in answers:
         return ExitCode.FAILURE
