@@ -22,7 +22,7 @@ from btcore.proof.exploration import StateGraph
 from btcore.proof.model_leaves import with_model_leaves
 from btcore.proof.planned_run import planned_ticks
 from btcore.proof.prover import PROVED, REFUTED, Answer, Report
-from btcore.proof.saved_counterexamples import TreeReference, file_name, test_source
+from btcore.proof.saved_counterexamples import TreeReference, file_name, source_of_test
 from btcore.proof.state_graph_pictures import MOST_STATES, draw_graph, graph_to_dot, graph_to_svg
 from btcore.proof.tree_files import declarations_of, fault_in_run, prover_of
 from btcore.registry.registry import Registry
@@ -200,7 +200,7 @@ def _save(
             LOGGED_CYCLES,
         )
     target = folder / f"test_{name.replace('-', '_')}.py"
-    files.write(target, test_source(name, answer, used, folder).encode())
+    files.write(target, source_of_test(name, answer, used, folder).encode())
 
 
 class _Progress:

@@ -49,7 +49,7 @@ def file_name(number: int, question: str) -> str:
     return f"{number:02}-{words}" if words else f"{number:02}"
 
 
-def test_source(name: str, answer: Answer, source: TreeReference, folder: Path) -> str:
+def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Path) -> str:
     """Return the source code of a test that fails until the tree is mended.
 
     Args:
