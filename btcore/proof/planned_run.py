@@ -8,7 +8,7 @@ from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
 from btcore.proof.counterexample import Counterexample, LeafTick, TreeMaker, text_of
 from btcore.proof.exploration import Explorer, Tick
-from btcore.proof.model_leaves import Choices, Outcome, Writer
+from btcore.proof.model_leaves import Choices, Outcome, Writer, model_leaf_model
 from btcore.proof.propositions import parse_proposition, parse_question
 from btcore.proof.standard_questions import ENDS, LEAVES, STANDARD_QUESTIONS, standard_checks
 from btcore.status import RUNNING, Status
@@ -49,7 +49,8 @@ class PlannedChoices(Choices):
 
     A leaf takes the result that is planned for the present tick. If there is none, it takes its next planned
     result; after its last planned result, it repeats this result, unless that is RUNNING. In all other cases,
-    it takes the first result of its model.
+    it takes the first result of its model. An action that is not endless ends at the latest after the plan
+    and a further cycle, because a cycle that repeats forever is fair.
 
     Args:
         plan: The plan.
@@ -71,6 +72,7 @@ class PlannedChoices(Choices):
         self._place = -1
         self._names: dict[int, str] = {}
         self._taken: dict[str, int] = {}
+        self._kept: dict[int, int] = {}
 
     def check(self, tree: Tree) -> None:
         """Look up the leaves of the plan in *tree*.
@@ -97,6 +99,8 @@ class PlannedChoices(Choices):
     def choose_outcome(self, leaf: TreeNode, options: Sequence[Outcome], writers: Sequence[Writer]) -> int:
         """Return the number of the outcome that is planned for *leaf*, or of a similar one."""
         wanted = self._wanted(self._names.get(leaf.uid, leaf.path))
+        if self._runs_too_long(leaf):
+            wanted = None
         number = 0
         if wanted is not None:
             result, written = wanted
@@ -104,6 +108,15 @@ class PlannedChoices(Choices):
         # The choice is also counted, so that a tick without an end is found.
         self.given = [*(chosen for chosen, _ in self.made), number]
         return self.choose(len(options))
+
+    def _runs_too_long(self, leaf: TreeNode) -> bool:
+        """Return whether an action has been RUNNING for longer than a fair cycle lets it."""
+        kept = self._kept.get(leaf.uid, 0) + 1 if leaf._status is RUNNING else 0
+        self._kept[leaf.uid] = kept
+        model = model_leaf_model(leaf)
+        if self._cycle is None or model is None or model.endless:
+            return False
+        return kept > 2 * len(self._plan) - self._cycle
 
     def _wanted(self, name: str) -> _Planned | None:
         count = self._taken.get(name, 0)

@@ -274,6 +274,8 @@ def never_happens(file: Path, detail: str) -> bool:
         if model.get("lasts", True) and leaf.type is not btcore.NodeType.CONDITION:
             results.append(Status.RUNNING)
         result = draw.choice(results)
+        if not model.get("at_once", True) and leaf.status is not Status.RUNNING:
+            result = Status.RUNNING
         happened.update({(leaf.path, "ticked"), (leaf.path, names.get(result, ""))})
         for port, output in leaf.config.outputs.items() if result is Status.SUCCESS else ():
             texts = declared.get("entries", {}).get(output.key, ["true", "false"])

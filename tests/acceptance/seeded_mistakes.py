@@ -181,6 +181,7 @@ TREES: dict[str, GoodTree] = {
                 "</Fallback>",
             ),
             "ignores the condition": ("<PathFree/>", "<ForceSuccess><PathFree/></ForceSuccess>"),
+            "a pause that starts again and again": ("<PathFree/>", """<PathFree/> <Sleep msec="1000"/>"""),
             "does not stop": ("<Stop/>", """<Stop _skipIf="true"/>"""),
         },
         """

@@ -73,6 +73,21 @@ def test_cycle_is_repeated_until_the_tree_ends(file: Path) -> None:
     assert_holds_in_run(file, ENDS, plan, cycle=(0, 0.2), models=[file])
 
 
+def test_action_ends_in_a_cycle_that_halted_it_before_the_tree_was_mended(file: Path) -> None:
+    tree = RETRY.format(attempts=1).replace("<Sequence>", """<ReactiveSequence> <Sleep msec="1000"/>""")
+    file.write_text(tree.replace("</Sequence>", "</ReactiveSequence>"))
+    answer = prove(file, models=[file]).answers[0]
+    run = answer.counterexample
+    assert (answer.question, answer.answer) == (ENDS, "refuted")
+    assert run is not None
+    assert run.cycle is not None
+    plan, cycle = planned_ticks(run), (run.cycle, run.period)
+    with pytest.raises(AssertionError, match="still RUNNING"):
+        assert_holds_in_run(file, ENDS, plan, cycle=cycle, models=[file])
+    file.write_text(RETRY.format(attempts=1))
+    assert_holds_in_run(file, ENDS, plan, cycle=cycle, models=[file])
+
+
 def test_plan_of_a_counterexample_repeats_it(file: Path) -> None:
     file.write_text(RETRY.format(attempts=2))
     question = "Grasp is SUCCESS leads to Ready is SUCCESS & Grasp is FAILURE"
