@@ -187,8 +187,9 @@ def _save(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise click.ClickException(f"cannot create '{folder}': {error.strerror}") from error
+    log = folder / f"{name}.btlog"
     with ExitStack() as open_logs:
-        fault_in_run(
+        fault = fault_in_run(
             examined,
             nodes,
             answer.question,
@@ -196,9 +197,16 @@ def _save(
             cycle,
             run.given,
             declared,
-            lambda tree: open_logs.enter_context(open_log(tree, folder / f"{name}.btlog")),
+            lambda tree: open_logs.enter_context(open_log(tree, log)),
             LOGGED_CYCLES,
         )
+    if fault is None:
+        # The plan has no place for choices of nodes that are no leaves, such as a ManualSelector.
+        log.unlink()
+        terminal.print_warning(
+            f"'{answer.question}': nothing was saved, because planned leaves do not repeat the run"
+        )
+        return
     target = folder / f"test_{name.replace('-', '_')}.py"
     files.write(target, source_of_test(name, answer, used, folder).encode())
 

@@ -257,6 +257,15 @@ def test_saved_tests_pass_ruff_and_name_all_that_the_tree_needs(
     assert "1 failed" in run_test(test).stdout
 
 
+def test_run_that_planned_leaves_cannot_repeat_is_not_saved(
+    prove: Callable[..., Result], tmp_path: Path
+) -> None:
+    tree = DRIVE.replace('"4"', '"3"').replace("Fallback>", "ManualSelector>")
+    result = prove(tree, "--never", "Stop", "--save", str(tmp_path / "found"))
+    assert "warning: 'never Stop': nothing was saved, because planned leaves do not repeat" in result.stderr
+    assert not list((tmp_path / "found").glob("*never*"))
+
+
 def test_trees_from_stdin_cannot_be_saved(cli: Cli, tmp_path: Path) -> None:
     result = cli("prove", "-", "--save", tmp_path, input=DRIVE)
     assert result.exit_code == 2
