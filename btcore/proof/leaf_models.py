@@ -19,7 +19,7 @@ from btcore.suggestions import did_you_mean, join_names
 from btcore.values import BOOL, EnumType
 
 RESULTS: Final = {"SUCCESS": SUCCESS, "FAILURE": FAILURE, "SKIPPED": SKIPPED}
-_KEYS: Final = ("results", "lasts", "at_once", "endless", "uses")
+_KEYS: Final = ("results", "lasts", "at_once", "endless", "uses", "optional")
 
 
 class ModelError(BtcoreError):
@@ -35,6 +35,8 @@ class LeafModel(NamedTuple):
         at_once: Whether the leaf may complete in the tick that starts it.
         endless: Whether the leaf may be RUNNING forever. Any other leaf completes after some ticks.
         uses: The names of the resources that only one leaf at a time may use, such as a robot.
+        optional: The names of the input ports whose entries need not be written before the leaf reads them;
+            without them it does not succeed.
     """
 
     results: tuple[Status, ...]
@@ -42,6 +44,7 @@ class LeafModel(NamedTuple):
     at_once: bool
     endless: bool
     uses: frozenset[str]
+    optional: frozenset[str] = frozenset()
 
 
 def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> LeafModel:
@@ -134,8 +137,9 @@ def _narrowed(model: LeafModel, declared: Mapping[str, Any], place: str) -> Leaf
             results = _ordered({RESULTS[name] for name in names if name in RESULTS})
             lasts = model.lasts if results else True
             model = model._replace(results=results, lasts=lasts or "RUNNING" in names, endless=not results)
-        elif key == "uses":
-            model = model._replace(uses=frozenset(_names(value, place, key)))
+        elif key in ("uses", "optional"):
+            named: Any = {key: frozenset(_names(value, place, key))}
+            model = model._replace(**named)
         else:
             flag = {"true": True, "false": False}.get(str(value).lower())
             if flag is None:

@@ -4,6 +4,7 @@ Their choices are made by `Choices`, which repeats a given list of choices and t
 of every choice beyond it.
 """
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, Final, NamedTuple, NoReturn
 
@@ -17,6 +18,7 @@ from btcore.nodes.manual_selector import Prompt
 from btcore.proof.leaf_models import LeafModel, domain_of, model_of, resources_of
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status
+from btcore.tree.tree import Tree
 
 MOST_CHOICES: Final = 300
 """The number of choices within a tick after which the tick counts as endless."""
@@ -85,6 +87,7 @@ class Choices:
         events: The ticks of model leaves, in order.
         halted: The model leaves that were halted while RUNNING.
         domains: The declared values of entries, as texts, by key.
+        unread: The keys of entries that leaves need not write, because nothing reads them.
     """
 
     def __init__(self, domains: Mapping[str, tuple[str, ...]] | None = None) -> None:
@@ -93,6 +96,7 @@ class Choices:
         self.events: list[LeafEvent] = []
         self.halted: list[LeafNode] = []
         self.domains = dict(domains or {})
+        self.unread: frozenset[str] = frozenset()
         self._unknown: dict[str, UnknownValue] = {}
 
     def begin(self, given: Sequence[int]) -> None:
@@ -153,6 +157,7 @@ class _Chooser:
         self._model = model
         self.choices = choices
         self._reads: list[Input] | None = None
+        self._optional: list[Input] = []
         self._writers: list[Writer] = []
         self._options: dict[tuple[bool, ...], list[Outcome]] = {}
         self._starts_running = model.lasts and not model.at_once
@@ -173,9 +178,10 @@ class _Chooser:
             return RUNNING
         writers = self._writers
         fresh = tuple([self._is_fresh(writer) for writer in writers])
-        options = self._options.get(fresh)
+        has_inputs = not any(_is_unwritten(port) for port in self._optional)
+        options = self._options.get((*fresh, has_inputs))
         if options is None:
-            self._options[fresh] = options = self._all_options(fresh)
+            self._options[*fresh, has_inputs] = options = self._all_options(fresh, has_inputs)
         status, picked = options[choices.choose_outcome(self._leaf, options, writers)]
         written: dict[str, object] = {}
         for writer, pick in zip(writers, picked, strict=False):
@@ -186,13 +192,14 @@ class _Chooser:
 
     def _prepare(self) -> None:
         config = self._leaf.config
-        self._reads = [
+        self._reads = [port for port in config.inputs.values() if _is_mandatory(port, self._model)]
+        self._optional = [
             port
             for port in config.inputs.values()
-            if port.key is not None and port.port.default is None and not port.port.optional
+            if port.name in self._model.optional and port.key not in (None, *self.choices.unread)
         ]
         for output in config.outputs.values():
-            if output.key is not None:
+            if output.key is not None and output.key not in self.choices.unread:
                 values = domain_of(output.binding.port, self.choices.domains, output.key)
                 self._writers.append(Writer(output, output.key, values))
 
@@ -203,16 +210,19 @@ class _Chooser:
         entry = writer.output.blackboard.find(writer.key)
         return entry is None or not isinstance(entry.value, UnknownValue)
 
-    def _all_options(self, fresh: tuple[bool, ...]) -> list[Outcome]:
+    def _all_options(self, fresh: tuple[bool, ...], has_inputs: bool) -> list[Outcome]:
         """Return the results with the numbers of the values that are written.
 
-        With SUCCESS the leaf writes all its outputs, with FAILURE all or none, otherwise none.
+        With SUCCESS the leaf writes all its outputs, with FAILURE all or none, otherwise none. Without all
+        optional inputs it does not succeed, unless it can only succeed.
         """
+        without_success = [status for status in self._model.results if status is not SUCCESS]
+        results = self._model.results if has_inputs or not without_success else without_success
         picks: list[tuple[int, ...]] = [()]
         for writer in self._writers:
             picks = [(*pick, number) for pick in picks for number in range(len(writer.values) or 1)]
         options: list[Outcome] = []
-        for status in self._model.results:
+        for status in results:
             if status is not SUCCESS:
                 options.append((status, ()))
             if status is SUCCESS or (status is FAILURE and any(fresh)):
@@ -231,6 +241,50 @@ class _Chooser:
         unknown = self.choices.unknown(writer.key)
         entry.put(unknown, board.now())
         return unknown
+
+
+def _is_unwritten(port: Input) -> bool:
+    entry = port.blackboard.find(port.key or "")
+    return entry is None or entry.value is None
+
+
+def _is_mandatory(port: Input, model: LeafModel) -> bool:
+    """Return whether a leaf with this model raises if the entry of the input *port* is not written."""
+    declared = port.port
+    return (
+        port.key is not None
+        and declared.default is None
+        and not declared.optional
+        and port.name not in model.optional
+    )
+
+
+def unread_keys(tree: Tree, choices: Choices, watched: str = "") -> frozenset[str]:
+    """Return the keys that only model leaves write, and that no node reads.
+
+    A model leaf reads its mandatory inputs only. A key counts as read if its name occurs in any input or
+    attribute of another node, in a script or in *watched*, the text of the questions.
+    """
+    written: set[str] = set()
+    texts = [watched]
+    for node in tree.nodes:
+        config = node.config
+        model = model_leaf_model(node)
+        inputs = [port for port in config.inputs.values() if model is None or _is_mandatory(port, model)]
+        texts += [port.key if port.key is not None else str(port.literal) for port in inputs]
+        texts += config.scripts.values()
+        if model is None:
+            for name, text in config.attributes.items():
+                texts += [name, text]
+        else:
+            written.update(output.key for output in config.outputs.values() if output.key is not None)
+    read = set(_WORD.findall(" ".join(texts)))
+    return frozenset(
+        key for key in written if key not in choices.domains and read.isdisjoint(_WORD.findall(key))
+    )
+
+
+_WORD: Final = re.compile(r"\w+")
 
 
 class ModelDecorator(DecoratorNode):

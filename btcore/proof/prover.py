@@ -21,7 +21,7 @@ from btcore.proof.exploration import (
 )
 from btcore.proof.fair_cycles import FairCycle, Fairness, Step, find_fair_cycle, states_from, steps_back
 from btcore.proof.leaf_models import ModelError
-from btcore.proof.model_leaves import Choices, model_leaf_model
+from btcore.proof.model_leaves import Choices, model_leaf_model, unread_keys
 from btcore.proof.propositions import ParsedProposition, Question, parse_proposition
 from btcore.proof.standard_questions import (
     ENDS,
@@ -107,7 +107,10 @@ class Prover:
         def limited(choices: Choices, clock: Clock) -> Tree:
             tree = make(choices, clock)
             tree.tick_limit = TICK_LIMIT
+            choices.unread = unread_keys(tree, choices, texts)
             return tree
+
+        texts = " ".join([*given, *(question.text for question in questions)])
 
         self._make = limited
         self._domains = dict(domains or {})

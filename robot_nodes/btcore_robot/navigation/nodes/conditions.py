@@ -337,6 +337,11 @@ class AreErrorCodesPresent(Condition):
 
     default_codes: ClassVar[frozenset[int]] = frozenset()
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the code need not be written yet, for proofs."""
+        return {"optional": "error_code"}
+
     def tick(self) -> bool:
         """Compare the code; an entry without a value is not an error."""
         code = optional_input(self, "error_code")

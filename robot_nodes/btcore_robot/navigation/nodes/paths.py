@@ -117,6 +117,11 @@ class _PathValidation(BtServiceNode):
 
     provided_ports = path_port("Path to check.")
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the path need not be written yet, for proofs."""
+        return {"optional": "path"}
+
     def on_start(self) -> Status:
         """Send the request; return FAILURE for a missing or empty path."""
         if path_input(self, "path") is None:

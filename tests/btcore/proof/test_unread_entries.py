@@ -1,0 +1,84 @@
+"""Entries that nothing reads are not written in a search; an optional input may be unwritten."""
+
+from typing import Annotated
+
+from btcore import In, Out, Registry, SyncAction, loads
+from btcore.clock import Clock
+from btcore.proof.model_leaves import Choices, with_model_leaves
+from btcore.proof.propositions import parse_question
+from btcore.proof.prover import PROVED, REFUTED, Prover
+from btcore.proof.standard_questions import INPUTS
+from btcore.tree.tree import Tree
+
+
+class Plan(SyncAction):
+    """Writes a route, and an error code that no node of the tree reads."""
+
+    route: Annotated[Out[str], "The route."]
+    error: Annotated[Out[int], "The error code."]
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+class Check(SyncAction):
+    """Reads the route."""
+
+    route: Annotated[In[str], "The route."]
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+class Follow(Check):
+    """Reads the route, which is written whenever the tree ticks it."""
+
+
+def prover_of(xml: str, optional: list[str], *questions: str) -> Prover:
+    nodes = Registry.standard()
+    nodes.add(Plan)
+    nodes.add(Check)
+    nodes.add(Follow)
+    models = with_model_leaves(nodes, {"Check": {"optional": optional}})
+
+    def make(choices: Choices, clock: Clock) -> Tree:
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{xml}</BehaviorTree></root>'
+        return loads(text, nodes=models, resources=[choices], clock=clock)
+
+    return Prover(make, [parse_question(question) for question in questions])
+
+
+CHECK_FIRST = (
+    '<Fallback><Check route="{route}"/>'
+    '<Sequence><Plan route="{route}" error="{error}"/><Follow route="{route}"/></Sequence></Fallback>'
+)
+
+
+def test_an_optional_input_may_be_unwritten_but_then_the_leaf_does_not_succeed():
+    answers = {
+        optional: {
+            answer.question: answer.answer
+            for answer in prover_of(CHECK_FIRST, [*optional], "never Check is SUCCESS").answer().answers
+        }
+        for optional in ((), ("route",))
+    }
+    assert answers[()][INPUTS] == REFUTED
+    assert answers["route",][INPUTS] == PROVED
+    assert answers["route",]["never Check is SUCCESS"] == PROVED
+
+
+def test_an_entry_is_searched_only_if_something_reads_it():
+    tree = (
+        '<Sequence><ForceSuccess><Plan route="{route}" error="{error}"/></ForceSuccess>'
+        '<Check route="{route}"/></Sequence>'
+    )
+    explorer = prover_of(tree, []).explorer
+    explorer.run()
+    # Plan succeeds, fails, or fails with outputs. Then Check succeeds or fails; without a route it raises.
+    assert explorer.graph.transitions == 5
+    read = tree.replace("<Check ", '<Script code="code := error"/><Check ')
+    assert [prover_of(xml, []).explorer.choices.unread for xml in (tree, read)] == [{"error"}, set()]
+    asked = prover_of(tree, [], "never {error} == 1")
+    assert asked.explorer.choices.unread == set()
