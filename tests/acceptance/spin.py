@@ -1,8 +1,8 @@
 """The model checker spin answers the same questions about small trees as `btcore prove`.
 
 ``python tests/acceptance/spin.py`` translates the trees of spin_trees.toml to Promela (promela.py). It asks
-spin and `btcore prove` the standard questions and the questions listed with each tree, and exits with 1 on any
-disagreement. It needs spin (Debian package `spin`) and gcc; without them nothing is compared.
+spin and `btcore prove` the standard questions and the questions listed with each tree, and exits with 1 if
+an answer differs. It needs spin (Debian package `spin`) and gcc; without them nothing is compared.
 """
 
 import argparse
