@@ -302,6 +302,8 @@ class _Writer:
         # One of the Switch nodes, so that they are not in every second tree.
         switches = [tag for tag in fitting if tag.startswith("Switch")]
         fitting = [tag for tag in fitting if tag not in switches[1:]]
+        # Several timers in a tree are more interesting than one.
+        fitting += [tag for tag in fitting if tag in _TIMED] * 6
         tag = chance.choice(fitting)
         tag = chance.choice(switches) if tag in switches else tag
         kind = known[tag]
