@@ -216,7 +216,7 @@ def _times(plan: Sequence[PlannedTick], cycle: tuple[int, float] | None, cycles:
 
 
 class _Fault:
-    """Finds out whether a run violates a question."""
+    """Checks, tick by tick, whether a run violates a question."""
 
     def __init__(self, tree: Tree, question: str) -> None:
         self._check = None
