@@ -79,7 +79,7 @@ _INTERVAL_S: Final = 0.2
     default=4000,
     show_default=True,
     metavar="MB",
-    help="End the search when the process has used this much memory.",
+    help="End the search when the process has used this much memory; without effect on Windows.",
 )
 @click.option(
     "--save",

@@ -1,7 +1,6 @@
 """The exhaustive search over the states of a tree, breadth first, on the ordinary engine."""
 
 import re
-import resource
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -426,7 +425,11 @@ def _what_is_unknown(error: NodeExecutionError, tree: Tree) -> str | None:
 
 
 def _memory_used() -> int:
-    """Return the greatest memory (bytes) that this process has used."""
+    """Return the greatest memory (bytes) that this process has used; 0 on Windows, which is not supported."""
+    if sys.platform == "win32":
+        return 0
+    import resource
+
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return used if sys.platform == "darwin" else used * 1024
 
