@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from btcore import Blackboard, Registry, SimClock, Status, loads
@@ -49,7 +49,7 @@ def copied(tree: Tree, xml: str) -> tuple[Tree, TreeState]:
     return other, state
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     xml_documents(max_nodes=14, timed=True, conditions=True, scripts=True, subtrees=1),
     st.integers(1, 3),
