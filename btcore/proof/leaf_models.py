@@ -19,7 +19,7 @@ from btcore.suggestions import did_you_mean, join_names
 from btcore.values import BOOL, EnumType
 
 RESULTS: Final = {"SUCCESS": SUCCESS, "FAILURE": FAILURE, "SKIPPED": SKIPPED}
-_KEYS: Final = ("results", "lasts", "at_once", "endless", "uses", "optional")
+_KEYS: Final = ("results", "lasts", "at_once", "endless", "uses", "optional", "early")
 
 
 class ModelError(BtcoreError):
@@ -37,6 +37,7 @@ class LeafModel(NamedTuple):
         uses: The names of the resources that only one leaf at a time may use, such as a robot.
         optional: The names of the input ports whose entries need not be written before the leaf reads them;
             without them it does not succeed.
+        early: Whether the leaf may write its outputs already while it is RUNNING.
     """
 
     results: tuple[Status, ...]
@@ -45,6 +46,7 @@ class LeafModel(NamedTuple):
     endless: bool
     uses: frozenset[str]
     optional: frozenset[str] = frozenset()
+    early: bool = False
 
 
 def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> LeafModel:

@@ -213,8 +213,9 @@ class _Chooser:
     def _all_options(self, fresh: tuple[bool, ...], has_inputs: bool) -> list[Outcome]:
         """Return the results with the numbers of the values that are written.
 
-        With SUCCESS the leaf writes all its outputs, with FAILURE all or none, otherwise none. Without all
-        optional inputs it does not succeed, unless it can only succeed.
+        With SUCCESS the leaf writes all its outputs, with FAILURE all or none, with RUNNING none or,
+        if the model writes early, all. Without all optional inputs it does not succeed, unless it can only
+        succeed.
         """
         without_success = [status for status in self._model.results if status is not SUCCESS]
         results = self._model.results if has_inputs or not without_success else without_success
@@ -229,6 +230,8 @@ class _Chooser:
                 options += [(status, pick) for pick in picks]
         if self._model.lasts:
             options.append((RUNNING, ()))
+            if self._model.early and any(fresh):
+                options += [(RUNNING, pick) for pick in picks]
         return options
 
     def _write(self, writer: Writer, pick: int) -> object:

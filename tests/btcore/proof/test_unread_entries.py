@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from btcore import In, Out, Registry, SyncAction, loads
+from btcore import In, Out, Registry, StatefulAction, Status, SyncAction, loads
 from btcore.clock import Clock
 from btcore.proof.model_leaves import Choices, with_model_leaves
 from btcore.proof.propositions import parse_question
@@ -36,12 +36,25 @@ class Follow(Check):
     """Reads the route, which is written whenever the tree ticks it."""
 
 
-def prover_of(xml: str, optional: list[str], *questions: str) -> Prover:
+class Search(StatefulAction):
+    """Writes a route, and goes on."""
+
+    route: Annotated[Out[str], "The route."]
+
+    def on_start(self) -> Status:
+        """Never called in a proof."""
+        raise AssertionError
+
+    on_running = on_start
+
+
+def prover_of(xml: str, optional: list[str], *questions: str, early: bool = False) -> Prover:
     nodes = Registry.standard()
     nodes.add(Plan)
     nodes.add(Check)
     nodes.add(Follow)
-    models = with_model_leaves(nodes, {"Check": {"optional": optional}})
+    nodes.add(Search)
+    models = with_model_leaves(nodes, {"Check": {"optional": optional}, "Search": {"early": early}})
 
     def make(choices: Choices, clock: Clock) -> Tree:
         text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{xml}</BehaviorTree></root>'
@@ -82,3 +95,14 @@ def test_an_entry_is_searched_only_if_something_reads_it():
     assert [prover_of(xml, []).explorer.choices.unread for xml in (tree, read)] == [{"error"}, set()]
     asked = prover_of(tree, [], "never {error} == 1")
     assert asked.explorer.choices.unread == set()
+
+
+def test_a_leaf_that_writes_early_may_be_running_with_its_outputs_written():
+    both = '<Parallel><Search route="{route}"/><Check route="{route}"/></Parallel>'
+    xml = f'<Sequence>{both}<Follow route="{{route}}"/></Sequence>'
+    question = "never Check is SUCCESS & Search"
+    found = [
+        {answer.question: answer.answer for answer in prover.answer().answers}[question]
+        for prover in (prover_of(xml, ["route"], question, early=early) for early in (False, True))
+    ]
+    assert found == [PROVED, REFUTED]
