@@ -45,6 +45,7 @@ NEEDS = {
     "bump_and_go": BOOK_NEEDS,
     "monitor_your_robot": ("zmq", "msgpack", "rerun"),
     "recording": ("zmq", "msgpack", "rerun"),
+    "proving": BOOK_NEEDS,
     "protocols": ("zmq", "msgpack"),
     "security": ("zmq", "msgpack"),
     "add_a_node": (*BOOK_NEEDS, "zmq", "msgpack"),
@@ -60,7 +61,7 @@ NEEDS = {
     "worlds": BOOK_NEEDS,
 }
 FENCE = re.compile(r"( *)(`{3,}|~{3,}) *(.*?) *$")
-FILE = re.compile(r"(python|xml|json|yaml) ([\w.]+\.(?:py|xml|urdf|json|yaml))")
+FILE = re.compile(r"(python|xml|json|yaml|toml) ([\w.]+\.(?:py|xml|urdf|json|yaml|toml))")
 # What a page with changes of the repository may change, import or test.
 COPIED = ("btcore", "docs", "monitor", "robot_nodes", "ros2", "sim", "tests", "trees", "pyproject.toml")
 # `btcore run` prints such a line every 10 s of real time.
