@@ -56,7 +56,7 @@ class Tick(NamedTuple):
 
     Attributes:
         tree: The tree after the tick.
-        running: The model leaves that were RUNNING before the tick.
+        kept: The model leaves that remained RUNNING: they neither completed nor were halted in the tick.
         events: The ticks of model leaves, in order.
         halted: The model leaves that were halted while RUNNING.
         result: The result of the tree; None if a node raised.
@@ -66,19 +66,13 @@ class Tick(NamedTuple):
     """
 
     tree: Tree
-    running: Sequence[TreeNode]
+    kept: Sequence[TreeNode]
     events: Sequence[LeafEvent]
     halted: Sequence[TreeNode]
     result: Status | None
     error: NodeExecutionError | None
     results: "dict[int, list[Status]]"
     halts: set[int]
-
-    def kept(self) -> list[TreeNode]:
-        """Return the leaves that remained RUNNING: they neither completed nor were halted in the tick."""
-        ended = {event.leaf.uid for event in self.events if event.result is not RUNNING}
-        ended.update(leaf.uid for leaf in self.halted)
-        return [leaf for leaf in self.running if leaf._status is RUNNING and leaf.uid not in ended]
 
 
 Check = Callable[[Tick], str | None]
@@ -185,7 +179,7 @@ class StateTable:
         """Return the number of *state*, and whether it is new."""
         numbers = self._numbers
         key: list[int] = []
-        for part in (*state.nodes, *state[1:]):
+        for part in (*state.fields, state.statuses, *state[2:]):
             number = numbers.get(part)
             if number is None:
                 number = numbers[part] = len(self._parts)
@@ -202,8 +196,8 @@ class StateTable:
     def state(self, number: int) -> TreeState:
         """Return the state with this number."""
         parts = [self._parts[part] for part in self._keys[number]]
-        nodes = len(parts) - len(TreeState._fields) + 1
-        return TreeState(tuple(parts[:nodes]), *parts[nodes:])
+        fields = len(parts) - len(TreeState._fields) + 1
+        return TreeState(parts[fields], tuple(parts[:fields]), *parts[fields + 1 :])
 
 
 class Explorer:
@@ -213,6 +207,7 @@ class Explorer:
         tree: The tree, with model leaves that share *choices*, and a SimClock at `NOW`.
         choices: The choices of the leaves.
         checks: The checks of each tick, by name.
+        state_checks: The checks that depend only on the tree after a tick, by name.
         propositions: Functions that return whether a proposition holds in a tick.
         watched: The nodes whose results and halts the checks or propositions need.
 
@@ -226,6 +221,7 @@ class Explorer:
         tree: Tree,
         choices: Choices,
         checks: dict[str, Check],
+        state_checks: dict[str, Check],
         propositions: Sequence[Callable[[Tick], bool]] = (),
         watched: Sequence[TreeNode] = (),
     ) -> None:
@@ -235,6 +231,7 @@ class Explorer:
         self.keeper = StateKeeper(tree)
         self.table = StateTable()
         self._checks = dict(checks)
+        self._state_checks = dict(state_checks)
         self._propositions = list(propositions)
         self._leaves: list[TreeNode] = [node for node in tree.nodes if model_leaf_model(node) is not None]
         self.signals = Signals(self._leaves, len(self.keeper.timer_slots), len(propositions))
@@ -337,6 +334,10 @@ class Explorer:
             if node.tick_counts is not None and node.tick_counts.halted > before[node.uid]
         }
         events, halted = self.choices.events, self.choices.halted
+        if running:
+            ended = {event.leaf.uid for event in events if event.result is not RUNNING}
+            ended.update(leaf.uid for leaf in halted)
+            running = [leaf for leaf in running if leaf._status is RUNNING and leaf.uid not in ended]
         return Tick(tree, running, events, halted, result, error, self._results, halts)
 
     def _add(
@@ -350,7 +351,6 @@ class Explorer:
         """Add the edge of a tick to *found*, unless an equal edge is there already, and check the tick."""
         graph = self.graph
         timers = 0
-        made = tuple([chosen for chosen, _ in self.choices.made])
         reason = None
         if tick.error is not None:
             reason = _what_is_unknown(tick.error, self.tree)
@@ -366,19 +366,25 @@ class Explorer:
         if (target, signals) in found and not is_new:
             edge = found[target, signals]
         else:
-            edge = found[target, signals] = Edge(target, signals, index, made)
+            edge = found[target, signals] = self._edge(target, signals, index)
         if is_new:
             graph.parents.append((number, edge))
             graph.depths.append(graph.depths[number] + 1)
         if reason is not None:
             graph.bounds.setdefault(reason, (number, edge))
             return
-        for name, check in self._checks.items():
+        # A state that was found before has been checked before.
+        checks = self._checks if target >= 0 and not is_new else {**self._checks, **self._state_checks}
+        for name, check in checks.items():
             if name not in graph.violations:
                 message = check(tick)
                 if message is not None:
-                    own = Edge(target, signals, index, made)
+                    own = self._edge(target, signals, index)
                     graph.violations[name] = Violation(number, own, message)
+
+    def _edge(self, target: int, signals: int, advance: int) -> Edge:
+        """Return the edge of the last tick."""
+        return Edge(target, signals, advance, tuple([chosen for chosen, _ in self.choices.made]))
 
     def _signals(self, tick: Tick, timers: int) -> int:
         signals = self.signals
@@ -391,7 +397,7 @@ class Explorer:
                 bits |= 4 << shift
             elif result is FAILURE:
                 bits |= 8 << shift
-        for leaf in tick.kept():
+        for leaf in tick.kept:
             bits |= 2 << 4 * numbers[leaf.uid]
         bits |= timers << 4 * len(numbers)
         for number, proposition in enumerate(self._propositions):

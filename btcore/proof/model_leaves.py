@@ -6,6 +6,7 @@ of every choice beyond it.
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import ClassVar, Final, NamedTuple, NoReturn
 
 from btcore.blackboard.blackboard import Entry
@@ -149,6 +150,9 @@ class Writer(NamedTuple):
     values: tuple[object, ...]
 
 
+_NOTHING: Final[Mapping[str, object]] = MappingProxyType({})
+
+
 class _Chooser:
     """Chooses the results and the outputs of one leaf or decorator."""
 
@@ -159,14 +163,13 @@ class _Chooser:
         self._reads: list[Input] | None = None
         self._optional: list[Input] = []
         self._writers: list[Writer] = []
-        self._options: dict[tuple[bool, ...], list[Outcome]] = {}
+        self._options: dict[tuple[tuple[bool, ...], bool], list[Outcome]] = {}
         self._starts_running = model.lasts and not model.at_once
 
     def take(self, before: Status) -> Status:
         """Read the mandatory inputs, choose a result and what is written, and record the tick."""
         if self._reads is None:
-            self._prepare()
-        assert self._reads is not None
+            self._reads = self._prepare()
         for port in self._reads:
             assert port.key is not None
             entry = port.blackboard.find(port.key)
@@ -174,25 +177,27 @@ class _Chooser:
                 port.read()
         choices = self.choices
         if self._starts_running and before is not RUNNING:
-            choices.events.append(LeafEvent(self._leaf, before, RUNNING, {}))
+            choices.events.append(LeafEvent(self._leaf, before, RUNNING, _NOTHING))
             return RUNNING
         writers = self._writers
-        fresh = tuple([self._is_fresh(writer) for writer in writers])
-        has_inputs = not any(_is_unwritten(port) for port in self._optional)
-        options = self._options.get((*fresh, has_inputs))
+        fresh = tuple([self._is_fresh(writer) for writer in writers]) if writers else ()
+        has_inputs = not self._optional or not any(_is_unwritten(port) for port in self._optional)
+        options = self._options.get((fresh, has_inputs))
         if options is None:
-            self._options[*fresh, has_inputs] = options = self._all_options(fresh, has_inputs)
+            self._options[fresh, has_inputs] = options = self._all_options(fresh, has_inputs)
         status, picked = options[choices.choose_outcome(self._leaf, options, writers)]
-        written: dict[str, object] = {}
-        for writer, pick in zip(writers, picked, strict=False):
-            value = self._write(writer, pick)
-            written[writer.output.name] = value
+        written: Mapping[str, object] = _NOTHING
+        if picked:
+            written = {
+                writer.output.name: self._write(writer, pick)
+                for writer, pick in zip(writers, picked, strict=True)
+            }
         choices.events.append(LeafEvent(self._leaf, before, status, written))
         return status
 
-    def _prepare(self) -> None:
+    def _prepare(self) -> list[Input]:
+        """Find the outputs and the optional inputs. Return the mandatory inputs."""
         config = self._leaf.config
-        self._reads = [port for port in config.inputs.values() if _is_mandatory(port, self._model)]
         self._optional = [
             port
             for port in config.inputs.values()
@@ -202,6 +207,7 @@ class _Chooser:
             if output.key is not None and output.key not in self.choices.unread:
                 values = domain_of(output.binding.port, self.choices.domains, output.key)
                 self._writers.append(Writer(output, output.key, values))
+        return [port for port in config.inputs.values() if _is_mandatory(port, self._model)]
 
     def _is_fresh(self, writer: Writer) -> bool:
         """Return whether a write changes the entry: not if it already holds the unknown value."""

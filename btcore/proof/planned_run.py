@@ -10,7 +10,7 @@ from btcore.proof.counterexample import Counterexample, LeafTick, TreeMaker, tex
 from btcore.proof.exploration import Explorer, Tick
 from btcore.proof.model_leaves import Choices, Outcome, Writer, model_leaf_model
 from btcore.proof.propositions import parse_proposition, parse_question
-from btcore.proof.standard_questions import ENDS, LEAVES, STANDARD_QUESTIONS, standard_checks
+from btcore.proof.standard_questions import ENDS, LEAVES, STANDARD_QUESTIONS, state_checks, tick_checks
 from btcore.status import RUNNING, Status
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
@@ -189,7 +189,7 @@ def run_plan(
     tree = make(choices, clock)
     choices.check(tree)
     fault = _Fault(tree, question)
-    explorer = Explorer(tree, choices, {}, (), fault.watched)
+    explorer = Explorer(tree, choices, {}, {}, (), fault.watched)
     if attach is not None:
         attach(tree)
     try:
@@ -228,7 +228,7 @@ class _Fault:
         if question == LEAVES:
             raise PlanError(f"'{question}' is not a question about a single run")
         if question in STANDARD_QUESTIONS:
-            self._check = standard_checks(tree).get(question)
+            self._check = {**tick_checks(tree), **state_checks(tree)}.get(question)
             return
         self._question = parse_question(question)
         first = parse_proposition(self._question.first, tree)

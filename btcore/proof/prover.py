@@ -28,7 +28,8 @@ from btcore.proof.standard_questions import (
     LEAVES,
     STANDARD_QUESTIONS,
     endless_nodes,
-    standard_checks,
+    state_checks,
+    tick_checks,
 )
 from btcore.status import FAILURE, RUNNING, SUCCESS
 from btcore.suggestions import join_names
@@ -135,7 +136,8 @@ class Prover:
         self.explorer = Explorer(
             tree,
             choices,
-            standard_checks(tree),
+            tick_checks(tree),
+            state_checks(tree),
             [*(each.holds for each in parsed), *map(_runs, self._endless), self._runs_endless_node],
             list(watched.values()),
         )

@@ -23,15 +23,14 @@ EXCEPTIONS: Final = "no node raises an exception"
 STANDARD_QUESTIONS: Final = (ENDS, LEAVES, RESOURCES, HALTED, INPUTS, REACTIVE, EXCEPTIONS)
 
 
-def standard_checks(tree: Tree) -> dict[str, Check]:
-    """Return the checks of single ticks, by the question that they answer."""
-    return {
-        RESOURCES: _resource_check(tree),
-        HALTED: _halt_check(tree),
-        INPUTS: _unwritten_input,
-        REACTIVE: _reactive_check(tree),
-        EXCEPTIONS: _exception,
-    }
+def tick_checks(tree: Tree) -> dict[str, Check]:
+    """Return the checks of what happens in a tick, by the question that they answer."""
+    return {RESOURCES: _resource_check(tree), INPUTS: _unwritten_input, EXCEPTIONS: _exception}
+
+
+def state_checks(tree: Tree) -> dict[str, Check]:
+    """Return the checks that depend only on the tree after a tick, by the question that they answer."""
+    return {HALTED: _halt_check(tree), REACTIVE: _reactive_check(tree)}
 
 
 def endless_nodes(tree: Tree) -> list[TreeNode]:
@@ -55,26 +54,29 @@ def _is_endless_loop(node: TreeNode) -> bool:
 
 def _resource_check(tree: Tree) -> Check:
     shared: dict[tuple[int, int], str] = {}
-    users = [(node, model.uses) for node in tree.nodes if (model := model_leaf_model(node)) is not None]
+    users = [(node, model) for node in tree.nodes if (model := model_leaf_model(node)) is not None]
     for (first, its), (second, other) in combinations(users, 2):
-        common = sorted(its & other)
+        common = sorted(its.uses & other.uses)
         if common:
             shared[first.uid, second.uid] = shared[second.uid, first.uid] = common[0]
     if not shared:
         return lambda tick: None
-    of_one_tick = {node.uid for node in tree.nodes if (model := model_leaf_model(node)) and not model.lasts}
+    sharing = {uid for pair in shared for uid in pair}
+    of_one_tick = {node.uid for node, model in users if not model.lasts}
 
     def check(tick: Tick) -> str | None:
         if tick.error is not None:
             return None
-        running = {leaf.uid: (leaf, -1) for leaf in tick.kept()}
-        for number, (leaf, _, result, _) in enumerate(tick.events):
-            if result is RUNNING and leaf._status is RUNNING:
-                running.setdefault(leaf.uid, (leaf, number))
         # An action that lasts uses its resources while it is RUNNING, an action of one tick in its tick.
-        brief = [
-            (event.leaf, number) for number, event in enumerate(tick.events) if event.leaf.uid in of_one_tick
-        ]
+        running = {leaf.uid: (leaf, -1) for leaf in tick.kept if leaf.uid in sharing}
+        brief: list[tuple[TreeNode, int]] = []
+        for number, (leaf, _, result, _) in enumerate(tick.events):
+            uid = leaf.uid
+            if uid in sharing:
+                if uid in of_one_tick:
+                    brief.append((leaf, number))
+                elif result is RUNNING and leaf._status is RUNNING:
+                    running.setdefault(uid, (leaf, number))
         for first, start in running.values():
             others = [*running.values(), *(other for other in brief if other[1] > start)]
             for second, _ in others:

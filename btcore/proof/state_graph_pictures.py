@@ -73,11 +73,11 @@ def draw_graph(prover: Prover) -> tuple[list[DrawnState], list[DrawnEdge]]:
     names = names_of(prover.tree)
     states: list[DrawnState] = []
     for number in range(count):
-        statuses = [values[0] for values in explorer.table.state(number).nodes]
+        statuses = explorer.table.state(number).statuses
         running = [
             names[node.uid]
             for node, status in zip(prover.tree.nodes, statuses, strict=True)
-            if status is RUNNING and not node.children
+            if status == RUNNING and not node.children
         ]
         kind = "start" if graph.parents[number] is None else "state"
         text = ", ".join(running) or ("start" if kind == "start" else "…")

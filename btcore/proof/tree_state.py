@@ -29,30 +29,41 @@ class TreeState(NamedTuple):
     """The state of a tree between two ticks.
 
     Attributes:
-        nodes: The status and the state fields of each node.
+        statuses: The status of each node.
+        fields: The state fields of each node that has any.
         boards: The entries of each blackboard scope: keys, and numbers of entries.
         entries: The type, the value and the number of writes of each entry.
         objects: The contents of mutable values, to which values refer by number.
         timers: The bounds of the remaining times of all pending timers.
     """
 
-    nodes: tuple[tuple[Any, ...], ...]
+    statuses: bytes
+    fields: tuple[tuple[Any, ...], ...]
     boards: tuple[tuple[tuple[str, int], ...], ...]
     entries: tuple[tuple[Any, ...], ...]
     objects: tuple[Any, ...]
     timers: Bounds
 
 
+_STATUSES: Final = tuple(Status)
+"""The status of each number in `TreeState.statuses`."""
+
+
+# The tags make sure that objects of different classes are not equal, although all of them are tuples.
+
+
 class _Reference(NamedTuple):
     """Stands for a mutable object: its number among the objects of the state."""
 
     number: int
+    tag: str = "reference"
 
 
 class _Timer(NamedTuple):
     """Stands for the deadline of a timer: its number in the bounds; -1 = it has expired."""
 
     number: int
+    tag: str = "timer"
 
 
 class _Typed(NamedTuple):
@@ -78,11 +89,12 @@ class StateKeeper:
     def __init__(self, tree: Tree) -> None:
         self._tree = tree
         self._boards: list[Blackboard] = blackboards_of(tree)
-        self._nodes: list[tuple[TreeNode, list[str], frozenset[str]]] = []
+        self._nodes = list(tree.nodes)
+        self._with_fields: list[tuple[TreeNode, list[str], frozenset[str]]] = []
         self._watchers: list[tuple[int, EntryUpdatedDecorator | WasEntryUpdated]] = []
         self._endless: set[int] = set()
         self.timer_slots: list[tuple[TreeNode, str]] = []
-        for index, node in enumerate(tree.nodes):
+        for node in tree.nodes:
             check_state_declaration(node)
             if type(node).state_fields is None:
                 raise NodeError(
@@ -90,7 +102,10 @@ class StateKeeper:
                     "nothing can be proved about it"
                 )
             fields = state_fields_of(type(node))
-            self._nodes.append((node, fields, frozenset(type(node).time_fields)))
+            if not fields:
+                continue
+            index = len(self._with_fields)
+            self._with_fields.append((node, fields, frozenset(type(node).time_fields)))
             self.timer_slots += [(node, name) for name in type(node).time_fields]
             if isinstance(node, (EntryUpdatedDecorator, WasEntryUpdated)):
                 self._watchers.append((index, node))
@@ -111,9 +126,10 @@ class StateKeeper:
         for number in range(len(state.timers) - 1):
             if number not in expired:
                 numbers[number] = PENDING + len(numbers)
-        for (node, fields, _), values in zip(self._nodes, state.nodes, strict=True):
-            node._status = values[0]
-            for name, value in zip(fields, values[1:], strict=True):
+        for node, status in zip(self._nodes, state.statuses, strict=True):
+            node._status = _STATUSES[status]
+        for (node, fields, _), values in zip(self._with_fields, state.fields, strict=True):
+            for name, value in zip(fields, values, strict=True):
                 kind = type(value)
                 if kind is _Timer:
                     value = numbers.get(value.number, _EXPIRED)
@@ -163,8 +179,8 @@ class StateKeeper:
         rows: list[list[Any]] = []
         deadlines = self.deadlines() if self.timer_slots else []
         numbers_of_deadlines = {deadline: number for number, deadline in enumerate(deadlines)}
-        for index, (node, fields, times) in enumerate(self._nodes):
-            row: list[Any] = [node._status]
+        for index, (node, fields, times) in enumerate(self._with_fields):
+            row: list[Any] = []
             for name in fields:
                 value = getattr(node, name)
                 if name in times:
@@ -202,6 +218,7 @@ class StateKeeper:
             if place >= 0:
                 self._renumber(rows, entries[place], found[place].sequence_id, watchers)
         return TreeState(
+            bytes([node._status for node in self._nodes]),
             tuple(map(tuple, rows)),
             tuple(boards),
             tuple(map(tuple, entries)),
@@ -220,9 +237,9 @@ class StateKeeper:
         below = sorted({0, writes, *(seen for _, seen in watchers if seen <= writes)})
         entry[3] = below.index(writes)
         for index, seen in watchers:
-            fields = self._nodes[index][1]
+            fields = self._with_fields[index][1]
             number = below.index(seen) if seen <= writes else entry[3] + seen - writes
-            rows[index][1 + fields.index("_seen")] = number
+            rows[index][fields.index("_seen")] = number
 
 
 def _timer_bounds(timers: Bounds, deadlines: Iterable[int]) -> Bounds:
@@ -283,6 +300,7 @@ class _FrozenSet(NamedTuple):
     """Stands for a set, which a node of the engine never shares."""
 
     members: frozenset[object]
+    tag: str = "set"
 
 
 class _Identity:

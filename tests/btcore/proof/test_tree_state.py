@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from btcore import Blackboard, Registry, SimClock, Status, loads
 from btcore.blackboard.ports import PortRole
 from btcore.engine.node import TreeNode
+from btcore.proof.exploration import StateTable
 from btcore.proof.timer_order import NO_TIMERS, Advance
 from btcore.proof.tree_state import NOW, StateKeeper, TreeState
 from btcore.registry.manifest import Manifest
@@ -177,6 +178,16 @@ def test_equal_values_of_different_types_are_different_states() -> None:
         StateKeeper(tree).restore(states[-1], SAME_TIME)
         assert repr(tree.blackboard["x"]) == repr(value)
     assert len(set(states)) == len(states)
+
+
+def test_a_timer_and_the_bounds_of_no_timers_are_different_parts_of_a_state() -> None:
+    tree = tree_of('<Timeout msec="9"><Sleep msec="5"/></Timeout>')
+    keeper, table = StateKeeper(tree), StateTable()
+    table.number_of(keeper.capture())
+    tree.tick_exactly_once()
+    state = keeper.capture()
+    stored = table.state(table.number_of(state)[0])
+    assert [list(map(type, row)) for row in stored.fields] == [list(map(type, row)) for row in state.fields]
 
 
 def test_shared_values_remain_shared() -> None:
