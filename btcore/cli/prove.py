@@ -24,7 +24,7 @@ from btcore.proof.planned_run import planned_ticks
 from btcore.proof.prover import PROVED, REFUTED, Answer, Report
 from btcore.proof.saved_counterexamples import TreeReference, file_name, source_of_test
 from btcore.proof.state_graph_pictures import MOST_STATES, draw_graph, graph_to_dot, graph_to_svg
-from btcore.proof.tree_files import declarations_of, fault_in_run, prover_of
+from btcore.proof.tree_files import MEMORY_MB, declarations_of, fault_in_run, prover_of
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
 from btcore.xml.models.stand_ins import StubAction, StubCondition
@@ -76,7 +76,7 @@ _INTERVAL_S: Final = 0.2
 @click.option(
     "--memory",
     type=click.IntRange(100),
-    default=4000,
+    default=MEMORY_MB,
     show_default=True,
     metavar="MB",
     help="End the search when the process has used this much memory; without effect on Windows.",

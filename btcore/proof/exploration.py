@@ -113,6 +113,10 @@ class StateGraph:
         """Whether every state was found."""
         return not self.bounds
 
+    def edges_of(self, state: int) -> list[Edge]:
+        """Return the edges of *state*; none if it was not expanded."""
+        return self.edges[state] if state < len(self.edges) else []
+
     def path_to(self, state: int) -> list[tuple[int, Edge]]:
         """Return the states and edges of a shortest path from an initial state to *state*."""
         steps: list[tuple[int, Edge]] = []

@@ -67,9 +67,8 @@ def find_fair_cycle(
     """
     states = range(len(graph.edges)) if reachable is None else reachable
     whole: _Part = {
-        state: [edge for edge in graph.edges[state] if edge.target >= 0 and allowed(edge)]
+        state: [edge for edge in graph.edges_of(state) if edge.target >= 0 and allowed(edge)]
         for state in states
-        if state < len(graph.edges)
     }
     pending = _components(whole)
     while pending:
@@ -93,7 +92,7 @@ def states_from(
     queue = deque(found)
     while queue:
         state = queue.popleft()
-        for edge in graph.edges[state] if state < len(graph.edges) else ():
+        for edge in graph.edges_of(state):
             if edge.target >= 0 and edge.target not in found and allowed(edge):
                 found[edge.target] = (state, edge)
                 queue.append(edge.target)

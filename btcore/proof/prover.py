@@ -105,13 +105,13 @@ class Prover:
         domains: Mapping[str, tuple[str, ...]] | None = None,
         given: Sequence[str] = (),
     ) -> None:
+        texts = " ".join([*given, *(question.text for question in questions)])
+
         def limited(choices: Choices, clock: Clock) -> Tree:
             tree = make(choices, clock)
             tree.tick_limit = TICK_LIMIT
             choices.unread = unread_keys(tree, choices, texts)
             return tree
-
-        texts = " ".join([*given, *(question.text for question in questions)])
 
         self._make = limited
         self._domains = dict(domains or {})
@@ -141,9 +141,8 @@ class Prover:
             [*(each.holds for each in parsed), *map(_runs, self._endless), self._runs_endless_node],
             list(watched.values()),
         )
-        self._given = list(given)
         self._beginnings: list[dict[str, object]] = []
-        for beginning in beginnings_of(tree, choices, self._domains, self._given):
+        for beginning in beginnings_of(tree, choices, self._domains, given):
             write_entries(tree, beginning)
             if self.explorer.start():
                 self._beginnings.append(beginning)
@@ -277,7 +276,7 @@ class Prover:
         starts = [state for state, parent in enumerate(graph.parents) if parent is None]
         found = states_from(graph, starts, lambda edge: not edge.signals & first)
         for state in found:
-            for edge in graph.edges[state] if state < len(graph.edges) else ():
+            for edge in graph.edges_of(state):
                 if edge.signals & second and not edge.signals & first:
                     steps = [*steps_back(found, state), (state, edge)]
                     return self._refuted(question.text, "", steps)
@@ -306,7 +305,7 @@ class Prover:
                 entered.setdefault(step[1].target, step)
         found = states_from(graph, entered, lambda edge: not edge.signals & second)
         for state in found:
-            for edge in graph.edges[state] if state < len(graph.edges) else ():
+            for edge in graph.edges_of(state):
                 if edge.target in _ENDS and not edge.signals & second:
                     steps = steps_back(found, state)
                     origin = steps[0][0] if steps else state
@@ -332,7 +331,7 @@ class Prover:
         while waiting or depth <= max(begun, default=-1):
             steps = [([step], within) for step in begun.get(depth, ())]
             for state, (path, left) in waiting.items():
-                for edge in graph.edges[state] if state < len(graph.edges) else ():
+                for edge in graph.edges_of(state):
                     if not edge.signals & second:
                         steps.append(([*path, (state, edge)], left - 1))
             waiting = {}
