@@ -1,4 +1,4 @@
-"""Bump-and-go over many seeds: no collision, over 10 m, every leaf ran, 15 times faster than real time.
+"""Bump-and-go over many seeds: no collision, over 10 m, every leaf ran.
 
 ``python tests/acceptance/bumpgo.py --seeds 200`` prints a table, and exits with 1 on any miss.
 """
@@ -11,7 +11,6 @@ from cached_runs import Case, Result, failure_messages, results
 
 DURATION = 120
 LEAST_DISTANCE = 10.0
-LEAST_FACTOR = 15.0
 
 
 def bumpgo(tree: str, world: str, *, grazes: bool) -> Case:
@@ -42,8 +41,6 @@ def row(case: Case, found: list[Result]) -> tuple[str, list[str]]:
         return f"{case.name:24} {0:5}", missed
     robots = [one["robot"] for one in whole]
     factor = statistics.median(one["real_time_factor"] for one in whole)
-    if factor < LEAST_FACTOR:
-        missed.append(f"{case.name}: {factor:.1f} times real time in the median, and not {LEAST_FACTOR:g}")
     collisions, grazes = (sum(one[kind] for one in robots) for kind in ("collisions", "grazes"))
     least = min(one["distance_m"] for one in robots)
     line = f"{case.name:24} {len(whole):5} {collisions:5} {grazes:6} {least:8.2f} {factor:10.1f}"
