@@ -18,11 +18,11 @@ from btcore.logs.formats import open_log
 from btcore.proof.answer_text import lines_of_answer
 from btcore.proof.counterexample import RunTick
 from btcore.proof.declarations import Declarations
-from btcore.proof.exploration import StateGraph
 from btcore.proof.model_leaves import with_model_leaves
 from btcore.proof.planned_run import planned_ticks
 from btcore.proof.prover import PROVED, REFUTED, Answer, Report
 from btcore.proof.saved_counterexamples import TreeReference, file_name, source_of_test
+from btcore.proof.state_graph import StateGraph
 from btcore.proof.state_graph_pictures import MOST_STATES, draw_graph, graph_to_dot, graph_to_svg
 from btcore.proof.tree_files import MEMORY_MB, declarations_of, fault_in_run, prover_of
 from btcore.registry.registry import Registry
@@ -235,8 +235,7 @@ class _Progress:
         if self._live is None or now < self._next:
             return
         self._next = now + _INTERVAL_S
-        found, searched = len(graph.parents), len(graph.edges)
-        text = f"{searched:,} of {found:,} states searched, {graph.transitions:,} ticks run"
+        text = f"{graph.expanded:,} of {graph.states:,} states searched, {graph.transitions:,} ticks run"
         self._live.update(Text(text, style="dim"), refresh=True)
 
 

@@ -4,7 +4,7 @@ The scripts run on the blackboard of the node's scope. For a SubTree node, this 
 the outer tree.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.script.program import Program, compile_script, condition_result
@@ -66,3 +66,29 @@ class ConditionScripts:
         """Run `_onHalted`."""
         if self.on_halted is not None:
             self.on_halted.run(self.blackboard)
+
+
+class WatchedConditions(ConditionScripts):
+    """The condition scripts of a node, which may be none, with a report of the start of each tick.
+
+    Args:
+        scripts: The scripts, by the name of the attribute.
+        enums: The numbers of enum names in scripts.
+        blackboard: The scope of the scripts.
+        started: Called at the start of each tick, before the pre-conditions.
+    """
+
+    def __init__(
+        self,
+        scripts: Mapping[str, str],
+        enums: Mapping[str, int],
+        blackboard: Blackboard,
+        started: Callable[[], object],
+    ) -> None:
+        super().__init__(scripts, enums, blackboard)
+        self.started = started
+
+    def check_preconditions(self, status: Status) -> Status:
+        """Report the start of a tick, and check the pre-conditions."""
+        self.started()
+        return super().check_preconditions(status)

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from btcore.clock import NS_PER_S, Clock, SimClock
 from btcore.errors import NodeExecutionError
-from btcore.proof.exploration import Edge, Explorer
-from btcore.proof.fair_cycles import Step
+from btcore.proof.exploration import Explorer
 from btcore.proof.model_leaves import Choices, UnknownValue
+from btcore.proof.state_graph import Moment
 from btcore.proof.tick_times import Deadline, tick_times
 from btcore.proof.tree_state import NOW, PENDING
 from btcore.status import Status
@@ -74,20 +74,19 @@ class Counterexample(NamedTuple):
     drawing: Sequence[Sequence[Fragment]] = ()
 
 
-def times_of(explorer: Explorer, steps: Sequence[Step]) -> list[int] | None:
-    """Return times (ns) of the ticks at which the timers expire as in *steps*, or None."""
+def times_of(explorer: Explorer, moments: Sequence[Moment]) -> list[int] | None:
+    """Return times (ns) of ticks at which the timers expire as in these ticks, or None."""
     keeper, table = explorer.keeper, explorer.table
     open_timers: list[int] = []
     deadlines: list[list[int | None]] = []  # set in, duration, expired in, last pending
-    for number, (state_number, edge) in enumerate(steps):
-        state = table.state(state_number)
-        advance = keeper.advances(state)[edge.advance]
+    for number, moment in enumerate(moments):
+        advance = keeper.advances(table.state(moment.state))[moment.advance]
         for index in advance.expired:
             deadlines[open_timers[index]][2] = number
         kept = [timer for index, timer in enumerate(open_timers) if index not in advance.expired]
         for timer in kept:
             deadlines[timer][3] = number
-        explorer.run_tick(state, advance, edge.choices)
+        explorer.run_moment(moment)
         open_timers = []
         for value in keeper.deadlines():
             if value >= PENDING:
@@ -96,21 +95,21 @@ def times_of(explorer: Explorer, steps: Sequence[Step]) -> list[int] | None:
                 open_timers.append(len(deadlines))
                 deadlines.append([number, value - NOW, None, number])
     found = [Deadline(first or 0, length or 0, end, last or 0) for first, length, end, last in deadlines]
-    return tick_times(len(steps), found)
+    return tick_times(len(moments), found)
 
 
 def replay(
     make: TreeMaker,
-    steps: Sequence[Edge],
+    choices_of_ticks: Sequence[Sequence[int]],
     times: Sequence[int],
     domains: Mapping[str, tuple[str, ...]],
     attach: Callable[[Tree], object] | None = None,
 ) -> list[RunTick]:
-    """Run the tree on the ordinary engine with the choices of *steps*.
+    """Run the tree on the ordinary engine with given choices.
 
     Args:
         make: Loads the tree.
-        steps: The edges of the run.
+        choices_of_ticks: The choices of each tick.
         times: The times of the ticks (ns).
         domains: The declared values of entries.
         attach: Called with the tree before its first tick, for example to record a log.
@@ -122,9 +121,9 @@ def replay(
         attach(tree)
     names = names_of(tree)
     ticks: list[RunTick] = []
-    for edge, time in zip(steps, times, strict=True):
+    for given, time in zip(choices_of_ticks, times, strict=True):
         clock.advance((time - clock.now()) / NS_PER_S)
-        choices.begin(edge.choices)
+        choices.begin(given)
         error = ""
         result: Status | None = None
         try:

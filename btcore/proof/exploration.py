@@ -1,9 +1,12 @@
-"""The exhaustive search over the states of a tree, breadth first, on the ordinary engine."""
+"""The exhaustive search over the states of a tree, breadth first, on the ordinary engine.
+
+Within a tick, the search stops at each decision of a leaf: moments with the same future are searched once.
+"""
 
 import re
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections import deque
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, Final, NamedTuple
 
 from btcore.clock import SimClock
@@ -17,38 +20,29 @@ from btcore.proof.model_leaves import (
     UnknownValueError,
     model_leaf_model,
 )
+from btcore.proof.state_graph import (
+    END_OF,
+    RAISED,
+    UNKNOWN,
+    Edge,
+    Moment,
+    Signals,
+    StateGraph,
+    Step,
+    Violation,
+)
+from btcore.proof.tick_progress import TickProgress
 from btcore.proof.timer_order import Advance
 from btcore.proof.tree_state import NOW, StateKeeper, TreeState
-from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
+from btcore.status import RUNNING, SKIPPED, Status
 from btcore.tree.tree import Tree
 
-MOST_OUTCOMES: Final = 200_000
-"""The number of outcomes of one tick from one state after which the search gives up."""
+MOST_DECISIONS: Final = 200_000
+"""The number of decisions in the ticks from one state after which the search gives up."""
 TICK_LIMIT: Final = 2.0
 """The time (s, real time) after which a tick that repeats nodes is stopped with an exception."""
 _NAME: Final = re.compile(r"@?[^\W\d]\w*")
 """A name in a script."""
-RAISED: Final = -1
-UNKNOWN: Final = -2
-_ENDED: Final = {SUCCESS: -3, FAILURE: -4, SKIPPED: -5}
-RESULT_OF: Final = {number: status for status, number in _ENDED.items()}
-"""The result of the tree, for each target of an edge after which the tree has completed."""
-
-
-class Edge(NamedTuple):
-    """One tick from a state.
-
-    Attributes:
-        target: The number of the next state; negative = the tree ended, raised, or used an unknown value.
-        signals: What happened in the tick: a bit for each of the search's signals.
-        advance: The number of the advance of the timers.
-        choices: The choices of the leaves.
-    """
-
-    target: int
-    signals: int
-    advance: int
-    choices: tuple[int, ...]
 
 
 class Tick(NamedTuple):
@@ -75,133 +69,138 @@ class Tick(NamedTuple):
     halts: set[int]
 
 
-Check = Callable[[Tick], str | None]
-"""Returns what is wrong in a tick, or None."""
-
-
-@dataclass
-class Violation:
-    """The first tick in which a check found something wrong, and the sentence that says what."""
-
-    state: int
-    edge: Edge
-    message: str
-
-
-@dataclass
-class StateGraph:
-    """The states that were found, and the ticks between them.
+class Check(NamedTuple):
+    """A check of ticks.
 
     Attributes:
-        edges: The edges of each state that was expanded, by the number of the state.
-        parents: For each state the state and the edge by which it was found first; None for an initial state.
-        depths: The number of ticks until each state.
-        violations: The first violation of each check, by the name of the check.
-        bounds: Why the search is not complete, each reason once; empty at a fixpoint.
-        transitions: The number of ticks that were run.
+        find: Returns what is wrong in a tick, or None.
+        remember: Returns what *find* must know of the first part of a tick; None = nothing.
     """
 
-    edges: list[list[Edge]] = field(default_factory=list)
-    parents: list[tuple[int, Edge] | None] = field(default_factory=list)
-    depths: list[int] = field(default_factory=list)
-    violations: dict[str, Violation] = field(default_factory=dict)
-    bounds: dict[str, tuple[int, Edge] | None] = field(default_factory=dict)
-    transitions: int = 0
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether every state was found."""
-        return not self.bounds
-
-    def edges_of(self, state: int) -> list[Edge]:
-        """Return the edges of *state*; none if it was not expanded."""
-        return self.edges[state] if state < len(self.edges) else []
-
-    def path_to(self, state: int) -> list[tuple[int, Edge]]:
-        """Return the states and edges of a shortest path from an initial state to *state*."""
-        steps: list[tuple[int, Edge]] = []
-        while (step := self.parents[state]) is not None:
-            steps.append(step)
-            state = step[0]
-        return steps[::-1]
-
-
-class Signals:
-    """The meaning of the bits of `Edge.signals`.
-
-    For each model leaf: it was ticked; it was RUNNING before and after the tick without a halt; it succeeded;
-    it failed. For each time field: its timer was pending before and after the tick. Then a bit for each of
-    the questions' propositions.
-    """
-
-    def __init__(self, leaves: Sequence[TreeNode], timers: int, propositions: int) -> None:
-        self.leaves = list(leaves)
-        self.numbers = {leaf.uid: number for number, leaf in enumerate(leaves)}
-        self.timers = timers
-        self._first_timer = 4 * len(leaves)
-        self._first_proposition = self._first_timer + timers
-        self.count = self._first_proposition + propositions
-
-    def ticked(self, leaf: int) -> int:
-        """Return the bit that is set if leaf number *leaf* was ticked."""
-        return 1 << 4 * leaf
-
-    def kept(self, leaf: int) -> int:
-        """Return the bit that is set if leaf number *leaf* remained RUNNING."""
-        return 2 << 4 * leaf
-
-    def succeeded(self, leaf: int) -> int:
-        """Return the bit that is set if leaf number *leaf* succeeded."""
-        return 4 << 4 * leaf
-
-    def failed(self, leaf: int) -> int:
-        """Return the bit that is set if leaf number *leaf* failed."""
-        return 8 << 4 * leaf
-
-    def pending(self, timer: int) -> int:
-        """Return the bit that is set if timer number *timer* remained pending."""
-        return 1 << self._first_timer + timer
-
-    def proposition(self, number: int) -> int:
-        """Return the bit that is set if proposition *number* holds in the tick."""
-        return 1 << self._first_proposition + number
+    find: Callable[[Tick], str | None]
+    remember: Callable[[Sequence[LeafEvent]], Hashable] | None = None
 
 
 class StateTable:
-    """All states that were found, each with a number. Parts that states have in common are stored once."""
+    """All vertices that were found, each with a number. Parts that they have in common are stored once."""
 
     def __init__(self) -> None:
         self._parts: list[Any] = []
         self._numbers: dict[Any, int] = {}
-        self._states: dict[tuple[int, ...], int] = {}
+        self._vertices: dict[tuple[int, ...], int] = {}
         self._keys: list[tuple[int, ...]] = []
 
     def __len__(self) -> int:
         return len(self._keys)
 
-    def number_of(self, state: TreeState) -> tuple[int, bool]:
-        """Return the number of *state*, and whether it is new."""
+    def number_of(self, state: TreeState, moment: Hashable = None) -> tuple[int, bool]:
+        """Return the number of a vertex, and whether it is new.
+
+        Args:
+            state: The state of the tree.
+            moment: What else decides the rest of the tick; None = a state between two ticks.
+        """
         numbers = self._numbers
         key: list[int] = []
-        for part in (*state.fields, state.statuses, *state[2:]):
+        for part in (*state.fields, state.statuses, *state[2:], moment):
             number = numbers.get(part)
             if number is None:
                 number = numbers[part] = len(self._parts)
                 self._parts.append(part)
             key.append(number)
         found = tuple(key)
-        known = self._states.get(found)
+        known = self._vertices.get(found)
         if known is not None:
             return known, False
-        number = self._states[found] = len(self._keys)
+        number = self._vertices[found] = len(self._keys)
         self._keys.append(found)
         return number, True
 
     def state(self, number: int) -> TreeState:
-        """Return the state with this number."""
-        parts = [self._parts[part] for part in self._keys[number]]
+        """Return the state of the tree at the vertex with this number."""
+        parts = [self._parts[part] for part in self._keys[number][:-1]]
         fields = len(parts) - len(TreeState._fields) + 1
         return TreeState(parts[fields], tuple(parts[:fields]), *parts[fields + 1 :])
+
+
+class TickRunner:
+    """Runs single ticks of a tree with model leaves.
+
+    Args:
+        tree: The tree.
+        choices: The choices that its leaves share.
+        watched: The nodes whose results and halts are recorded.
+
+    Attributes:
+        leaves: The model leaves of the tree.
+    """
+
+    def __init__(self, tree: Tree, choices: Choices, watched: Sequence[TreeNode] = ()) -> None:
+        self.tree = tree
+        self.choices = choices
+        self.leaves: list[TreeNode] = [node for node in tree.nodes if model_leaf_model(node) is not None]
+        self._watched = list(watched)
+        self._results: dict[int, list[Status]] = {}
+        self._halts_before: dict[int, int] = {}
+        self._running: list[TreeNode] = []
+        for node in watched:
+            node.set_post_tick_function(self._record)
+            node.count_ticks()
+
+    def _record(self, node: TreeNode, status: Status) -> Status:
+        self._results.setdefault(node.uid, []).append(status)
+        return status
+
+    def run(self, given: Sequence[int]) -> Tick:
+        """Run one tick from the present state of the tree, with the choices *given*."""
+        self.choices.begin(given)
+        self._results.clear()
+        self._running = [leaf for leaf in self.leaves if leaf._status is RUNNING]
+        self._halts_before = {node.uid: _halts_of(node) for node in self._watched}
+        error: NodeExecutionError | None = None
+        result: Status | None = None
+        try:
+            result = self.tree.tick_exactly_once()
+        except NodeExecutionError as raised:
+            error = raised
+        return Tick(
+            self.tree,
+            self._kept(),
+            self.choices.events,
+            self.choices.halted,
+            result,
+            error,
+            self._results,
+            self._halts(),
+        )
+
+    def so_far(self) -> tuple[Hashable, ...]:
+        """Return what the end of the present tick depends on, of what has happened in it."""
+        return (
+            tuple([leaf.uid for leaf in self._kept()]),
+            tuple([(uid, frozenset(found)) for uid, found in sorted(self._results.items())]),
+            frozenset(self._halts()),
+        )
+
+    def _kept(self) -> Sequence[TreeNode]:
+        if not self._running:
+            return ()
+        ended = {event.leaf.uid for event in self.choices.events if event.result is not RUNNING}
+        ended.update(leaf.uid for leaf in self.choices.halted)
+        return [leaf for leaf in self._running if leaf._status is RUNNING and leaf.uid not in ended]
+
+    def _halts(self) -> set[int]:
+        before = self._halts_before
+        return {node.uid for node in self._watched if _halts_of(node) > before[node.uid]}
+
+
+def _halts_of(node: TreeNode) -> int:
+    counts = node.tick_counts
+    return 0 if counts is None else counts.halted
+
+
+class _KnownMomentError(KeyboardInterrupt):
+    """The rest of the tick has been searched before. The engine passes on only interrupts as they are."""
 
 
 class Explorer:
@@ -234,27 +233,28 @@ class Explorer:
         self.graph = StateGraph()
         self.keeper = StateKeeper(tree)
         self.table = StateTable()
+        self._runner = TickRunner(tree, choices, watched)
+        self._progress = TickProgress(tree, self.keeper)
         self._checks = dict(checks)
         self._state_checks = dict(state_checks)
+        self._memories = [check.remember for check in checks.values() if check.remember is not None]
         self._propositions = list(propositions)
-        self._leaves: list[TreeNode] = [node for node in tree.nodes if model_leaf_model(node) is not None]
-        self.signals = Signals(self._leaves, len(self.keeper.timer_slots), len(propositions))
-        self._results: dict[int, list[Status]] = {}
-        self._watched = list(watched)
-        for node in watched:
-            node.set_post_tick_function(self._record)
-            node.count_ticks()
-
-    def _record(self, node: TreeNode, status: Status) -> Status:
-        self._results.setdefault(node.uid, []).append(status)
-        return status
+        self.signals = Signals(self._runner.leaves, len(self.keeper.timer_slots), len(propositions))
+        self._states: deque[int] = deque()
+        self._open: list[tuple[int, int]] = []
+        # The tick that is being run: where it began, and the vertex that it has reached.
+        self._moment = Moment(0, 0, ())
+        self._bounds: Advance = Advance((), ())
+        self._vertex = 0
+        self._choice: int | None = None
+        self._events = 0
 
     def start(self) -> bool:
         """Add the present state of the tree to the initial states. Return whether it is new."""
-        _, is_new = self.table.number_of(self.keeper.capture())
+        number, is_new = self.table.number_of(self.keeper.capture())
         if is_new:
-            self.graph.parents.append(None)
-            self.graph.depths.append(0)
+            self.graph.add_state(None)
+            self._states.append(number)
         return is_new
 
     def run(
@@ -271,146 +271,164 @@ class Explorer:
             progress: Called from time to time.
         """
         graph = self.graph
+        self.choices.watcher = self._decide
         try:
-            while len(graph.edges) < len(self.table):
-                number = len(graph.edges)
+            while self._states:
+                number = self._states[0]
                 if most_ticks is not None and graph.depths[number] >= most_ticks:
                     graph.bounds.setdefault(f"runs of more than {most_ticks} ticks were not searched", None)
                     break
-                if number % 256 == 0:
+                if graph.expanded % 64 == 0:
                     if memory is not None and _memory_used() > memory:
                         graph.bounds.setdefault(f"the memory limit of {memory >> 20} MB was reached", None)
                         break
                     if progress is not None:
                         progress(graph)
-                graph.edges.append(self._expand(number))
+                self._expand(number)
+                self._states.popleft()
+                graph.expanded += 1
         except KeyboardInterrupt:
             graph.bounds.setdefault("the search was interrupted", None)
+        finally:
+            self.choices.watcher = None
 
-    def _expand(self, number: int) -> list[Edge]:
-        """Run every possible tick from a state. Return its edges."""
+    def _expand(self, number: int) -> None:
+        """Run every possible tick from a state."""
         state = self.table.state(number)
-        found: dict[tuple[int, int], Edge] = {}
-        outcomes = 0
-        for index, advance in enumerate(self.keeper.advances(state)):
-            given: list[int] | None = []
-            while given is not None:
-                self.keeper.restore(state, advance)
-                tick = self.tick(given)
-                given = self.choices.next_given()
-                self._add(number, tick, index, advance, found)
-                outcomes += 1
-                if tick.error is not None and isinstance(tick.error.cause, EndlessTickError):
-                    # The search is incomplete now, and such a tick may have any number of outcomes.
-                    return list(found.values())
-                if outcomes > MOST_OUTCOMES:
-                    reason = f"a tick has more than {MOST_OUTCOMES:,} outcomes"
+        advances = self.keeper.advances(state)
+        limit = len(self.graph.decisions) + MOST_DECISIONS
+        for index, advance in enumerate(advances):
+            self._run_tick(state, advance, Moment(number, index, ()), number, None)
+            while self._open:
+                vertex, choice = self._open.pop()
+                moment = self.graph.decisions[vertex]
+                self._run_tick(state, advance, moment, vertex, choice)
+                if len(self.graph.decisions) > limit:
+                    reason = f"the ticks from one state have more than {MOST_DECISIONS:,} decisions"
                     self.graph.bounds.setdefault(reason, None)
-                    return list(found.values())
-        return list(found.values())
+                    self._open.clear()
+                    return
 
-    def run_tick(self, state: TreeState, advance: Advance, given: Sequence[int]) -> Tick:
-        """Run one tick again."""
-        self.keeper.restore(state, advance)
-        return self.tick(given)
-
-    def tick(self, given: Sequence[int]) -> Tick:
-        """Run one tick from the present state of the tree."""
-        self.choices.begin(given)
-        self._results.clear()
-        tree = self.tree
-        running = [leaf for leaf in self._leaves if leaf._status is RUNNING]
-        before = {}
-        for node in self._watched:
-            counts = node.tick_counts
-            assert counts is not None
-            before[node.uid] = counts.halted
-        error: NodeExecutionError | None = None
-        result: Status | None = None
-        try:
-            result = tree.tick_exactly_once()
-        except NodeExecutionError as raised:
-            error = raised
-        self.graph.transitions += 1
-        halts = {
-            node.uid
-            for node in self._watched
-            if node.tick_counts is not None and node.tick_counts.halted > before[node.uid]
-        }
-        events, halted = self.choices.events, self.choices.halted
-        if running:
-            ended = {event.leaf.uid for event in events if event.result is not RUNNING}
-            ended.update(leaf.uid for leaf in halted)
-            running = [leaf for leaf in running if leaf._status is RUNNING and leaf.uid not in ended]
-        return Tick(tree, running, events, halted, result, error, self._results, halts)
-
-    def _add(
-        self,
-        number: int,
-        tick: Tick,
-        index: int,
-        advance: Advance,
-        found: dict[tuple[int, int], Edge],
+    def _run_tick(
+        self, state: TreeState, advance: Advance, moment: Moment, vertex: int, choice: int | None
     ) -> None:
-        """Add the edge of a tick to *found*, unless an equal edge is there already, and check the tick."""
+        """Run a tick that passes a vertex, and record what follows the vertex.
+
+        Args:
+            state: The state before the tick.
+            advance: The advance of the timers.
+            moment: The moment of the vertex.
+            vertex: The vertex.
+            choice: The choice at the vertex; None if the tick begins there.
+        """
+        self._moment, self._bounds = moment, advance
+        self._vertex, self._choice = vertex, choice
+        self._events = 0
+        self._progress.begin()
+        self.graph.transitions += 1
+        self.keeper.restore(state, advance)
+        given = moment.choices if choice is None else (*moment.choices, choice)
+        try:
+            tick = self._runner.run(given)
+        except _KnownMomentError:
+            return
+        self._add_end(tick, advance)
+        if tick.error is not None and isinstance(tick.error.cause, EndlessTickError):
+            # The search is incomplete now, and such a tick may have any number of decisions.
+            self._open.clear()
+
+    def run_moment(self, moment: Moment) -> Tick:
+        """Run a whole tick again."""
+        state = self.table.state(moment.state)
+        self.keeper.restore(state, self.keeper.advances(state)[moment.advance])
+        self._progress.begin()
+        return self._runner.run(moment.choices)
+
+    def _decide(self, leaf: TreeNode | None, options: int, choice: int) -> None:
+        """Follow the decision of a leaf in the present tick, and add it to the graph if it is new.
+
+        Args:
+            leaf: The leaf; None = the innermost node that is being ticked.
+            options: The number of its options.
+            choice: The option that it will take.
+
+        Raises:
+            _KnownMomentError: The rest of the tick has been searched already.
+        """
+        choices = self.choices
+        count, given = len(choices.made), len(choices.given)
+        if count == given - 1:
+            # The vertex at which the part of the tick begins that is not known.
+            self._events = len(choices.events)
+        elif count >= given:
+            self._add_decision(leaf, options)
+        self._progress.add_choice(leaf, choice)
+
+    def _add_decision(self, leaf: TreeNode | None, options: int) -> None:
+        keeper, graph, choices = self.keeper, self.graph, self.choices
+        made = tuple([chosen for chosen, _ in choices.made])
+        moment = self._moment._replace(choices=made)
+        timers = (keeper.kept_timers(), *keeper.deadlines()) if keeper.timer_slots else ()
+        rest = (
+            self._progress.moment(leaf) or moment,
+            self._runner.so_far(),
+            timers,
+            *[remember(choices.events) for remember in self._memories],
+        )
+        number, is_new = self.table.number_of(keeper.capture(self._bounds.bounds), rest)
+        step = self._add_edge(number)
+        if not is_new:
+            raise _KnownMomentError
+        graph.add_decision(step, moment)
+        self._open += [(number, option) for option in range(options - 1, 0, -1)]
+        self._vertex, self._choice = number, 0
+
+    def _add_end(self, tick: Tick, advance: Advance) -> None:
+        """Add the edge that ends a tick, and check the tick."""
         graph = self.graph
         timers = 0
         reason = None
+        is_new = False
         if tick.error is not None:
             reason = _what_is_unknown(tick.error, self.tree)
             target = RAISED if reason is None else UNKNOWN
-            is_new = False
         elif tick.result is RUNNING:
             timers = self.keeper.kept_timers()
             target, is_new = self.table.number_of(self.keeper.capture(advance.bounds))
         else:
             assert tick.result is not None
-            target, is_new = _ENDED.get(tick.result, _ENDED[SKIPPED]), False
-        signals = self._signals(tick, timers)
-        if (target, signals) in found and not is_new:
-            edge = found[target, signals]
-        else:
-            edge = found[target, signals] = self._edge(target, signals, index)
+            target = END_OF.get(tick.result, END_OF[SKIPPED])
+        true: list[int] = []
+        for number, proposition in enumerate(self._propositions):
+            try:
+                if proposition(tick):
+                    true.append(number)
+            except UnknownValueError as error:
+                graph.bounds.setdefault(str(error), None)
+        signals = self.signals.of_end(tick.kept, timers, true)
+        step = self._add_edge(target, signals)
         if is_new:
-            graph.parents.append((number, edge))
-            graph.depths.append(graph.depths[number] + 1)
+            graph.add_state(step)
+            self._states.append(target)
         if reason is not None:
-            graph.bounds.setdefault(reason, (number, edge))
+            graph.bounds.setdefault(reason, step)
             return
         # A state that was found before has been checked before.
         checks = self._checks if target >= 0 and not is_new else {**self._checks, **self._state_checks}
         for name, check in checks.items():
             if name not in graph.violations:
-                message = check(tick)
+                message = check.find(tick)
                 if message is not None:
-                    own = self._edge(target, signals, index)
-                    graph.violations[name] = Violation(number, own, message)
+                    graph.violations[name] = Violation(step, message)
 
-    def _edge(self, target: int, signals: int, advance: int) -> Edge:
-        """Return the edge of the last tick."""
-        return Edge(target, signals, advance, tuple([chosen for chosen, _ in self.choices.made]))
-
-    def _signals(self, tick: Tick, timers: int) -> int:
-        signals = self.signals
-        numbers = signals.numbers
-        bits = 0
-        for leaf, _, result, _ in tick.events:
-            shift = 4 * numbers[leaf.uid]
-            bits |= 1 << shift
-            if result is SUCCESS:
-                bits |= 4 << shift
-            elif result is FAILURE:
-                bits |= 8 << shift
-        for leaf in tick.kept:
-            bits |= 2 << 4 * numbers[leaf.uid]
-        bits |= timers << 4 * len(numbers)
-        for number, proposition in enumerate(self._propositions):
-            try:
-                if proposition(tick):
-                    bits |= signals.proposition(number)
-            except UnknownValueError as error:
-                self.graph.bounds.setdefault(str(error), None)
-        return bits
+    def _add_edge(self, target: int, signals: int = 0) -> Step:
+        """Add the edge from the present vertex to the next one. Return the step."""
+        events = self.choices.events
+        signals |= self.signals.of_events(events[self._events :])
+        self._events = len(events)
+        edge = Edge(target, signals, self._moment.advance, self._choice)
+        self.graph.edges[self._vertex].append(edge)
+        return self._vertex, edge
 
 
 def _what_is_unknown(error: NodeExecutionError, tree: Tree) -> str | None:

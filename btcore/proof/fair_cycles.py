@@ -9,35 +9,29 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-from btcore.proof.exploration import Edge, StateGraph
+from btcore.proof.state_graph import Edge, StateGraph, Step
 
-Step = tuple[int, Edge]
-"""A state and one of its edges."""
 _Part = dict[int, list[Edge]]
 
 
 class Fairness(NamedTuple):
-    """A condition of fairness: what happens infinitely often if a bit of *cause* is set infinitely often.
-
-    The effect is that a bit of *sets* is set or that a bit of *clears* is not set.
+    """A condition of fairness: if a bit of the cause is set infinitely often, one of the effect is, too.
 
     Attributes:
         cause: The bits of the cause; 0 = the effect must happen in any case.
-        sets: The bits of which one must be set.
-        clears: The bits of which one must be clear.
+        effect: The bits of the effect, of which one must be set.
     """
 
     cause: int
-    sets: int = 0
-    clears: int = 0
+    effect: int
 
     def is_caused_by(self, edge: Edge) -> bool:
-        """Return whether the cause happens in a tick."""
+        """Return whether the cause happens on an edge."""
         return not self.cause or bool(edge.signals & self.cause)
 
     def is_met_by(self, edge: Edge) -> bool:
-        """Return whether the effect happens in a tick."""
-        return bool(edge.signals & self.sets) or edge.signals & self.clears != self.clears
+        """Return whether the effect happens on an edge."""
+        return bool(edge.signals & self.effect)
 
 
 class FairCycle(NamedTuple):
@@ -67,8 +61,7 @@ def find_fair_cycle(
     """
     states = range(len(graph.edges)) if reachable is None else reachable
     whole: _Part = {
-        state: [edge for edge in graph.edges_of(state) if edge.target >= 0 and allowed(edge)]
-        for state in states
+        state: [edge for edge in graph.edges[state] if edge.target >= 0 and allowed(edge)] for state in states
     }
     pending = _components(whole)
     while pending:
@@ -87,15 +80,23 @@ def find_fair_cycle(
 def states_from(
     graph: StateGraph, start: Iterable[int], allowed: Callable[[Edge], bool]
 ) -> dict[int, Step | None]:
-    """Return the states that allowed edges reach from *start*, each with the step that leads to it."""
+    """Return the vertices that allowed edges reach from *start*, each with the step that leads to it.
+
+    Those that fewer ticks reach come first.
+    """
     found: dict[int, Step | None] = dict.fromkeys(start)
     queue = deque(found)
     while queue:
-        state = queue.popleft()
-        for edge in graph.edges_of(state):
+        vertex = queue.popleft()
+        # Vertices stay in the order of this loop.
+        found[vertex] = found.pop(vertex)
+        for edge in graph.edges[vertex]:
             if edge.target >= 0 and edge.target not in found and allowed(edge):
-                found[edge.target] = (state, edge)
-                queue.append(edge.target)
+                found[edge.target] = (vertex, edge)
+                if graph.ends_tick(edge):
+                    queue.append(edge.target)
+                else:
+                    queue.appendleft(edge.target)
     return found
 
 

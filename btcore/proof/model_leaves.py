@@ -5,7 +5,7 @@ of every choice beyond it.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar, Final, NamedTuple, NoReturn
 
@@ -89,6 +89,8 @@ class Choices:
         halted: The model leaves that were halted while RUNNING.
         domains: The declared values of entries, as texts, by key.
         unread: The keys of entries that leaves need not write, because nothing reads them.
+        watcher: Called before each choice with the leaf (None for a node of another kind), the number of its
+            options, and the option that it will take.
     """
 
     def __init__(self, domains: Mapping[str, tuple[str, ...]] | None = None) -> None:
@@ -98,6 +100,7 @@ class Choices:
         self.halted: list[LeafNode] = []
         self.domains = dict(domains or {})
         self.unread: frozenset[str] = frozenset()
+        self.watcher: Callable[[TreeNode | None, int, int], None] | None = None
         self._unknown: dict[str, UnknownValue] = {}
 
     def begin(self, given: Sequence[int]) -> None:
@@ -107,12 +110,19 @@ class Choices:
         self.events.clear()
         self.halted.clear()
 
-    def choose(self, options: int) -> int:
-        """Return the number of the chosen option, from 0 to *options* - 1."""
+    def choose(self, options: int, leaf: TreeNode | None = None) -> int:
+        """Return the number of the chosen option, from 0 to *options* - 1.
+
+        Args:
+            options: The number of options.
+            leaf: The leaf that chooses; None for a node of another kind.
+        """
         count = len(self.made)
         if count >= MOST_CHOICES:
             raise EndlessTickError("the tick does not end: it repeats nodes without a pause")
         chosen = self.given[count] if count < len(self.given) else 0
+        if self.watcher is not None:
+            self.watcher(leaf, options, chosen)
         self.made.append((chosen, options))
         return chosen
 
@@ -124,18 +134,7 @@ class Choices:
             options: Its possible outcomes.
             writers: The outputs that an outcome writes.
         """
-        return self.choose(len(options)) if len(options) > 1 else 0
-
-    def next_given(self) -> list[int] | None:
-        """Return the choices to try after those that were made, or None if all have been tried."""
-        made = self.made
-        count = len(made)
-        while count:
-            count -= 1
-            chosen, options = made[count]
-            if chosen + 1 < options:
-                return [choice for choice, _ in made[:count]] + [chosen + 1]
-        return None
+        return self.choose(len(options), leaf) if len(options) > 1 else 0
 
     def unknown(self, key: str) -> UnknownValue:
         """Return the unknown value of the entry *key*."""

@@ -7,7 +7,7 @@ from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
 from btcore.proof.counterexample import Counterexample, LeafTick, TreeMaker, text_of
-from btcore.proof.exploration import Explorer, Tick
+from btcore.proof.exploration import Tick, TickRunner
 from btcore.proof.model_leaves import Choices, Outcome, Writer, model_leaf_model
 from btcore.proof.propositions import parse_proposition, parse_question
 from btcore.proof.standard_questions import ENDS, LEAVES, STANDARD_QUESTIONS, state_checks, tick_checks
@@ -189,13 +189,13 @@ def run_plan(
     tree = make(choices, clock)
     choices.check(tree)
     fault = _Fault(tree, question)
-    explorer = Explorer(tree, choices, {}, {}, (), fault.watched)
+    runner = TickRunner(tree, choices, fault.watched)
     if attach is not None:
         attach(tree)
     try:
         for time in _times(plan, cycle, cycles):
             clock.advance((time - clock.now()) / NS_PER_S)
-            tick = explorer.tick(())
+            tick = runner.run(())
             message = fault.after(tick)
             if message is not None or tick.result is not RUNNING:
                 return message
@@ -239,7 +239,7 @@ class _Fault:
     def after(self, tick: Tick) -> str | None:
         """Return what is wrong after a tick, or None."""
         if self._check is not None:
-            return self._check(tick)
+            return self._check.find(tick)
         question = self._question
         if question is None:
             return None

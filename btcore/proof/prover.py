@@ -1,5 +1,6 @@
 """`prove`: answer questions about all runs of a tree."""
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Final, NamedTuple
@@ -9,17 +10,8 @@ from btcore.engine.leaf import Condition
 from btcore.engine.node import TreeNode
 from btcore.errors import ConversionError
 from btcore.proof.counterexample import Counterexample, replay, text_of, times_of
-from btcore.proof.exploration import (
-    RAISED,
-    RESULT_OF,
-    TICK_LIMIT,
-    Edge,
-    Explorer,
-    StateGraph,
-    Tick,
-    clock_for_search,
-)
-from btcore.proof.fair_cycles import FairCycle, Fairness, Step, find_fair_cycle, states_from, steps_back
+from btcore.proof.exploration import TICK_LIMIT, Explorer, Tick, clock_for_search
+from btcore.proof.fair_cycles import FairCycle, Fairness, find_fair_cycle, states_from, steps_back
 from btcore.proof.leaf_models import ModelError
 from btcore.proof.model_leaves import Choices, model_leaf_model, unread_keys
 from btcore.proof.propositions import ParsedProposition, Question, parse_proposition
@@ -31,6 +23,7 @@ from btcore.proof.standard_questions import (
     state_checks,
     tick_checks,
 )
+from btcore.proof.state_graph import RAISED, RESULT_OF, StateGraph, Step, WholeTick
 from btcore.status import FAILURE, RUNNING, SUCCESS
 from btcore.suggestions import join_names
 from btcore.tree.drawing import draw_results
@@ -168,24 +161,24 @@ class Prover:
             return self._leaves()
         violation = self.explorer.graph.violations.get(question)
         if violation is not None:
-            return self._refuted(question, violation.message, [(violation.state, violation.edge)])
+            return self._refuted(question, violation.message, [violation.step])
         return self._proved(question)
 
     def _ends(self) -> Answer:
         graph, signals, endless = self.explorer.graph, self.explorer.signals, self._endless
         ends = any(edge.target in RESULT_OF for edges in graph.edges for edge in edges)
-        runs = [signals.proposition(self._first_endless + number) for number in range(len(endless))]
-        runs_any = signals.proposition(self._first_endless + len(endless))
+        runs = [signals.holds(self._first_endless + number) for number in range(len(endless))]
+        runs_none = signals.fails(self._first_endless + len(endless))
         fairness = self._fairness()
         # Again and again, no node runs that is meant to run forever.
-        pauses = Fairness(0, clears=runs_any)
+        pauses = Fairness(0, runs_none)
         failing_conditions = 0
         actions_succeed: list[Fairness] = []
         for number, leaf in enumerate(signals.leaves):
             if isinstance(leaf, Condition):
                 failing_conditions |= signals.failed(number)
             else:
-                actions_succeed.append(Fairness(signals.failed(number), sets=signals.succeeded(number)))
+                actions_succeed.append(Fairness(signals.failed(number), signals.succeeded(number)))
         cycle = self._cycle([*fairness, pauses, *actions_succeed], avoided=failing_conditions)
         if cycle is not None and (ends or not endless):
             return self._refuted(ENDS, "it can go on forever although no leaf fails forever", [], cycle)
@@ -194,14 +187,14 @@ class Prover:
         reasons = [
             f"'{node.path}' runs forever"
             for node, its in zip(endless, runs, strict=True)
-            if self._cycle([*fairness, Fairness(0, sets=its)], needed=runs_any)
+            if self._cycle([*fairness, Fairness(0, its)], avoided=runs_none)
         ]
         for number, leaf in enumerate(signals.leaves):
             succeeds, fails = signals.succeeded(number), signals.failed(number)
-            sometimes_fails = [*fairness, pauses, Fairness(0, sets=fails)]
+            sometimes_fails = [*fairness, pauses, Fairness(0, fails)]
             if self._cycle(sometimes_fails, avoided=succeeds):
                 reasons.append(f"'{leaf.path}' fails forever")
-            elif isinstance(leaf, Condition) and self._cycle([*sometimes_fails, Fairness(0, sets=succeeds)]):
+            elif isinstance(leaf, Condition) and self._cycle([*sometimes_fails, Fairness(0, succeeds)]):
                 reasons.append(f"'{leaf.path}' changes its result forever")
         detail = f"unless {join_names(reasons, 'or')}" if reasons else ""
         return self._proved(ENDS, detail if ends or not endless else "never by itself, as declared")
@@ -209,23 +202,19 @@ class Prover:
     def _runs_endless_node(self, tick: Tick) -> bool:
         return any(node._status is RUNNING for node in self._endless)
 
-    def _cycle(self, conditions: Sequence[Fairness], needed: int = 0, avoided: int = 0) -> FairCycle | None:
-        """Return a fair cycle whose ticks have all signals *needed* and none of *avoided*, or None."""
-        return find_fair_cycle(
-            self.explorer.graph,
-            conditions,
-            lambda edge: edge.signals & needed == needed and not edge.signals & avoided,
-        )
+    def _cycle(self, conditions: Sequence[Fairness], avoided: int = 0) -> FairCycle | None:
+        """Return a fair cycle without the signals *avoided*, or None."""
+        return find_fair_cycle(self.explorer.graph, conditions, lambda edge: not edge.signals & avoided)
 
     def _fairness(self) -> list[Fairness]:
         """Return the conditions that an action that is not endless ends, and that every timer expires."""
         signals = self.explorer.signals
         conditions = [
-            Fairness(signals.ticked(number), clears=signals.kept(number))
+            Fairness(signals.ticked(number), signals.released(number))
             for number, leaf in enumerate(signals.leaves)
             if (model := model_leaf_model(leaf)) is not None and model.lasts and not model.endless
         ]
-        return conditions + [Fairness(0, clears=signals.pending(number)) for number in range(signals.timers)]
+        return conditions + [Fairness(0, signals.stopped(number)) for number in range(signals.timers)]
 
     def _leaves(self) -> Answer:
         problems: list[str] = []
@@ -250,14 +239,15 @@ class Prover:
     def _own(self, prepared: _Prepared) -> Answer:
         graph, signals = self.explorer.graph, self.explorer.signals
         question = prepared.question
-        first = signals.proposition(prepared.first)
-        second = signals.proposition(prepared.second)
+        first = signals.holds(prepared.first)
+        second = signals.holds(prepared.second)
         occurs = [
             (state, edge) for state, edges in enumerate(graph.edges) for edge in edges if edge.signals & first
         ]
         if question.kind == "never":
             if occurs:
-                return self._refuted(question.text, "", [occurs[0]])
+                first_step = min(occurs, key=lambda step: graph.depths[step[0]])
+                return self._refuted(question.text, "", [first_step])
             return self._proved(question.text)
         if question.kind == "before":
             return self._before(question, first, second)
@@ -276,7 +266,7 @@ class Prover:
         starts = [state for state, parent in enumerate(graph.parents) if parent is None]
         found = states_from(graph, starts, lambda edge: not edge.signals & first)
         for state in found:
-            for edge in graph.edges_of(state):
+            for edge in graph.edges[state]:
                 if edge.signals & second and not edge.signals & first:
                     steps = [*steps_back(found, state), (state, edge)]
                     return self._refuted(question.text, "", steps)
@@ -305,7 +295,7 @@ class Prover:
                 entered.setdefault(step[1].target, step)
         found = states_from(graph, entered, lambda edge: not edge.signals & second)
         for state in found:
-            for edge in graph.edges_of(state):
+            for edge in graph.edges[state]:
                 if edge.target in _ENDS and not edge.signals & second:
                     steps = steps_back(found, state)
                     origin = steps[0][0] if steps else state
@@ -320,20 +310,29 @@ class Prover:
     def _too_late(
         self, pending: Sequence[Step], second: int, within: int
     ) -> tuple[list[Step], FairCycle | None] | None:
-        """Return a shortest run in which *second* does not follow in time: steps from a state."""
+        """Return a shortest run in which *second* does not follow in time: steps from a vertex."""
         graph = self.explorer.graph
         begun: dict[int, list[Step]] = {}
         for step in pending:
             begun.setdefault(graph.depths[step[0]], []).append(step)
-        # For each state the path to it with the fewest ticks left, and their number: no other can end sooner.
+        # For each vertex the path to it with the fewest ticks left, and their number: no other ends sooner.
         waiting: dict[int, tuple[list[Step], int]] = {}
         depth = min(begun, default=0)
         while waiting or depth <= max(begun, default=-1):
             steps = [([step], within) for step in begun.get(depth, ())]
-            for state, (path, left) in waiting.items():
-                for edge in graph.edges_of(state):
-                    if not edge.signals & second:
-                        steps.append(([*path, (state, edge)], left - 1))
+            within_tick = deque(waiting.items())
+            passed: dict[int, int] = {}
+            while within_tick:
+                vertex, (path, left) = within_tick.popleft()
+                for edge in graph.edges[vertex]:
+                    if edge.signals & second:
+                        continue
+                    longer = [*path, (vertex, edge)]
+                    if graph.ends_tick(edge):
+                        steps.append((longer, left - 1))
+                    elif left < passed.get(edge.target, within + 1):
+                        passed[edge.target] = left
+                        within_tick.append((edge.target, (longer, left)))
             waiting = {}
             for path, left in steps:
                 target = path[-1][1].target
@@ -351,7 +350,7 @@ class Prover:
     ) -> Answer:
         graph = self.explorer.graph
         ticks = len(shown.ticks) if shown is not None else max(graph.depths, default=0) + 1
-        return Answer(question, answer, detail, ticks, len(self.explorer.table), shown)
+        return Answer(question, answer, detail, ticks, graph.states, shown)
 
     def _proved(self, question: str, detail: str = "") -> Answer:
         """Return that *question* is proved, or unknown if the search is not complete."""
@@ -375,18 +374,20 @@ class Prover:
             steps: The end of the run, from a state.
             cycle: The cycle that follows.
         """
+        graph = self.explorer.graph
         more = cycle.steps if cycle is not None else []
         origin = [*steps, *more][0][0]
-        run = [*self.explorer.graph.path_to(origin), *steps]
-        prefix = len(run)
+        before = [*graph.path_to(origin), *steps]
         # The cycle twice: the normal run must be able to begin it again.
-        run += more * 2
-        times = times_of(self.explorer, run)
+        run = graph.whole_ticks(before + more * 2)
+        prefix = len(graph.whole_ticks(before))
+        length = (len(run) - prefix) // 2
+        times = times_of(self.explorer, [tick.moment for tick in run])
         if times is None:
             return self._answer(
                 question, UNKNOWN_ANSWER, f"{message}, but no times of ticks were found for it"
             )
-        start = self._start_of(run[0][0])
+        start = self._start_of(run[0].moment.state)
         beginning = self._beginnings[start]
 
         def make(choices: Choices, clock: Clock) -> Tree:
@@ -394,14 +395,13 @@ class Prover:
             write_entries(tree, beginning)
             return tree
 
-        edges = [edge for _, edge in run]
         trees: list[Tree] = []
-        ticks = replay(make, edges, times, self._domains, trees.append)
-        same = all(_agrees(edge, tick.result) for edge, tick in zip(edges, ticks, strict=True))
+        ticks = replay(make, [tick.moment.choices for tick in run], times, self._domains, trees.append)
+        same = all(_agrees(whole, tick.result) for whole, tick in zip(run, ticks, strict=True))
         if not same:
             return self._answer(question, UNKNOWN_ANSWER, f"{message}, but a normal run does not show it")
-        period = ticks[prefix + len(more)].time - ticks[prefix].time if more else 0.0
-        ticks = ticks[: prefix + len(more)]
+        period = ticks[prefix + length].time - ticks[prefix].time if more else 0.0
+        ticks = ticks[: prefix + length]
         shown = Counterexample(
             ticks,
             prefix if more else None,
@@ -421,11 +421,11 @@ def _runs(node: TreeNode) -> Callable[[Tick], bool]:
     return lambda tick: node._status is RUNNING
 
 
-def _agrees(edge: Edge, result: object) -> bool:
+def _agrees(tick: WholeTick, result: object) -> bool:
     """Return whether a tick of a normal run has the result that the search found."""
-    if edge.target >= 0:
+    if tick.target >= 0:
         return result is RUNNING
-    return result is RESULT_OF.get(edge.target)
+    return result is RESULT_OF.get(tick.target)
 
 
 def beginnings_of(

@@ -1,5 +1,6 @@
 """The questions that are asked about every tree, and how single ticks answer them."""
 
+from collections.abc import Callable, Hashable, Sequence
 from itertools import combinations
 from typing import Final
 
@@ -9,7 +10,7 @@ from btcore.errors import BlackboardError
 from btcore.nodes.repeat import RepeatedNode
 from btcore.nodes.result_decorators import KeepRunningUntilFailure
 from btcore.proof.exploration import Check, Tick
-from btcore.proof.model_leaves import model_leaf_model
+from btcore.proof.model_leaves import LeafEvent, model_leaf_model
 from btcore.status import RUNNING
 from btcore.tree.tree import Tree
 
@@ -25,12 +26,12 @@ STANDARD_QUESTIONS: Final = (ENDS, LEAVES, RESOURCES, HALTED, INPUTS, REACTIVE, 
 
 def tick_checks(tree: Tree) -> dict[str, Check]:
     """Return the checks of what happens in a tick, by the question that they answer."""
-    return {RESOURCES: _resource_check(tree), INPUTS: _unwritten_input, EXCEPTIONS: _exception}
+    return {RESOURCES: _resource_check(tree), INPUTS: Check(_unwritten_input), EXCEPTIONS: Check(_exception)}
 
 
 def state_checks(tree: Tree) -> dict[str, Check]:
     """Return the checks that depend only on the tree after a tick, by the question that they answer."""
-    return {HALTED: _halt_check(tree), REACTIVE: _reactive_check(tree)}
+    return {HALTED: Check(_halt_check(tree)), REACTIVE: Check(_reactive_check(tree))}
 
 
 def endless_nodes(tree: Tree) -> list[TreeNode]:
@@ -60,11 +61,11 @@ def _resource_check(tree: Tree) -> Check:
         if common:
             shared[first.uid, second.uid] = shared[second.uid, first.uid] = common[0]
     if not shared:
-        return lambda tick: None
+        return Check(lambda tick: None)
     sharing = {uid for pair in shared for uid in pair}
     of_one_tick = {node.uid for node, model in users if not model.lasts}
 
-    def check(tick: Tick) -> str | None:
+    def find(tick: Tick) -> str | None:
         if tick.error is not None:
             return None
         # An action that lasts uses its resources while it is RUNNING, an action of one tick in its tick.
@@ -85,10 +86,24 @@ def _resource_check(tree: Tree) -> Check:
                     return f"'{first.path}' and '{second.path}' both use {common}"
         return None
 
-    return check
+    def remember(events: Sequence[LeafEvent]) -> Hashable:
+        # The actions of one tick that were ticked, and those after the start of each action that lasts.
+        ticked: set[int] = set()
+        after: dict[int, set[int]] = {}
+        for leaf, _, result, _ in events:
+            uid = leaf.uid
+            if uid in sharing and uid in of_one_tick:
+                ticked.add(uid)
+                for later in after.values():
+                    later.add(uid)
+            elif uid in sharing and result is RUNNING:
+                after.setdefault(uid, set())
+        return frozenset(ticked), frozenset((uid, frozenset(later)) for uid, later in after.items())
+
+    return Check(find, remember if of_one_tick & sharing else None)
 
 
-def _halt_check(tree: Tree) -> Check:
+def _halt_check(tree: Tree) -> Callable[[Tick], str | None]:
     pairs = [(parent, child) for parent in tree.nodes for child in parent.children]
 
     def check(tick: Tick) -> str | None:
@@ -102,7 +117,7 @@ def _halt_check(tree: Tree) -> Check:
     return check
 
 
-def _reactive_check(tree: Tree) -> Check:
+def _reactive_check(tree: Tree) -> Callable[[Tick], str | None]:
     reactive = [node for node in tree.nodes if isinstance(node, ControlNode) and node.runs_one_child]
 
     def check(tick: Tick) -> str | None:

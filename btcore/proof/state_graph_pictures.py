@@ -14,8 +14,9 @@ from xml.sax.saxutils import escape
 from btcore.errors import BtcoreError
 from btcore.escaping import escape_controls
 from btcore.proof.counterexample import names_of
-from btcore.proof.exploration import RAISED, RESULT_OF, Explorer
+from btcore.proof.exploration import Explorer
 from btcore.proof.prover import Prover
+from btcore.proof.state_graph import RAISED, RESULT_OF, StateGraph
 from btcore.status import RUNNING
 from btcore.xml.render.node_card import text_width
 
@@ -67,12 +68,13 @@ def draw_graph(prover: Prover) -> tuple[list[DrawnState], list[DrawnEdge]]:
         PictureError: The graph has more than `MOST_STATES` states.
     """
     explorer, graph = prover.explorer, prover.explorer.graph
-    count = len(explorer.table)
+    count = graph.states
     if count > MOST_STATES:
         raise PictureError(f"the graph has {count:,} states; pictures show at most {MOST_STATES}")
     names = names_of(prover.tree)
     states: list[DrawnState] = []
-    for number in range(count):
+    numbers = [number for number in range(len(graph.edges)) if number not in graph.decisions]
+    for number in numbers:
         statuses = explorer.table.state(number).statuses
         running = [
             names[node.uid]
@@ -84,20 +86,37 @@ def draw_graph(prover: Prover) -> tuple[list[DrawnState], list[DrawnEdge]]:
         states.append(DrawnState(str(number), kind, graph.depths[number], _short(text)))
     ends: dict[str, int] = {}
     outcomes: dict[tuple[str, str], list[list[str]]] = {}
-    for number, edges in enumerate(graph.edges):
-        for edge in edges:
-            target = str(edge.target)
-            if edge.target < 0:
-                target = "exception" if edge.target == RAISED else "unknown"
-                if edge.target in RESULT_OF:
-                    target = RESULT_OF[edge.target].name
+    known: dict[int, set[tuple[int, int]]] = {}
+    for number in numbers:
+        for end, signals in sorted(_ticks_from(graph, number, known)):
+            target = str(end)
+            if end < 0:
+                target = "exception" if end == RAISED else "unknown"
+                if end in RESULT_OF:
+                    target = RESULT_OF[end].name
                 ends[target] = max(ends.get(target, 0), graph.depths[number] + 1)
             found = outcomes.setdefault((str(number), target), [])
-            outcome = _outcome(explorer, edge.signals, names)
+            outcome = _outcome(explorer, signals, names)
             if outcome not in found:
                 found.append(outcome)
     states += [DrawnState(name, name, layer, name) for name, layer in ends.items()]
     return states, [DrawnEdge(*pair, _lines(found)) for pair, found in outcomes.items()]
+
+
+def _ticks_from(
+    graph: StateGraph, vertex: int, known: dict[int, set[tuple[int, int]]]
+) -> set[tuple[int, int]]:
+    """Return the targets and the signals of all ticks, or ends of ticks, that begin at a vertex."""
+    found = known.get(vertex)
+    if found is None:
+        found = known[vertex] = set()
+        for edge in graph.edges[vertex]:
+            if graph.ends_tick(edge):
+                found.add((edge.target, edge.signals))
+            else:
+                rest = _ticks_from(graph, edge.target, known)
+                found |= {(target, signals | edge.signals) for target, signals in rest}
+    return found
 
 
 def _outcome(explorer: Explorer, bits: int, names: dict[int, str]) -> list[str]:

@@ -93,6 +93,7 @@ class StateKeeper:
         self._with_fields: list[tuple[TreeNode, list[str], frozenset[str]]] = []
         self._watchers: list[tuple[int, EntryUpdatedDecorator | WasEntryUpdated]] = []
         self._endless: set[int] = set()
+        self._fields: dict[int, list[str]] = {}
         self.timer_slots: list[tuple[TreeNode, str]] = []
         for node in tree.nodes:
             check_state_declaration(node)
@@ -102,6 +103,7 @@ class StateKeeper:
                     "nothing can be proved about it"
                 )
             fields = state_fields_of(type(node))
+            self._fields[node.uid] = fields
             if not fields:
                 continue
             index = len(self._with_fields)
@@ -159,6 +161,32 @@ class StateKeeper:
             if getattr(node, name) >= PENDING:
                 bits |= 1 << number
         return bits
+
+    def fields_of(self, node: TreeNode) -> tuple[Hashable, ...]:
+        """Return the present state fields of one node."""
+        freezer = _Freezer()
+        row = [freezer.frozen(getattr(node, name)) for name in self._fields[node.uid]]
+        return (*row, freezer.objects())
+
+    def entries(self) -> Hashable:
+        """Return the present entries of all blackboards."""
+        freezer = _Freezer()
+        numbers: dict[int, int] = {}
+        boards = [
+            tuple(
+                [
+                    (
+                        key,
+                        numbers.setdefault(id(entry), len(numbers)),
+                        freezer.frozen(entry.value),
+                        entry.sequence_id,
+                    )
+                    for key, entry in board.local_entries().items()
+                ]
+            )
+            for board in self._boards
+        ]
+        return (tuple(boards), freezer.objects())
 
     def deadlines(self) -> list[int]:
         """Return the deadlines of all pending timers, each once, in the order of the bounds of the state.

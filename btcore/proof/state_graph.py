@@ -1,0 +1,212 @@
+"""The graph that a search finds: states between ticks, decisions within ticks, and the edges between them."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from btcore.engine.node import TreeNode
+from btcore.proof.model_leaves import LeafEvent
+from btcore.status import FAILURE, SKIPPED, SUCCESS
+
+RAISED: Final = -1
+UNKNOWN: Final = -2
+END_OF: Final = {SUCCESS: -3, FAILURE: -4, SKIPPED: -5}
+"""The target of an edge after which the tree has completed, by the result of the tree."""
+RESULT_OF: Final = {number: status for status, number in END_OF.items()}
+"""The result of the tree, for each target of an edge after which the tree has completed."""
+
+
+class Edge(NamedTuple):
+    """A tick, or the part of a tick that begins or ends with a decision of a leaf.
+
+    Attributes:
+        target: The number of the next vertex; negative = the tree ended, raised, or used an unknown value.
+        signals: What happened: a bit for each of the search's signals.
+        advance: The number of the advance of the timers, at the start of a tick.
+        choice: The option that was chosen in the decision at which the edge begins; None = a tick begins.
+    """
+
+    target: int
+    signals: int
+    advance: int
+    choice: int | None
+
+
+Step = tuple[int, Edge]
+"""A vertex and one of its edges."""
+
+
+class Moment(NamedTuple):
+    """A moment within a tick.
+
+    Attributes:
+        state: The number of the state before the tick.
+        advance: The number of the advance of the timers.
+        choices: The choices so far.
+    """
+
+    state: int
+    advance: int
+    choices: tuple[int, ...]
+
+
+class WholeTick(NamedTuple):
+    """A tick of a run: the moment before its end, and the target of its last edge."""
+
+    moment: Moment
+    target: int
+
+
+@dataclass
+class Violation:
+    """The first tick in which a check found something wrong, and the sentence that says what."""
+
+    step: Step
+    message: str
+
+
+@dataclass
+class StateGraph:
+    """The vertices that were found, and the edges between them.
+
+    A vertex is a state between two ticks, or a decision: a moment within a tick at which a leaf has several
+    options.
+
+    Attributes:
+        edges: The edges of each vertex, by its number.
+        parents: For each vertex the step by which it was found first; None for an initial state.
+        depths: The number of ticks that were completed before each vertex.
+        decisions: One of the moments that each decision stands for, by the number of the vertex.
+        violations: The first violation of each check, by the name of the check.
+        bounds: Why the search is not complete, each reason once; empty at a fixpoint.
+        expanded: The number of states from which every tick was run.
+        transitions: The number of ticks that were run, whole or in part.
+    """
+
+    edges: list[list[Edge]] = field(default_factory=list)
+    parents: list[Step | None] = field(default_factory=list)
+    depths: list[int] = field(default_factory=list)
+    decisions: dict[int, Moment] = field(default_factory=dict)
+    violations: dict[str, Violation] = field(default_factory=dict)
+    bounds: dict[str, Step | None] = field(default_factory=dict)
+    expanded: int = 0
+    transitions: int = 0
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every state was found."""
+        return not self.bounds
+
+    @property
+    def states(self) -> int:
+        """The number of states between two ticks."""
+        return len(self.edges) - len(self.decisions)
+
+    def add_state(self, parent: Step | None) -> None:
+        """Add a state between two ticks, which was found by *parent*; None = an initial state."""
+        self.edges.append([])
+        self.parents.append(parent)
+        self.depths.append(0 if parent is None else self.depths[parent[0]] + 1)
+
+    def add_decision(self, parent: Step, moment: Moment) -> None:
+        """Add a decision, which was found by *parent*."""
+        self.decisions[len(self.edges)] = moment
+        self.edges.append([])
+        self.parents.append(parent)
+        self.depths.append(self.depths[parent[0]])
+
+    def path_to(self, vertex: int) -> list[Step]:
+        """Return the steps of a shortest path from an initial state to *vertex*."""
+        steps: list[Step] = []
+        while (step := self.parents[vertex]) is not None:
+            steps.append(step)
+            vertex = step[0]
+        return steps[::-1]
+
+    def ends_tick(self, edge: Edge) -> bool:
+        """Return whether a tick ends with *edge*."""
+        return edge.target not in self.decisions
+
+    def whole_ticks(self, steps: Sequence[Step]) -> list[WholeTick]:
+        """Return the ticks that *steps* consist of; the first step begins a tick, and the last ends one."""
+        found: list[WholeTick] = []
+        moment = Moment(0, 0, ())
+        for vertex, edge in steps:
+            if edge.choice is None:
+                moment = Moment(vertex, edge.advance, ())
+            else:
+                moment = moment._replace(choices=(*moment.choices, edge.choice))
+            if self.ends_tick(edge):
+                found.append(WholeTick(moment, edge.target))
+        return found
+
+
+class Signals:
+    """The meaning of the bits of `Edge.signals`.
+
+    For each model leaf: it was ticked; it succeeded; it failed. At the end of a tick, for each model leaf: it
+    did not remain RUNNING; for each time field: its timer did not remain pending; for each of the questions'
+    propositions: it holds; it does not hold.
+    """
+
+    def __init__(self, leaves: Sequence[TreeNode], timers: int, propositions: int) -> None:
+        self.leaves = list(leaves)
+        self.numbers = {leaf.uid: number for number, leaf in enumerate(leaves)}
+        self.timers = timers
+        self._first_timer = 4 * len(leaves)
+        self._first_proposition = self._first_timer + timers
+        self._all_released = sum(self.released(leaf) for leaf in range(len(leaves)))
+        self._all_fail = sum(self.fails(proposition) for proposition in range(propositions))
+
+    def ticked(self, leaf: int) -> int:
+        """Return the bit that is set if leaf number *leaf* was ticked."""
+        return 1 << 4 * leaf
+
+    def succeeded(self, leaf: int) -> int:
+        """Return the bit that is set if leaf number *leaf* succeeded."""
+        return 2 << 4 * leaf
+
+    def failed(self, leaf: int) -> int:
+        """Return the bit that is set if leaf number *leaf* failed."""
+        return 4 << 4 * leaf
+
+    def released(self, leaf: int) -> int:
+        """Return the bit that is set at the end of a tick unless leaf number *leaf* remained RUNNING."""
+        return 8 << 4 * leaf
+
+    def stopped(self, timer: int) -> int:
+        """Return the bit that is set at the end of a tick unless timer number *timer* remained pending."""
+        return 1 << self._first_timer + timer
+
+    def holds(self, proposition: int) -> int:
+        """Return the bit that is set at the end of a tick if a proposition holds in it."""
+        return 1 << self._first_proposition + 2 * proposition
+
+    def fails(self, proposition: int) -> int:
+        """Return the bit that is set at the end of a tick unless a proposition holds in it."""
+        return 2 << self._first_proposition + 2 * proposition
+
+    def of_events(self, events: Iterable[LeafEvent]) -> int:
+        """Return the bits of ticks of leaves."""
+        bits = 0
+        for leaf, _, result, _ in events:
+            found = 3 if result is SUCCESS else 5 if result is FAILURE else 1
+            bits |= found << 4 * self.numbers[leaf.uid]
+        return bits
+
+    def of_end(self, kept: Iterable[TreeNode], timers: int, true: Iterable[int]) -> int:
+        """Return the bits of the end of a tick.
+
+        Args:
+            kept: The leaves that remained RUNNING.
+            timers: A bit for each time field whose timer remained pending.
+            true: The numbers of the propositions that hold.
+        """
+        bits = self._all_released
+        for leaf in kept:
+            bits &= ~self.released(self.numbers[leaf.uid])
+        bits |= ((1 << self.timers) - 1 & ~timers) << self._first_timer
+        propositions = self._all_fail
+        for number in true:
+            propositions ^= self.holds(number) | self.fails(number)
+        return bits | propositions
