@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 from btcore.proof.state_graph import Edge, StateGraph, Step
 
-_Part = dict[int, list[Edge]]
+Part = dict[int, list[Edge]]
+"""Some vertices of a graph, with some of the edges between them."""
 
 
 class Fairness(NamedTuple):
@@ -45,30 +46,42 @@ class FairCycle(NamedTuple):
         return self.steps[0][0]
 
 
+def cyclic_parts(graph: StateGraph) -> list[Part]:
+    """Return the strongly connected components of a graph that have an edge."""
+    return _components(
+        {vertex: [edge for edge in edges if edge.target >= 0] for vertex, edges in enumerate(graph.edges)}
+    )
+
+
 def find_fair_cycle(
     graph: StateGraph,
+    parts: Iterable[Part],
     conditions: Sequence[Fairness],
     allowed: Callable[[Edge], bool] = lambda edge: True,
-    reachable: Iterable[int] | None = None,
 ) -> FairCycle | None:
     """Return a cycle that meets all conditions, or None if there is none.
 
     Args:
         graph: The state graph.
+        parts: The parts of the graph that may contain the cycle.
         conditions: The conditions of fairness.
         allowed: Returns whether an edge may be part of the cycle.
-        reachable: The states that may be part of the cycle; None = all.
     """
-    states = range(len(graph.edges)) if reachable is None else reachable
-    whole: _Part = {
-        state: [edge for edge in graph.edges[state] if edge.target >= 0 and allowed(edge)] for state in states
-    }
-    pending = _components(whole)
+    pending: list[Part] = []
+    for part in parts:
+        signals = 0
+        kept: Part = {}
+        for vertex, edges in part.items():
+            kept[vertex] = found = [edge for edge in edges if allowed(edge)]
+            for edge in found:
+                signals |= edge.signals
+        if all(each.cause or signals & each.effect for each in conditions):
+            pending += _components(kept)
     while pending:
         part = pending.pop()
         violated = [condition for condition in conditions if not _holds(part, condition)]
         if not violated:
-            return _cycle_through(part, conditions)
+            return _cycle_through(graph, part, conditions)
         kept = {
             state: [edge for edge in edges if not any(each.is_caused_by(edge) for each in violated)]
             for state, edges in part.items()
@@ -109,7 +122,7 @@ def steps_back(found: dict[int, Step | None], state: int) -> list[Step]:
     return steps[::-1]
 
 
-def _holds(part: _Part, condition: Fairness) -> bool:
+def _holds(part: Part, condition: Fairness) -> bool:
     """Return whether a run through all edges of *part* again and again meets *condition*."""
     caused = False
     for edges in part.values():
@@ -120,14 +133,14 @@ def _holds(part: _Part, condition: Fairness) -> bool:
     return not caused
 
 
-def _components(part: _Part) -> list[_Part]:
+def _components(part: Part) -> list[Part]:
     """Return the strongly connected components of *part* that have an edge, with their inner edges."""
     # Tarjan's algorithm without recursion.
     index: dict[int, int] = {}
     low: dict[int, int] = {}
     stack: list[int] = []
     on_stack: set[int] = set()
-    found: list[_Part] = []
+    found: list[Part] = []
     for root in part:
         if root in index:
             continue
@@ -168,9 +181,9 @@ def _components(part: _Part) -> list[_Part]:
     return found
 
 
-def _cycle_through(part: _Part, conditions: Sequence[Fairness]) -> FairCycle:
-    """Return a cycle in a component on which all conditions hold."""
-    start = min(part)
+def _cycle_through(graph: StateGraph, part: Part, conditions: Sequence[Fairness]) -> FairCycle:
+    """Return a cycle in a component on which all conditions hold. It begins between two ticks."""
+    start = min(vertex for vertex in part if vertex not in graph.decisions)
     steps: list[Step] = []
     state = start
 

@@ -11,7 +11,15 @@ from btcore.engine.node import TreeNode
 from btcore.errors import ConversionError
 from btcore.proof.counterexample import Counterexample, replay, text_of, times_of
 from btcore.proof.exploration import TICK_LIMIT, Explorer, Tick, clock_for_search
-from btcore.proof.fair_cycles import FairCycle, Fairness, find_fair_cycle, states_from, steps_back
+from btcore.proof.fair_cycles import (
+    FairCycle,
+    Fairness,
+    Part,
+    cyclic_parts,
+    find_fair_cycle,
+    states_from,
+    steps_back,
+)
 from btcore.proof.leaf_models import ModelError
 from btcore.proof.model_leaves import Choices, model_leaf_model, unread_keys
 from btcore.proof.propositions import ParsedProposition, Question, parse_proposition
@@ -134,6 +142,7 @@ class Prover:
             [*(each.holds for each in parsed), *map(_runs, self._endless), self._runs_endless_node],
             list(watched.values()),
         )
+        self._cyclic_parts: list[Part] = []
         self._beginnings: list[dict[str, object]] = []
         for beginning in beginnings_of(tree, choices, self._domains, given):
             write_entries(tree, beginning)
@@ -148,6 +157,7 @@ class Prover:
     ) -> Report:
         """Search, and answer the standard questions and the given ones."""
         self.explorer.run(most_ticks, memory, progress)
+        self._cyclic_parts = cyclic_parts(self.explorer.graph)
         answers = [self._standard(question) for question in STANDARD_QUESTIONS]
         answers += [self._own(prepared) for prepared in self._questions]
         return Report(answers, self.explorer.graph.transitions)
@@ -204,7 +214,9 @@ class Prover:
 
     def _cycle(self, conditions: Sequence[Fairness], avoided: int = 0) -> FairCycle | None:
         """Return a fair cycle without the signals *avoided*, or None."""
-        return find_fair_cycle(self.explorer.graph, conditions, lambda edge: not edge.signals & avoided)
+        return find_fair_cycle(
+            self.explorer.graph, self._cyclic_parts, conditions, lambda edge: not edge.signals & avoided
+        )
 
     def _fairness(self) -> list[Fairness]:
         """Return the conditions that an action that is not endless ends, and that every timer expires."""
@@ -300,7 +312,11 @@ class Prover:
                     steps = steps_back(found, state)
                     origin = steps[0][0] if steps else state
                     return [entered[origin], *steps, (state, edge)], None
-        cycle = find_fair_cycle(graph, self._fairness(), lambda edge: not edge.signals & second, found)
+        parts = [
+            {vertex: edges for vertex, edges in part.items() if vertex in found}
+            for part in self._cyclic_parts
+        ]
+        cycle = find_fair_cycle(graph, parts, self._fairness(), lambda edge: not edge.signals & second)
         if cycle is None:
             return None
         steps = steps_back(found, cycle.start)

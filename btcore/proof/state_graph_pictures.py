@@ -73,8 +73,9 @@ def draw_graph(prover: Prover) -> tuple[list[DrawnState], list[DrawnEdge]]:
         raise PictureError(f"the graph has {count:,} states; pictures show at most {MOST_STATES}")
     names = names_of(prover.tree)
     states: list[DrawnState] = []
-    numbers = [number for number in range(len(graph.edges)) if number not in graph.decisions]
-    for number in numbers:
+    vertices = [vertex for vertex in range(len(graph.edges)) if vertex not in graph.decisions]
+    keys = {vertex: str(number) for number, vertex in enumerate(vertices)}
+    for number in vertices:
         statuses = explorer.table.state(number).statuses
         running = [
             names[node.uid]
@@ -83,19 +84,20 @@ def draw_graph(prover: Prover) -> tuple[list[DrawnState], list[DrawnEdge]]:
         ]
         kind = "start" if graph.parents[number] is None else "state"
         text = ", ".join(running) or ("start" if kind == "start" else "…")
-        states.append(DrawnState(str(number), kind, graph.depths[number], _short(text)))
+        states.append(DrawnState(keys[number], kind, graph.depths[number], _short(text)))
     ends: dict[str, int] = {}
     outcomes: dict[tuple[str, str], list[list[str]]] = {}
     known: dict[int, set[tuple[int, int]]] = {}
-    for number in numbers:
+    for number in vertices:
         for end, signals in sorted(_ticks_from(graph, number, known)):
-            target = str(end)
-            if end < 0:
+            if end >= 0:
+                target = keys[end]
+            else:
                 target = "exception" if end == RAISED else "unknown"
                 if end in RESULT_OF:
                     target = RESULT_OF[end].name
                 ends[target] = max(ends.get(target, 0), graph.depths[number] + 1)
-            found = outcomes.setdefault((str(number), target), [])
+            found = outcomes.setdefault((keys[number], target), [])
             outcome = _outcome(explorer, signals, names)
             if outcome not in found:
                 found.append(outcome)
