@@ -57,6 +57,10 @@ class WholeTick(NamedTuple):
     target: int
 
 
+Outcome = tuple[int, int]
+"""The target and the signals of a tick, or of the rest of a tick."""
+
+
 @dataclass
 class Violation:
     """The first tick in which a check found something wrong, and the sentence that says what."""
@@ -126,6 +130,23 @@ class StateGraph:
     def ends_tick(self, edge: Edge) -> bool:
         """Return whether a tick ends with *edge*."""
         return edge.target not in self.decisions
+
+    def outcomes_of(self, vertex: int, known: dict[int, set[Outcome]]) -> set[Outcome]:
+        """Return the outcomes of all ticks, or rests of ticks, that begin at a vertex.
+
+        Args:
+            vertex: The vertex.
+            known: The outcomes of other vertices, to which those of this vertex are added.
+        """
+        found = known.get(vertex)
+        if found is None:
+            found = known[vertex] = set()
+            for target, signals, _, _ in self.edges[vertex]:
+                if target in self.decisions:
+                    found |= {(end, signals | more) for end, more in self.outcomes_of(target, known)}
+                else:
+                    found.add((target, signals))
+        return found
 
     def whole_ticks(self, steps: Sequence[Step]) -> list[WholeTick]:
         """Return the ticks that *steps* consist of; the first step begins a tick, and the last ends one."""

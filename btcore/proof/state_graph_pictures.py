@@ -16,7 +16,7 @@ from btcore.escaping import escape_controls
 from btcore.proof.counterexample import names_of
 from btcore.proof.exploration import Explorer
 from btcore.proof.prover import Prover
-from btcore.proof.state_graph import RAISED, RESULT_OF, StateGraph
+from btcore.proof.state_graph import RAISED, RESULT_OF, Outcome
 from btcore.status import RUNNING
 from btcore.xml.render.node_card import text_width
 
@@ -87,9 +87,9 @@ def draw_graph(prover: Prover) -> tuple[list[DrawnState], list[DrawnEdge]]:
         states.append(DrawnState(keys[number], kind, graph.depths[number], _short(text)))
     ends: dict[str, int] = {}
     outcomes: dict[tuple[str, str], list[list[str]]] = {}
-    known: dict[int, set[tuple[int, int]]] = {}
+    known: dict[int, set[Outcome]] = {}
     for number in vertices:
-        for end, signals in sorted(_ticks_from(graph, number, known)):
+        for end, signals in sorted(graph.outcomes_of(number, known)):
             if end >= 0:
                 target = keys[end]
             else:
@@ -103,22 +103,6 @@ def draw_graph(prover: Prover) -> tuple[list[DrawnState], list[DrawnEdge]]:
                 found.append(outcome)
     states += [DrawnState(name, name, layer, name) for name, layer in ends.items()]
     return states, [DrawnEdge(*pair, _lines(found)) for pair, found in outcomes.items()]
-
-
-def _ticks_from(
-    graph: StateGraph, vertex: int, known: dict[int, set[tuple[int, int]]]
-) -> set[tuple[int, int]]:
-    """Return the targets and the signals of all ticks, or ends of ticks, that begin at a vertex."""
-    found = known.get(vertex)
-    if found is None:
-        found = known[vertex] = set()
-        for edge in graph.edges[vertex]:
-            if graph.ends_tick(edge):
-                found.add((edge.target, edge.signals))
-            else:
-                rest = _ticks_from(graph, edge.target, known)
-                found |= {(target, signals | edge.signals) for target, signals in rest}
-    return found
 
 
 def _outcome(explorer: Explorer, bits: int, names: dict[int, str]) -> list[str]:
