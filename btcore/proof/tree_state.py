@@ -94,6 +94,8 @@ class StateKeeper:
         self._watchers: list[tuple[int, EntryUpdatedDecorator | WasEntryUpdated]] = []
         self._endless: set[int] = set()
         self._fields: dict[int, list[str]] = {}
+        # The state of which the entries were restored last, its entries, and their values.
+        self._restored: tuple[TreeState, list[Entry], list[object]] | None = None
         self.timer_slots: list[tuple[TreeNode, str]] = []
         for node in tree.nodes:
             check_state_declaration(node)
@@ -138,6 +140,14 @@ class StateKeeper:
                 elif kind not in _PLAIN:
                     value = _thawed(value, objects)
                 setattr(node, name, value)
+        if not self._has_entries_of(state):
+            self._restore_entries(state, objects)
+        context = self._tree.context
+        context.deadlines.clear()
+        if context.is_woken:
+            context.take_wake_up()
+
+    def _restore_entries(self, state: TreeState, objects: list[Any]) -> None:
         entries: list[Entry] = []
         for declared, inferred, value, writes in state.entries:
             entry = Entry(declared, inferred)
@@ -149,10 +159,31 @@ class StateKeeper:
             held.clear()
             for key, number in keys:
                 held[key] = entries[number]
-        context = self._tree.context
-        context.deadlines.clear()
-        if context.is_woken:
-            context.take_wake_up()
+        self._restored = None if state.objects else (state, entries, [entry.value for entry in entries])
+
+    def _has_entries_of(self, state: TreeState) -> bool:
+        """Return whether the blackboards are as they were restored, with the entries of *state*."""
+        if self._restored is None:
+            return False
+        restored, entries, values = self._restored
+        if restored.entries is not state.entries or restored.boards is not state.boards:
+            return False
+        for entry, value, (declared, inferred, _, writes) in zip(entries, values, state.entries, strict=True):
+            if (
+                entry.sequence_id != writes
+                or entry.value is not value
+                or entry.declared is not declared
+                or entry.inferred is not inferred
+            ):
+                return False
+        for board, keys in zip(self._boards, state.boards, strict=True):
+            held = board.local_entries()
+            if len(held) != len(keys):
+                return False
+            for key, number in keys:
+                if held.get(key) is not entries[number]:
+                    return False
+        return True
 
     def kept_timers(self) -> int:
         """Return a bit for each time field whose timer was pending before the last tick and still is."""
@@ -203,7 +234,6 @@ class StateKeeper:
             timers: The bounds of the timers that were pending in this tick.
         """
         freezer = _Freezer()
-        seen: dict[int, list[tuple[int, int]]] = {}
         rows: list[list[Any]] = []
         deadlines = self.deadlines() if self.timer_slots else []
         numbers_of_deadlines = {deadline: number for number, deadline in enumerate(deadlines)}
@@ -222,6 +252,22 @@ class StateKeeper:
                     value = freezer.frozen(value)
                 row.append(value)
             rows.append(row)
+        boards, entries = self._captured_entries(freezer, rows)
+        return TreeState(
+            bytes([node._status for node in self._nodes]),
+            tuple(map(tuple, rows)),
+            boards,
+            entries,
+            freezer.objects(),
+            _timer_bounds(timers, deadlines),
+        )
+
+    def _captured_entries(
+        self, freezer: "_Freezer", rows: list[list[Any]]
+    ) -> tuple[tuple[tuple[tuple[str, int], ...], ...], tuple[tuple[Any, ...], ...]]:
+        """Return the boards and the entries. Put the numbers of writes that nodes have seen into *rows*."""
+        if not self._watchers and self._restored is not None and self._has_entries_of(self._restored[0]):
+            return self._restored[0].boards, self._restored[0].entries
         entries: list[list[Any]] = []
         numbers: dict[int, int] = {}
         found: list[Entry] = []
@@ -237,6 +283,7 @@ class StateKeeper:
                 keys.append((key, numbers[id(entry)]))
             keys.sort()
             boards.append(tuple(keys))
+        seen: dict[int, list[tuple[int, int]]] = {}
         for index, node in self._watchers:
             watched = node.blackboard.find(node._key)
             # Without an entry, the count that was seen remains, and is compared with later writes.
@@ -245,14 +292,7 @@ class StateKeeper:
         for place, watchers in seen.items():
             if place >= 0:
                 self._renumber(rows, entries[place], found[place].sequence_id, watchers)
-        return TreeState(
-            bytes([node._status for node in self._nodes]),
-            tuple(map(tuple, rows)),
-            tuple(boards),
-            tuple(map(tuple, entries)),
-            freezer.objects(),
-            _timer_bounds(timers, deadlines),
-        )
+        return tuple(boards), tuple(map(tuple, entries))
 
     def _renumber(
         self, rows: list[list[Any]], entry: list[Any], writes: int, watchers: list[tuple[int, int]]
