@@ -46,6 +46,8 @@ class TruncatePath(SyncAction):
     At least two poses stay. The last remaining pose is turned towards the goal.
     """
 
+    may_return = frozenset({Status.SUCCESS})
+
     input_path: InPath
     distance: Annotated[
         In[float], "Distance (m), in a straight line, before the goal at which the path ends."
