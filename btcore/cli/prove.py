@@ -1,5 +1,6 @@
 """`btcore prove`: answer questions about all possible runs of a tree."""
 
+import os
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -79,7 +80,13 @@ _INTERVAL_S: Final = 0.2
     default=MEMORY_MB,
     show_default=True,
     metavar="MB",
-    help="End the search when the process has used this much memory; without effect on Windows.",
+    help="End the search when its processes have used this much memory; without effect on Windows.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Number of processes of a long search, on Linux.  [default: one per core]",
 )
 @click.option(
     "--save",
@@ -109,6 +116,7 @@ def prove(
     file: Path | None,
     ticks: int | None,
     memory: int,
+    jobs: int | None,
     save: Path | None,
     dot: Path | None,
     svg: Path | None,
@@ -138,7 +146,7 @@ def prove(
     )
     prover = prover_of(examined, nodes, [*(f"never {text}" for text in never), *asked], declared, given)
     with _Progress() as progress:
-        report = prover.answer(ticks, memory << 20, progress)
+        report = prover.answer(ticks, memory << 20, progress, jobs or os.cpu_count() or 1)
     if save is not None:
         has_libraries = _has_libraries(prover.tree, libraries.nodes, plugins)
         used = TreeReference(path, tree, format, models, plugins, has_libraries, file)

@@ -93,6 +93,41 @@ class StateTable:
     def __len__(self) -> int:
         return len(self._keys)
 
+    @property
+    def part_count(self) -> int:
+        """The number of parts."""
+        return len(self._parts)
+
+    def part_number(self, part: Hashable) -> int:
+        """Return the number of a part."""
+        number = self._numbers.get(part)
+        if number is None:
+            number = self._numbers[part] = len(self._parts)
+            self._parts.append(part)
+        return number
+
+    def part(self, number: int) -> Any:
+        """Return the part with this number."""
+        return self._parts[number]
+
+    def key(self, number: int) -> tuple[int, ...]:
+        """Return the numbers of the parts of a vertex."""
+        return self._keys[number]
+
+    def number_of_key(self, key: tuple[int, ...]) -> tuple[int, bool]:
+        """Return the number of a vertex with these parts, and whether it is new."""
+        known = self._vertices.get(key)
+        if known is not None:
+            return known, False
+        number = self._vertices[key] = len(self._keys)
+        self._keys.append(key)
+        return number, True
+
+    def add_without_key(self) -> int:
+        """Add a vertex that need not be found again. Return its number."""
+        self._keys.append(())
+        return len(self._keys) - 1
+
     def number_of(self, state: TreeState, moment: Hashable = None) -> tuple[int, bool]:
         """Return the number of a vertex, and whether it is new.
 
@@ -100,21 +135,8 @@ class StateTable:
             state: The state of the tree.
             moment: What else decides the rest of the tick; None = a state between two ticks.
         """
-        numbers = self._numbers
-        key: list[int] = []
-        for part in (*state.fields, state.statuses, *state[2:], moment):
-            number = numbers.get(part)
-            if number is None:
-                number = numbers[part] = len(self._parts)
-                self._parts.append(part)
-            key.append(number)
-        found = tuple(key)
-        known = self._vertices.get(found)
-        if known is not None:
-            return known, False
-        number = self._vertices[found] = len(self._keys)
-        self._keys.append(found)
-        return number, True
+        parts = (*state.fields, state.statuses, *state[2:], moment)
+        return self.number_of_key(tuple([self.part_number(part) for part in parts]))
 
     def state(self, number: int) -> TreeState:
         """Return the state of the tree at the vertex with this number."""
@@ -217,6 +239,8 @@ class Explorer:
     Attributes:
         graph: The result of the search so far.
         signals: The meaning of the bits of the edges.
+        waiting: The states from which the ticks were not run yet, in the order in which they were found.
+        counted: The nodes whose results are counted.
     """
 
     def __init__(
@@ -240,9 +264,11 @@ class Explorer:
         self._memories = [check.remember for check in checks.values() if check.remember is not None]
         self._propositions = list(propositions)
         self.signals = Signals(self._runner.leaves, len(self.keeper.timer_slots), len(propositions))
-        self._states: deque[int] = deque()
+        self.waiting: deque[int] = deque()
         self._open: list[tuple[int, int]] = []
+        self.counted = [node for node in tree.nodes if node.tick_counts is not None]
         # The tick that is being run: where it began, and the vertex that it has reached.
+        self._state: TreeState | None = None
         self._moment = Moment(0, 0, ())
         self._bounds: Advance = Advance((), ())
         self._vertex = 0
@@ -253,61 +279,33 @@ class Explorer:
         """Add the present state of the tree to the initial states. Return whether it is new."""
         number, is_new = self.table.number_of(self.keeper.capture())
         if is_new:
-            self.graph.add_state(None)
-            self._states.append(number)
+            self.add_state(number, None)
         return is_new
 
-    def run(
-        self,
-        most_ticks: int | None = None,
-        memory: int | None = None,
-        progress: Callable[[StateGraph], object] | None = None,
-    ) -> None:
-        """Search until every state is known, or a bound is reached.
+    def add_state(self, number: int, parent: Step | None) -> None:
+        """Add a new state, which was found by *parent*; None = an initial state."""
+        self.graph.add_state(parent)
+        self.waiting.append(number)
 
-        Args:
-            most_ticks: The greatest number of ticks of a run; None = no limit.
-            memory: The memory (bytes) that the process may use; None = no limit.
-            progress: Called from time to time.
-        """
-        graph = self.graph
-        self.choices.watcher = self._decide
-        try:
-            while self._states:
-                number = self._states[0]
-                if most_ticks is not None and graph.depths[number] >= most_ticks:
-                    graph.bounds.setdefault(f"runs of more than {most_ticks} ticks were not searched", None)
-                    break
-                if graph.expanded % 64 == 0:
-                    if memory is not None and _memory_used() > memory:
-                        graph.bounds.setdefault(f"the memory limit of {memory >> 20} MB was reached", None)
-                        break
-                    if progress is not None:
-                        progress(graph)
-                self._expand(number)
-                self._states.popleft()
-                graph.expanded += 1
-        except KeyboardInterrupt:
-            graph.bounds.setdefault("the search was interrupted", None)
-        finally:
-            self.choices.watcher = None
-
-    def _expand(self, number: int) -> None:
+    def expand(self, number: int) -> None:
         """Run every possible tick from a state."""
         state = self.table.state(number)
         advances = self.keeper.advances(state)
         limit = len(self.graph.decisions) + MOST_DECISIONS
-        for index, advance in enumerate(advances):
-            self._run_tick(state, advance, Moment(number, index, ()), number, None)
-            while self._open:
-                vertex, choice = self._open.pop()
-                moment = self.graph.decisions[vertex]
-                self._run_tick(state, advance, moment, vertex, choice)
-                if len(self.graph.decisions) > limit:
-                    reason = f"the ticks from one state have more than {MOST_DECISIONS:,} decisions"
-                    self.graph.bounds.setdefault(reason, None)
-                    self._open.clear()
-                    return
+        self.choices.watcher = self._decide
+        try:
+            for index, advance in enumerate(advances):
+                self._run_tick(state, advance, Moment(number, index, ()), number, None)
+                while self._open:
+                    vertex, choice = self._open.pop()
+                    self._run_tick(state, advance, self.graph.decisions[vertex], vertex, choice)
+                    if len(self.graph.decisions) > limit:
+                        reason = f"the ticks from one state have more than {MOST_DECISIONS:,} decisions"
+                        self.graph.bounds.setdefault(reason, None)
+                        self._open.clear()
+                        return
+        finally:
+            self.choices.watcher = None
 
     def _run_tick(
         self, state: TreeState, advance: Advance, moment: Moment, vertex: int, choice: int | None
@@ -321,7 +319,7 @@ class Explorer:
             vertex: The vertex.
             choice: The choice at the vertex; None if the tick begins there.
         """
-        self._moment, self._bounds = moment, advance
+        self._state, self._moment, self._bounds = state, moment, advance
         self._vertex, self._choice = vertex, choice
         self._events = 0
         self._progress.begin()
@@ -370,7 +368,7 @@ class Explorer:
         moment = self._moment._replace(choices=made)
         timers = (keeper.kept_timers(), *keeper.deadlines()) if keeper.timer_slots else ()
         rest = (
-            self._progress.moment(leaf) or moment,
+            self._progress.moment(leaf) or (self._state, moment.advance, made),
             self._runner.so_far(),
             timers,
             *[remember(choices.events) for remember in self._memories],
@@ -408,8 +406,8 @@ class Explorer:
         signals = self.signals.of_end(tick.kept, timers, true)
         step = self._add_edge(target, signals)
         if is_new:
-            graph.add_state(step)
-            self._states.append(target)
+            self.add_state(target, step)
+
         if reason is not None:
             graph.bounds.setdefault(reason, step)
             return
@@ -452,7 +450,7 @@ def _what_is_unknown(error: NodeExecutionError, tree: Tree) -> str | None:
     return None
 
 
-def _memory_used() -> int:
+def memory_used() -> int:
     """Return the greatest memory (bytes) that this process has used; 0 on Windows, which is not supported."""
     if sys.platform == "win32":
         return 0

@@ -23,6 +23,7 @@ from btcore.proof.fair_cycles import (
 from btcore.proof.leaf_models import ModelError
 from btcore.proof.model_leaves import Choices, model_leaf_model, unread_keys
 from btcore.proof.propositions import ParsedProposition, Question, parse_proposition
+from btcore.proof.search import search
 from btcore.proof.standard_questions import (
     ENDS,
     LEAVES,
@@ -154,9 +155,10 @@ class Prover:
         most_ticks: int | None = None,
         memory: int | None = None,
         progress: Callable[[StateGraph], object] | None = None,
+        jobs: int = 1,
     ) -> Report:
         """Search, and answer the standard questions and the given ones."""
-        self.explorer.run(most_ticks, memory, progress)
+        search(self.explorer, most_ticks, memory, progress, jobs)
         self._cyclic_parts = cyclic_parts(self.explorer.graph)
         answers = [self._standard(question) for question in STANDARD_QUESTIONS]
         answers += [self._own(prepared) for prepared in self._questions]

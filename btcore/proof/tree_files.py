@@ -39,6 +39,7 @@ def prove(
     declarations: File | None = None,
     ticks: int | None = None,
     memory: int = MEMORY_MB,
+    jobs: int = 1,
 ) -> Report:
     """Answer the standard questions, and others, about all possible runs of a tree.
 
@@ -56,6 +57,7 @@ def prove(
         declarations: A file with declarations; default the file beside the tree's file, if there is one.
         ticks: The greatest number of ticks of a run; default no limit.
         memory: The memory (MB) at which the search ends.
+        jobs: The number of processes of a long search; without effect on other systems than Linux.
 
     Returns:
         The answers. Each is `proved`, `refuted` or `unknown`.
@@ -83,7 +85,7 @@ def prove(
     """
     declared = declarations_of(Path(file), declarations)
     analysis, leaves = _analysed(file, nodes, models, tree, format, declared)
-    return prover_of(analysis, leaves, questions, declared, given).answer(ticks, memory << 20)
+    return prover_of(analysis, leaves, questions, declared, given).answer(ticks, memory << 20, None, jobs)
 
 
 def assert_proved(
@@ -97,6 +99,7 @@ def assert_proved(
     declarations: File | None = None,
     ticks: int | None = None,
     memory: int = MEMORY_MB,
+    jobs: int = 1,
 ) -> None:
     """Assert that the standard questions, and others, are proved for a tree.
 
@@ -111,6 +114,7 @@ def assert_proved(
         declarations: As in `prove`.
         ticks: As in `prove`.
         memory: As in `prove`.
+        jobs: As in `prove`.
 
     Raises:
         AssertionError: A question is refuted or unknown; the message contains the counterexamples.
@@ -139,6 +143,7 @@ def assert_proved(
         declarations=declarations,
         ticks=ticks,
         memory=memory,
+        jobs=jobs,
     )
     open_answers = [answer for answer in report.answers if answer.answer != PROVED]
     if open_answers:

@@ -345,7 +345,7 @@ class _Freezer:
             assert isinstance(value, set)
             return _FrozenSet(frozenset(value))
         if kind not in (deque, list, dict):
-            return value if isinstance(value, Hashable) else _Identity(value)
+            return value if isinstance(value, Hashable) else Identity(value)
         number = self._numbers.get(id(value))
         if number is None:
             number = self._numbers[id(value)] = len(self._objects)
@@ -371,7 +371,7 @@ class _FrozenSet(NamedTuple):
     tag: str = "set"
 
 
-class _Identity:
+class Identity:
     """Makes an object hashable that is not; no node changes it."""
 
     __slots__ = ("value",)
@@ -380,7 +380,7 @@ class _Identity:
         self.value = value
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Identity) and other.value is self.value
+        return isinstance(other, Identity) and other.value is self.value
 
     def __hash__(self) -> int:
         return id(self.value)
@@ -410,4 +410,4 @@ def _thawed(value: Any, objects: list[Any]) -> Any:
         return objects[value.number]
     if kind is _FrozenSet:
         return set(value.members)
-    return value.value if kind is _Identity or kind is _Typed else value
+    return value.value if kind is Identity or kind is _Typed else value

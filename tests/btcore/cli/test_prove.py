@@ -145,7 +145,7 @@ def test_question_whose_premise_never_occurs_is_vacuous(prove: Callable[..., Res
 def test_bounds_are_reported_as_unknown(
     prove: Callable[..., Result], words: tuple[str, ...], bound: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("btcore.proof.exploration._memory_used", lambda: 200 << 20)
+    monkeypatch.setattr("btcore.proof.search.memory_used", lambda: 200 << 20)
     result = prove(BIG, *words)
     assert result.exit_code == 4
     assert f"? no node raises an exception  unknown: {bound}" in result.stdout

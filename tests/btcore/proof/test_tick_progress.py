@@ -21,6 +21,7 @@ from btcore import (
 from btcore.clock import Clock
 from btcore.proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore.proof.prover import Prover
+from btcore.proof.search import search
 from btcore.proof.state_graph import Outcome
 from btcore.proof.tick_progress import TickProgress
 from btcore.tree.tree import Tree
@@ -178,7 +179,7 @@ def ticks_of(xml: str) -> set[tuple[Hashable, Hashable, int]]:
 
     explorer = Prover(make, domains={"n": ("0", "1", "2")}).explorer
     explorer.start()
-    explorer.run()
+    search(explorer)
     graph, known = explorer.graph, dict[int, set[Outcome]]()
     assert graph.is_complete
     return {

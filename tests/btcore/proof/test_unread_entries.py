@@ -7,6 +7,7 @@ from btcore.clock import Clock
 from btcore.proof.model_leaves import Choices, with_model_leaves
 from btcore.proof.propositions import parse_question
 from btcore.proof.prover import PROVED, REFUTED, Prover
+from btcore.proof.search import search
 from btcore.proof.standard_questions import INPUTS
 from btcore.tree.tree import Tree
 
@@ -88,7 +89,7 @@ def test_an_entry_is_searched_only_if_something_reads_it():
         '<Check route="{route}"/></Sequence>'
     )
     explorer = prover_of(tree, []).explorer
-    explorer.run()
+    search(explorer)
     # After outputs of Plan, with any result, Check succeeds or fails; without a route it raises.
     assert explorer.graph.transitions == 4
     read = tree.replace("<Check ", '<Script code="code := error"/><Check ')
