@@ -100,7 +100,7 @@ class Use(Move):
 
 @pytest.fixture(autouse=True)
 def _processes_from_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(btcore.proof.search, "_FEW_STATES", 2)
+    monkeypatch.setattr(btcore.proof.search, "_FEW_STATES", 1)
 
 
 def prover_of(xml: str = TREE, *questions: str) -> Prover:
