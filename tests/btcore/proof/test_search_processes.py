@@ -154,7 +154,8 @@ def test_one_process_ends_the_search_if_values_are_equal_only_to_themselves(
         close(processes)
 
     monkeypatch.setattr(SearchProcesses, "close", record)
-    tree = '<Sequence><Connect handle="{h}"/><Move/><Connect handle="{h}"/><Use handle="{h}"/></Sequence>'
+    later = '<Delay delay_msec="10"><Connect handle="{h}"/></Delay>'
+    tree = f'<Sequence>{later}{later}<Use handle="{{h}}"/></Sequence>'
     alone, together = prover_of(tree).answer(), prover_of(tree).answer(jobs=2)
     assert together.answers == alone.answers
     assert {answer.answer for answer in alone.answers} == {"proved"}
