@@ -19,11 +19,15 @@ Any of them may be ``unrun: REASON``, and is not run then. Other kinds are error
 """
 
 import importlib.util
+import json
 import os
 import re
+import shlex
 import shutil
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -230,7 +234,51 @@ def run(page: str, name: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def run_commands(page: str, folder: Path) -> list[str]:
+class CommandServer:
+    """Runs commands in forks of a process that has imported btcore (command_server.py)."""
+
+    def __init__(self, folder: Path) -> None:
+        self.output = folder / "output"
+        self._process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).parent / "command_server.py")],
+            env=environment(folder),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    def run(self, command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        request = [str(folder), str(self.output), *shlex.split(command)[1:]]
+        print(json.dumps(request), file=self._process.stdin, flush=True)
+        code = int(self._process.stdout.readline())
+        return subprocess.CompletedProcess(command, code, self.output.read_text(encoding="utf-8"))
+
+    def close(self) -> None:
+        """End the process and a command that is still running."""
+        os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.communicate()
+
+
+@pytest.fixture(scope="session")
+def command_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CommandServer | None]:
+    if not hasattr(os, "fork"):
+        yield None
+        return
+    server = CommandServer(tmp_path_factory.mktemp("command_server"))
+    yield server
+    server.close()
+
+
+def needs_no_shell(command: str) -> bool:
+    """Whether *command* is a command of btcore alone. Commands that start processes do not count."""
+    without_texts = re.sub(r"'[^']*'|\"[^\"$`\\]*\"", "", command)
+    return re.fullmatch(r"btcore (?!sweep|monitor)[\w \t./:=,+@%^-]+", without_texts) is not None
+
+
+def run_commands(page: str, folder: Path, server: CommandServer | None = None) -> list[str]:
     """Run the commands of *page* in the folder of its program; return the unexpected results."""
     wrong = []
     written = dict.fromkeys(files(page), 1)
@@ -239,16 +287,19 @@ def run_commands(page: str, folder: Path) -> list[str]:
             if len(texts) > written[file]:
                 (folder / "empty" / file).write_text(texts[-1], encoding="utf-8")
                 written[file] = len(texts)
-        done = subprocess.run(
-            ["bash", "-c", command],
-            cwd=folder / "empty",
-            env=environment(folder),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            check=False,
-            timeout=LIMIT,
-        )
+        if server is not None and needs_no_shell(command):
+            done = server.run(command, folder / "empty")
+        else:
+            done = subprocess.run(
+                ["bash", "-c", command],
+                cwd=folder / "empty",
+                env=environment(folder),
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                check=False,
+                timeout=LIMIT,
+            )
         output = PROGRESS.sub("", done.stdout)
         if not output_matches(shown, output) if shown else done.returncode != 0:
             wrong.append(f"line {line}: {command}\nends with {done.returncode} and prints\n{done.stdout}")
@@ -256,7 +307,7 @@ def run_commands(page: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_the_examples_of_a_page_run(page: Path, tmp_path: Path) -> None:
+def test_the_examples_of_a_page_run(page: Path, tmp_path: Path, command_server: CommandServer | None) -> None:
     for module in BOOK_NEEDS if page.parent.name == "book" else NEEDS.get(page.stem, ()):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} is not installed")
@@ -265,7 +316,8 @@ def test_the_examples_of_a_page_run(page: Path, tmp_path: Path) -> None:
         pytest.skip("the patched copy is not compiled; the tests of the pure build run it")
     done = run(text, page.stem, tmp_path)
     assert done.returncode == 0, f"{page}\n{done.stdout}\n{done.stderr}"
-    wrong = run_commands(text, tmp_path)
+    # A page with changes needs a process that imports the changed copy.
+    wrong = run_commands(text, tmp_path, None if changes(text) else command_server)
     assert wrong == [], "\n".join([str(page), *wrong])
 
 
@@ -370,6 +422,36 @@ def test_a_command_must_print_what_is_shown_or_succeed_if_nothing_is_shown(
 ) -> None:
     (tmp_path / "empty").mkdir()
     assert (run_commands(f"```console\n{shown}\n```\n", tmp_path) == []) is fine
+
+
+@pytest.mark.parametrize(
+    ("shown", "fine"),
+    [
+        ("$ btcore --version\nbtcore …", True),
+        ("$ btcore --version\nother", False),
+        ("$ btcore validate a.xml", False),
+        ("$ btcore validate a.xml\nerror: there is no file 'a.xml'.…\n…", True),
+        ("$ btcore nodes 'Inverter'\n…Inverter…", True),
+        ("$ btcore nodes --no-such-option || echo failed\n…\nfailed", True),
+    ],
+)
+def test_commands_of_the_server_are_checked_as_well(
+    shown: str, fine: bool, tmp_path: Path, command_server: CommandServer | None
+) -> None:
+    (tmp_path / "empty").mkdir()
+    assert (run_commands(f"```console\n{shown}\n```\n", tmp_path, command_server) == []) is fine
+
+
+def test_only_plain_commands_of_btcore_need_no_shell() -> None:
+    assert needs_no_shell("btcore run a.xml --set 'goal=1;2|3' --start=-0.5,3 --set \"a=b c\"")
+    with_shell = [
+        "btcore show a > b",
+        "btcore show a; ls",
+        "A=1 btcore show",
+        "btcore show $A",
+        "btcore show *",
+    ]
+    assert [command for command in [*with_shell, "ls", "btcore sweep a"] if needs_no_shell(command)] == []
 
 
 def test_a_failing_block_is_reported_with_its_line_in_the_page(tmp_path: Path) -> None:
