@@ -5,6 +5,7 @@ import re
 import sys
 import textwrap
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,12 @@ sys.path.insert(0, str(ROOT / "docs" / "site"))
 
 import api_pages  # noqa: E402
 
-SOURCE = api_pages.load_packages()
+
+@cache
+def source() -> griffe.ModulesCollection:
+    """Return the source of all packages; reading it takes 4 s, which no other test needs."""
+    return api_pages.load_packages()
+
 
 # Modules whose constants are a table: their pages show the values, the class of the values explains them.
 TABLES = ("btcore.diagnostic_codes", "btcore.values", "btcore_monitor.events")
@@ -33,10 +39,10 @@ def public_objects() -> Iterator[tuple[str, griffe.Object]]:
     """Yield the public names with their paths, as a user writes them, and the members of public classes."""
     seen = set()
     listed = [("btcore", btcore.__all__)]
-    listed += [(name, api_pages.public_names(SOURCE[name])) for name in api_pages.public_modules()[1:]]
+    listed += [(name, api_pages.public_names(source()[name])) for name in api_pages.public_modules()[1:]]
     for module, names in listed:
         for name in names:
-            described = SOURCE[f"{module}.{name}"]
+            described = source()[f"{module}.{name}"]
             if described.is_alias:
                 described = described.final_target
             if described.is_module or described.path in seen:
@@ -49,10 +55,21 @@ def public_objects() -> Iterator[tuple[str, griffe.Object]]:
                         yield f"{module}.{name}.{member.name}", member
 
 
-PUBLIC = list(public_objects())
-CLASSES = [(path, it) for path, it in PUBLIC if it.is_class]
-FUNCTIONS = [(path, it) for path, it in PUBLIC if it.is_function and not it.path.startswith(LEAVES)]
-ATTRIBUTES = [(path, it) for path, it in PUBLIC if it.is_attribute]
+@cache
+def public() -> list[tuple[str, griffe.Object]]:
+    return list(public_objects())
+
+
+def classes() -> list[tuple[str, griffe.Object]]:
+    return [(path, it) for path, it in public() if it.is_class]
+
+
+def functions() -> list[tuple[str, griffe.Object]]:
+    return [(path, it) for path, it in public() if it.is_function and not it.path.startswith(LEAVES)]
+
+
+def attributes() -> list[tuple[str, griffe.Object]]:
+    return [(path, it) for path, it in public() if it.is_attribute]
 
 
 def sections(described: griffe.Object, kind: str) -> Iterator[griffe.DocstringElement]:
@@ -131,16 +148,16 @@ def raised(function: griffe.Function) -> set[str]:
 
 
 def test_every_name_has_a_docstring() -> None:
-    assert [path for path, it in CLASSES + FUNCTIONS if it.docstring is None] == []
+    assert [path for path, it in classes() + functions() if it.docstring is None] == []
 
 
 def test_every_attribute_is_explained() -> None:
-    assert [path for path, it in ATTRIBUTES if not is_explained(it)] == []
+    assert [path for path, it in attributes() if not is_explained(it)] == []
 
 
 def test_sections_of_attributes_are_complete() -> None:
     missing = []
-    for path, it in ATTRIBUTES:
+    for path, it in attributes():
         described = {
             entry.name for kind in ("attributes", "parameters") for entry in sections(it.parent, kind)
         }
@@ -154,14 +171,14 @@ def test_sections_of_attributes_are_complete() -> None:
 
 def test_docstrings_list_the_parameters() -> None:
     missing = []
-    for path, it in FUNCTIONS:
+    for path, it in functions():
         listed = {entry.name.lstrip("*") for entry in sections(it, "parameters")}
         names = [parameter.name for parameter in it.parameters if parameter.name not in ("self", "cls")]
         inherited = it.parent.is_class and bool(overridden(it))
         if len(names) > 1 and not inherited:
             missing += [f"{path}({name})" for name in names if name not in listed]
         missing += [f"{path}({name}) does not exist" for name in listed if name not in names]
-    for path, it in CLASSES:
+    for path, it in classes():
         init = it.members.get("__init__")
         hidden = path.startswith(NAV2_PARAMETERS) or is_run_only(it)
         if init is not None and not init.is_alias and not hidden:
@@ -172,7 +189,7 @@ def test_docstrings_list_the_parameters() -> None:
 
 def test_docstrings_describe_the_result() -> None:
     missing = []
-    for path, it in FUNCTIONS:
+    for path, it in functions():
         text = it.docstring.value
         has_section = bool([*sections(it, "returns"), *sections(it, "yields")])
         says_so = re.search(r"\b(return(s|ed)?|yields?|iterate|whether)\b", text, re.IGNORECASE)
@@ -184,7 +201,7 @@ def test_docstrings_describe_the_result() -> None:
 
 def test_docstrings_list_the_exceptions() -> None:
     missing = []
-    for path, it in FUNCTIONS:
+    for path, it in functions():
         listed = {str(entry.annotation).rpartition(".")[2] for entry in sections(it, "raises")}
         undocumented = raised(it) - listed
         if not any(overridden(it) if it.parent.is_class else []):
@@ -194,13 +211,13 @@ def test_docstrings_list_the_exceptions() -> None:
 
 def test_summaries_have_one_line() -> None:
     # The summary tables show the first line only.
-    found = [(path, it.docstring.value) for path, it in PUBLIC if it.docstring is not None]
+    found = [(path, it.docstring.value) for path, it in public() if it.docstring is not None]
     assert [path for path, text in found if text.partition("\n\n")[0].count("\n")] == []
 
 
 def test_docstrings_are_markdown() -> None:
     rst = re.compile(r":[a-z]+:`|(?<!`)``(?!`)|::$", re.MULTILINE)
-    assert [path for path, it in PUBLIC if it.docstring and rst.search(it.docstring.value)] == []
+    assert [path for path, it in public() if it.docstring and rst.search(it.docstring.value)] == []
 
 
 def test_the_index_lists_the_names_of_the_engine() -> None:
@@ -300,9 +317,9 @@ def test_public_names_have_examples() -> None:
     names = [("btcore", name) for name in btcore.__all__]
     for module in api_pages.public_modules():
         if module.startswith(WITH_EXAMPLES):
-            names += [(module, name) for name in api_pages.public_names(SOURCE[module])]
+            names += [(module, name) for name in api_pages.public_names(source()[module])]
     for module, name in names:
-        described = SOURCE[f"{module}.{name}"]
+        described = source()[f"{module}.{name}"]
         if described.is_module or (described.is_attribute and module != "btcore") or name.endswith("Error"):
             continue
         has_example = described.docstring is not None and ">>> " in described.docstring.value
@@ -315,7 +332,8 @@ def test_public_names_have_examples() -> None:
 # --- the pages
 
 
-def test_pages_show_constants_and_inherited_members(tmp_path: Path) -> None:
+def test_pages_show_constants_and_inherited_members(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(api_pages, "load_packages", source)  # read once
     api_pages.write_api_pages(tmp_path / "api")
 
     def page(name: str) -> str:
