@@ -80,10 +80,17 @@ def die(when: In[bool] = True, mark: In[str] = "") -> bool:
 
 @action
 def toil(seconds: In[float] = 0.05) -> bool:
-    """Take real time, as a simulation does."""
-    end = time.perf_counter() + seconds
-    while time.perf_counter() < end:
-        pass
+    """Take real time, as a simulation does, but leave the core to other tests."""
+    time.sleep(seconds)
+    return True
+
+
+@action
+def limited(calls: In[str], most: In[int]) -> bool:
+    """Leave a file in the folder *calls*; from *most* files on, wait for the file go_on beside them."""
+    Path(calls, f"{os.getpid()} {time.monotonic_ns()}").touch()
+    while len(os.listdir(calls)) > most and not Path(calls, "go_on").exists():
+        time.sleep(0.02)
     return True
 '''
 
