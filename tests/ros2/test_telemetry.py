@@ -127,7 +127,9 @@ def test_state_is_published_each_second(watcher: Watcher) -> None:
     with connected(RosTelemetry(tree, ["diagnostics"])):
         watcher.wait(lambda: watcher.of("diagnostics"))
         start = time.monotonic()
-        assert tree.tick_while_running(period=0.05) is Status.SUCCESS
+        # If the machine stops for long enough, no report falls into the first run.
+        while not any(report["message"] == "RUNNING" for report in watcher.of("diagnostics")):
+            assert tree.tick_while_running(period=0.05) is Status.SUCCESS
         lasted = time.monotonic() - start
     watcher.wait(lambda: watcher.of("diagnostics")[-1]["values"]["state"] == "SUCCESS")
     reports = watcher.of("diagnostics")
@@ -136,7 +138,7 @@ def test_state_is_published_each_second(watcher: Watcher) -> None:
     assert 1 <= len(running) <= lasted + 1
     assert running[-1]["diagnostics"] == "btcore: Main"
     assert running[-1]["level"] == 0
-    assert 1 < float(running[-1]["values"]["rate (Hz)"]) < 30
+    assert 0 < float(running[-1]["values"]["rate (Hz)"]) < 30
     assert {"ticks", "greatest lateness of a tick (ms)", "longest tick (ms)"} <= running[-1]["values"].keys()
 
 

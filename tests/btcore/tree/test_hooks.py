@@ -435,7 +435,7 @@ def test_event_loop_keeps_running_at_a_breakpoint(debug: bool) -> None:
     @action
     async def fetch() -> bool:
         steps.append("fetch")
-        await asyncio.wait_for(asyncio.sleep(0.001), 5)
+        await asyncio.wait_for(asyncio.sleep(0.001), 60)
         steps.append("fetched")
         return True
 

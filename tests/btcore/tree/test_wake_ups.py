@@ -14,7 +14,7 @@ from btcore.engine.context import TreeContext
 
 Grow = Callable[..., Tree]
 
-SOON = 30.0  # s, long enough for a busy machine
+SOON = 100.0  # s, long enough for a busy machine
 
 
 class Lasting(StatefulAction):

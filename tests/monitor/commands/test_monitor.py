@@ -118,12 +118,14 @@ def test_waiting_for_a_robot_takes_little_processor_time_and_ends_at_sigint_with
     )
     try:
         assert b"waiting for the robot" in process.stderr.readline()
-        started = _cpu_seconds(process.pid)
-        deadline = time.monotonic() + 3.0
-        while time.monotonic() < deadline:
+        for _ in range(20):  # on a slow machine, the first attempts may include the start
+            started = _cpu_seconds(process.pid)
+            time.sleep(2.0)
             assert process.poll() is None
-            time.sleep(0.1)
-        assert _cpu_seconds(process.pid) - started < 1.5
+            taken = _cpu_seconds(process.pid) - started
+            if taken < 0.5:
+                break
+        assert taken < 0.5
         process.send_signal(signal.SIGINT)
         assert process.wait(100) == 1
     finally:
