@@ -24,6 +24,7 @@ from checkout import environment
 
 PERIOD = 0.02  # s, of the tree
 GROWTH = 50.0  # MB, permitted
+REPLY_WITHIN = 60.0  # s
 LIMIT = 200  # MB that the robot's process may allocate in addition; then allocations fail
 PICTURE = 200_000  # bytes of a camera's picture; the robot has 30 pictures a second
 LATENESS = 5.0  # ms, permitted in addition to 1.5 times the lateness of the robot that is not attacked
@@ -290,7 +291,7 @@ class Robot:
         from btcore_monitor.wire.groot2 import Request
 
         address = f"tcp://127.0.0.1:{self.ports[0]}"
-        with Feed(address) as feed, Groot2Client(parse_address(address), timeout=60.0) as requests:
+        with Feed(address) as feed, Groot2Client(parse_address(address), timeout=REPLY_WITHIN) as requests:
             while not self._ended.is_set():
                 for event in feed.poll(0.1):
                     if isinstance(event, TreeSeen):
@@ -385,6 +386,9 @@ def main() -> int:
     if options.attack is not None:
         name, port, kind = options.attack
         attack_for_ever(name, int(port), kind)
+    from btcore_monitor.watch import feed
+
+    feed.SILENT_AFTER = REPLY_WITHIN  # a busy machine is silent for seconds, too
     print(
         f"{'attack':24}{'growth':>21} {'lost ticks':>13} {'late (95 %)':>22} {'missing':>8} {'no reply':>8}"
     )
