@@ -6,8 +6,8 @@ Within a tick, the search stops at each decision of a leaf: moments with the sam
 import re
 import sys
 from collections import deque
-from collections.abc import Callable, Hashable, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Final
 
 from btcore.clock import SimClock
 from btcore.engine.node import TreeNode
@@ -15,10 +15,8 @@ from btcore.errors import BtcoreError, NodeExecutionError, ScriptError
 from btcore.proof.model_leaves import (
     Choices,
     EndlessTickError,
-    LeafEvent,
     UnknownValue,
     UnknownValueError,
-    model_leaf_model,
 )
 from btcore.proof.state_graph import (
     END_OF,
@@ -28,13 +26,15 @@ from btcore.proof.state_graph import (
     Moment,
     Signals,
     StateGraph,
+    StateTable,
     Step,
     Violation,
 )
 from btcore.proof.tick_progress import TickProgress
+from btcore.proof.tick_runner import Check, Tick, TickRunner
 from btcore.proof.timer_order import Advance
 from btcore.proof.tree_state import NOW, StateKeeper, TreeState
-from btcore.status import RUNNING, SKIPPED, Status
+from btcore.status import RUNNING, SKIPPED
 from btcore.tree.tree import Tree
 
 MOST_DECISIONS: Final = 200_000
@@ -43,182 +43,6 @@ TICK_LIMIT: Final = 2.0
 """The time (s, real time) after which a tick that repeats nodes is stopped with an exception."""
 _NAME: Final = re.compile(r"@?[^\W\d]\w*")
 """A name in a script."""
-
-
-class Tick(NamedTuple):
-    """What happened in one tick, for the questions.
-
-    Attributes:
-        tree: The tree after the tick.
-        kept: The model leaves that remained RUNNING: they neither completed nor were halted in the tick.
-        events: The ticks of model leaves, in order.
-        halted: The model leaves that were halted while RUNNING.
-        result: The result of the tree; None if a node raised.
-        error: The exception of a node.
-        results: The results of the watched nodes in this tick, by uid.
-        halts: The uids of the watched nodes that were halted while RUNNING.
-    """
-
-    tree: Tree
-    kept: Sequence[TreeNode]
-    events: Sequence[LeafEvent]
-    halted: Sequence[TreeNode]
-    result: Status | None
-    error: NodeExecutionError | None
-    results: "dict[int, list[Status]]"
-    halts: set[int]
-
-
-class Check(NamedTuple):
-    """A check of ticks.
-
-    Attributes:
-        find: Returns what is wrong in a tick, or None.
-        remember: Returns what *find* must know of the first part of a tick; None = nothing.
-    """
-
-    find: Callable[[Tick], str | None]
-    remember: Callable[[Sequence[LeafEvent]], Hashable] | None = None
-
-
-class StateTable:
-    """All vertices that were found, each with a number. Parts that they have in common are stored once."""
-
-    def __init__(self) -> None:
-        self._parts: list[Any] = []
-        self._numbers: dict[Any, int] = {}
-        self._vertices: dict[tuple[int, ...], int] = {}
-        self._keys: list[tuple[int, ...]] = []
-
-    def __len__(self) -> int:
-        return len(self._keys)
-
-    @property
-    def part_count(self) -> int:
-        """The number of parts."""
-        return len(self._parts)
-
-    def part_number(self, part: Hashable) -> int:
-        """Return the number of a part."""
-        number = self._numbers.get(part)
-        if number is None:
-            number = self._numbers[part] = len(self._parts)
-            self._parts.append(part)
-        return number
-
-    def part(self, number: int) -> Any:
-        """Return the part with this number."""
-        return self._parts[number]
-
-    def key(self, number: int) -> tuple[int, ...]:
-        """Return the numbers of the parts of a vertex."""
-        return self._keys[number]
-
-    def number_of_key(self, key: tuple[int, ...]) -> tuple[int, bool]:
-        """Return the number of a vertex with these parts, and whether it is new."""
-        known = self._vertices.get(key)
-        if known is not None:
-            return known, False
-        number = self._vertices[key] = len(self._keys)
-        self._keys.append(key)
-        return number, True
-
-    def add_without_key(self) -> int:
-        """Add a vertex that need not be found again. Return its number."""
-        self._keys.append(())
-        return len(self._keys) - 1
-
-    def number_of(self, state: TreeState, moment: Hashable = None) -> tuple[int, bool]:
-        """Return the number of a vertex, and whether it is new.
-
-        Args:
-            state: The state of the tree.
-            moment: What else decides the rest of the tick; None = a state between two ticks.
-        """
-        parts = (*state.fields, state.statuses, *state[2:], moment)
-        return self.number_of_key(tuple([self.part_number(part) for part in parts]))
-
-    def state(self, number: int) -> TreeState:
-        """Return the state of the tree at the vertex with this number."""
-        parts = [self._parts[part] for part in self._keys[number][:-1]]
-        fields = len(parts) - len(TreeState._fields) + 1
-        return TreeState(parts[fields], tuple(parts[:fields]), *parts[fields + 1 :])
-
-
-class TickRunner:
-    """Runs single ticks of a tree with model leaves.
-
-    Args:
-        tree: The tree.
-        choices: The choices that its leaves share.
-        watched: The nodes whose results and halts are recorded.
-
-    Attributes:
-        leaves: The model leaves of the tree.
-    """
-
-    def __init__(self, tree: Tree, choices: Choices, watched: Sequence[TreeNode] = ()) -> None:
-        self.tree = tree
-        self.choices = choices
-        self.leaves: list[TreeNode] = [node for node in tree.nodes if model_leaf_model(node) is not None]
-        self._watched = list(watched)
-        self._results: dict[int, list[Status]] = {}
-        self._halts_before: dict[int, int] = {}
-        self._running: list[TreeNode] = []
-        for node in watched:
-            node.set_post_tick_function(self._record)
-            node.count_ticks()
-
-    def _record(self, node: TreeNode, status: Status) -> Status:
-        self._results.setdefault(node.uid, []).append(status)
-        return status
-
-    def run(self, given: Sequence[int]) -> Tick:
-        """Run one tick from the present state of the tree, with the choices *given*."""
-        self.choices.begin(given)
-        self._results.clear()
-        self._running = [leaf for leaf in self.leaves if leaf._status is RUNNING]
-        self._halts_before = {node.uid: _halts_of(node) for node in self._watched}
-        error: NodeExecutionError | None = None
-        result: Status | None = None
-        try:
-            result = self.tree.tick_exactly_once()
-        except NodeExecutionError as raised:
-            error = raised
-        return Tick(
-            self.tree,
-            self._kept(),
-            self.choices.events,
-            self.choices.halted,
-            result,
-            error,
-            self._results,
-            self._halts(),
-        )
-
-    def so_far(self) -> tuple[Hashable, ...]:
-        """Return what the end of the present tick depends on, of what has happened in it."""
-        return (
-            tuple([leaf.uid for leaf in self._kept()]),
-            tuple([(uid, frozenset(found)) for uid, found in sorted(self._results.items())]),
-            frozenset(self._halts()),
-        )
-
-    def _kept(self) -> Sequence[TreeNode]:
-        if not self._running:
-            return ()
-        ended = {event.leaf.uid for event in self.choices.events if event.result is not RUNNING}
-        ended.update(leaf.uid for leaf in self.choices.halted)
-        return [leaf for leaf in self._running if leaf._status is RUNNING and leaf.uid not in ended]
-
-    def _halts(self) -> set[int]:
-        before = self._halts_before
-        return {node.uid for node in self._watched if _halts_of(node) > before[node.uid]}
-
-
-def _halts_of(node: TreeNode) -> int:
-    counts = node.tick_counts
-    return 0 if counts is None else counts.halted
 
 
 class _KnownMomentError(KeyboardInterrupt):
@@ -407,7 +231,6 @@ class Explorer:
         step = self._add_edge(target, signals)
         if is_new:
             self.add_state(target, step)
-
         if reason is not None:
             graph.bounds.setdefault(reason, step)
             return

@@ -7,10 +7,10 @@ from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
 from btcore.proof.counterexample import Counterexample, LeafTick, TreeMaker, text_of
-from btcore.proof.exploration import Tick, TickRunner
 from btcore.proof.model_leaves import Choices, Outcome, Writer, model_leaf_model
 from btcore.proof.propositions import parse_proposition, parse_question
 from btcore.proof.standard_questions import ENDS, LEAVES, STANDARD_QUESTIONS, state_checks, tick_checks
+from btcore.proof.tick_runner import Tick, TickRunner
 from btcore.status import RUNNING, Status
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree

@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
-from btcore.proof.exploration import Tick
+from btcore.proof.tick_runner import Tick
 from btcore.status import RUNNING, Status
 from btcore.tree.tree import Tree
 

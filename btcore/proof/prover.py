@@ -10,7 +10,7 @@ from btcore.engine.leaf import Condition
 from btcore.engine.node import TreeNode
 from btcore.errors import ConversionError
 from btcore.proof.counterexample import Counterexample, replay, text_of, times_of
-from btcore.proof.exploration import TICK_LIMIT, Explorer, Tick, clock_for_search
+from btcore.proof.exploration import TICK_LIMIT, Explorer, clock_for_search
 from btcore.proof.fair_cycles import (
     FairCycle,
     Fairness,
@@ -33,6 +33,7 @@ from btcore.proof.standard_questions import (
     tick_checks,
 )
 from btcore.proof.state_graph import RAISED, RESULT_OF, StateGraph, Step, WholeTick
+from btcore.proof.tick_runner import Tick
 from btcore.status import FAILURE, RUNNING, SUCCESS
 from btcore.suggestions import join_names
 from btcore.tree.drawing import draw_results

@@ -16,9 +16,9 @@ from multiprocessing.context import ForkProcess
 from types import FunctionType
 from typing import Any, Final, NamedTuple
 
-from btcore.proof.exploration import Explorer, StateTable, memory_used
+from btcore.proof.exploration import Explorer, memory_used
 from btcore.proof.model_leaves import UnknownValue
-from btcore.proof.state_graph import Edge, Moment, Step, Violation
+from btcore.proof.state_graph import Edge, Moment, StateTable, Step, Violation
 from btcore.proof.tree_state import Identity
 from btcore.values.types import ValueType
 

@@ -9,8 +9,8 @@ from btcore.engine.node import TreeNode
 from btcore.errors import BlackboardError
 from btcore.nodes.repeat import RepeatedNode
 from btcore.nodes.result_decorators import KeepRunningUntilFailure
-from btcore.proof.exploration import Check, Tick
 from btcore.proof.model_leaves import LeafEvent, model_leaf_model
+from btcore.proof.tick_runner import Check, Tick
 from btcore.status import RUNNING
 from btcore.tree.tree import Tree
 

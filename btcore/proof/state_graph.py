@@ -1,11 +1,12 @@
 """The graph that a search finds: states between ticks, decisions within ticks, and the edges between them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from btcore.engine.node import TreeNode
 from btcore.proof.model_leaves import LeafEvent
+from btcore.proof.tree_state import TreeState
 from btcore.status import FAILURE, SKIPPED, SUCCESS
 
 RAISED: Final = -1
@@ -160,6 +161,70 @@ class StateGraph:
             if self.ends_tick(edge):
                 found.append(WholeTick(moment, edge.target))
         return found
+
+
+class StateTable:
+    """All vertices that were found, each with a number. Parts that they have in common are stored once."""
+
+    def __init__(self) -> None:
+        self._parts: list[Any] = []
+        self._numbers: dict[Any, int] = {}
+        self._vertices: dict[tuple[int, ...], int] = {}
+        self._keys: list[tuple[int, ...]] = []
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    @property
+    def part_count(self) -> int:
+        """The number of parts."""
+        return len(self._parts)
+
+    def part_number(self, part: Hashable) -> int:
+        """Return the number of a part."""
+        number = self._numbers.get(part)
+        if number is None:
+            number = self._numbers[part] = len(self._parts)
+            self._parts.append(part)
+        return number
+
+    def part(self, number: int) -> Any:
+        """Return the part with this number."""
+        return self._parts[number]
+
+    def key(self, number: int) -> tuple[int, ...]:
+        """Return the numbers of the parts of a vertex."""
+        return self._keys[number]
+
+    def number_of_key(self, key: tuple[int, ...]) -> tuple[int, bool]:
+        """Return the number of a vertex with these parts, and whether it is new."""
+        known = self._vertices.get(key)
+        if known is not None:
+            return known, False
+        number = self._vertices[key] = len(self._keys)
+        self._keys.append(key)
+        return number, True
+
+    def add_without_key(self) -> int:
+        """Add a vertex that need not be found again. Return its number."""
+        self._keys.append(())
+        return len(self._keys) - 1
+
+    def number_of(self, state: TreeState, moment: Hashable = None) -> tuple[int, bool]:
+        """Return the number of a vertex, and whether it is new.
+
+        Args:
+            state: The state of the tree.
+            moment: What else decides the rest of the tick; None = a state between two ticks.
+        """
+        parts = (*state.fields, state.statuses, *state[2:], moment)
+        return self.number_of_key(tuple([self.part_number(part) for part in parts]))
+
+    def state(self, number: int) -> TreeState:
+        """Return the state of the tree at the vertex with this number."""
+        parts = [self._parts[part] for part in self._keys[number][:-1]]
+        fields = len(parts) - len(TreeState._fields) + 1
+        return TreeState(parts[fields], tuple(parts[:fields]), *parts[fields + 1 :])
 
 
 class Signals:

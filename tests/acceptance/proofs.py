@@ -33,12 +33,12 @@ from btcore.blackboard.ports import Port
 from btcore.clock import Clock
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.errors import BtcoreError
-from btcore.proof.exploration import StateGraph
 from btcore.proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore.proof.propositions import parse_question
 from btcore.proof.prover import PROVED, REFUTED, Answer, Prover
 from btcore.proof.standard_questions import ENDS
 from btcore.proof.standard_questions import LEAVES as LEAF_QUESTION
+from btcore.proof.state_graph import StateGraph
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, SUCCESS
 from btcore.tree.tree import Tree

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from btcore import Tree
-from btcore.proof.exploration import Tick
 from btcore.proof.propositions import parse_proposition
+from btcore.proof.tick_runner import Tick
 
 Grow = Callable[..., Tree]
 

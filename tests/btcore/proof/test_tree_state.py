@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from btcore import Blackboard, Registry, SimClock, Status, loads
 from btcore.blackboard.ports import PortRole
 from btcore.engine.node import TreeNode
-from btcore.proof.exploration import StateTable
+from btcore.proof.state_graph import StateTable
 from btcore.proof.timer_order import NO_TIMERS, Advance
 from btcore.proof.tree_state import NOW, StateKeeper, TreeState
 from btcore.registry.manifest import Manifest

@@ -12,7 +12,9 @@ def attacks(acceptance_script: Callable[[str], ModuleType]) -> ModuleType:
     return acceptance_script("attacks")
 
 
-def test_memory_and_a_second_client_do_not_notice_endless_topics_and_unfinished_requests(attacks, monkeypatch):
+def test_memory_and_a_second_client_do_not_notice_endless_topics_and_unfinished_requests(
+    attacks, monkeypatch
+):
     # A busy machine may be silent for seconds, too.
     monkeypatch.setattr("btcore_monitor.watch.feed.SILENT_AFTER", attacks.REPLY_WITHIN)
     attacked, _ = attacks.run_pair(["big_topics", "unfinished"], 2.0)
