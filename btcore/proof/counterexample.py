@@ -157,6 +157,6 @@ def names_of(tree: Tree) -> dict[int, str]:
 
 def text_of(value: object) -> str:
     """Return the text that stands for a value in a counterexample."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return "?" if isinstance(value, UnknownValue) else str(value)
+    if isinstance(value, UnknownValue):
+        return "?"
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -44,6 +44,14 @@ class UnknownValue:
     def _raise(self, *_: object) -> NoReturn:
         raise UnknownValueError(f"the value of {{{self.key}}} is not known: declare its domain")
 
+    def __getattr__(self, name: str) -> NoReturn:
+        self._raise()
+
+    @property
+    def __class__(self) -> NoReturn:  # type: ignore[override, misc]
+        # isinstance() with another class reads this attribute.
+        self._raise()
+
     __lt__ = __le__ = __gt__ = __ge__ = __add__ = __radd__ = __sub__ = __rsub__ = _raise
     __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __and__ = __or__ = __xor__ = __neg__ = __invert__ = (
         _raise
@@ -296,23 +304,31 @@ _WORD: Final = re.compile(r"\w+")
 
 
 class ModelDecorator(DecoratorNode):
-    """A decorator that ticks its child, or holds it back and is RUNNING; a RUNNING child is always ticked.
+    """A decorator that ticks its child, or not, as the search decides.
 
-    It writes its outputs when it ticks the child. It does not hold the child back forever.
+    It writes its outputs when it ticks the child. If its model *lasts*, it may be RUNNING instead, but not
+    forever, and not while the child is RUNNING. It may return one of *instead*, and then halts the child.
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ()
     model: ClassVar[LeafModel]
+    instead: ClassVar[tuple[Status, ...]] = ()
 
     def __init__(self, choices: Choices) -> None:
         free = self.model._replace(results=(SUCCESS,), at_once=True)
+        self._choices = choices
         self._free = _Chooser(self, free, choices)
         self._passing = _Chooser(self, free._replace(lasts=False), choices)
 
     def tick(self) -> Status:
-        """Tick the child, unless the search decides to hold it back."""
+        """Tick the child, unless the search decides otherwise."""
         before = self._status
         self.set_status(RUNNING)
+        if self.instead:
+            option = self._choices.choose(1 + len(self.instead), self)
+            if option:
+                self.reset_child()
+                return self.instead[option - 1]
         chooser = self._passing if self.child._status is RUNNING else self._free
         return RUNNING if chooser.take(before) is RUNNING else self.child.execute_tick()
 
@@ -381,7 +397,7 @@ class ModelPrompt(Prompt):
 def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, object]]) -> Registry:
     """Return a copy of a registry in which leaves that follow their models replace all leaves with code.
 
-    Models also replace decorators that need resources. Leaves that are built in remain.
+    Models also replace decorators that need resources or are declared. Leaves that are built in remain.
 
     Args:
         nodes: The registry.
@@ -394,14 +410,21 @@ def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, objec
     for format in (3, 4):
         for ID, manifest in nodes.manifests_of(format).items():
             is_leaf = manifest.type in (NodeType.ACTION, NodeType.CONDITION)
-            is_decorator = manifest.type is NodeType.DECORATOR and bool(resources_of(manifest))
+            is_decorator = manifest.type is NodeType.DECORATOR and (
+                bool(resources_of(manifest)) or ID in declared
+            )
             if not (is_leaf or is_decorator) or manifest.distribution == "btcore" or ID in copy.substitutions:
                 continue
             model = model_of(manifest, declared.get(ID))
             ports = list(manifest.ports.values())
             if copy.get(ID, format) is manifest:
                 copy.remove(ID)
-                copy.add(_model_class(ID, manifest.cls, model, ports), ID=ID)
+                made = _model_class(ID, manifest.cls, model, ports)
+                results = declared.get(ID, {}).get("results")
+                if issubclass(made, ModelDecorator) and results is not None:
+                    made.instead = model.results
+                    made.model = model._replace(lasts="RUNNING" in str(results))
+                copy.add(made, ID=ID)
     return copy
 
 

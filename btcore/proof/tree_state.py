@@ -345,7 +345,7 @@ class _Freezer:
             assert isinstance(value, set)
             return _FrozenSet(frozenset(value))
         if kind not in (deque, list, dict):
-            return value if isinstance(value, Hashable) else Identity(value)
+            return value if kind.__hash__ is not None else Identity(value)
         number = self._numbers.get(id(value))
         if number is None:
             number = self._numbers[id(value)] = len(self._objects)

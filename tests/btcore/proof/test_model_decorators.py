@@ -6,8 +6,8 @@ from btcore import DecoratorNode, In, Out, Registry, Status, SyncAction, loads
 from btcore.clock import Clock
 from btcore.proof.model_leaves import Choices, with_model_leaves
 from btcore.proof.propositions import parse_question
-from btcore.proof.prover import PROVED, REFUTED, Prover
-from btcore.proof.standard_questions import ENDS, INPUTS
+from btcore.proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER, Prover
+from btcore.proof.standard_questions import ENDS, INPUTS, LEAVES
 from btcore.tree.tree import Tree
 
 
@@ -64,3 +64,55 @@ def test_a_model_decorator_holds_its_child_back_but_not_forever():
     assert held.answer == REFUTED
     assert held.counterexample is not None
     assert [leaf.path for leaf in held.counterexample.ticks[0].leaves] == ["WhenClose::1"]
+
+
+class IfLonger(DecoratorNode):
+    """Ticks its child if a value, which proofs do not know, is long."""
+
+    value: Annotated[In[str], "The value."]
+
+    def tick(self) -> Status:
+        """Compare the value; a proof that runs this code must not take it for a short one."""
+        is_long = isinstance(self.value, str) and len(self.value) > 3
+        return self.child.execute_tick() if is_long else Status.SUCCESS
+
+
+class Find(SyncAction):
+    """Finds something."""
+
+    value: Annotated[Out[str], "The value."]
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+def answers_about(declared: dict[str, dict[str, object]]) -> dict[str, str]:
+    nodes = Registry.standard()
+    for node in (IfLonger, Find, Grip):
+        nodes.add(node)
+    models = with_model_leaves(nodes, declared)
+    xml = """<root BTCPP_format="4"><BehaviorTree ID="T"><Sequence>
+      <Find value="{v}"/><IfLonger value="{v}"><Grip place="{v}"/></IfLonger>
+    </Sequence></BehaviorTree></root>"""
+
+    def make(choices: Choices, clock: Clock) -> Tree:
+        return loads(xml, nodes=models, resources=[choices], clock=clock)
+
+    questions = [
+        parse_question(f"never {text}") for text in ("Grip ticked", "IfLonger is SUCCESS", "IfLonger")
+    ]
+    return {answer.question: answer.answer for answer in Prover(make, questions).answer().answers}
+
+
+def test_code_that_looks_at_an_unknown_value_makes_answers_unknown():
+    assert set(answers_about({}).values()) == {UNKNOWN_ANSWER}
+
+
+def test_a_declared_decorator_may_return_a_result_without_its_child():
+    answers = answers_about({"IfLonger": {"results": ["SUCCESS"]}})
+    assert [answers[LEAVES], answers[INPUTS]] == [PROVED, PROVED]
+    assert answers["never Grip ticked"] == answers["never IfLonger is SUCCESS"] == REFUTED
+    assert answers["never IfLonger"] == PROVED
+    holding = answers_about({"IfLonger": {"results": ["FAILURE", "RUNNING"]}})
+    assert holding["never IfLonger"] == REFUTED
