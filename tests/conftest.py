@@ -1,4 +1,4 @@
-"""The time limit of all tests, and fixtures for the tests of several packages."""
+"""The time limit of all tests, the settings of Hypothesis, and fixtures for the tests of several packages."""
 
 import importlib.util
 import os
@@ -32,6 +32,15 @@ if importlib.util.find_spec("pybullet") is None:
         "robot_nodes/test_keyboard.py",
         "robot_nodes/test_third_party_trees.py",
     ]
+
+if importlib.util.find_spec("hypothesis") is not None:
+    from hypothesis import HealthCheck, settings
+
+    # A machine may stop for longer than any deadline.
+    settings.register_profile("random", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    # In CI, the examples are always the same, so that only a change of the code can let a test fail.
+    settings.register_profile("ci", settings.get_profile("random"), derandomize=True, database=None)
+    settings.load_profile("ci" if os.environ.get("CI") else "random")
 
 TIME_LIMIT = float(os.environ.get("BTCORE_TEST_TIME_LIMIT", "300"))
 """The time limit (s) of each test, and of its fixtures before and after it."""
