@@ -94,6 +94,10 @@ def project(tmp_path: Path) -> Path:
     for name in ("check.py", "conftest.py"):
         (tmp_path / "tests").mkdir(exist_ok=True)
         shutil.copy(ROOT / "tests" / name, tmp_path / "tests")
+    script = tmp_path / "tests/check.py"
+    text = script.read_text(encoding="utf-8")
+    assert "START_LIMIT = 12.0 " in text
+    script.write_text(text.replace("START_LIMIT = 12.0 ", "START_LIMIT = 100.0 "), encoding="utf-8")
     (tmp_path / "pyproject.toml").write_text("[tool.pytest.ini_options]\naddopts = '-ra'\n", encoding="utf-8")
     (tmp_path / ".gitignore").write_text("__pycache__/\n.*_cache/\n", encoding="utf-8")
     (tmp_path / "tests/test_it.py").write_text(TEST, encoding="utf-8")

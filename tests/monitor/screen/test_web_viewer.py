@@ -45,7 +45,7 @@ def address_of(command: Any) -> str:
 
 
 def fetched(url: str) -> bytes:
-    with urllib.request.urlopen(url, timeout=30) as answer:
+    with urllib.request.urlopen(url, timeout=WITHIN) as answer:
         return bytes(answer.read())
 
 

@@ -106,7 +106,7 @@ def test_a_wrong_key_is_reported_to_the_client(endless, folder, robot_keys, kind
     with serve(endless, groot2=0, keys=robot_keys, allow_control=True) as publisher:
         keys = wrong_keys(folder, kind)
         with pytest.raises(BreakpointError, match=REFUSALS[kind]):
-            BreakpointClient(publisher.address, timeout=30, keys=keys)
+            BreakpointClient(publisher.address, timeout=100, keys=keys)
         with (
             Feed(publisher.address, keys=keys) as feed,
             pytest.raises(ConnectionRefusedByRobotError, match=REFUSALS[kind]),
@@ -122,7 +122,7 @@ def test_a_client_with_keys_is_told_that_a_robot_has_none(endless, desk):
             BreakpointError, match="this port of the robot does not use keys: omit --key-file and --robot-key"
         ),
     ):
-        BreakpointClient(publisher.address, timeout=30, keys=desk)
+        BreakpointClient(publisher.address, timeout=100, keys=desk)
 
 
 def test_a_tunnel_to_a_robot_that_is_not_running_is_no_refusal(desk):
