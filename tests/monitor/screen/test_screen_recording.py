@@ -201,8 +201,11 @@ def test_a_run_without_ticks_or_scene_is_recorded(run, tmp_path, recorded):
     assert not [entity for entity, _ in recording.rows if entity.startswith("/scene")]
 
 
-def test_recording_a_tick_takes_less_than_a_millisecond(run, tmp_path):
-    """A fast run makes some 200 ticks a second: recording a tick must take a small part of its 5 ms."""
+def test_recording_a_tick_takes_little_time(run, tmp_path):
+    """A fast run makes some 200 ticks a second: recording a tick must take a small part of its 5 ms.
+
+    It takes as long as 6,000 to 11,000 conversions of a number to a text, on machines of any speed.
+    """
     import time
 
     events = run(1200)
@@ -211,4 +214,9 @@ def test_recording_a_tick_takes_less_than_a_millisecond(run, tmp_path):
     for event in events:
         recorded_ticks.show(event)
     recorded_ticks.close()
-    assert (time.process_time() - start) / 1200 < 0.5e-3 * 2
+    tick = (time.process_time() - start) / 1200
+    start = time.process_time()
+    for number in range(1_000_000):
+        str(number)
+    text = (time.process_time() - start) / 1_000_000
+    assert tick < 30_000 * text
