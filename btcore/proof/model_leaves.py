@@ -47,8 +47,8 @@ class UnknownValue:
     def __getattr__(self, name: str) -> NoReturn:
         self._raise()
 
-    @property
-    def __class__(self) -> NoReturn:  # type: ignore[override, misc]
+    @property  # type: ignore[misc]
+    def __class__(self) -> NoReturn:  # type: ignore[override]
         # isinstance() with another class reads this attribute.
         self._raise()
 
