@@ -12,7 +12,7 @@ from collections.abc import Hashable, Sequence
 from enum import Enum
 from io import BytesIO
 from multiprocessing.connection import Connection
-from multiprocessing.context import ForkProcess
+from multiprocessing.process import BaseProcess
 from types import FunctionType
 from typing import Any, Final, NamedTuple
 
@@ -109,11 +109,12 @@ class SearchProcesses:
         self._explorer = explorer
         self._pickler = _StatePickler(explorer)
         self._connections: list[Connection] = []
-        self._processes: list[ForkProcess] = []
+        self._processes: list[BaseProcess] = []
         self._replies: list[_Reply | None] = [None] * jobs
         self._peers = [_Peer(explorer.table) for _ in range(jobs)]
         # For each process: the numbers here of its vertices.
         self._vertices = [list(range(len(explorer.table))) for _ in range(jobs)]
+        assert sys.platform == "linux"
         context = multiprocessing.get_context("fork")
         for _ in range(jobs):
             ours, theirs = context.Pipe()
