@@ -158,7 +158,7 @@ def test_a_robot_with_only_groot_1_is_recorded_in_every_file(endless, record, tm
 def test_no_record_leaves_the_robots_buffer_to_another_client(sample, record, tmp_path: Path, until) -> None:
     with (
         serve(sample, groot2=0, scene=False) as publisher,
-        Groot2Client(parse_address(publisher.address)) as owner,
+        Groot2Client(parse_address(publisher.address), timeout=60) as owner,
     ):
         owner.request(Request.TOGGLE_RECORDING, b"start")
         recorder = record(publisher.address, "-o", "run.btlog", "--no-record", "--blackboard-rate", "0")

@@ -197,16 +197,21 @@ class Relay:
         self._target = ("127.0.0.1", target)
         self._listener = listener
         self._open = [self._listener]
+        self._is_closed = False
         threading.Thread(target=self._accept, daemon=True).start()
 
     def _accept(self) -> None:
         while True:
             try:
                 client, _ = self._listener.accept()
+                self._open.append(client)
                 robot = socket.create_connection(self._target)
+                self._open.append(robot)
             except OSError:
                 return
-            self._open += [client, robot]
+            finally:
+                if self._is_closed:
+                    self.close()
             for source, target in ((client, robot), (robot, client)):
                 threading.Thread(target=self._copy, args=(source, target), daemon=True).start()
 
@@ -220,6 +225,7 @@ class Relay:
             pass
 
     def close(self) -> None:
+        self._is_closed = True
         for one in self._open:
             one.close()
 

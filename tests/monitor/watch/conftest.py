@@ -165,11 +165,18 @@ class CppRobot:
 
 
 class Watcher:
-    """Collects a feed's events on its own thread."""
+    """Collects a feed's events on its own thread.
 
-    def __init__(self, address: str, **options) -> None:
+    With *reply_within* (s), the robot has this time for each reply. The second that it has otherwise is too
+    short for a machine that stops for a second.
+    """
+
+    def __init__(self, address: str, reply_within: float = 0.0, **options) -> None:
         self.events: list[Event] = []
         self.feed = Feed(address, **options)
+        if reply_within:
+            client = self.feed._groot2
+            client.timeout = client.patience = client._shortest_timeout = reply_within
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
