@@ -114,7 +114,8 @@ class SearchProcesses:
         self._peers = [_Peer(explorer.table) for _ in range(jobs)]
         # For each process: the numbers here of its vertices.
         self._vertices = [list(range(len(explorer.table))) for _ in range(jobs)]
-        assert sys.platform == "linux"
+        if sys.platform == "win32":
+            raise OSError("processes cannot be forked")
         context = multiprocessing.get_context("fork")
         for _ in range(jobs):
             ours, theirs = context.Pipe()
