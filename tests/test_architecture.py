@@ -60,6 +60,7 @@ LAYERS = (
     {"testing"},
     {"batch"},
     {"run_extension", "bundled_trees"},
+    {"language"},
     {"cli", "__main__"},
     {"program_runner"},
     {"sweep"},
