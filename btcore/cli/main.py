@@ -21,7 +21,9 @@ from btcore.cli.exit_codes import ExitCode
 from btcore.cli.terminal_encoding import make_encodable
 
 COMMAND_GROUP = "btcore.commands"
-OWN_COMMANDS = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff", "prove", "bench")
+OWN_COMMANDS = (
+    "run", "validate", "show", "convert", "nodes", "schema", "stats", "diff", "prove", "bench", "lsp",
+)  # fmt: skip
 
 _LOADED_COMMAND = "btcore.cli.main.loaded_command"
 

@@ -5,9 +5,10 @@ Invalid XML is reported with file, line and column. A `<!DOCTYPE …>` with cont
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from btcore.diagnostic_codes import (
@@ -53,10 +54,12 @@ class Document:
         knows_lines: Whether every element has its line number.
         max_depth: Maximum depth of elements; None means the limit of the format.
         confined_to: The folder that must contain all included files; None means that any file is allowed.
+        unsaved: Texts that replace the content of included files, by their `real_path`.
     """
 
     max_depth: int | None = None
     confined_to: Path | None = None
+    unsaved: Mapping[Path, str] = MappingProxyType({})
 
     def __init__(
         self,
@@ -192,7 +195,13 @@ def _has_one_line_tags(text: str) -> bool:
     return text.count("\n") == text.count(">\n") and text.count("<") == text.count(">")
 
 
-def parse_file(path: str | os.PathLike[str], *, confined: bool = False, included: bool = False) -> Document:
+def parse_file(
+    path: str | os.PathLike[str],
+    *,
+    confined: bool = False,
+    included: bool = False,
+    unsaved: Mapping[Path, str] | None = None,
+) -> Document:
     """Read and parse the file *path*.
 
     Args:
@@ -200,13 +209,15 @@ def parse_file(path: str | os.PathLike[str], *, confined: bool = False, included
         confined: Whether includes from outside of the file's folder are errors.
         included: Whether the name of the file comes from another document. Then the error for a file that
             does not contain a `<root>` doesn't quote the file.
+        unsaved: Texts that replace the content of the file and of included files, by their `real_path`.
 
     Raises:
         XmlSyntaxError: The file can't be read, is not UTF-8 or is not valid XML.
     """
     name = os.fspath(path)
+    text = unsaved.get(real_path(path)) if unsaved else None
     try:
-        data = read_file(path)
+        data = read_file(path) if text is None else encoded(text)
     except OSError as error:
         raise XmlSyntaxError([_unreadable(Path(path), error)]) from None
     if included and _ROOT_TAG.search(data) is None:
@@ -215,6 +226,8 @@ def parse_file(path: str | os.PathLike[str], *, confined: bool = False, included
     document = parse_bytes(data, name)
     if confined:
         document.confine()
+    if unsaved:
+        document.unsaved = unsaved
     return document
 
 

@@ -86,7 +86,7 @@ def _gather(
             )
         elif resolved not in seen:
             try:
-                included = parse_file(path, included=True)
+                included = parse_file(path, included=True, unsaved=document.unsaved)
             except XmlSyntaxError as error:
                 _add_errors(error, document, element, diagnostics)
                 seen.add(resolved)  # its errors are reported once
