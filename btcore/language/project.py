@@ -23,8 +23,6 @@ MAX_FILES: Final = 2_000
 """Maximum number of XML files of a project that are checked."""
 MAX_ENTRIES: Final = 50_000
 """Maximum number of files and folders that are visited to find the files of a project."""
-MAX_OPEN_TEXT: Final = 16_000_000
-"""Maximum number of characters of an open document that is checked."""
 SUFFIXES: Final = (".xml", ".btproj")
 _SKIPPED_FOLDERS: Final = {"node_modules", "build", "dist", "install", "log", "__pycache__", "site-packages"}
 _TREES: Final = re.compile(rb"<\s*(?:root|Root|BehaviorTree|TreeNodesModel)\b")
@@ -242,6 +240,23 @@ class Project:
             found = self.file(path)
             if found is not None:
                 yield found
+
+    def roots_of(self, path: Path) -> list[Path]:
+        """Return the documents to check in order to find the mistakes in the file *path*.
+
+        They are the projects of Groot 2 (`.btproj`) that include the file, because its trees may call each
+        other without includes; else the file itself.
+        """
+        projects = [file for file in self.files if file.suffix == ".btproj" and file != path]
+        return [project for project in projects if path in self._included_by(project)] or [path]
+
+    def _included_by(self, path: Path) -> set[Path]:
+        """Return the files that a document includes directly."""
+        document = self.file(path)
+        if document is None:
+            return set()
+        includes = [element for root in document.scan.roots for element in root.iter("include")]
+        return {real_path(path.parent / written) for element in includes if (written := element.get("path"))}
 
     def forget_files(self) -> None:
         """Search the files of the workspace again, because files were created or deleted."""

@@ -3,7 +3,7 @@
 Each feature is a module with functions of `(project, document, …)`. Their results are types of the protocol.
 """
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +14,10 @@ from pygls.protocol import LanguageServerProtocol
 from pygls.protocol.language_server import lsp_method
 
 from btcore import __version__
-from btcore.language.project import Project, Settings, SourceDocument
+from btcore.input_files import real_path
+from btcore.language.checker import Checker, Root
+from btcore.language.diagnostics import Report
+from btcore.language.project import Project, Settings
 
 NAME: Final = "btcore"
 
@@ -61,6 +64,7 @@ class TreeServer(LanguageServer):
 
     Attributes:
         project: The documents and files of the client's workspace.
+        checker: The background checks of the documents.
     """
 
     def __init__(self) -> None:
@@ -71,12 +75,31 @@ class TreeServer(LanguageServer):
             protocol_cls=TreeServerProtocol,
         )
         self.project = Project()
+        self.checker = Checker(self.project, self._publish, self._show, self._refresh)
+
+    def _publish(self, file: Root, version: int | None, reports: list[Report]) -> None:
+        uri = file if isinstance(file, str) else self.project.uri(file)
+        diagnostics = [report.diagnostic() for report in reports]
+        self.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, diagnostics, version))
+
+    def _show(self, message: str) -> None:
+        self.window_show_message(types.ShowMessageParams(types.MessageType.Warning, message))
+
+    def _refresh(self) -> None:
+        """Make the client request again what depends on the available nodes."""
+        workspace = self.client_capabilities.workspace
+        if workspace is None:
+            return
+        if workspace.semantic_tokens is not None and workspace.semantic_tokens.refresh_support:
+            self.workspace_semantic_tokens_refresh(None)
+        if workspace.inlay_hint is not None and workspace.inlay_hint.refresh_support:
+            self.workspace_inlay_hint_refresh(None)
 
 
 def create_server() -> TreeServer:
     """Return a server with all features, which is not started yet."""
     server = TreeServer()
-    _add_lifecycle(server)
+    _keep_up_to_date(server)
     _add_features(server)
     return server
 
@@ -119,33 +142,84 @@ def _add_features(server: TreeServer) -> None:
     # quick_fixes, formatting, lenses
 
 
-def _add_lifecycle(server: TreeServer) -> None:
-    """Register what keeps the project up to date."""
-    project = server.project
+def _keep_up_to_date(server: TreeServer) -> None:
+    """Register what the client notifies: settings, documents and files."""
+    project, checker = server.project, server.checker
 
     @server.feature(types.INITIALIZE)
     def initialize(params: types.InitializeParams) -> None:
-        folders = [folder.uri for folder in params.workspace_folders or ()]
+        folders = params.workspace_folders or ()
         if not folders and params.root_uri:
-            folders = [params.root_uri]
-        paths = [uris.to_fs_path(uri) for uri in folders]
-        project.configure(
-            [Path(path) for path in paths if path], Settings.from_client(params.initialization_options)
-        )
+            folders = [types.WorkspaceFolder(params.root_uri, "")]
+        project.configure(_paths(folders), Settings.from_client(params.initialization_options))
+
+    @server.feature(types.INITIALIZED)
+    def initialized(_: types.InitializedParams) -> None:
+        checker.start()
+        checker.check_all()
+        workspace = server.client_capabilities.workspace
+        watching = workspace.did_change_watched_files if workspace is not None else None
+        if watching is not None and watching.dynamic_registration:
+            watchers = [types.FileSystemWatcher("**/*.{xml,btproj,py}")]
+            options = types.DidChangeWatchedFilesRegistrationOptions(watchers)
+            method = types.WORKSPACE_DID_CHANGE_WATCHED_FILES
+            registration = types.Registration("watch", method, options)
+            server.client_register_capability(types.RegistrationParams([registration]))
+
+    @server.feature(types.SHUTDOWN)
+    def shutdown(_: None) -> None:
+        checker.close()
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
     def did_open(params: types.DidOpenTextDocumentParams) -> None:
         item = params.text_document
-        changed(project.open(item.uri, item.text, item.version))
+        checker.changed(project.open(item.uri, item.text, item.version))
 
     @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)
     def did_change(params: types.DidChangeTextDocumentParams) -> None:
         identifier = params.text_document
-        changed(project.change(identifier.uri, params.content_changes, identifier.version))
+        checker.changed(project.change(identifier.uri, params.content_changes, identifier.version))
 
     @server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
     def did_close(params: types.DidCloseTextDocumentParams) -> None:
+        document = project.document(params.text_document.uri)
         project.close(params.text_document.uri)
+        if document is not None:
+            checker.changed(document)
 
-    def changed(document: SourceDocument) -> None:
-        """Check the document again."""
+    @server.feature(types.TEXT_DOCUMENT_DID_SAVE)
+    def did_save(params: types.DidSaveTextDocumentParams) -> None:
+        document = project.document(params.text_document.uri)
+        if document is not None:
+            checker.changed(document)
+
+    @server.feature(types.WORKSPACE_DID_CHANGE_WATCHED_FILES)
+    def did_change_watched_files(params: types.DidChangeWatchedFilesParams) -> None:
+        if any(change.type != types.FileChangeType.Changed for change in params.changes):
+            project.forget_files()
+        for change in params.changes:
+            path = uris.to_fs_path(change.uri)
+            if path:
+                checker.file_changed(real_path(path))
+
+    @server.feature(types.WORKSPACE_DID_CHANGE_WORKSPACE_FOLDERS)
+    def did_change_folders(params: types.DidChangeWorkspaceFoldersParams) -> None:
+        removed = {uris.to_fs_path(folder.uri) for folder in params.event.removed}
+        added = [uris.to_fs_path(folder.uri) for folder in params.event.added]
+        kept = [
+            folder
+            for folder in project.folders
+            if folder not in {real_path(path) for path in removed if path}
+        ]
+        project.configure([*kept, *(Path(path) for path in added if path)], project.settings)
+        checker.reload()
+
+    @server.feature(types.WORKSPACE_DID_CHANGE_CONFIGURATION)
+    def did_change_configuration(params: types.DidChangeConfigurationParams) -> None:
+        if params.settings:
+            project.configure(project.folders, Settings.from_client(params.settings))
+            checker.reload()
+
+
+def _paths(folders: Iterable[types.WorkspaceFolder]) -> list[Path]:
+    return [real_path(path) for folder in folders if (path := uris.to_fs_path(folder.uri))]

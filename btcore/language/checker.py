@@ -1,0 +1,291 @@
+"""The background checks of a project: the worker process, the order of the checks, and their results."""
+
+import asyncio
+import json
+import logging
+import sys
+from asyncio.subprocess import PIPE, Process
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from btcore.language.diagnostics import Report, merge
+from btcore.language.node_models import NodeModel
+from btcore.language.project import Project, SourceDocument
+
+LOAD_LIMIT_S: Final = 30.0
+"""Maximum time in which the worker must import the node libraries (s)."""
+CHECK_LIMIT_S: Final = 30.0
+"""Maximum time in which the worker must check a document (s)."""
+PAUSE_S: Final = 0.1
+"""Time between a change and the check (s). Further changes in this time need no check of their own."""
+MAX_ANSWER: Final = 256_000_000
+"""Maximum size of an answer of the worker (bytes)."""
+
+_log: Final = logging.getLogger(__name__)
+
+Root = Path | str
+"""A document that is checked with its includes: its path, or the URI of a document without a file."""
+
+
+class WorkerError(Exception):
+    """The worker process ended, or did not answer in time."""
+
+
+class Worker:
+    """The server's side of the worker process."""
+
+    def __init__(self, process: Process) -> None:
+        self._process = process
+
+    @classmethod
+    async def start(cls) -> "Worker":
+        """Start the process. The current folder is not searched for modules."""
+        command = [sys.executable, "-P", "-m", "btcore.language.worker"]
+        return cls(await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, limit=MAX_ANSWER))
+
+    async def ask(self, message: Mapping[str, Any], limit: float) -> dict[str, Any]:
+        """Return the answer to *message*.
+
+        Args:
+            message: The settings or a request.
+            limit: The maximum time (s).
+
+        Raises:
+            WorkerError: The process ended, or did not answer in time. It is ended then.
+        """
+        writer, reader = self._process.stdin, self._process.stdout
+        assert writer is not None
+        assert reader is not None
+        try:
+            writer.write(json.dumps(message).encode() + b"\n")
+            async with asyncio.timeout(limit):
+                await writer.drain()
+                line = await reader.readline()
+            answer: dict[str, Any] = json.loads(line)
+            return answer
+        except TimeoutError:
+            self.stop()
+            raise WorkerError(f"took longer than {limit:g} s") from None
+        except (OSError, ValueError) as error:
+            self.stop()
+            raise WorkerError("ended unexpectedly") from error
+
+    def stop(self) -> None:
+        """End the process."""
+        with suppress(ProcessLookupError):
+            self._process.kill()
+
+
+class Checker:
+    """Checks the documents of a project in a worker process: the changed document first, then the others.
+
+    Args:
+        project: The project.
+        publish: Called with a file and its reports, or with a URI for a document without a file.
+        show: Called with a message for the user.
+        refresh: Called when the available nodes changed.
+    """
+
+    def __init__(
+        self,
+        project: Project,
+        publish: Callable[[Root, int | None, list[Report]], None],
+        show: Callable[[str], None],
+        refresh: Callable[[], None],
+    ) -> None:
+        self._project = project
+        self._publish = publish
+        self._show = show
+        self._refresh = refresh
+        self._pending: dict[Root, None] = {}
+        self._wake = asyncio.Event()
+        self._worker: Worker | None = None
+        self._sent: dict[Path, str] = {}
+        self._found: dict[Root, dict[Root, list[Report]]] = {}
+        self._read: dict[Root, set[Path]] = {}
+        self._versions: dict[Root, int | None] = {}
+        self._sources: dict[Path, int] = {}
+        self._shown: set[str] = set()
+        self._distrusted = False
+        self._task: asyncio.Task[None] | None = None
+
+    # --- what to check
+
+    def changed(self, document: SourceDocument) -> None:
+        """Check *document* soon, and then the documents that include it."""
+        first = self._roots_of(document)
+        others = [root for root, files in self._read.items() if document.path in files and root not in first]
+        self._pending = dict.fromkeys([*first, *self._pending, *others])
+        self._wake.set()
+
+    def check_all(self) -> None:
+        """Check all documents: the open documents first."""
+        self._pending = dict.fromkeys(
+            [
+                *self._pending,
+                *(root for document in self._project.open_documents for root in self._roots_of(document)),
+                *(root for path in self._project.files for root in self._project.roots_of(path)),
+            ]
+        )
+        self._wake.set()
+
+    def file_changed(self, path: Path) -> None:
+        """Check what depends on a file that was created, changed or deleted on disk."""
+        if path in self._sources:
+            self.reload()
+        roots = [*self._project.roots_of(path), *(root for root, read in self._read.items() if path in read)]
+        self._pending |= dict.fromkeys(roots)
+        self._wake.set()
+
+    def reload(self) -> None:
+        """Load the node libraries again, and check all documents."""
+        self.stop()
+        self.check_all()
+
+    def reports(self, document: SourceDocument) -> list[Report]:
+        """Return the reports about the text of *document*; none if the check of this text is not finished."""
+        key = document.path or document.uri
+        if self._versions.get(key) != document.version:
+            return []
+        return merge(found.get(key, []) for found in self._found.values())
+
+    def _roots_of(self, document: SourceDocument) -> list[Root]:
+        return [document.uri] if document.path is None else [*self._project.roots_of(document.path)]
+
+    # --- checking
+
+    def start(self) -> None:
+        """Start the background task."""
+        self._task = asyncio.get_running_loop().create_task(self._run())
+
+    def close(self) -> None:
+        """End the background task and the worker process."""
+        if self._task is not None:
+            self._task.cancel()
+        self.stop()
+
+    def stop(self) -> None:
+        """End the worker process. The next check starts a new process."""
+        if self._worker is not None:
+            self._worker.stop()
+        self._worker = None
+        self._sent = {}
+
+    async def _run(self) -> None:
+        while True:
+            await self._wake.wait()
+            await asyncio.sleep(PAUSE_S)
+            self._wake.clear()
+            while self._pending:
+                root = next(iter(self._pending))
+                del self._pending[root]
+                try:
+                    await self._check(root)
+                except WorkerError as error:
+                    self.stop()
+                    self._show(f"{root} cannot be checked: the check {error}.")
+                except Exception:
+                    _log.exception("the check of %s failed", root)
+
+    async def _check(self, root: Root) -> None:
+        worker = await self._loaded_worker()
+        project = self._project
+        versions: dict[Root, int | None] = {
+            document.path or document.uri: document.version for document in project.open_documents
+        }
+        unsaved = project.unsaved
+        texts: dict[str, str | None] = {
+            str(path): text for path, text in unsaved.items() if self._sent.get(path) is not text
+        }
+        texts |= {str(path): None for path in self._sent if path not in unsaved}
+        self._sent = unsaved
+        request: dict[str, Any] = {"file": str(root), "texts": texts}
+        if isinstance(root, str):
+            document = project.document(root)
+            if document is None:
+                self._forget(root)
+                return
+            request |= {"file": "", "text": document.text}
+        elif root not in unsaved and not root.is_file():
+            self._forget(root)
+            return
+        try:
+            answer = await worker.ask(request, CHECK_LIMIT_S)
+        except WorkerError:
+            if worker is self._worker:
+                raise
+        if worker is not self._worker:
+            self._pending[root] = None  # the libraries are loaded again
+            return
+        found: dict[Root, list[Report]] = {root: []}
+        for data in answer["reports"]:
+            report = Report(*data)
+            found.setdefault(Path(report.file) if report.file else root, []).append(report)
+        self._read[root] = {Path(file) for file in answer["files"]}
+        self._store(root, found, versions)
+
+    def _forget(self, root: Root) -> None:
+        """Remove the reports of a document that does not exist any more."""
+        self._read.pop(root, None)
+        self._store(root, {}, {})
+        del self._found[root]
+
+    def _store(
+        self, root: Root, found: Mapping[Root, list[Report]], versions: Mapping[Root, int | None]
+    ) -> None:
+        """Publish the reports of every file that had or has reports by the check of *root*."""
+        before = self._found.get(root, {})
+        self._found[root] = dict(found)
+        for file in dict.fromkeys([*found, *before]):
+            self._versions[file] = versions.get(file)
+            merged = merge(others.get(file, []) for others in self._found.values())
+            self._publish(file, versions.get(file), merged)
+
+    # --- the worker
+
+    async def _loaded_worker(self) -> Worker:
+        """Return the worker process. It is started if there is none, or if a source file changed."""
+        if self._worker is not None and self._sources != _stamps(self._sources):
+            self.stop()
+            self.check_all()
+            self._distrusted = False
+        if self._worker is not None:
+            return self._worker
+        project = self._project
+        settings = asdict(project.settings) | {"folders": list(map(str, project.folders))}
+        if self._distrusted:
+            settings["trusted"] = False
+        self._worker = worker = await Worker.start()
+        self._sent = {}
+        try:
+            answer = await worker.ask(settings, LOAD_LIMIT_S)
+        except WorkerError as error:
+            self._worker = None
+            if not settings["trusted"]:
+                raise
+            self._show(f"The import of the node libraries {error}. Their source is read instead.")
+            self._distrusted = True
+            return await self._loaded_worker()
+        models = [NodeModel.from_data(data) for data in answer["models"]]
+        project.set_models(models, answer["enums"], answer["problems"])
+        self._sources = _stamps(map(Path, answer["sources"]))
+        for problem in project.problems:
+            if problem not in self._shown:
+                self._shown.add(problem)
+                self._show(problem)
+        self._refresh()
+        return worker
+
+
+def _stamps(files: Iterable[Path]) -> dict[Path, int]:
+    """Return the time of the last change of each file (ns); 0 for a missing file."""
+    stamps: dict[Path, int] = {}
+    for file in files:
+        try:
+            stamps[file] = file.stat().st_mtime_ns
+        except OSError:
+            stamps[file] = 0
+    return stamps

@@ -1,0 +1,101 @@
+"""Errors and warnings as `btcore validate` finds them, with the ranges of the protocol."""
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Final, NamedTuple
+
+from lsprotocol import types
+
+from btcore.errors import Diagnostic, TreeError, shown_diagnostics
+from btcore.registry.registry import Registry
+from btcore.xml.lint.validate import validate_document
+from btcore.xml.read.document import Document
+
+SOURCE: Final = "btcore"
+
+
+class Report(NamedTuple):
+    """An error or a warning about a file.
+
+    Attributes:
+        file: The file; "" = a document without a file.
+        line: The line, from 0.
+        start: The start in the line, in UTF-16 code units.
+        end: The end in the line, in UTF-16 code units.
+        code: The diagnostic code.
+        is_error: Whether the tree cannot be loaded, or not be ticked.
+        message: What is wrong.
+        hint: How to correct the problem, or "".
+        url: The documentation of the code, or "".
+    """
+
+    file: str
+    line: int
+    start: int
+    end: int
+    code: str
+    is_error: bool
+    message: str
+    hint: str
+    url: str
+
+    @property
+    def range(self) -> types.Range:
+        """The place in the file."""
+        return types.Range(types.Position(self.line, self.start), types.Position(self.line, self.end))
+
+    def diagnostic(self) -> types.Diagnostic:
+        """Return the diagnostic of the protocol."""
+        severity = types.DiagnosticSeverity.Error if self.is_error else types.DiagnosticSeverity.Warning
+        return types.Diagnostic(
+            self.range,
+            self.message + (f"\n{self.hint}" if self.hint else ""),
+            severity,
+            self.code,
+            types.CodeDescription(self.url) if self.url else None,
+            SOURCE,
+        )
+
+
+def check(
+    parse: Callable[[], Document], nodes_for: Callable[[Document], Registry], given: Collection[str] = ()
+) -> list[Report]:
+    """Return the errors of a document and its includes, then the warnings, as `btcore validate` shows them.
+
+    Args:
+        parse: Parses the document; may raise TreeError.
+        nodes_for: Returns the available nodes for a document.
+        given: Keys that the main tree's blackboard holds before the first tick.
+    """
+    try:
+        document = parse()
+        found = validate_document(document, nodes=nodes_for(document), given=given)
+    except TreeError as error:
+        found = list(error.diagnostics)
+    errors = [item for item in found if item.is_error]
+    warnings = [item for item in found if not item.is_error]
+    shown, _ = shown_diagnostics([*errors, *warnings])
+    return list(map(_report, shown))
+
+
+def _report(item: Diagnostic) -> Report:
+    column = max(0, item.column - 1)
+    before, marked = item.source[:column], item.source[column : column + item.width]
+    # Without a column, the whole line is marked.
+    if not item.column:
+        before, marked = "", item.source
+    start = _units(before)
+    end = start + max(1, _units(marked)) if item.line else start
+    url = item.code.url or ""
+    place = (item.file, max(0, item.line - 1), start, end)
+    return Report(*place, str(item.code), item.is_error, item.message, item.hint, url)
+
+
+def _units(text: str) -> int:
+    """Return the number of UTF-16 code units of *text*."""
+    return len(text) if text.isascii() else len(text) + sum(character > "\uffff" for character in text)
+
+
+def merge(reports: Iterable[Sequence[Report]]) -> list[Report]:
+    """Return the reports of one file from several checks, each once: errors first, then sorted by place."""
+    merged = list(dict.fromkeys(report for found in reports for report in found))
+    return sorted(merged, key=lambda report: (not report.is_error, report.line, report.start))

@@ -1,0 +1,229 @@
+"""The child process of the language server: imports node libraries and checks documents.
+
+Node libraries of a workspace run the code of its author. Here they can neither stop nor block the server,
+which ends this process after a time limit. Messages are lines of JSON: the settings and their answer, then
+one answer for each request.
+"""
+
+import json
+import os
+import queue
+import sys
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+from btcore.blackboard.ports import remapped_key
+from btcore.errors import BtcoreError, RegistrationError
+from btcore.input_files import real_path
+from btcore.language.diagnostics import check
+from btcore.language.node_models import add_stand_ins, models_of
+from btcore.language.python_source import module_file, read_nodes
+from btcore.registry.registry import ENTRY_POINTS, Registry
+from btcore.xml.models.model_file import add_explicit_nodes, add_models
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.includes import resolve_includes
+
+MAX_SOURCES: Final = 5_000
+"""Maximum number of source files whose changes are watched."""
+
+
+class _Texts(dict[Path, str]):
+    """The texts of open documents; *read* collects the files that a check reads."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.read: set[Path] = set()
+
+    def get(self, key: Path, default: Any = None) -> Any:
+        """Return the text of the open document, or None."""
+        self.read.add(key)
+        return super().get(key, default)
+
+    def __bool__(self) -> bool:
+        return True
+
+
+class Libraries:
+    """The nodes that trees of the workspace may use.
+
+    Args:
+        folders: The folders of the workspace.
+        plugins: Modules and Python files.
+        models: Patterns of model files, relative to the folders.
+        trusted: Whether *plugins* are imported; otherwise their source is read.
+
+    Attributes:
+        nodes: The nodes.
+        problems: Sentences about libraries that cannot be loaded.
+        sources: The files that the nodes depend on.
+    """
+
+    def __init__(
+        self, folders: Sequence[Path], plugins: Sequence[str], models: Sequence[str], trusted: bool
+    ) -> None:
+        self.nodes = Registry.standard()
+        self.problems: list[str] = []
+        self.sources: set[Path] = set()
+        self._has_models = False
+        self._add_installed()
+        if trusted:
+            sys.path += map(str, folders)
+        for plugin in plugins:
+            file = module_file(plugin, folders)
+            if file is not None:
+                self.sources.add(file)
+            if trusted:
+                self._import(str(file) if file is not None and plugin.endswith(".py") else plugin)
+            elif file is None:
+                self.problems.append(f"the node library '{plugin}' is not found in the workspace")
+            else:
+                self._read(file)
+        for pattern in models:
+            self._add_models(pattern, folders)
+        for module in list(sys.modules.values()) if trusted else ():
+            source = getattr(module, "__file__", None)
+            if source and any(real_path(source).is_relative_to(folder) for folder in folders):
+                self.sources.add(real_path(source))
+
+    def _add_installed(self) -> None:
+        for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name):
+            try:
+                self.nodes.add_installed(point.value, point.name)
+            except RegistrationError as error:
+                if not isinstance(error.__cause__, ModuleNotFoundError):
+                    self.problems.append(str(error))
+
+    def _import(self, plugin: str) -> None:
+        try:
+            self.nodes.add_plugin(plugin)
+        except BtcoreError as error:
+            self.problems.append(str(error))
+
+    def _read(self, file: Path) -> None:
+        try:
+            add_stand_ins(self.nodes, read_nodes(file), {})
+        except (OSError, ValueError, SyntaxError) as error:
+            self.problems.append(f"{file}: {error}")
+
+    def _add_models(self, pattern: str, folders: Sequence[Path]) -> None:
+        try:
+            found = [path for folder in folders for path in sorted(folder.glob(pattern))]
+        except (ValueError, NotImplementedError):  # an empty or an absolute pattern
+            found = [Path(pattern)]
+        if not found:
+            self.problems.append(f"no model file matches '{pattern}'")
+        for path in found:
+            self.sources.add(path)
+            self._add_model_file(self.nodes, path)
+
+    def _add_model_file(self, nodes: Registry, path: Path) -> None:
+        try:
+            add_models(nodes, path)
+            self._has_models = True
+        except BtcoreError as error:
+            self.problems.append(str(error))
+
+    def nodes_for(self, document: Document) -> Registry:
+        """Return the nodes for the trees of *document*, as `btcore validate` does.
+
+        A project of Groot 2 (`.btproj`) declares its nodes itself.
+        """
+        is_project = document.file.endswith(".btproj")
+        if not self._has_models and not is_project:
+            return self.nodes
+        nodes = self.nodes.copy()
+        if is_project:
+            # The check reports unreadable includes. A project without models is valid.
+            with suppress(BtcoreError):
+                add_models(nodes, document.file)
+        add_explicit_nodes(nodes, resolve_includes(document, DiagnosticCollector()))
+        return nodes
+
+
+class Worker:
+    """Answers the requests of the server.
+
+    Args:
+        settings: The settings: folders, plugins, models, trusted and given.
+    """
+
+    def __init__(self, settings: Mapping[str, Any]) -> None:
+        folders = [Path(folder) for folder in settings["folders"]]
+        self._libraries = Libraries(folders, settings["plugins"], settings["models"], settings["trusted"])
+        self._given = [remapped_key(key, key) or key for key in settings["given"]]
+        self._texts = _Texts()
+
+    def describe(self) -> dict[str, Any]:
+        """Return the available nodes."""
+        libraries = self._libraries
+        return {
+            "models": [model.as_data() for model in models_of(libraries.nodes)],
+            "enums": libraries.nodes.types.enums,
+            "problems": libraries.problems,
+            "sources": sorted(map(str, libraries.sources))[:MAX_SOURCES],
+        }
+
+    def answer(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Check a document.
+
+        Args:
+            request: The *file* to check, or the *text* of a document without a file, and the *texts* of
+                documents that changed since the last request; None = the document was closed.
+
+        Returns:
+            The *reports*, and the *files* that were read.
+        """
+        for file, text in request["texts"].items():
+            if text is None:
+                self._texts.pop(Path(file), None)
+            else:
+                self._texts[Path(file)] = text
+        self._texts.read = set()
+        reports = check(lambda: self._parse(request), self._libraries.nodes_for, self._given)
+        return {"reports": reports, "files": sorted(map(str, self._texts.read))}
+
+    def _parse(self, request: Mapping[str, Any]) -> Document:
+        if request["file"]:
+            return parse_file(request["file"], unsaved=self._texts)
+        document = parse_text(request["text"])
+        document.unsaved = self._texts
+        return document
+
+
+def _lines_of(stream: BinaryIO) -> Iterator[bytes]:
+    """Yield the lines of *stream*. End the process at its end, even while a node library is imported."""
+    lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+
+    def read() -> None:
+        for line in stream:
+            lines.put(line)
+        os._exit(0)
+
+    threading.Thread(target=read, daemon=True).start()
+    while True:
+        yield lines.get()
+
+
+def main() -> None:
+    """Answer the lines of stdin on stdout, until stdin ends."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # node libraries may print
+    requests = _lines_of(sys.stdin.buffer)
+
+    def reply(data: Mapping[str, Any]) -> None:
+        answers.write(json.dumps(data).encode() + b"\n")
+        answers.flush()
+
+    worker = Worker(json.loads(next(requests)))
+    reply(worker.describe())
+    for line in requests:
+        reply(worker.answer(json.loads(line)))
+
+
+if __name__ == "__main__":
+    main()
