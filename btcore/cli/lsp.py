@@ -1,5 +1,7 @@
 """`btcore lsp`: the language server, which editors start."""
 
+import os
+
 import click
 
 
@@ -12,4 +14,7 @@ def lsp() -> None:
     """
     from btcore.language.server import create_server
 
-    create_server().start_io()
+    # The server closes its streams. Whatever else is printed must not be among its messages.
+    stdin, stdout = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    create_server().start_io(stdin, stdout)

@@ -78,6 +78,10 @@ class Worker:
         with suppress(ProcessLookupError):
             self._process.kill()
 
+    async def wait(self) -> None:
+        """Wait until the process has ended."""
+        await self._process.wait()
+
 
 class Checker:
     """Checks the documents of a project in a worker process: the changed document first, then the others.
@@ -161,11 +165,14 @@ class Checker:
         """Start the background task."""
         self._task = asyncio.get_running_loop().create_task(self._run())
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """End the background task and the worker process."""
         if self._task is not None:
             self._task.cancel()
+        worker = self._worker
         self.stop()
+        if worker is not None:
+            await worker.wait()
 
     def stop(self) -> None:
         """End the worker process. The next check starts a new process."""

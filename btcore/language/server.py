@@ -167,8 +167,8 @@ def _keep_up_to_date(server: TreeServer) -> None:
             server.client_register_capability(types.RegistrationParams([registration]))
 
     @server.feature(types.SHUTDOWN)
-    def shutdown(_: None) -> None:
-        checker.close()
+    async def shutdown(_: None) -> None:
+        await checker.close()
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
     def did_open(params: types.DidOpenTextDocumentParams) -> None:
