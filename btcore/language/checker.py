@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from btcore.language.diagnostics import Report, merge
 from btcore.language.node_models import NodeModel
-from btcore.language.project import Project, SourceDocument
+from btcore.language.project import DocumentKey, Project, SourceDocument
 
 LOAD_LIMIT_S: Final = 30.0
 """Maximum time in which the worker must import the node libraries (s)."""
@@ -25,9 +25,6 @@ MAX_ANSWER: Final = 256_000_000
 """Maximum size of an answer of the worker (bytes)."""
 
 _log: Final = logging.getLogger(__name__)
-
-Root = Path | str
-"""A document that is checked with its includes: its path, or the URI of a document without a file."""
 
 
 class WorkerError(Exception):
@@ -96,7 +93,7 @@ class Checker:
     def __init__(
         self,
         project: Project,
-        publish: Callable[[Root, int | None, list[Report]], None],
+        publish: Callable[[DocumentKey, int | None, list[Report]], None],
         show: Callable[[str], None],
         refresh: Callable[[], None],
     ) -> None:
@@ -104,13 +101,12 @@ class Checker:
         self._publish = publish
         self._show = show
         self._refresh = refresh
-        self._pending: dict[Root, None] = {}
+        self._pending: dict[DocumentKey, None] = {}
         self._wake = asyncio.Event()
         self._worker: Worker | None = None
         self._sent: dict[Path, str] = {}
-        self._found: dict[Root, dict[Root, list[Report]]] = {}
-        self._read: dict[Root, set[Path]] = {}
-        self._versions: dict[Root, int | None] = {}
+        self._found: dict[DocumentKey, dict[DocumentKey, list[Report]]] = {}
+        self._read: dict[DocumentKey, set[Path]] = {}
         self._sources: dict[Path, int] = {}
         self._shown: set[str] = set()
         self._distrusted = False
@@ -149,14 +145,7 @@ class Checker:
         self.stop()
         self.check_all()
 
-    def reports(self, document: SourceDocument) -> list[Report]:
-        """Return the reports about the text of *document*; none if the check of this text is not finished."""
-        key = document.path or document.uri
-        if self._versions.get(key) != document.version:
-            return []
-        return merge(found.get(key, []) for found in self._found.values())
-
-    def _roots_of(self, document: SourceDocument) -> list[Root]:
+    def _roots_of(self, document: SourceDocument) -> list[DocumentKey]:
         return [document.uri] if document.path is None else [*self._project.roots_of(document.path)]
 
     # --- checking
@@ -197,11 +186,11 @@ class Checker:
                 except Exception:
                     _log.exception("the check of %s failed", root)
 
-    async def _check(self, root: Root) -> None:
+    async def _check(self, root: DocumentKey) -> None:
         worker = await self._loaded_worker()
         project = self._project
-        versions: dict[Root, int | None] = {
-            document.path or document.uri: document.version for document in project.open_documents
+        versions: dict[DocumentKey, int | None] = {
+            document.key: document.version for document in project.open_documents
         }
         unsaved = project.unsaved
         texts: dict[str, str | None] = {
@@ -227,28 +216,31 @@ class Checker:
         if worker is not self._worker:
             self._pending[root] = None  # the libraries are loaded again
             return
-        found: dict[Root, list[Report]] = {root: []}
+        found: dict[DocumentKey, list[Report]] = {root: []}
         for data in answer["reports"]:
             report = Report(*data)
             found.setdefault(Path(report.file) if report.file else root, []).append(report)
         self._read[root] = {Path(file) for file in answer["files"]}
         self._store(root, found, versions)
 
-    def _forget(self, root: Root) -> None:
+    def _forget(self, root: DocumentKey) -> None:
         """Remove the reports of a document that does not exist any more."""
         self._read.pop(root, None)
         self._store(root, {}, {})
         del self._found[root]
 
     def _store(
-        self, root: Root, found: Mapping[Root, list[Report]], versions: Mapping[Root, int | None]
+        self,
+        root: DocumentKey,
+        found: Mapping[DocumentKey, list[Report]],
+        versions: Mapping[DocumentKey, int | None],
     ) -> None:
         """Publish the reports of every file that had or has reports by the check of *root*."""
         before = self._found.get(root, {})
         self._found[root] = dict(found)
         for file in dict.fromkeys([*found, *before]):
-            self._versions[file] = versions.get(file)
             merged = merge(others.get(file, []) for others in self._found.values())
+            self._project.set_reports(file, versions.get(file), merged)
             self._publish(file, versions.get(file), merged)
 
     # --- the worker

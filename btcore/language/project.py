@@ -13,6 +13,7 @@ from pygls import uris
 
 from btcore.errors import TreeError
 from btcore.input_files import read_file, real_path
+from btcore.language.diagnostics import Report
 from btcore.language.node_models import NodeModel, add_stand_ins
 from btcore.language.scanner import Scan, scan
 from btcore.language.text_positions import TextPositions
@@ -23,6 +24,8 @@ MAX_FILES: Final = 2_000
 """Maximum number of XML files of a project that are checked."""
 MAX_ENTRIES: Final = 50_000
 """Maximum number of files and folders that are visited to find the files of a project."""
+DocumentKey = Path | str
+"""The path of a document, or the URI of a document without a file."""
 SUFFIXES: Final = (".xml", ".btproj")
 _SKIPPED_FOLDERS: Final = {"node_modules", "build", "dist", "install", "log", "__pycache__", "site-packages"}
 _TREES: Final = re.compile(rb"<\s*(?:root|Root|BehaviorTree|TreeNodesModel)\b")
@@ -75,6 +78,11 @@ class SourceDocument:
         self.path = real_path(path) if path else None
         self.text = text
         self.version = version
+
+    @property
+    def key(self) -> DocumentKey:
+        """The path, or the URI of a document without a file."""
+        return self.path or self.uri
 
     @cached_property
     def scan(self) -> Scan:
@@ -129,6 +137,7 @@ class Project:
         self._open: dict[str, SourceDocument] = {}
         self._on_disk: dict[Path, tuple[tuple[int, int], SourceDocument]] = {}
         self._files: list[Path] | None = None
+        self._reports: dict[DocumentKey, tuple[int | None, list[Report]]] = {}
 
     def configure(self, folders: Sequence[Path], settings: Settings) -> None:
         """Set the folders of the workspace and the settings of the client."""
@@ -220,6 +229,17 @@ class Project:
             XmlSyntaxError: The text is not valid XML.
         """
         return parse_file(path, unsaved=self.unsaved)
+
+    # --- diagnostics
+
+    def reports(self, document: SourceDocument) -> list[Report]:
+        """Return the errors and warnings of *document*; none if the check of this text is not finished."""
+        version, reports = self._reports.get(document.key, (None, []))
+        return reports if version == document.version else []
+
+    def set_reports(self, key: DocumentKey, version: int | None, reports: list[Report]) -> None:
+        """Keep the errors and warnings of one version of a document."""
+        self._reports[key] = (version, reports)
 
     # --- files
 

@@ -15,9 +15,10 @@ from pygls.protocol.language_server import lsp_method
 
 from btcore import __version__
 from btcore.input_files import real_path
-from btcore.language.checker import Checker, Root
+from btcore.language import formatting, lenses, quick_fixes
+from btcore.language.checker import Checker
 from btcore.language.diagnostics import Report
-from btcore.language.project import Project, Settings
+from btcore.language.project import DocumentKey, Project, Settings
 
 NAME: Final = "btcore"
 
@@ -77,7 +78,7 @@ class TreeServer(LanguageServer):
         self.project = Project()
         self.checker = Checker(self.project, self._publish, self._show, self._refresh)
 
-    def _publish(self, file: Root, version: int | None, reports: list[Report]) -> None:
+    def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
         uri = file if isinstance(file, str) else self.project.uri(file)
         diagnostics = [report.diagnostic() for report in reports]
         self.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, diagnostics, version))
@@ -140,6 +141,11 @@ def _add_features(server: TreeServer) -> None:
     # navigation, outline
 
     # quick_fixes, formatting, lenses
+    kinds = [types.CodeActionKind.QuickFix, types.CodeActionKind.RefactorRewrite]
+    of_request(types.TEXT_DOCUMENT_CODE_ACTION, quick_fixes.code_actions, types.CodeActionOptions(kinds))
+    of_request(types.TEXT_DOCUMENT_FORMATTING, formatting.format_document)
+    of_request(types.TEXT_DOCUMENT_RANGE_FORMATTING, formatting.format_range)
+    of_document(types.TEXT_DOCUMENT_CODE_LENS, lenses.code_lenses)
 
 
 def _keep_up_to_date(server: TreeServer) -> None:

@@ -118,9 +118,7 @@ async def session(
     )
     try:
         result = await editor.initialize_session(
-            types.InitializeParams(
-                capabilities, workspace_folders=workspace, initialization_options=settings
-            )
+            types.InitializeParams(capabilities, workspace_folders=workspace, initialization_options=settings)
         )
         assert result.capabilities.position_encoding == types.PositionEncodingKind.Utf16
         yield editor

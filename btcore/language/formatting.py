@@ -1,0 +1,143 @@
+"""Formatting: one element per line, indented by its depth. Only white space between tags and attributes changes.
+
+Text, comments and attribute values keep their white space, and so does a document with missing tags.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from lsprotocol import types
+
+from btcore.language.project import Project, SourceDocument
+from btcore.language.scanner import ScannedElement
+
+
+class _Token(NamedTuple):
+    """A tag or a comment: its place, its depth, and the element of a tag."""
+
+    start: int
+    end: int
+    depth: int
+    kind: str
+    element: ScannedElement | None
+
+
+def format_document(
+    project: Project, document: SourceDocument, params: types.DocumentFormattingParams
+) -> list[types.TextEdit]:
+    """Return the edits that format a document; none if a tag is incomplete or missing.
+
+    Args:
+        project: The project.
+        document: The document.
+        params: The indentation.
+    """
+    unit = " " * params.options.tab_size if params.options.insert_spaces else "\t"
+    return [
+        types.TextEdit(document.positions.range(start, end), text)
+        for start, end, text in _edits(document, unit)
+    ]
+
+
+def format_range(
+    project: Project, document: SourceDocument, params: types.DocumentRangeFormattingParams
+) -> list[types.TextEdit]:
+    """Return the edits of `format_document` in a range."""
+    whole = types.DocumentFormattingParams(params.text_document, params.options)
+    wanted = params.range
+    return [
+        edit
+        for edit in format_document(project, document, whole)
+        if wanted.start <= edit.range.end and edit.range.start <= wanted.end
+    ]
+
+
+def _edits(document: SourceDocument, unit: str) -> Iterator[tuple[int, int, str]]:
+    """Yield the start and the end of each white space to replace, and the new white space."""
+    scan, text = document.scan, document.text
+    if len(scan.roots) != 1 or not all(map(_is_whole, scan.elements)):
+        return
+    new_line = "\r\n" if "\r\n" in text else "\n"
+    depths: dict[ScannedElement | None, int] = {None: -1}
+    for element in scan.elements:
+        depths[element] = depths[element.parent] + 1
+    tokens = _tokens(document, depths)
+    fixed = _fixed_gaps(document, tokens)
+    for index, (left, right) in enumerate(zip(tokens, tokens[1:], strict=False)):
+        gap = text[left.end : right.start]
+        if index not in fixed and (wanted := _gap(gap, left, right, unit, new_line)) != gap:
+            yield left.end, right.start, wanted
+    for element in scan.elements:
+        yield from _edits_in_tag(text, element, unit * (depths[element] + 2), new_line)
+    end = tokens[-1].end
+    if text[end:] != new_line and not text[end:].strip():
+        yield end, len(text), new_line
+
+
+def _is_whole(element: ScannedElement) -> bool:
+    closed = element.is_empty or element.end_tag_start >= 0
+    return closed and element.is_complete and all(item.is_closed for item in element.attributes)
+
+
+def _tokens(document: SourceDocument, depths: dict[ScannedElement | None, int]) -> list[_Token]:
+    """Return the tags and comments in the order of the text."""
+    tokens: list[_Token] = []
+    for element in document.scan.elements:
+        tokens.append(_Token(element.start, element.start_tag_end, depths[element], "start", element))
+        if not element.is_empty:
+            tokens.append(_Token(element.end_tag_start, element.end, depths[element], "end", element))
+    for start, end in document.scan.comments:
+        parent = document.scan.element_at(start + 1).parent
+        tokens.append(_Token(start, end, depths[parent] + 1, "comment", None))
+    return sorted(tokens)
+
+
+def _fixed_gaps(document: SourceDocument, tokens: list[_Token]) -> set[int]:
+    """Return the numbers of the gaps in elements that contain text, which keep their white space."""
+    text = document.text
+    fixed: set[int] = set()
+    # The gaps that belong to each open element, and whether one of them contains text.
+    open_gaps: list[list[int]] = [[]]
+    with_text: list[bool] = [False]
+    for index, token in enumerate(tokens):
+        if token.kind == "start" and token.element is not None and not token.element.is_empty:
+            open_gaps.append([])
+            with_text.append(False)
+        elif token.kind == "end":
+            gaps, has_text = open_gaps.pop(), with_text.pop()
+            if has_text:
+                fixed.update(gaps)
+        if index + 1 < len(tokens):
+            open_gaps[-1].append(index)
+            with_text[-1] |= bool(text[token.end : tokens[index + 1].start].strip())
+    if with_text[0]:
+        fixed.update(open_gaps[0])
+    return fixed
+
+
+def _gap(gap: str, left: _Token, right: _Token, unit: str, new_line: str) -> str:
+    """Return the white space between two neighbours."""
+    if left.kind == "start" and right.kind == "end" and left.element is right.element:
+        return ""
+    if right.kind == "comment" and "\n" not in gap:
+        return " "
+    is_blank = gap.count("\n") > 1 and not (
+        right.kind == "end" or (left.kind == "start" and left.depth < right.depth)
+    )
+    return new_line * (1 + is_blank) + unit * right.depth
+
+
+def _edits_in_tag(
+    text: str, element: ScannedElement, indent: str, new_line: str
+) -> Iterator[tuple[int, int, str]]:
+    """Yield the edits between the attributes of a start tag. Line breaks between attributes are kept."""
+    end = element.tag_end
+    for attribute in element.attributes:
+        gap = text[end : attribute.start]
+        wanted = f"{new_line}{indent}" if "\n" in gap else " "
+        if gap != wanted and not gap.strip():
+            yield end, attribute.start, wanted
+        end = attribute.end
+    last = element.start_tag_end - (2 if element.is_empty else 1)
+    if end != last and not text[end:last].strip():
+        yield end, last, ""
