@@ -1,9 +1,11 @@
-"""Formatting: one element per line, indented by its depth. Only white space between tags and attributes changes.
+"""Formatting: one element per line, indented by its depth.
 
-Text, comments and attribute values keep their white space, and so does a document with missing tags.
+Only the white space between tags and attributes changes. Text, comments and attribute values keep their
+white space, and so does a document with missing tags.
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 from lsprotocol import types
@@ -58,17 +60,15 @@ def _edits(document: SourceDocument, unit: str) -> Iterator[tuple[int, int, str]
     if len(scan.roots) != 1 or not all(map(_is_whole, scan.elements)):
         return
     new_line = "\r\n" if "\r\n" in text else "\n"
-    depths: dict[ScannedElement | None, int] = {None: -1}
-    for element in scan.elements:
-        depths[element] = depths[element.parent] + 1
-    tokens = _tokens(document, depths)
+    tokens = _tokens(document)
     fixed = _fixed_gaps(document, tokens)
-    for index, (left, right) in enumerate(zip(tokens, tokens[1:], strict=False)):
+    for index, (left, right) in enumerate(pairwise(tokens)):
         gap = text[left.end : right.start]
         if index not in fixed and (wanted := _gap(gap, left, right, unit, new_line)) != gap:
             yield left.end, right.start, wanted
-    for element in scan.elements:
-        yield from _edits_in_tag(text, element, unit * (depths[element] + 2), new_line)
+    for token in tokens:
+        if token.kind == "start" and token.element is not None:
+            yield from _edits_in_tag(text, token.element, unit * (token.depth + 2), new_line)
     end = tokens[-1].end
     if text[end:] != new_line and not text[end:].strip():
         yield end, len(text), new_line
@@ -79,17 +79,21 @@ def _is_whole(element: ScannedElement) -> bool:
     return closed and element.is_complete and all(item.is_closed for item in element.attributes)
 
 
-def _tokens(document: SourceDocument, depths: dict[ScannedElement | None, int]) -> list[_Token]:
+def _tokens(document: SourceDocument) -> list[_Token]:
     """Return the tags and comments in the order of the text."""
-    tokens: list[_Token] = []
+    found: list[tuple[int, int, str, ScannedElement | None]] = []
     for element in document.scan.elements:
-        tokens.append(_Token(element.start, element.start_tag_end, depths[element], "start", element))
+        found.append((element.start, element.start_tag_end, "start", element))
         if not element.is_empty:
-            tokens.append(_Token(element.end_tag_start, element.end, depths[element], "end", element))
-    for start, end in document.scan.comments:
-        parent = document.scan.element_at(start + 1).parent
-        tokens.append(_Token(start, end, depths[parent] + 1, "comment", None))
-    return sorted(tokens)
+            found.append((element.end_tag_start, element.end, "end", element))
+    found += ((start, end, "comment", None) for start, end in document.scan.comments)
+    tokens: list[_Token] = []
+    depth = 0
+    for start, end, kind, element in sorted(found, key=lambda item: item[0]):
+        depth -= kind == "end"
+        tokens.append(_Token(start, end, depth, kind, element))
+        depth += kind == "start" and element is not None and not element.is_empty
+    return tokens
 
 
 def _fixed_gaps(document: SourceDocument, tokens: list[_Token]) -> set[int]:

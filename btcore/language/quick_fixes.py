@@ -174,8 +174,8 @@ def _action(document: SourceDocument, fix: Fix, kind: types.CodeActionKind) -> t
 def _fixes_of_hint(problem: _Problem) -> Iterator[Fix]:
     hint = problem.report.hint
     similar = _SIMILAR.search(hint)
-    if similar is not None:
-        yield from _rename(problem, next(name for name in similar.groups() if name is not None))
+    if similar is not None and similar[3] is None:  # _fixes_of_include() suggests files
+        yield from _rename(problem, similar[1] or similar[2])
     replacement = _REPLACEMENT.search(hint)
     if replacement is not None:
         yield from _rename(problem, replacement[1])
@@ -195,9 +195,7 @@ def _fixes_of_hint(problem: _Problem) -> Iterator[Fix]:
     if reference is not None:
         yield Fix(f"Write {reference[1]}", [Edit(problem.start, problem.end, reference[1])])
     if _COMPARISON.search(hint):
-        before = problem.text[problem.start - 1 : problem.end]
-        start = problem.start - 1 if before == ":=" else problem.start
-        yield Fix("Compare with ==", [Edit(start, problem.end, "==")])
+        yield Fix("Compare with ==", [Edit(problem.start, problem.end, "==")])
     if "put them into a <Sequence>" in hint and element is not None:
         for tag in ("Sequence", "Fallback"):
             yield _wrap(problem, element, element.children, tag)
