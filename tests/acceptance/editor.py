@@ -120,6 +120,7 @@ async def session(
         result = await editor.initialize_session(
             types.InitializeParams(capabilities, workspace_folders=workspace, initialization_options=settings)
         )
+        editor.server_capabilities = result.capabilities
         assert result.capabilities.position_encoding == types.PositionEncodingKind.Utf16
         yield editor
         await editor.shutdown_session()

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - the layout is the result
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,7 +28,7 @@ def formatted(text: str, options: types.FormattingOptions = OPTIONS) -> str:
     project, document = opened(text)
     params = types.DocumentFormattingParams(types.TextDocumentIdentifier(document.uri), options)
     edits = format_document(project, document, params)
-    for edit in reversed(sorted(edits, key=lambda item: item.range.start)):
+    for edit in sorted(edits, key=lambda item: item.range.start, reverse=True):
         start, end = (document.positions.offset(place) for place in (edit.range.start, edit.range.end))
         assert not text[start:end].strip()
         assert not edit.new_text.strip()
