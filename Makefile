@@ -44,6 +44,7 @@ KILLS ?= 100
 PROOFS ?= 1000
 SCHEDULES ?= 500
 SPIN_TREES ?= 37
+TYPED ?= 200
 ROS2_RUNS ?=
 MISTAKES ?=
 
@@ -197,6 +198,7 @@ accept-engine: .venv/ready .venv-compiled/ready spin
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
 	@.venv/bin/python tests/acceptance/proofs.py --trees $(PROOFS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/spin.py --trees $(SPIN_TREES) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/typed_files.py --files $(TYPED) --jobs $(CORES)
 
 accept-ros2: .venv-ros/ready
 	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)

@@ -105,7 +105,8 @@ class Checker:
         self._wake = asyncio.Event()
         self._worker: Worker | None = None
         self._sent: dict[Path, str] = {}
-        self._found: dict[DocumentKey, dict[DocumentKey, list[Report]]] = {}
+        # The reports of each root about each file, and the version of the file that was checked.
+        self._found: dict[DocumentKey, dict[DocumentKey, tuple[int | None, list[Report]]]] = {}
         self._read: dict[DocumentKey, set[Path]] = {}
         self._sources: dict[Path, int] = {}
         self._shown: set[str] = set()
@@ -237,11 +238,14 @@ class Checker:
     ) -> None:
         """Publish the reports of every file that had or has reports by the check of *root*."""
         before = self._found.get(root, {})
-        self._found[root] = dict(found)
+        self._found[root] = {file: (versions.get(file), reports) for file, reports in found.items()}
         for file in dict.fromkeys([*found, *before]):
-            merged = merge(others.get(file, []) for others in self._found.values())
-            self._project.set_reports(file, versions.get(file), merged)
-            self._publish(file, versions.get(file), merged)
+            version = versions.get(file)
+            # Reports about an older text have wrong places. They come again when their root is checked.
+            known = [item for results in self._found.values() if (item := results.get(file)) is not None]
+            merged = merge(reports for checked, reports in known if checked == version)
+            self._project.set_reports(file, version, merged)
+            self._publish(file, version, merged)
 
     # --- the worker
 

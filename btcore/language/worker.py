@@ -20,7 +20,7 @@ from btcore.blackboard.ports import remapped_key
 from btcore.errors import BtcoreError, RegistrationError
 from btcore.input_files import real_path
 from btcore.language.diagnostics import check
-from btcore.language.node_models import add_stand_ins, models_of
+from btcore.language.node_models import NodeModel, add_stand_ins, models_of
 from btcore.language.python_source import module_file, read_nodes
 from btcore.registry.registry import ENTRY_POINTS, Registry
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
@@ -60,6 +60,7 @@ class Libraries:
     Attributes:
         nodes: The nodes.
         problems: Sentences about libraries that cannot be loaded.
+        read: The nodes whose source was read, by ID.
         sources: The files that the nodes depend on.
     """
 
@@ -68,6 +69,7 @@ class Libraries:
     ) -> None:
         self.nodes = Registry.standard()
         self.problems: list[str] = []
+        self.read: dict[str, NodeModel] = {}
         self.sources: set[Path] = set()
         self._has_models = False
         self._add_installed()
@@ -106,7 +108,9 @@ class Libraries:
 
     def _read(self, file: Path) -> None:
         try:
-            add_stand_ins(self.nodes, read_nodes(file), {})
+            models = read_nodes(file)
+            add_stand_ins(self.nodes, models, {})
+            self.read |= {model.id: model for model in models}
         except (OSError, ValueError, SyntaxError) as error:
             self.problems.append(f"{file}: {error}")
 
@@ -161,8 +165,9 @@ class Worker:
     def describe(self) -> dict[str, Any]:
         """Return the available nodes."""
         libraries = self._libraries
+        models = [libraries.read.get(model.id, model) for model in models_of(libraries.nodes)]
         return {
-            "models": [model.as_data() for model in models_of(libraries.nodes)],
+            "models": [model.as_data() for model in models],
             "enums": libraries.nodes.types.enums,
             "problems": libraries.problems,
             "sources": sorted(map(str, libraries.sources))[:MAX_SOURCES],

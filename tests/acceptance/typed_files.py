@@ -228,10 +228,10 @@ def main(arguments: list[str]) -> int:
         done = list(pool.map(run, [chosen.seed] * jobs, slices))
     wrong = [line for failures, _ in done for line in failures]
     mistakes = sum(count for _, count in done)
+    took = time.monotonic() - began
     print(
-        f"{len(numbers)} files typed in {time.monotonic() - began:.0f} s, {mistakes} diagnostics shown at the"
+        f"{len(numbers)} files typed in {took:.0f} s, with {mistakes} mistakes in the end; {len(wrong)} wrong"
     )
-    print(f"end of files, {len(wrong)} wrong")
     for line in wrong[:10]:
         print("   ", line[:1000])
     return 1 if wrong else 0
