@@ -57,7 +57,7 @@ def format_range(
 def _edits(document: SourceDocument, unit: str) -> Iterator[tuple[int, int, str]]:
     """Yield the start and the end of each white space to replace, and the new white space."""
     scan, text = document.scan, document.text
-    if len(scan.roots) != 1 or not all(map(_is_whole, scan.elements)):
+    if len(scan.roots) != 1 or not all(_is_whole(text, element) for element in scan.elements):
         return
     new_line = "\r\n" if "\r\n" in text else "\n"
     tokens = _tokens(document)
@@ -74,8 +74,8 @@ def _edits(document: SourceDocument, unit: str) -> Iterator[tuple[int, int, str]
         yield end, len(text), new_line
 
 
-def _is_whole(element: ScannedElement) -> bool:
-    closed = element.is_empty or element.end_tag_start >= 0
+def _is_whole(text: str, element: ScannedElement) -> bool:
+    closed = element.is_empty or (element.end_tag_start >= 0 and text[element.end - 1] == ">")
     return closed and element.is_complete and all(item.is_closed for item in element.attributes)
 
 
@@ -89,10 +89,10 @@ def _tokens(document: SourceDocument) -> list[_Token]:
     found += ((start, end, "comment", None) for start, end in document.scan.comments)
     tokens: list[_Token] = []
     depth = 0
-    for start, end, kind, element in sorted(found, key=lambda item: item[0]):
+    for start, end, kind, owner in sorted(found, key=lambda item: item[0]):
         depth -= kind == "end"
-        tokens.append(_Token(start, end, depth, kind, element))
-        depth += kind == "start" and element is not None and not element.is_empty
+        tokens.append(_Token(start, end, depth, kind, owner))
+        depth += kind == "start" and owner is not None and not owner.is_empty
     return tokens
 
 

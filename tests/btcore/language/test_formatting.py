@@ -76,7 +76,8 @@ def test_tabs_and_line_ends_of_the_document() -> None:
 
 
 @pytest.mark.parametrize(
-    "broken", ["<root><A></root>", '<root a="1><A/></root>', "<root><A/>", "<root/><A/>", "text"]
+    "broken",
+    ["<root><A></root>", '<root a="1><A/></root>', "<root><A/>", "<root><A/></root", "<root/><A/>", "text"],
 )
 def test_broken_xml_is_not_changed(broken: str) -> None:
     assert formatted(broken) == broken
