@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -49,11 +49,14 @@ class Settings:
     given: tuple[str, ...] = ()
 
     @classmethod
-    def from_client(cls, data: object) -> "Settings":
-        """Return the settings in *data*, which the client sent. Values of a wrong type are ignored."""
-        section = data.get("btcore", data) if isinstance(data, Mapping) else {}
-        if not isinstance(section, Mapping):
-            section = {}
+    def from_client(cls, data: object) -> "Settings | None":
+        """Return the settings in *data*, which the client sent, or None if it contains no settings.
+
+        Values of a wrong type are ignored.
+        """
+        section = data.get("btcore", data) if isinstance(data, Mapping) else None
+        if not isinstance(section, Mapping) or not section.keys() & {field.name for field in fields(cls)}:
+            return None
         lists: dict[str, tuple[str, ...]] = {}
         for name in ("plugins", "models", "given"):
             value = section.get(name)

@@ -157,7 +157,8 @@ def _keep_up_to_date(server: TreeServer) -> None:
         folders = params.workspace_folders or ()
         if not folders and params.root_uri:
             folders = [types.WorkspaceFolder(params.root_uri, "")]
-        project.configure(_paths(folders), Settings.from_client(params.initialization_options))
+        settings = Settings.from_client(params.initialization_options)
+        project.configure(_paths(folders), settings or Settings())
 
     @server.feature(types.INITIALIZED)
     def initialized(_: types.InitializedParams) -> None:
@@ -222,8 +223,9 @@ def _keep_up_to_date(server: TreeServer) -> None:
 
     @server.feature(types.WORKSPACE_DID_CHANGE_CONFIGURATION)
     def did_change_configuration(params: types.DidChangeConfigurationParams) -> None:
-        if params.settings:
-            project.configure(project.folders, Settings.from_client(params.settings))
+        settings = Settings.from_client(params.settings)
+        if settings is not None and settings != project.settings:
+            project.configure(project.folders, settings)
             checker.reload()
 
 

@@ -236,5 +236,6 @@ def test_a_project_of_groot(tmp_path: Path) -> None:
 def test_settings_of_a_wrong_type_are_ignored() -> None:
     wrong = {"btcore": {"trusted": "yes", "plugins": "leaves.py", "models": [1, "", "m.xml"], "given": None}}
     assert Settings.from_client(wrong) == Settings(models=("m.xml",))
-    assert Settings.from_client([1]) == Settings.from_client({"btcore": 3}) == Settings()
+    for nothing in ([1], {"btcore": 3}, {}, {"other": {}}, None):
+        assert Settings.from_client(nothing) is None
     assert Settings.from_client({"trusted": True}) == Settings(trusted=True)
