@@ -6,6 +6,7 @@ written as `Port("name", …)`.
 
 import ast
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -31,6 +32,8 @@ from btcore.values import (
 
 MAX_SOURCE: Final = 2_000_000
 """Maximum size of a Python file that is read (bytes)."""
+MAX_IMPORTS: Final = 50
+"""Maximum number of files that are read for the nodes of one file."""
 _BASES: Final = {
     "SyncAction": NodeType.ACTION,
     "StatefulAction": NodeType.ACTION,
@@ -69,31 +72,57 @@ def module_file(plugin: str, folders: Sequence[Path]) -> Path | None:
     return None
 
 
-def read_nodes(path: Path) -> list[NodeModel]:
-    """Return the nodes that a Python file defines.
+def read_nodes(path: Path, folders: Sequence[Path] = ()) -> tuple[list[NodeModel], set[Path]]:
+    """Return the nodes that a Python file defines, and the files that were read.
 
     Args:
         path: The file.
+        folders: The folders in which imported modules with base classes are searched.
 
     Raises:
         OSError: The file cannot be read.
         SyntaxError: The file is not valid Python, or is too large or too deep.
     """
+    module = _parse(path)
+    files = {path}
+    try:
+        return _Reader(module, path, _classes_in(module, path, folders, files)).nodes(), files
+    except RecursionError:
+        raise SyntaxError("the file is nested too deep") from None
+
+
+def _parse(path: Path) -> ast.Module:
+    """Parse a Python file. Raises OSError or SyntaxError."""
     data = read_file(path, MAX_SOURCE + 1)
     if len(data) > MAX_SOURCE:
         raise SyntaxError(f"the file has more than {MAX_SOURCE:,} bytes")
     try:
-        module = ast.parse(data, str(path))
-        return _Reader(module, path).nodes()
+        return ast.parse(data, str(path))
     except (RecursionError, MemoryError, ValueError) as error:
         raise SyntaxError(f"the file cannot be read: {error}") from None
 
 
+def _classes_in(
+    module: ast.Module, path: Path, folders: Sequence[Path], files: set[Path]
+) -> dict[str, ast.ClassDef]:
+    """Return the classes of a module, and those of the modules in *folders* that it imports from."""
+    classes: dict[str, ast.ClassDef] = {}
+    for item in module.body:
+        if isinstance(item, ast.ImportFrom) and len(files) < MAX_IMPORTS:
+            start = [path.parents[item.level - 1]] if 0 < item.level <= len(path.parents) else folders
+            file = module_file(item.module, start) if item.module and start else None
+            if file is not None and file not in files:
+                files.add(file)
+                with suppress(OSError, SyntaxError):
+                    classes |= _classes_in(_parse(file), file, folders, files)
+    return classes | {item.name: item for item in module.body if isinstance(item, ast.ClassDef)}
+
+
 class _Reader:
-    def __init__(self, module: ast.Module, path: Path) -> None:
+    def __init__(self, module: ast.Module, path: Path, classes: Mapping[str, ast.ClassDef]) -> None:
         self._path = path
         self._module = module
-        self._classes = {item.name: item for item in module.body if isinstance(item, ast.ClassDef)}
+        self._classes = classes
         # The arguments of calls such as nodes.add(leaf, ID="Leaf"): the given ID by the leaf's name.
         self._added: dict[str, str | None] = {}
         for call in ast.walk(module):
@@ -128,7 +157,7 @@ class _Reader:
         return self._model(item, self._added.get(item.name) or item.name, kind, ports)
 
     def _parents(self, item: ast.ClassDef) -> list[ast.ClassDef]:
-        """Return the class and its base classes in this file, in the order of their lookup."""
+        """Return the class and its known base classes, in the order of their lookup."""
         found: dict[str, ast.ClassDef] = {}
         pending = [item]
         while pending:
@@ -184,6 +213,15 @@ def _text_of(expression: ast.expr | None) -> str | None:
     return None
 
 
+def _unquoted(annotation: ast.expr) -> ast.expr:
+    """Return the expression in an annotation that is written as a text."""
+    text = _text_of(annotation)
+    if text is not None:
+        with suppress(SyntaxError, ValueError):
+            return ast.parse(text, mode="eval").body
+    return annotation
+
+
 def _ports_of_class(item: ast.ClassDef) -> Iterator[PortModel]:
     for statement in item.body:
         if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name):
@@ -209,11 +247,7 @@ def _ports_of_function(item: _Function) -> Iterator[PortModel]:
 
 
 def _annotated_port(name: str, annotation: ast.expr, default: ast.expr | None) -> PortModel | None:
-    if isinstance(annotation, ast.Constant) and isinstance(annotation.value, str):
-        try:
-            annotation = ast.parse(annotation.value, mode="eval").body
-        except SyntaxError:
-            return None
+    annotation = _unquoted(annotation)
     description = ""
     if _name_of(annotation) == "Annotated" and isinstance(annotation, ast.Subscript):
         parts = annotation.slice.elts if isinstance(annotation.slice, ast.Tuple) else [annotation.slice]
@@ -243,6 +277,7 @@ def _written_port(call: ast.Call) -> Iterator[PortModel]:
 
 def _type_name(expression: ast.expr | None) -> str:
     """Return the name of the type in `In[…]`; the name of a type that only the program knows is kept."""
+    expression = _unquoted(expression) if expression is not None else None
     if isinstance(expression, ast.BinOp):  # T | None
         sides = [side for side in (expression.left, expression.right) if not isinstance(side, ast.Constant)]
         return _type_name(sides[0]) if len(sides) == 1 else ANY.name

@@ -84,7 +84,7 @@ class Libraries:
             elif file is None:
                 self.problems.append(f"the node library '{plugin}' is not found in the workspace")
             else:
-                self._read(file)
+                self._read(file, folders)
         for pattern in models:
             self._add_models(pattern, folders)
         for module in list(sys.modules.values()) if trusted else ():
@@ -106,9 +106,10 @@ class Libraries:
         except BtcoreError as error:
             self.problems.append(str(error))
 
-    def _read(self, file: Path) -> None:
+    def _read(self, file: Path, folders: Sequence[Path]) -> None:
         try:
-            models = read_nodes(file)
+            models, files = read_nodes(file, folders)
+            self.sources |= files
             add_stand_ins(self.nodes, models, {})
             self.read |= {model.id: model for model in models}
         except (OSError, ValueError, SyntaxError) as error:
