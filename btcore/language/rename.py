@@ -1,0 +1,359 @@
+"""Rename trees, nodes and blackboard keys in all files of a project, so that the trees behave as before."""
+
+import re
+from collections.abc import Iterable
+from typing import Final, NamedTuple
+
+from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, Range, TextEdit, WorkspaceEdit
+from pygls.exceptions import JsonRpcException
+
+from btcore.language.key_links import TreeKey, links_of
+from btcore.language.navigation import NamedFile, NamedKey, NamedNode, NamedTree, named_at, node_span
+from btcore.language.project import Project, SourceDocument
+from btcore.language.project_symbols import ProjectSymbols, symbols_of
+from btcore.language.scanner import ScannedAttribute, ScannedElement
+from btcore.language.symbols import KeyForm, KeyUse, is_call, node_id
+from btcore.names import forbidden_in, is_reserved, port_name_error
+from btcore.script import lexer
+from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.tree_nodes_model import quoted
+from btcore.xml.read.dialect import EXPLICIT_TAGS
+
+MAX_NAME_LENGTH: Final = 1_000
+"""Maximum number of characters of a new name."""
+# The names of XML 1.0 without ":", which would need a declared prefix.
+_XML_NAME: Final = re.compile(
+    "[A-Za-z_\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f"
+    "\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff]"
+    "[-.0-9A-Za-z_\u00b7\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u037d\u037f-\u1fff\u200c-\u200d\u203f-\u2040"
+    "\u2070-\u218f\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff]*"
+)
+
+
+class RenameError(JsonRpcException):
+    """What the cursor is on cannot be renamed, or not to the new name. The editor shows the message."""
+
+    CODE = LSPErrorCodes.RequestFailed.value
+
+
+class NodeName(NamedTuple):
+    """The cursor is on the `name` of a node."""
+
+    element: ScannedElement
+    attribute: ScannedAttribute
+
+
+class _Edit(NamedTuple):
+    """Replace the text of *file* from *start* to *end* by *text*, which needs no more escapes."""
+
+    file: str
+    start: int
+    end: int
+    text: str
+
+
+_Target = NamedKey | NamedTree | NamedNode | NodeName
+
+
+def prepare_rename(project: Project, document: SourceDocument, offset: int) -> PrepareRenamePlaceholder:
+    """Return the name at the cursor and its place.
+
+    Args:
+        project: The project.
+        document: The document with the cursor.
+        offset: The offset of the cursor.
+
+    Raises:
+        RenameError: There is nothing that can be renamed.
+    """
+    target = _target_at(project, document, offset)
+    if isinstance(target, NamedKey):
+        use = target.use
+        name = use.key.removeprefix("@") if _is_format_4(project, use) else use.key
+        # The "@" of a key is not part of its name.
+        start = use.start if use.form is KeyForm.OF_PORT else use.start + len(use.key) - len(name)
+        return _placeholder(document, start, use.end, name)
+    if isinstance(target, NodeName):
+        attribute = target.attribute
+        return _placeholder(document, attribute.value_start, attribute.value_end, attribute.value or "")
+    return _placeholder(document, target.start, target.end, target.id)
+
+
+def rename_symbol(project: Project, document: SourceDocument, offset: int, new_name: str) -> WorkspaceEdit:
+    """Return the changes of all files that rename what the cursor is on.
+
+    A key is renamed in its tree. SubTree elements that remap the key keep the key on their other side;
+    `_autoremap`, shared blackboards and `@` make several trees use one name, so it changes in all of them.
+    What programs do is not visible: keys that a program sets, or that a script computes, stay as they are.
+
+    Args:
+        project: The project.
+        document: The document with the cursor.
+        offset: The offset of the cursor.
+        new_name: The new name.
+
+    Raises:
+        RenameError: There is nothing that can be renamed, or the new name is invalid or in use.
+    """
+    target = _target_at(project, document, offset)
+    if not new_name or len(new_name) > MAX_NAME_LENGTH:
+        raise RenameError(f"a name has 1 to {MAX_NAME_LENGTH:,} characters")
+    if not new_name.isprintable():
+        raise RenameError(f"the name {new_name!r} contains a control character")
+    if isinstance(target, NamedKey):
+        edits = _rename_key(project, target, new_name)
+    elif isinstance(target, NamedTree):
+        edits = _rename_tree(project, document, target, new_name)
+    elif isinstance(target, NamedNode):
+        edits = _rename_node(project, target, new_name)
+    else:
+        edits = _rename_instance(project, document, target, new_name)
+    return _workspace_edit(symbols_of(project), edits)
+
+
+def _target_at(project: Project, document: SourceDocument, offset: int) -> _Target:
+    named = named_at(project, document, offset)
+    if isinstance(named, NamedKey):
+        _check_key(project, named.keys)
+        return named
+    if isinstance(named, NamedTree):
+        if not any(is_definition for *_, is_definition in _tree_places(project, document, named.id)):
+            raise RenameError(f"no file of the project defines the tree '{named.id}'")
+        return named
+    if isinstance(named, NamedNode):
+        _check_node(project, named)
+        return named
+    place = document.scan.element_at(offset)
+    element, attribute = place.element, place.attribute
+    if isinstance(named, NamedFile) or element is None or attribute is None:
+        raise RenameError(
+            "trees, blackboard keys, names of nodes, and nodes with a model can be renamed here"
+        )
+    if attribute.name == "name" and attribute.value and place.kind == "value" and _is_in_tree(element):
+        return NodeName(element, attribute)
+    raise RenameError("trees, blackboard keys, names of nodes, and nodes with a model can be renamed here")
+
+
+def _is_in_tree(element: ScannedElement) -> bool:
+    return any(around.tag == "BehaviorTree" for around in element.ancestors())
+
+
+def _placeholder(document: SourceDocument, start: int, end: int, name: str) -> PrepareRenamePlaceholder:
+    return PrepareRenamePlaceholder(range=_range(document, start, end), placeholder=name)
+
+
+def _range(document: SourceDocument, start: int, end: int) -> Range:
+    return document.positions.range(start, end)
+
+
+# --- keys
+
+
+def _check_key(project: Project, keys: list[TreeKey]) -> None:
+    """Raise a RenameError if one of the places that name the key cannot be changed."""
+    links = links_of(project)
+    renamed = links.same_name_keys(keys)
+    for use in links.uses_of(renamed):
+        if use.form is KeyForm.DEFAULT:
+            node = node_id(use.element)
+            line = symbols_of(project).documents[use.file].positions.line(use.element.start) + 1
+            raise RenameError(
+                f"'{use.key}' is the default of the port '{use.port}' of <{node}> in line {line}: "
+                f'write {use.port}="{{{use.key}}}" there first'
+            )
+    for key in renamed:
+        if key.key in project.settings.given and links.is_outermost(key):
+            raise RenameError(f"the setting 'given' says that the program sets '{key.key}': rename it there")
+
+
+def _rename_key(project: Project, target: NamedKey, new_name: str) -> list[_Edit]:
+    links = links_of(project)
+    symbols = symbols_of(project)
+    renamed = links.same_name_keys(target.keys)
+    uses = links.uses_of(renamed)
+    for use in uses:
+        _check_new_key(symbols, use, new_name)
+    old = target.use.key.removeprefix("@") if _is_format_4(project, target.use) else target.use.key
+    if old == new_name:
+        return []
+    for key in renamed:
+        taken = TreeKey(key.tree, _renamed(symbols, key, new_name))
+        is_given = new_name in project.settings.given and links.is_outermost(key)
+        if taken in links.uses or is_given:
+            raise RenameError(f"the tree '{key.tree.id}' uses the key '{taken.key}' already")
+        if old.startswith("_") != new_name.startswith("_") and links.is_called_with_autoremap(key.tree):
+            raise RenameError(
+                "keys that begin with '_' are not remapped automatically: the trees would change"
+            )
+    edits = {use: _key_edit(symbols, use, new_name) for use in uses}
+    for inner, outer in links.own_name_remaps:
+        if inner in edits and outer in edits:
+            del edits[outer]  # both names change: "{=}" still means the same key
+        elif inner in edits:
+            edits[outer] = _Edit(outer.file, outer.start, outer.end, _escaped(f"{{{outer.key}}}"))
+    return list(edits.values())
+
+
+def _renamed(symbols: ProjectSymbols, key: TreeKey, new_name: str) -> str:
+    is_global = key.key.startswith("@") and symbols.files[key.tree.file].format == 4
+    return f"@{new_name}" if is_global else new_name
+
+
+def _is_format_4(project: Project, use: KeyUse) -> bool:
+    return symbols_of(project).files[use.file].format == 4
+
+
+def _key_edit(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> _Edit:
+    format = symbols.files[use.file].format
+    if use.form is KeyForm.OF_PORT:
+        return _Edit(use.file, use.start, use.end, _escaped(f"{{{new_name}}}"))
+    start = use.start + 1 if format == 4 and use.key.startswith("@") else use.start
+    text = new_name if use.form is KeyForm.ATTRIBUTE else _escaped(new_name)
+    return _Edit(use.file, start, use.end, text)
+
+
+def _check_new_key(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> None:
+    """Raise a RenameError if *use* cannot have the new name."""
+    file = symbols.files[use.file]
+    enums = symbols.registry.types.enums
+    if new_name.startswith("@") and file.format == 4:
+        raise RenameError("a key with '@' is the key of the main tree: rename it without '@'")
+    if use.form is KeyForm.SCRIPT:
+        tokens = lexer.tokenize(new_name)
+        is_name = tokens[0].kind == lexer.NAME and tokens[0].width == len(new_name)
+        if not is_name or new_name in enums:
+            raise RenameError(
+                f"'{new_name}' is not a name in scripts, and {_place_of(symbols, use)} uses the key: "
+                "use ASCII letters, digits and '_'"
+            )
+    elif use.form is KeyForm.ATTRIBUTE or use.form is KeyForm.MODEL:
+        error = port_name_error(new_name, file.format)
+        if not error and _XML_NAME.fullmatch(new_name) is None:
+            error = "it is not a name in XML"
+        if not error and file.format == 3 and new_name in ("__autoremap", "__shared_blackboard"):
+            error = "this attribute is reserved"
+        if error:
+            place = _place_of(symbols, use)
+            raise RenameError(f"'{new_name}' is not valid as an attribute, which {place} needs: {error}")
+    elif new_name == "=" or not set("{}").isdisjoint(new_name):
+        raise RenameError(f"'{new_name}' is not a key: '=' and braces have another meaning")
+
+
+def _place_of(symbols: ProjectSymbols, use: KeyUse) -> str:
+    document = symbols.documents[use.file]
+    name = document.path.name if document.path is not None else document.uri
+    return f"{name}:{document.positions.line(use.start) + 1}"
+
+
+# --- trees
+
+
+def _tree_places(
+    project: Project, document: SourceDocument, id: str
+) -> list[tuple[str, ScannedAttribute, bool]]:
+    return list(symbols_of(project).places_of_tree(id, document.uri))
+
+
+def _rename_tree(project: Project, document: SourceDocument, target: NamedTree, new_name: str) -> list[_Edit]:
+    symbols = symbols_of(project)
+    if new_name == target.id:
+        return []
+    places = _tree_places(project, document, target.id)
+    formats = {symbols.files[file].format for file, *_ in places}
+    if 4 in formats:
+        character = forbidden_in(new_name)
+        if character:
+            raise RenameError(f"invalid tree ID '{new_name}': {character!r} is not allowed")
+        if is_reserved(new_name):
+            raise RenameError(f"invalid tree ID '{new_name}': the name is reserved")
+        known = symbols.registry.get(new_name, 4)
+        if symbols.node_models(new_name) or (known is not None and not known.is_overridable):
+            raise RenameError(f"invalid tree ID '{new_name}': a node has this name")
+    for file in {file for file, *_ in places}:
+        for taken in symbols.family(new_name, file):
+            if taken in symbols.visible_files(file):
+                raise RenameError(f"{_name_of(symbols, taken)} names a tree '{new_name}' already")
+    text = _escaped(new_name)
+    return [_Edit(file, attribute.value_start, attribute.value_end, text) for file, attribute, _ in places]
+
+
+def _name_of(symbols: ProjectSymbols, file: str) -> str:
+    path = symbols.documents[file].path
+    return path.name if path is not None else file
+
+
+# --- nodes
+
+
+def _check_node(project: Project, named: NamedNode) -> None:
+    """Raise a RenameError if the node is not declared by a model alone."""
+    symbols = symbols_of(project)
+    if named.port:
+        raise RenameError(f"the code of <{named.id}> declares its port '{named.port}': rename it there")
+    known = project.models.get(named.id)
+    if known is not None and known.file.endswith(".py"):
+        raise RenameError(f"the Python code of <{named.id}> declares its ID: rename it in {known.file}")
+    registered = symbols.registry.get(named.id, 4) or symbols.registry.get(named.id, 3)
+    if registered is not None and not is_stub(registered.cls):
+        raise RenameError(f"<{named.id}> is a node of {registered.distribution}")
+    if not symbols.node_models(named.id):
+        raise RenameError(f"no <TreeNodesModel> of the project declares the node '{named.id}'")
+
+
+def _rename_node(project: Project, target: NamedNode, new_name: str) -> list[_Edit]:
+    symbols = symbols_of(project)
+    if new_name == target.id:
+        return []
+    character = forbidden_in(new_name)
+    if character:
+        raise RenameError(f"invalid ID of a node '{new_name}': {character!r} is not allowed")
+    if is_reserved(new_name) or new_name in EXPLICIT_TAGS or new_name in ("BehaviorTree", "TreeNodesModel"):
+        raise RenameError(f"invalid ID of a node '{new_name}': the name is reserved")
+    is_taken = any(symbols.registry.get(new_name, format) is not None for format in (3, 4))
+    if is_taken or symbols.node_models(new_name) or any(symbols.nodes(new_name)):
+        raise RenameError(f"the project has a node '{new_name}' already")
+    if new_name in symbols.trees:
+        raise RenameError(f"the project has a tree '{new_name}' already")
+    text = _escaped(new_name)
+    edits: list[_Edit] = []
+    for model in symbols.node_models(target.id):
+        edits.append(_Edit(model.file, *node_span(model.element), text))
+    for file, element in symbols.nodes(target.id):
+        edits.append(_Edit(file, *node_span(element), text))
+        if element.tag not in EXPLICIT_TAGS:
+            if _XML_NAME.fullmatch(new_name) is None:
+                raise RenameError(f"'{new_name}' cannot be a tag: it is not a name in XML")
+            if element.end_tag_start >= 0:
+                at = symbols.documents[file].text.index(element.tag, element.end_tag_start)
+                edits.append(_Edit(file, at, at + len(element.tag), text))
+    return edits
+
+
+def _rename_instance(
+    project: Project, document: SourceDocument, target: NodeName, new_name: str
+) -> list[_Edit]:
+    attribute = target.attribute
+    tree = next(
+        tree for tree in symbols_of(project).files[document.uri].trees if target.element in tree.nodes
+    )
+    if is_call(target.element):
+        for call in tree.calls:
+            if call.element is not target.element and call.element.get("name") == new_name:
+                raise RenameError(f"another SubTree element of '{tree.id}' has the name '{new_name}' already")
+    return [_Edit(document.uri, attribute.value_start, attribute.value_end, _escaped(new_name))]
+
+
+# --- edits
+
+
+def _escaped(text: str) -> str:
+    """Return *text* as it is written in an attribute with either quotes."""
+    return quoted(text)[1:-1]
+
+
+def _workspace_edit(symbols: ProjectSymbols, edits: Iterable[_Edit]) -> WorkspaceEdit:
+    changes: dict[str, list[TextEdit]] = {}
+    for file, start, end, text in sorted(set(edits)):
+        place = symbols.documents[file].positions.range(start, end)
+        changes.setdefault(file, []).append(TextEdit(place, text))
+    return WorkspaceEdit(changes=changes)
