@@ -15,10 +15,10 @@ from pygls.protocol.language_server import lsp_method
 
 from btcore import __version__
 from btcore.input_files import real_path
-from btcore.language import formatting, lenses, quick_fixes
+from btcore.language import formatting, lenses, navigation, outline, quick_fixes, rename
 from btcore.language.checker import Checker
 from btcore.language.diagnostics import Report
-from btcore.language.project import DocumentKey, Project, Settings
+from btcore.language.project import DocumentKey, Project, Settings, SourceDocument
 
 NAME: Final = "btcore"
 
@@ -138,7 +138,26 @@ def _add_features(server: TreeServer) -> None:
 
     # completion, hover, inlay_hints, semantic_tokens
 
-    # navigation, outline
+    of_place(types.TEXT_DOCUMENT_DEFINITION, navigation.find_definition)
+    of_place(types.TEXT_DOCUMENT_PREPARE_RENAME, rename.prepare_rename)
+    of_document(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL, outline.find_document_symbols)
+    of_document(types.TEXT_DOCUMENT_FOLDING_RANGE, outline.find_folding_ranges)
+
+    def references(project: Project, document: SourceDocument, params: types.ReferenceParams) -> Any:
+        offset = document.positions.offset(params.position)
+        return navigation.find_references(project, document, offset, params.context.include_declaration)
+
+    def renaming(project: Project, document: SourceDocument, params: types.RenameParams) -> Any:
+        return rename.rename_symbol(
+            project, document, document.positions.offset(params.position), params.new_name
+        )
+
+    of_request(types.TEXT_DOCUMENT_REFERENCES, references)
+    of_request(types.TEXT_DOCUMENT_RENAME, renaming, types.RenameOptions(prepare_provider=True))
+
+    @server.feature(types.WORKSPACE_SYMBOL)
+    def workspace_symbols(params: types.WorkspaceSymbolParams) -> list[types.WorkspaceSymbol]:
+        return outline.find_workspace_symbols(project, params.query)
 
     # quick_fixes, formatting, lenses
     kinds = [types.CodeActionKind.QuickFix, types.CodeActionKind.RefactorRewrite]
