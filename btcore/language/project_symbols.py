@@ -17,9 +17,9 @@ from btcore.language.symbols import (
     TreeSymbol,
     node_id,
     read_symbols,
+    written_format,
 )
 from btcore.registry.registry import Registry
-from btcore.xml.read.dialect import parse_format
 from btcore.xml.read.includes import MAX_INCLUDED_FILES
 
 # A memory of results, which follow from the project alone: symbols are read again when a text changes.
@@ -101,7 +101,7 @@ class ProjectSymbols:
         self.files: dict[str, FileSymbols] = {}
         self._groups_of: dict[str, list[list[str]]] = {uri: [] for uri in documents}
         for group in self.groups:
-            format = _format_of(documents[group[-1]])
+            format = written_format(documents[group[-1]].scan)
             for uri in group:
                 self._groups_of[uri].append(group)
                 if uri not in self.files:
@@ -251,13 +251,6 @@ def _post_order(uri: str, includes: dict[str, list[str]]) -> list[str]:
             pending.append((file, True))
             pending += [(target, False) for target in reversed(includes[file])]
     return list(order)
-
-
-def _format_of(document: SourceDocument) -> int:
-    roots = document.scan.roots
-    if not roots or roots[0].tag != "root":
-        return 4
-    return parse_format(roots[0].get("BTCPP_format")) or 4
 
 
 def _tree_names(symbols: FileSymbols) -> Iterator[tuple[ScannedAttribute, bool]]:

@@ -8,11 +8,11 @@ from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, Range, Tex
 from pygls.exceptions import JsonRpcException
 
 from btcore.language.key_links import TreeKey, links_of
-from btcore.language.navigation import NamedFile, NamedKey, NamedNode, NamedTree, named_at, node_span
+from btcore.language.navigation import NamedKey, NamedNode, NamedTree, named_at, node_span
 from btcore.language.project import Project, SourceDocument
 from btcore.language.project_symbols import ProjectSymbols, symbols_of
 from btcore.language.scanner import ScannedAttribute, ScannedElement
-from btcore.language.symbols import KeyForm, KeyUse, is_call, node_id
+from btcore.language.symbols import KeyForm, KeyUse, TreeSymbol, is_call, node_id
 from btcore.names import forbidden_in, is_reserved, port_name_error
 from btcore.script import lexer
 from btcore.xml.models.stand_ins import is_stub
@@ -37,8 +37,9 @@ class RenameError(JsonRpcException):
 
 
 class NodeName(NamedTuple):
-    """The cursor is on the `name` of a node."""
+    """The cursor is on the `name` of a node in a tree."""
 
+    tree: TreeSymbol
     element: ScannedElement
     attribute: ScannedAttribute
 
@@ -107,7 +108,7 @@ def rename_symbol(project: Project, document: SourceDocument, offset: int, new_n
     elif isinstance(target, NamedNode):
         edits = _rename_node(project, target, new_name)
     else:
-        edits = _rename_instance(project, document, target, new_name)
+        edits = _rename_instance(document, target, new_name)
     return _workspace_edit(symbols_of(project), edits)
 
 
@@ -125,17 +126,11 @@ def _target_at(project: Project, document: SourceDocument, offset: int) -> _Targ
         return named
     place = document.scan.element_at(offset)
     element, attribute = place.element, place.attribute
-    if isinstance(named, NamedFile) or element is None or attribute is None:
-        raise RenameError(
-            "trees, blackboard keys, names of nodes, and nodes with a model can be renamed here"
-        )
-    if attribute.name == "name" and attribute.value and place.kind == "value" and _is_in_tree(element):
-        return NodeName(element, attribute)
+    if element is not None and attribute is not None and attribute.name == "name" and place.kind == "value":
+        for tree in symbols_of(project).files[document.uri].trees:
+            if element in tree.nodes:
+                return NodeName(tree, element, attribute)
     raise RenameError("trees, blackboard keys, names of nodes, and nodes with a model can be renamed here")
-
-
-def _is_in_tree(element: ScannedElement) -> bool:
-    return any(around.tag == "BehaviorTree" for around in element.ancestors())
 
 
 def _placeholder(document: SourceDocument, start: int, end: int, name: str) -> PrepareRenamePlaceholder:
@@ -329,17 +324,12 @@ def _rename_node(project: Project, target: NamedNode, new_name: str) -> list[_Ed
     return edits
 
 
-def _rename_instance(
-    project: Project, document: SourceDocument, target: NodeName, new_name: str
-) -> list[_Edit]:
+def _rename_instance(document: SourceDocument, target: NodeName, new_name: str) -> list[_Edit]:
     attribute = target.attribute
-    tree = next(
-        tree for tree in symbols_of(project).files[document.uri].trees if target.element in tree.nodes
-    )
-    if is_call(target.element):
-        for call in tree.calls:
-            if call.element is not target.element and call.element.get("name") == new_name:
-                raise RenameError(f"another SubTree element of '{tree.id}' has the name '{new_name}' already")
+    for call in target.tree.calls if is_call(target.element) else ():
+        if call.element is not target.element and call.element.get("name") == new_name:
+            message = f"another SubTree element of '{target.tree.id}' has the name '{new_name}' already"
+            raise RenameError(message)
     return [_Edit(document.uri, attribute.value_start, attribute.value_end, _escaped(new_name))]
 
 

@@ -18,7 +18,7 @@ from btcore.script import lexer
 from btcore.values import BOOL
 from btcore.xml.lint.scripts import WRITING, AccessKind, find_name_uses
 from btcore.xml.models.tree_nodes_model import PORT_TAGS
-from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
+from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, SCRIPT_ATTRIBUTES, parse_format
 
 _CALL_TAGS: Final = DIALECTS[3].subtree_tags
 _READING: Final = (AccessKind.READS, AccessKind.READS_AS_KEY, AccessKind.UPDATES)
@@ -216,6 +216,12 @@ def node_id(element: ScannedElement) -> str:
 def is_call(element: ScannedElement) -> bool:
     """Return whether *element* calls a tree."""
     return element.tag in _CALL_TAGS
+
+
+def written_format(scan: Scan) -> int:
+    """Return the XML format that the outermost element names; 4 if it is unknown or missing."""
+    root = scan.roots[0] if scan.roots else None
+    return (parse_format(root.get("BTCPP_format")) or 4) if root is not None and root.tag == "root" else 4
 
 
 def read_symbols(file: str, scan: Scan, format: int, registry: Registry) -> FileSymbols:
