@@ -13,6 +13,7 @@ from btcore.language.symbols import (
     CallPort,
     FileSymbols,
     NodeModel,
+    ScriptNames,
     TreeCall,
     TreeSymbol,
     node_id,
@@ -22,6 +23,8 @@ from btcore.language.symbols import (
 from btcore.registry.registry import Registry
 from btcore.xml.read.includes import MAX_INCLUDED_FILES
 
+MAX_KNOWN_SCRIPTS: Final = 100_000
+"""Maximum number of scripts whose names are remembered while documents change."""
 # A memory of results, which follow from the project alone: symbols are read again when a text changes.
 _KNOWN: Final["WeakKeyDictionary[Project, ProjectSymbols]"] = WeakKeyDictionary()
 
@@ -97,6 +100,9 @@ class ProjectSymbols:
     ) -> None:
         self.documents = documents
         self.registry = registry
+        self._scripts: dict[str, ScriptNames] = {}
+        if earlier is not None and earlier.registry is registry and len(earlier._scripts) < MAX_KNOWN_SCRIPTS:
+            self._scripts = earlier._scripts
         self.groups: list[list[str]] = self._find_groups()
         self.files: dict[str, FileSymbols] = {}
         self._groups_of: dict[str, list[list[str]]] = {uri: [] for uri in documents}
@@ -117,7 +123,7 @@ class ProjectSymbols:
             and earlier.documents[document.uri] is document
         ):
             return known
-        return read_symbols(document.uri, document.scan, format, self.registry)
+        return read_symbols(document.uri, document.scan, format, self.registry, self._scripts)
 
     def _find_groups(self) -> list[list[str]]:
         by_path = {document.path: uri for uri, document in self.documents.items()}

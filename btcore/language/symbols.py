@@ -4,7 +4,7 @@ The symbols are read from the scan of the text, so a document that is being edit
 """
 
 import enum
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -224,7 +224,13 @@ def written_format(scan: Scan) -> int:
     return (parse_format(root.get("BTCPP_format")) or 4) if root is not None and root.tag == "root" else 4
 
 
-def read_symbols(file: str, scan: Scan, format: int, registry: Registry) -> FileSymbols:
+ScriptNames = list[tuple[str, int, bool, bool]]
+"""The names in a script: the name, its index in the script, and whether the entry is read and written."""
+
+
+def read_symbols(
+    file: str, scan: Scan, format: int, registry: Registry, scripts: dict[str, ScriptNames] | None = None
+) -> FileSymbols:
     """Return the symbols of one file.
 
     Args:
@@ -232,12 +238,16 @@ def read_symbols(file: str, scan: Scan, format: int, registry: Registry) -> File
         scan: The scan of its text.
         format: The XML format, 3 or 4.
         registry: The known nodes and enums.
+        scripts: The names in known scripts. The names in further scripts are added.
     """
-    return _SymbolReader(file, scan, format, registry).read()
+    return _SymbolReader(file, scan, format, registry, {} if scripts is None else scripts).read()
 
 
 class _SymbolReader:
-    def __init__(self, file: str, scan: Scan, format: int, registry: Registry) -> None:
+    def __init__(
+        self, file: str, scan: Scan, format: int, registry: Registry, scripts: dict[str, ScriptNames]
+    ) -> None:
+        self._known_scripts = scripts
         self._file = file
         self._text = scan.text
         self._format = format
@@ -411,19 +421,32 @@ class _SymbolReader:
             if attribute.name in SCRIPT_ATTRIBUTES and self._format == 4:
                 yield from self._script(element, attribute)
 
-    def _script(self, element: ScannedElement, attribute: ScannedAttribute) -> Iterator[KeyUse]:
+    def _script(self, element: ScannedElement, attribute: ScannedAttribute) -> list[KeyUse]:
         script = attribute.value or ""
-        found = [(use.access, use.name, use.column - 1) for use in find_name_uses(script, self._enums)]
-        if not found:
-            # An invalid script has no uses, but its names can be listed.
-            found = [
-                (AccessKind.MENTIONS, token.text, token.start)
-                for token in lexer.tokenize(script)
-                if token.kind == lexer.NAME and token.text not in self._enums
-            ]
-        for access, name, at in found:
-            reads, writes = access in _READING, access in WRITING
-            yield self._use(element, attribute, name, at, at + len(name), KeyForm.SCRIPT, reads, writes)
+        names = self._known_scripts.get(script)
+        if names is None:
+            names = self._known_scripts[script] = self._names_in(script)
+        if not names:
+            return []
+        offset = self._offsets(attribute)
+        return [
+            KeyUse(
+                self._file, name, offset(at), offset(at + len(name)), KeyForm.SCRIPT, element,
+                reads, writes, attribute.name,
+            )
+            for name, at, reads, writes in names
+        ]  # fmt: skip
+
+    def _names_in(self, script: str) -> ScriptNames:
+        uses = find_name_uses(script, self._enums)
+        if uses:
+            return [(use.name, use.column - 1, use.access in _READING, use.access in WRITING) for use in uses]
+        # An invalid script has no uses, but its names can be listed.
+        return [
+            (token.text, token.start, False, False)
+            for token in lexer.tokenize(script)
+            if token.kind == lexer.NAME and token.text not in self._enums
+        ]
 
     # --- places of keys
 
@@ -464,12 +487,16 @@ class _SymbolReader:
         writes: bool = False,
     ) -> KeyUse:
         """Return the use of *key*, which is written from character *first* to *last* of the value."""
-        if attribute.value_end - attribute.value_start == len(attribute.value or ""):
-            start, end = attribute.value_start + first, attribute.value_start + last
-        else:
-            offsets = value_offsets(self._text, attribute)
-            start, end = offsets[first], offsets[last]
+        offset = self._offsets(attribute)
+        start, end = offset(first), offset(last)
         return KeyUse(self._file, key, start, end, form, element, reads, writes, attribute.name)
+
+    def _offsets(self, attribute: ScannedAttribute) -> Callable[[int], int]:
+        """Return the function from an index in the value to the offset in the text."""
+        start = attribute.value_start
+        if attribute.value_end - start == len(attribute.value or ""):
+            return start.__add__
+        return value_offsets(self._text, attribute).__getitem__
 
 
 def _access(port: Port) -> tuple[bool, bool]:
