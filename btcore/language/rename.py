@@ -85,7 +85,7 @@ def rename_symbol(project: Project, document: SourceDocument, offset: int, new_n
 
     A key is renamed in its tree. SubTree elements that remap the key keep the key on their other side;
     `_autoremap`, shared blackboards and `@` make several trees use one name, so it changes in all of them.
-    What programs do is not visible: keys that a program sets, or that a script computes, stay as they are.
+    The code of programs and leaves is not changed, nor are texts that name a key when the tree runs.
 
     Args:
         project: The project.
@@ -158,7 +158,9 @@ def _check_key(project: Project, keys: list[TreeKey]) -> None:
             )
     for key in renamed:
         if key.key in project.settings.given and links.is_outermost(key):
-            raise RenameError(f"the setting 'given' says that the program sets '{key.key}': rename it there")
+            raise RenameError(
+                f"according to the setting 'given' the program sets '{key.key}': rename it in the program"
+            )
 
 
 def _rename_key(project: Project, target: NamedKey, new_name: str) -> list[_Edit]:

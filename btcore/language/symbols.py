@@ -45,7 +45,7 @@ class KeyForm(enum.Enum):
     DEFAULT = enum.auto()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)  # not frozen: a document has thousands of uses, and creating them takes time
 class KeyUse:
     """One place that names a blackboard key.
 

@@ -197,7 +197,7 @@ def test_names_in_code_are_not_renamed(project: MarkedProject) -> None:
     with pytest.raises(RenameError, match="no <TreeNodesModel> of the project declares the node 'Stop'"):
         prepare_rename(*project.at("missing.xml", "<¦Stop"))
     project.project.configure([project.folder], Settings(given=("ziel", "unbenutzt")))
-    with pytest.raises(RenameError, match="the setting 'given' says that the program sets 'ziel'"):
+    with pytest.raises(RenameError, match="according to the setting 'given' the program sets 'ziel'"):
         prepare_rename(*project.at("main.xml", "meldung := zi¦el"))
     with pytest.raises(RenameError, match="uses the key 'unbenutzt' already"):
         rename_symbol(*project.at("main.xml", "; ¦n :="), "unbenutzt")
@@ -235,6 +235,16 @@ def test_trees_of_other_programs_keep_their_names(project: MarkedProject) -> Non
         rename_symbol(*project.at("anderes/main.xml", '<BehaviorTree ID="¦TürÖffnen"'), "Tür")
     )
     assert sorted(changed) == ["anderes/aufruf.xml", "anderes/main.xml"]
+
+
+def test_two_programs_that_share_a_tree_are_renamed_together(project: MarkedProject) -> None:
+    second = '<root BTCPP_format="4"><include path="räume/türen.xml"/><BehaviorTree ID="Zweiter">'
+    second += '<SubTree ID="TürÖffnen" raum="{x}" zahl="3" tempo="1"/></BehaviorTree></root>'
+    project.write({"zweiter.xml": second})
+    changed = project.apply(rename_symbol(*project.at("main.xml", "ra¦um="), "zimmer"))
+    assert changed["zweiter.xml"] == second.replace("raum", "zimmer")
+    changed = project.apply(rename_symbol(*project.at("zweiter.xml", 'SubTree ID="¦TürÖffnen"'), "Tür"))
+    assert sorted(changed) == ["main.xml", "räume/türen.xml", "zweiter.xml"]
 
 
 # --- recorded trees
