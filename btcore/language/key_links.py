@@ -8,6 +8,9 @@ from btcore.language.project import Project
 from btcore.language.project_symbols import ProjectSymbols, symbols_of
 from btcore.language.symbols import CallPort, KeyForm, KeyUse, TreeCall, TreeSymbol
 
+MAX_LINKS: Final = 300_000
+"""Maximum number of connections between keys, and of places that name them."""
+
 _Item = TypeVar("_Item")
 # A memory of results, which follow from the project alone.
 _KNOWN: Final["WeakKeyDictionary[Project, KeyLinks]"] = WeakKeyDictionary()
@@ -47,6 +50,7 @@ class KeyLinks:
         named: For each place the keys that it names: several, for example, if the SubTree element can call
             several trees with the same ID.
         own_name_remaps: The pairs of an inner and an outer key of which the outer is written as `{=}`.
+        is_complete: Whether there are at most `MAX_LINKS` links and names. All further links are left out.
     """
 
     def __init__(self, symbols: ProjectSymbols) -> None:
@@ -54,6 +58,8 @@ class KeyLinks:
         self.uses: dict[TreeKey, list[KeyUse]] = {}
         self.named: dict[KeyUse, list[TreeKey]] = {}
         self.own_name_remaps: list[tuple[KeyUse, KeyUse]] = []
+        self.is_complete = True
+        self._size = 0
         self._callers: dict[TreeSymbol, list[TreeCall]] = {}
         self._outer: dict[TreeKey, list[_Link]] = {}
         self._inner: dict[TreeKey, list[_Link]] = {}
@@ -80,12 +86,11 @@ class KeyLinks:
     def first_use(self, keys: Iterable[TreeKey]) -> KeyUse | None:
         """Return the first place in the order of the trees that writes the entry of *keys*, else names it."""
         keys = list(keys)
-        wanted = {use for use in self.entry_uses(keys) if use.form is not KeyForm.DEFAULT}
-        writers = {use for use in wanted if use.writes}
+        written = [use for use in self.entry_uses(keys) if use.form is not KeyForm.DEFAULT]
+        candidates = dict.fromkeys([use for use in written if use.writes] or written)
         roots = dict.fromkeys(root for key in keys for root in self._roots_of(key.tree))
-        ordered = self._in_order(roots)
-        first = next((use for use in ordered if use in (writers or wanted)), None)
-        return first if first is not None else next(iter(writers or wanted), None)
+        first = next((use for use in self._in_order(roots) if use in candidates), None)
+        return first if first is not None else next(iter(candidates), None)
 
     def same_name_keys(self, keys: Iterable[TreeKey]) -> list[TreeKey]:
         """Return the keys that must be renamed together with *keys*."""
@@ -112,7 +117,8 @@ class KeyLinks:
             called = self.symbols.trees_called(call.id, tree.file)
             for inner_tree in called:
                 self._callers.setdefault(inner_tree, []).append(call)
-            ports = self._ports[call] = {port.inner.key: port for port in self.symbols.ports_of(call)}
+            # Every call has all ports of the tree's model: a short document could fill the memory.
+            ports = self._ports[call] = self._ports_of(call) if self.is_complete else call.ports
             for port in ports.values():
                 for inner_tree in called:
                     self._name(port.inner, TreeKey(inner_tree, port.inner.key))
@@ -122,6 +128,11 @@ class KeyLinks:
                     self._name(port.outer, TreeKey(tree, port.outer.key))
                     if port.outer.form is KeyForm.OF_PORT:
                         self.own_name_remaps.append((port.inner, port.outer))
+
+    def _ports_of(self, call: TreeCall) -> dict[str, CallPort]:
+        ports = {port.inner.key: port for port in self.symbols.ports_of(call)}
+        self._count(len(ports))
+        return ports
 
     def _add_models(self) -> None:
         for file in self.symbols.files.values():
@@ -136,14 +147,20 @@ class KeyLinks:
         if key not in keys:
             keys.append(key)
             self.uses.setdefault(key, []).append(use)
+            self._count(1)
+
+    def _count(self, more: int) -> None:
+        self._size += more
+        self.is_complete = self._size <= MAX_LINKS
 
     def _link(self) -> None:
         """Link every key, including keys that only an automatic remapping creates."""
         pending = list(self.uses)
         known = set(pending)
-        while pending:
+        while pending and self.is_complete:
             key = pending.pop()
             links = self._outer[key] = list(dict.fromkeys(self._links_outwards(key)))
+            self._count(len(self._callers.get(key.tree, ())) + len(links))
             for link in links:
                 self._inner.setdefault(link.to, []).append(_Link(key, link.same_name))
                 if link.to not in known:

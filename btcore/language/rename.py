@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, Range, TextEdit, WorkspaceEdit
 from pygls.exceptions import JsonRpcException
 
-from btcore.language.key_links import TreeKey, links_of
+from btcore.language.key_links import MAX_LINKS, TreeKey, links_of
 from btcore.language.navigation import NamedKey, NamedNode, NamedTree, named_at, node_span
 from btcore.language.project import Project, SourceDocument
 from btcore.language.project_symbols import ProjectSymbols, symbols_of
@@ -147,6 +147,8 @@ def _range(document: SourceDocument, start: int, end: int) -> Range:
 def _check_key(project: Project, keys: list[TreeKey]) -> None:
     """Raise a RenameError if one of the places that name the key cannot be changed."""
     links = links_of(project)
+    if not links.is_complete:
+        raise RenameError(f"the trees of the project have more than {MAX_LINKS:,} connections of keys")
     renamed = links.same_name_keys(keys)
     for use in links.uses_of(renamed):
         if use.form is KeyForm.DEFAULT:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 import btcore
+from btcore.language.navigation import find_definition
 from btcore.language.node_models import NodeModel, PortModel
 from btcore.language.project import Project, Settings
 from btcore.language.project_symbols import symbols_of
@@ -245,6 +246,17 @@ def test_two_programs_that_share_a_tree_are_renamed_together(project: MarkedProj
     assert changed["zweiter.xml"] == second.replace("raum", "zimmer")
     changed = project.apply(rename_symbol(*project.at("zweiter.xml", 'SubTree ID="¦TürÖffnen"'), "Tür"))
     assert sorted(changed) == ["main.xml", "räume/türen.xml", "zweiter.xml"]
+
+
+def test_huge_number_of_connections_is_bounded(project: MarkedProject) -> None:
+    ports = "".join(f'<input_port name="p{number}" default="{{q{number}}}"/>' for number in range(1000))
+    calls = '<SubTree ID="A"/>' * 400
+    text = f'<BehaviorTree ID="A"><Script code="p1 := 1"/></BehaviorTree><BehaviorTree ID="B">{calls}'
+    models = f'</BehaviorTree><TreeNodesModel><SubTree ID="A">{ports}</SubTree></TreeNodesModel>'
+    project.open("main.xml", f'<root BTCPP_format="4">{text}{models}</root>')
+    assert project.shown(find_definition(*project.at("main.xml", 'name="¦p1"'))) == ["main.xml:1:p1"]
+    with pytest.raises(RenameError, match="more than 300,000 connections"):
+        prepare_rename(*project.at("main.xml", 'name="¦p1"'))
 
 
 # --- recorded trees
