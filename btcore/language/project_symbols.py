@@ -61,7 +61,8 @@ def _with_includes(project: Project) -> dict[str, SourceDocument]:
         for element in _includes(document):
             path = included_path(document, element)
             included = project.file(path) if path is not None and len(documents) < most else None
-            if included is not None and included.uri not in documents:
+            # As in the engine, only documents of trees can be included: the path may be that of any file.
+            if included is not None and included.uri not in documents and "<root" in included.text:
                 documents[included.uri] = included
                 pending.append(included)
     return documents

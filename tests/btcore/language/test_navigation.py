@@ -177,3 +177,12 @@ def test_setting_for_given_keys_has_no_effect_on_definitions(workspace: MarkedPr
     assert workspace.shown(find_definition(*workspace.at("main.xml", '{zi¦el}" zaehler'))) == [
         "main.xml:6:ziel"
     ]
+
+
+def test_included_file_without_trees_is_not_read(workspace: MarkedProject) -> None:
+    (workspace.folder / "secret.txt").write_text("<BehaviorTree ID='Geheim'/>")
+    text = '<root BTCPP_format="4"><include path="secret.txt"/><include path="\0"/><include path="."/>'
+    workspace.open("neu.xml", f'{text}<BehaviorTree ID="A"><SubTree ID="Geheim"/></BehaviorTree></root>')
+    assert find_definition(*workspace.at("neu.xml", 'SubTree ID="¦Geheim"')) == []
+    (found,) = find_definition(*workspace.at("neu.xml", 'path="¦secret.txt"'))
+    assert found.uri == (workspace.folder / "secret.txt").as_uri()
