@@ -4,6 +4,7 @@ Each feature is a module with functions of `(project, document, …)`. Their res
 """
 
 from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, Final
 
@@ -58,6 +59,15 @@ class TreeServerProtocol(LanguageServerProtocol):
     ) -> Generator[Any, Any, None]:
         """Call the handler of the server."""
         yield self.fm.features[types.TEXT_DOCUMENT_DID_CLOSE], (params,), None
+
+    def _send_handler_result(self, future: Future[Any], *, msg_id: int | str) -> None:
+        """Send the result of a request. A refused renaming is an answer, and not a failure of the server."""
+        error = None if future.cancelled() else future.exception()
+        if isinstance(error, rename.RenameError):
+            self._request_futures.pop(msg_id, None)
+            self._send_response(msg_id, error=error.to_response_error())
+        else:
+            super()._send_handler_result(future, msg_id=msg_id)
 
 
 class TreeServer(LanguageServer):

@@ -88,3 +88,4 @@ async def navigate(folder: Path, main: Path, doors: Path) -> None:
             )
         with pytest.raises(JsonRpcException, match="' ' is not allowed"):
             await editor.text_document_rename_async(types.RenameParams(document, at('Türen"'), "Alle Türen"))
+        assert editor.shown == []
