@@ -212,7 +212,9 @@ class Scan:
 
 def _place_in_tag(element: ScannedElement, offset: int) -> Place:
     if offset <= element.tag_end:
-        return Place("tag", element, None, element.parent, element.tag_start, element.tag_end)
+        # White space between the "<" and the name belongs to the place of the name.
+        start = min(offset, element.tag_start)
+        return Place("tag", element, None, element.parent, start, element.tag_end)
     for attribute in element.attributes:
         if offset > attribute.end:
             continue

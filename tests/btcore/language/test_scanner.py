@@ -1,7 +1,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from btcore.language.scanner import Place, Scan, ScannedElement, scan, value_offsets
@@ -145,6 +145,7 @@ PIECES = [
 
 
 @settings(max_examples=150)
+@example("< a")
 @given(st.lists(st.sampled_from(PIECES), max_size=40).map("".join))
 def test_any_text_has_consistent_spans(text: str) -> None:
     found = scan(text)
