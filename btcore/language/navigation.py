@@ -10,9 +10,9 @@ from lsprotocol.types import Location, Position, Range
 from pygls import uris
 
 from btcore.input_files import read_file
-from btcore.language.key_links import TreeKey, links_of
+from btcore.language.key_links import KeyLinks, TreeKey, links_of
 from btcore.language.project import Project, SourceDocument
-from btcore.language.project_symbols import ProjectSymbols, included_path, symbols_of
+from btcore.language.project_symbols import ProjectSymbols, included_path
 from btcore.language.scanner import Place, ScannedElement
 from btcore.language.symbols import KeyForm, KeyUse, NodeModel, is_call, node_id
 from btcore.xml.models.stand_ins import is_stub
@@ -62,10 +62,10 @@ def find_definition(project: Project, document: SourceDocument, offset: int) -> 
         document: The document with the cursor.
         offset: The offset of the cursor.
     """
-    symbols = symbols_of(project)
-    named = named_at(project, document, offset)
+    links = links_of(project)
+    symbols = links.symbols
+    named = named_at(links, document, offset)
     if isinstance(named, NamedKey):
-        links = links_of(project)
         first = links.first_use(named.keys)
         return _locations(symbols, [(first.file, first.start, first.end)]) if first is not None else []
     if isinstance(named, NamedTree):
@@ -92,10 +92,10 @@ def find_references(
         offset: The offset of the cursor.
         include_declaration: Whether to include the definition.
     """
-    symbols = symbols_of(project)
-    named = named_at(project, document, offset)
+    links = links_of(project)
+    symbols = links.symbols
+    named = named_at(links, document, offset)
     if isinstance(named, NamedKey):
-        links = links_of(project)
         declaration = None if include_declaration else links.first_use(named.keys)
         uses = [use for use in links.entry_uses(named.keys) if use.form is not KeyForm.DEFAULT]
         return _locations(symbols, [(use.file, use.start, use.end) for use in uses if use is not declaration])
@@ -117,16 +117,16 @@ def find_references(
 
 
 def named_at(
-    project: Project, document: SourceDocument, offset: int
+    links: KeyLinks, document: SourceDocument, offset: int
 ) -> NamedKey | NamedTree | NamedNode | NamedFile | None:
     """Return what the cursor is on, or None.
 
     Args:
-        project: The project.
+        links: The keys of the project.
         document: The document with the cursor.
         offset: The offset of the cursor.
     """
-    file = symbols_of(project).files.get(document.uri)
+    file = links.symbols.files.get(document.uri)
     if file is None:
         return None
     place = document.scan.element_at(offset)
@@ -134,7 +134,7 @@ def named_at(
         return None
     if place.kind in ("attribute", "value"):
         use = file.key_at(offset)
-        keys = links_of(project).named.get(use, []) if use is not None else []
+        keys = links.named.get(use, []) if use is not None else []
         if use is not None and keys:
             return NamedKey(use, keys)
     return _named_by(document, place, place.element)

@@ -4,13 +4,13 @@ import re
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, Range, TextEdit, WorkspaceEdit
+from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, TextEdit, WorkspaceEdit
 from pygls.exceptions import JsonRpcException
 
-from btcore.language.key_links import MAX_LINKS, TreeKey, links_of
+from btcore.language.key_links import MAX_LINKS, KeyLinks, TreeKey, links_of
 from btcore.language.navigation import NamedKey, NamedNode, NamedTree, named_at, node_span
 from btcore.language.project import Project, SourceDocument
-from btcore.language.project_symbols import ProjectSymbols, symbols_of
+from btcore.language.project_symbols import ProjectSymbols
 from btcore.language.scanner import ScannedAttribute, ScannedElement
 from btcore.language.symbols import KeyForm, KeyUse, TreeSymbol, is_call, node_id
 from btcore.names import forbidden_in, is_reserved, port_name_error
@@ -67,17 +67,19 @@ def prepare_rename(project: Project, document: SourceDocument, offset: int) -> P
     Raises:
         RenameError: There is nothing that can be renamed.
     """
-    target = _target_at(project, document, offset)
+    links = links_of(project)
+    target = _target_at(project, links, document, offset)
     if isinstance(target, NamedKey):
         use = target.use
-        name = use.key.removeprefix("@") if _is_format_4(project, use) else use.key
-        # The "@" of a key is not part of its name.
-        start = use.start if use.form is KeyForm.OF_PORT else use.start + len(use.key) - len(name)
-        return _placeholder(document, start, use.end, name)
-    if isinstance(target, NodeName):
+        name, start, end = _plain_name(links.symbols, use), use.start, use.end
+        if use.form is not KeyForm.OF_PORT:
+            start += len(use.key) - len(name)
+    elif isinstance(target, NodeName):
         attribute = target.attribute
-        return _placeholder(document, attribute.value_start, attribute.value_end, attribute.value or "")
-    return _placeholder(document, target.start, target.end, target.id)
+        name, start, end = attribute.value or "", attribute.value_start, attribute.value_end
+    else:
+        name, start, end = target.id, target.start, target.end
+    return PrepareRenamePlaceholder(range=document.positions.range(start, end), placeholder=name)
 
 
 def rename_symbol(project: Project, document: SourceDocument, offset: int, new_name: str) -> WorkspaceEdit:
@@ -96,64 +98,57 @@ def rename_symbol(project: Project, document: SourceDocument, offset: int, new_n
     Raises:
         RenameError: There is nothing that can be renamed, or the new name is invalid or in use.
     """
-    target = _target_at(project, document, offset)
+    links = links_of(project)
+    target = _target_at(project, links, document, offset)
     if not new_name or len(new_name) > MAX_NAME_LENGTH:
         raise RenameError(f"a name has 1 to {MAX_NAME_LENGTH:,} characters")
     if not new_name.isprintable():
         raise RenameError(f"the name {new_name!r} contains a control character")
     if isinstance(target, NamedKey):
-        edits = _rename_key(project, target, new_name)
+        edits = _rename_key(project, links, target, new_name)
     elif isinstance(target, NamedTree):
-        edits = _rename_tree(project, document, target, new_name)
+        edits = _rename_tree(links.symbols, document, target, new_name)
     elif isinstance(target, NamedNode):
-        edits = _rename_node(project, target, new_name)
+        edits = _rename_node(links.symbols, target, new_name)
     else:
         edits = _rename_instance(document, target, new_name)
-    return _workspace_edit(symbols_of(project), edits)
+    return _workspace_edit(links.symbols, edits)
 
 
-def _target_at(project: Project, document: SourceDocument, offset: int) -> _Target:
-    named = named_at(project, document, offset)
+def _target_at(project: Project, links: KeyLinks, document: SourceDocument, offset: int) -> _Target:
+    named = named_at(links, document, offset)
     if isinstance(named, NamedKey):
-        _check_key(project, named.keys)
+        _check_key(project, links, named.keys)
         return named
     if isinstance(named, NamedTree):
-        if not any(is_definition for *_, is_definition in _tree_places(project, document, named.id)):
+        places = links.symbols.places_of_tree(named.id, document.uri)
+        if not any(is_definition for *_, is_definition in places):
             raise RenameError(f"no file of the project defines the tree '{named.id}'")
         return named
     if isinstance(named, NamedNode):
-        _check_node(project, named)
+        _check_node(project, links.symbols, named)
         return named
     place = document.scan.element_at(offset)
     element, attribute = place.element, place.attribute
     if element is not None and attribute is not None and attribute.name == "name" and place.kind == "value":
-        for tree in symbols_of(project).files[document.uri].trees:
+        for tree in links.symbols.files[document.uri].trees:
             if element in tree.nodes:
                 return NodeName(tree, element, attribute)
     raise RenameError("trees, blackboard keys, names of nodes, and nodes with a model can be renamed here")
 
 
-def _placeholder(document: SourceDocument, start: int, end: int, name: str) -> PrepareRenamePlaceholder:
-    return PrepareRenamePlaceholder(range=_range(document, start, end), placeholder=name)
-
-
-def _range(document: SourceDocument, start: int, end: int) -> Range:
-    return document.positions.range(start, end)
-
-
 # --- keys
 
 
-def _check_key(project: Project, keys: list[TreeKey]) -> None:
+def _check_key(project: Project, links: KeyLinks, keys: list[TreeKey]) -> None:
     """Raise a RenameError if one of the places that name the key cannot be changed."""
-    links = links_of(project)
     if not links.is_complete:
         raise RenameError(f"the trees of the project have more than {MAX_LINKS:,} connections of keys")
     renamed = links.same_name_keys(keys)
     for use in links.uses_of(renamed):
         if use.form is KeyForm.DEFAULT:
             node = node_id(use.element)
-            line = symbols_of(project).documents[use.file].positions.line(use.element.start) + 1
+            line = links.symbols.documents[use.file].positions.line(use.element.start) + 1
             raise RenameError(
                 f"'{use.key}' is the default of the port '{use.port}' of <{node}> in line {line}: "
                 f'write {use.port}="{{{use.key}}}" there first'
@@ -165,14 +160,13 @@ def _check_key(project: Project, keys: list[TreeKey]) -> None:
             )
 
 
-def _rename_key(project: Project, target: NamedKey, new_name: str) -> list[_Edit]:
-    links = links_of(project)
-    symbols = symbols_of(project)
+def _rename_key(project: Project, links: KeyLinks, target: NamedKey, new_name: str) -> list[_Edit]:
+    symbols = links.symbols
     renamed = links.same_name_keys(target.keys)
     uses = links.uses_of(renamed)
     for use in uses:
         _check_new_key(symbols, use, new_name)
-    old = target.use.key.removeprefix("@") if _is_format_4(project, target.use) else target.use.key
+    old = _plain_name(symbols, target.use)
     if old == new_name:
         return []
     for key in renamed:
@@ -198,15 +192,15 @@ def _renamed(symbols: ProjectSymbols, key: TreeKey, new_name: str) -> str:
     return f"@{new_name}" if is_global else new_name
 
 
-def _is_format_4(project: Project, use: KeyUse) -> bool:
-    return symbols_of(project).files[use.file].format == 4
+def _plain_name(symbols: ProjectSymbols, use: KeyUse) -> str:
+    """Return the key without the `@`, which is not part of its name."""
+    return use.key.removeprefix("@") if symbols.files[use.file].format == 4 else use.key
 
 
 def _key_edit(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> _Edit:
-    format = symbols.files[use.file].format
     if use.form is KeyForm.OF_PORT:
         return _Edit(use.file, use.start, use.end, _escaped(f"{{{new_name}}}"))
-    start = use.start + 1 if format == 4 and use.key.startswith("@") else use.start
+    start = use.start + len(use.key) - len(_plain_name(symbols, use))
     text = new_name if use.form is KeyForm.ATTRIBUTE else _escaped(new_name)
     return _Edit(use.file, start, use.end, text)
 
@@ -247,17 +241,12 @@ def _place_of(symbols: ProjectSymbols, use: KeyUse) -> str:
 # --- trees
 
 
-def _tree_places(
-    project: Project, document: SourceDocument, id: str
-) -> list[tuple[str, ScannedAttribute, bool]]:
-    return list(symbols_of(project).places_of_tree(id, document.uri))
-
-
-def _rename_tree(project: Project, document: SourceDocument, target: NamedTree, new_name: str) -> list[_Edit]:
-    symbols = symbols_of(project)
+def _rename_tree(
+    symbols: ProjectSymbols, document: SourceDocument, target: NamedTree, new_name: str
+) -> list[_Edit]:
     if new_name == target.id:
         return []
-    places = _tree_places(project, document, target.id)
+    places = list(symbols.places_of_tree(target.id, document.uri))
     formats = {symbols.files[file].format for file, *_ in places}
     if 4 in formats:
         character = forbidden_in(new_name)
@@ -284,9 +273,8 @@ def _name_of(symbols: ProjectSymbols, file: str) -> str:
 # --- nodes
 
 
-def _check_node(project: Project, named: NamedNode) -> None:
+def _check_node(project: Project, symbols: ProjectSymbols, named: NamedNode) -> None:
     """Raise a RenameError if the node is not declared by a model alone."""
-    symbols = symbols_of(project)
     if named.port:
         raise RenameError(f"the code of <{named.id}> declares its port '{named.port}': rename it there")
     known = project.models.get(named.id)
@@ -299,8 +287,7 @@ def _check_node(project: Project, named: NamedNode) -> None:
         raise RenameError(f"no <TreeNodesModel> of the project declares the node '{named.id}'")
 
 
-def _rename_node(project: Project, target: NamedNode, new_name: str) -> list[_Edit]:
-    symbols = symbols_of(project)
+def _rename_node(symbols: ProjectSymbols, target: NamedNode, new_name: str) -> list[_Edit]:
     if new_name == target.id:
         return []
     character = forbidden_in(new_name)
