@@ -1,6 +1,9 @@
 """The addresses of pages in the documentation."""
 
 from functools import cache
+from typing import Final
+
+_PACKAGES_WITH_NODE_PAGES: Final = ("btcore", "btcore_robot")
 
 
 def documentation_url(page: str) -> str | None:
@@ -15,6 +18,21 @@ def documentation_url(page: str) -> str | None:
     """
     site = _first_page()
     return None if site is None else site + page
+
+
+def node_url(ID: str, distribution: str) -> str | None:
+    """Return the address of a node's page in the documentation.
+
+    Args:
+        ID: The registration ID of the node.
+        distribution: The package that registers the node.
+
+    Returns:
+        The address. None if it is unknown, or if the documentation has no pages for the package's nodes.
+    """
+    if distribution not in _PACKAGES_WITH_NODE_PAGES:
+        return None
+    return documentation_url(f"reference/nodes/{ID}.html")
 
 
 @cache

@@ -12,7 +12,7 @@ from btcore.blackboard.ports import Direction, Port
 from btcore.cli import node_libraries, terminal
 from btcore.cli.completion import complete_node_id
 from btcore.cli.tree_source import format_option
-from btcore.documentation_site import documentation_url
+from btcore.documentation_site import node_url
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.suggestions import join_names, nearest_name
@@ -26,7 +26,6 @@ _ORDER: Final = (
     NodeType.ACTION,
     NodeType.SUBTREE,
 )
-_DOCUMENTED: Final = ("btcore", "btcore_robot")
 _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}
 
 
@@ -76,7 +75,7 @@ def _print(manifests: Sequence[Manifest]) -> None:
         section = sorted((item for item in manifests if item.type is kind), key=lambda item: item.id)
         for number, manifest in enumerate(section):
             name = terminal.node_symbol(manifest.cls.node_symbol, kind)
-            name.append(manifest.id, style=Style(bold=True, link=_url(manifest)))
+            name.append(manifest.id, style=Style(bold=True, link=node_url(manifest.id, manifest.distribution)))
             first_paragraph = manifest.description.strip().split("\n\n")[0]
             about = Text(" ".join(first_paragraph.split()))
             if manifest.ports:
@@ -117,12 +116,5 @@ def _as_data(manifest: Manifest) -> dict[str, object]:
         "description": manifest.description,
         "metadata": manifest.metadata,
         "distribution": manifest.distribution,
-        "url": _url(manifest),
+        "url": node_url(manifest.id, manifest.distribution),
     }
-
-
-def _url(manifest: Manifest) -> str | None:
-    """Return the address of the node's page in the documentation, if there is a page and it is known."""
-    if manifest.distribution not in _DOCUMENTED:
-        return None
-    return documentation_url(f"reference/nodes/{manifest.id}.html")
