@@ -14,9 +14,12 @@ from types import FrameType, ModuleType
 
 import pytest
 
+collect_ignore: list[str] = []
+if importlib.util.find_spec("pygls") is None:
+    collect_ignore.append("btcore/language")
 if importlib.util.find_spec("pybullet") is None:
     # The tests of the simulated robot, and of what it does.
-    collect_ignore = [
+    collect_ignore += [
         "sim",
         "robot_nodes/navigation/mapping/test_exploration.py",
         "robot_nodes/navigation/test_controller_in_the_arena.py",

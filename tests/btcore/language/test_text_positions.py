@@ -2,8 +2,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-pytest.importorskip("lsprotocol")
-
 from lsprotocol.types import Position
 
 from btcore.language.text_positions import TextPositions
