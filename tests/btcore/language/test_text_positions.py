@@ -1,7 +1,5 @@
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from lsprotocol.types import Position
 
 from btcore.language.text_positions import TextPositions
