@@ -83,6 +83,11 @@ class KeyLinks:
         known, from_outside = set(related), set(outermost)
         return [use for use in self.uses_of(related) if self._is_related(use, known, from_outside)]
 
+    def outermost_keys(self, keys: Iterable[TreeKey]) -> list[TreeKey]:
+        """Return the keys under which the outermost calling trees know the entries of *keys*."""
+        around = _reachable(keys, lambda key: (link.to for link in self._outer.get(key, ())))
+        return [key for key in around if not self._outer.get(key)]
+
     def first_use(self, keys: Iterable[TreeKey]) -> KeyUse | None:
         """Return the first place in the order of the trees that writes the entry of *keys*, else names it."""
         keys = list(keys)
