@@ -16,7 +16,18 @@ from pygls.protocol.language_server import lsp_method
 
 from btcore import __version__
 from btcore.input_files import real_path
-from btcore.language import formatting, lenses, navigation, outline, quick_fixes, rename
+from btcore.language import (
+    completion,
+    formatting,
+    hover,
+    inlay_hints,
+    lenses,
+    navigation,
+    outline,
+    quick_fixes,
+    rename,
+    semantic_tokens,
+)
 from btcore.language.checker import Checker
 from btcore.language.diagnostics import Report
 from btcore.language.project import DocumentKey, Project, Settings, SourceDocument
@@ -146,7 +157,25 @@ def _add_features(server: TreeServer) -> None:
 
         server.feature(method, options)(handle)
 
+    def of_range(method: str, feature: Callable[..., Any], options: Any = None) -> None:
+        def handle(params: Any) -> Any:
+            document = project.document(params.text_document.uri)
+            return feature(project, document, params.range) if document is not None else None
+
+        server.feature(method, options)(handle)
+
+    def complete(project: Project, document: SourceDocument, params: types.CompletionParams) -> Any:
+        offset = document.positions.offset(params.position)
+        trigger = params.context.trigger_character if params.context is not None else None
+        return completion.complete(project, document, offset, trigger or "", _supports_snippets(server))
+
     # completion, hover, inlay_hints, semantic_tokens
+    of_request(types.TEXT_DOCUMENT_COMPLETION, complete, types.CompletionOptions(completion.TRIGGERS))
+    of_place(types.TEXT_DOCUMENT_HOVER, hover.hover)
+    of_range(types.TEXT_DOCUMENT_INLAY_HINT, inlay_hints.inlay_hints)
+    legend = semantic_tokens.LEGEND
+    of_document(types.TEXT_DOCUMENT_SEMANTIC_TOKENS_FULL, semantic_tokens.semantic_tokens, legend)
+    of_range(types.TEXT_DOCUMENT_SEMANTIC_TOKENS_RANGE, semantic_tokens.semantic_tokens, legend)
 
     of_place(types.TEXT_DOCUMENT_DEFINITION, navigation.find_definition)
     of_place(types.TEXT_DOCUMENT_PREPARE_RENAME, rename.prepare_rename)
@@ -175,6 +204,13 @@ def _add_features(server: TreeServer) -> None:
     of_request(types.TEXT_DOCUMENT_FORMATTING, formatting.format_document)
     of_request(types.TEXT_DOCUMENT_RANGE_FORMATTING, formatting.format_range)
     of_document(types.TEXT_DOCUMENT_CODE_LENS, lenses.code_lenses)
+
+
+def _supports_snippets(server: TreeServer) -> bool:
+    document = server.client_capabilities.text_document
+    completion = document.completion if document is not None else None
+    item = completion.completion_item if completion is not None else None
+    return item is not None and item.snippet_support is True
 
 
 def _keep_up_to_date(server: TreeServer) -> None:
