@@ -101,7 +101,12 @@ class _Replacement(NamedTuple):
 
 
 def complete(
-    project: Project, document: SourceDocument, offset: int, trigger: str = "", snippets: bool = True
+    project: Project,
+    document: SourceDocument,
+    offset: int,
+    trigger: str = "",
+    snippets: bool = True,
+    markdown: bool = True,
 ) -> types.CompletionList:
     """Return the completion items at the cursor.
 
@@ -111,6 +116,7 @@ def complete(
         offset: The offset of the character after the cursor.
         trigger: The typed character that made the client request completion; "" = the user requested it.
         snippets: Whether the client supports snippets.
+        markdown: Whether the client shows documentation as Markdown.
     """
     found = _Completion(project, document, offset, trigger).find()
     if found is None:
@@ -122,14 +128,19 @@ def complete(
         ranked = [item for item in ranked if typed in (item.filter or item.label).casefold()]
     range = document.positions.range(found.start, found.end)
     items = [
-        _completion_item(item, range, number, snippets) for number, item in enumerate(ranked[:MAX_ITEMS])
+        _completion_item(item, range, number, snippets, markdown)
+        for number, item in enumerate(ranked[:MAX_ITEMS])
     ]
     return types.CompletionList(is_incomplete, items)
 
 
-def _completion_item(item: _Item, range: types.Range, number: int, snippets: bool) -> types.CompletionItem:
+def _completion_item(
+    item: _Item, range: types.Range, number: int, snippets: bool, markdown: bool
+) -> types.CompletionItem:
     is_snippet = bool(item.snippet) and snippets
-    about = types.MarkupContent(types.MarkupKind.Markdown, item.about) if item.about else None
+    about: types.MarkupContent | str | None = item.about or None
+    if about and markdown:
+        about = types.MarkupContent(types.MarkupKind.Markdown, item.about)
     return types.CompletionItem(
         item.label,
         kind=item.kind,

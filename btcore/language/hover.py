@@ -28,13 +28,16 @@ from btcore.xml.read.dialect import EXPLICIT_TAGS
 _MOST_PLACES: Final = 12
 
 
-def hover(project: Project, document: SourceDocument, offset: int) -> types.Hover | None:
+def hover(
+    project: Project, document: SourceDocument, offset: int, markdown: bool = True
+) -> types.Hover | None:
     """Return the description of what the cursor is on, or None.
 
     Args:
         project: The project of the document.
         document: The document.
         offset: The offset of the character after the cursor.
+        markdown: Whether the client shows the description as Markdown, and not as plain text.
     """
     place = document.scan.element_at(offset)
     element = place.element
@@ -50,8 +53,8 @@ def hover(project: Project, document: SourceDocument, offset: int) -> types.Hove
         text = _described(project, document, place, element, offset)
     if not text:
         return None
-    content = types.MarkupContent(types.MarkupKind.Markdown, text)
-    return types.Hover(content, document.positions.range(start, end))
+    kind = types.MarkupKind.Markdown if markdown else types.MarkupKind.PlainText
+    return types.Hover(types.MarkupContent(kind, text), document.positions.range(start, end))
 
 
 def _described(

@@ -167,11 +167,19 @@ def _add_features(server: TreeServer) -> None:
     def complete(project: Project, document: SourceDocument, params: types.CompletionParams) -> Any:
         offset = document.positions.offset(params.position)
         trigger = params.context.trigger_character if params.context is not None else None
-        return completion.complete(project, document, offset, trigger or "", _supports_snippets(server))
+        item = _completion_item_capabilities(server)
+        snippets = item is not None and item.snippet_support is True
+        markdown = item is not None and types.MarkupKind.Markdown in (item.documentation_format or ())
+        return completion.complete(project, document, offset, trigger or "", snippets, markdown)
+
+    def describe(project: Project, document: SourceDocument, offset: int) -> types.Hover | None:
+        capabilities = server.client_capabilities.text_document
+        formats = capabilities.hover.content_format if capabilities and capabilities.hover else None
+        return hover.hover(project, document, offset, types.MarkupKind.Markdown in (formats or ()))
 
     # completion, hover, inlay_hints, semantic_tokens
     of_request(types.TEXT_DOCUMENT_COMPLETION, complete, types.CompletionOptions(completion.TRIGGERS))
-    of_place(types.TEXT_DOCUMENT_HOVER, hover.hover)
+    of_place(types.TEXT_DOCUMENT_HOVER, describe)
     of_range(types.TEXT_DOCUMENT_INLAY_HINT, inlay_hints.inlay_hints)
     legend = semantic_tokens.LEGEND
     of_document(types.TEXT_DOCUMENT_SEMANTIC_TOKENS_FULL, semantic_tokens.semantic_tokens, legend)
@@ -206,11 +214,10 @@ def _add_features(server: TreeServer) -> None:
     of_document(types.TEXT_DOCUMENT_CODE_LENS, lenses.code_lenses)
 
 
-def _supports_snippets(server: TreeServer) -> bool:
+def _completion_item_capabilities(server: TreeServer) -> types.ClientCompletionItemOptions | None:
     document = server.client_capabilities.text_document
     completion = document.completion if document is not None else None
-    item = completion.completion_item if completion is not None else None
-    return item is not None and item.snippet_support is True
+    return completion.completion_item if completion is not None else None
 
 
 def _keep_up_to_date(server: TreeServer) -> None:
