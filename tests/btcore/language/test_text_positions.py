@@ -1,4 +1,4 @@
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lsprotocol.types import Position
 
@@ -34,7 +34,6 @@ def test_place_of_a_diagnostic() -> None:
     assert positions.offset_of_column(9, 1) == 6
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(TEXTS)
 def test_positions_agree_with_the_encoded_text(text: str) -> None:
     positions = TextPositions(text)
