@@ -9,6 +9,7 @@ from typing import Any
 from btcore.blackboard.ports import Direction, Port, PortRole
 from btcore.errors import RegistrationError
 from btcore.registry.manifest import Manifest
+from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import EnumType, ValueType
@@ -165,7 +166,7 @@ def _members(kind: ValueType) -> dict[str, int]:
 
 
 def _port(nodes: Registry, model: PortModel) -> Port:
-    return Port(
+    port = Port(
         model.name,
         Direction(model.direction),
         type_named(nodes, model.type, model.members),
@@ -174,6 +175,9 @@ def _port(nodes: Registry, model: PortModel) -> Port:
         role=PortRole[model.role],
         optional=model.optional,
     )
+    if default_value_error(port):
+        port.value = None  # the default is a Python value, which the text does not determine
+    return port
 
 
 def type_named(nodes: Registry, name: str, members: Mapping[str, int] | Sequence[str] = ()) -> ValueType:

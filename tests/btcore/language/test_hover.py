@@ -4,8 +4,15 @@ from pathlib import Path
 import pytest
 from lsprotocol import types
 
+from btcore.language.entries import entry_facts
 from btcore.language.hover import hover
+from btcore.language.key_links import TreeKey, links_of
+from btcore.language.node_attributes import file_symbols
 from btcore.language.project import Project
+from btcore.language.symbols import KeyUse
+from btcore.xml.lint.data_flow import trace_dataflow
+from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.read.document import parse_file
 from tests.btcore.language.conftest import ROOT, OpenAtCursor
 
 HEAD = '<root BTCPP_format="4"><BehaviorTree ID="Größe🤖">'
@@ -99,3 +106,25 @@ def test_every_tag_and_port_of_a_real_file_is_described(project: Project) -> Non
             if element.tag not in ("root", "BehaviorTree") and attribute.name != "name":
                 assert hover(project, document, attribute.start) is not None, attribute.name
                 assert hover(project, document, attribute.value_start + 1) is not None, attribute.value
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "trees").rglob("*.xml")), ids=lambda path: path.name)
+def test_writers_and_readers_are_those_of_the_analysis(project: Project, path: Path) -> None:
+    """The entries of the scanned text are the entries that the dry run of the tree finds."""
+    document = project.open(path.as_uri(), path.read_text(encoding="utf-8"), 1)
+    analysis = analyse_document(parse_file(path), project.registry)
+    assert not analysis.diagnostics.errors
+    assert analysis.main is not None
+    links = links_of(project)
+    main = next(tree for tree in file_symbols(project, document).trees if tree.id == analysis.main.id)
+
+    def places(uses: list[KeyUse]) -> set[tuple[str, str]]:
+        line = document.positions.line
+        return {(use.port, f"{path}:{line(use.element.start) + 1}") for use in uses}
+
+    for row in trace_dataflow(analysis, project.registry):
+        assert row.scope == "", "each of these trees has a single blackboard"
+        facts = entry_facts(links, [TreeKey(main, row.key)])
+        assert places(facts.writers) == {(access.attribute, access.where) for access in row.writers}
+        assert places(facts.readers) == {(access.attribute, access.where) for access in row.readers}
+        assert row.type in ("", facts.type.name if facts.type is not None else None)

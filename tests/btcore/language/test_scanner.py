@@ -1,9 +1,13 @@
+import gzip
+import json
+from itertools import islice
 from pathlib import Path
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from btcore.errors import XmlSyntaxError
 from btcore.language.scanner import Place, Scan, ScannedElement, scan, value_offsets
 from btcore.xml.read.document import parse_text
 from btcore.xml.read.element import Element
@@ -159,3 +163,19 @@ def test_every_beginning_of_a_file_can_be_scanned() -> None:
     text = (ROOT / "trees" / "patrolling.xml").read_text(encoding="utf-8")
     for end in range(0, len(text), 7):
         check_spans(scan(text[:end]))
+
+
+def test_scan_has_the_elements_of_recorded_documents_with_mistakes() -> None:
+    """Whatever tinyxml2 accepts is scanned as it reads it, also documents that other XML tools reject."""
+    accepted = 0
+    with gzip.open(ROOT / "tests/conformance/data/v4_mutated.jsonl.gz", "rt", encoding="utf-8") as lines:
+        texts = [json.loads(line)["xml"] for line in islice(lines, 0, None, 7)]
+    for text in texts:
+        try:
+            root = parse_text(text).root
+        except XmlSyntaxError:
+            scan(text)
+        else:
+            accepted += 1
+            assert shape(scan(text).roots[0]) == shape(root), text
+    assert accepted > 20
