@@ -75,7 +75,8 @@ def _print(manifests: Sequence[Manifest]) -> None:
         section = sorted((item for item in manifests if item.type is kind), key=lambda item: item.id)
         for number, manifest in enumerate(section):
             name = terminal.node_symbol(manifest.cls.node_symbol, kind)
-            name.append(manifest.id, style=Style(bold=True, link=node_url(manifest.id, manifest.distribution)))
+            url = node_url(manifest.id, manifest.distribution)
+            name.append(manifest.id, style=Style(bold=True, link=url))
             first_paragraph = manifest.description.strip().split("\n\n")[0]
             about = Text(" ".join(first_paragraph.split()))
             if manifest.ports:
