@@ -127,6 +127,8 @@ def complete(
         typed = document.text[found.start : offset].casefold()
         ranked = [item for item in ranked if typed in (item.filter or item.label).casefold()]
     range = document.positions.range(found.start, found.end)
+    if range.start.line != range.end.line:
+        range = document.positions.range(offset, offset)  # a client replaces text in one line only
     items = [
         _completion_item(item, range, number, snippets, markdown)
         for number, item in enumerate(ranked[:MAX_ITEMS])
@@ -418,10 +420,7 @@ class _Completion:
         return self._whole_value(self._port_values(port, name, kind, takes_name))
 
     def _whole_value(self, items: Iterable[_Item]) -> _Replacement:
-        start, end = self.place.start, self.place.end
-        if self.document.positions.line(start) != self.document.positions.line(end):
-            start = end = self.offset  # a client replaces text in one line only
-        return _Replacement(start, end, items)
+        return _Replacement(self.place.start, self.place.end, items)
 
     def _values_outside_of_trees(self, element: ScannedElement, name: str) -> Iterator[_Item]:
         if name == "BTCPP_format":

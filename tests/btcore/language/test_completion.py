@@ -101,6 +101,12 @@ def test_end_tags(items: Completer) -> None:
         assert accepted(HEAD + marked, found["Delay"]) == HEAD + expected
 
 
+def test_only_text_in_the_line_of_the_cursor_is_replaced(items: Completer) -> None:
+    marked = HEAD + "<¦\n  Mo/>"
+    assert accepted(marked, items(marked)["Move"]) == HEAD + "<Move\n  Mo/>"
+    assert "{=}" in items(HEAD + "<Move goal='¦1;\n2'/>")  # the check is in the fixture
+
+
 # --- attributes
 
 
