@@ -510,12 +510,12 @@ class _Completion:
         if tree is None:
             return
         own = keys_of(links, tree)
-        for key, uses in own.items():
-            if any(
-                use.start > self.offset or use.end < self.offset or use.file != self.file.file for use in uses
-            ):
-                # The key is written elsewhere, too, and not only typed at the cursor.
-                yield self._key_item(key, entry_facts(links, [TreeKey(tree, key)]).type, kind)
+        for number, (key, uses) in enumerate(own.items()):
+            # A key that is only being typed at the cursor is no candidate.
+            if any(not use.start <= self.offset <= use.end or use.file != self.file.file for use in uses):
+                is_typed = number < MAX_ITEMS  # the search for types takes time
+                type = entry_facts(links, [TreeKey(tree, key)]).type if is_typed else None
+                yield self._key_item(key, type, kind)
         for key in sorted({key.key for key in links.uses if key.key.startswith("@")} - own.keys()):
             yield self._key_item(key, None, kind)
 

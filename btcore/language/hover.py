@@ -1,6 +1,7 @@
 """Describe what the cursor is on: a node, a port, a tree, or an entry with its writers and readers."""
 
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from posixpath import basename
 from typing import Final
 from urllib.parse import unquote
@@ -26,6 +27,7 @@ from btcore.language.symbols import KeyUse, is_call, node_id
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 
 _MOST_PLACES: Final = 12
+_MOST_PORTS: Final = 60
 
 
 def hover(
@@ -107,7 +109,7 @@ def _tree(project: Project, document: SourceDocument, id: str) -> str:
         nodes = f"{len(tree.nodes):,} node{'s' * (len(tree.nodes) != 1)}"
         lines += [f"**{code(id)}** — tree with {nodes}, {place}", ""]
         for model in symbols.models(id, document.uri, of_subtree=True):
-            for name, port in model.ports.items():
+            for name, port in islice(model.ports.items(), _MOST_PORTS):
                 lines.append(
                     f"- {code(name)}" + (f", default {code(port.text)}" if port.text else ", required")
                 )
