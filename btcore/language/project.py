@@ -18,7 +18,7 @@ from btcore.language.node_models import NodeModel, add_stand_ins
 from btcore.language.scanner import Scan, scan
 from btcore.language.text_positions import TextPositions
 from btcore.registry.registry import Registry
-from btcore.xml.read.document import Document, parse_file
+from btcore.xml.read.document import Document, parse_file, parse_text
 
 MAX_FILES: Final = 2_000
 """Maximum number of XML files of a project that are checked."""
@@ -221,7 +221,9 @@ class Project:
         The documents that it includes are read from open documents, too.
         """
         try:
-            return self.parse_path(document.path) if document.path is not None else None
+            if document.path is None:
+                return parse_text(document.text)
+            return self.parse_path(document.path)
         except TreeError:
             return None
 

@@ -135,6 +135,25 @@ def test_an_include_of_a_missing_file(tmp_path: Path) -> None:
     assert edited.fixes("E007") == {"Include parts/küche.xml": text.replace("kuche", "küche")}
 
 
+def test_an_include_of_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    for name in ("bad.xml", "küche.xml"):
+        (tmp_path / "parts" / name).touch()
+    text = '<root BTCPP_format="4"><include path="parts/"/></root>'
+    fixes = Edited(tmp_path / "main.xml", text).fixes("E007")
+    assert fixes == {
+        f"Include parts/{name}": text.replace("parts/", f"parts/{name}") for name in ("bad.xml", "küche.xml")
+    }
+
+
+def test_an_unused_remapping(tmp_path: Path) -> None:
+    text = MAIN.format('<SubTree ID="Nap" tim="5"/>').replace(
+        "</root>", '<BehaviorTree ID="Nap"><Sleep msec="{time}"/></BehaviorTree></root>'
+    )
+    edited = Edited(tmp_path / "main.xml", text)
+    assert edited.fixes("W204") == {"Change to 'time'": text.replace(' tim="', ' time="')}
+
+
 def test_declaring_a_node_makes_it_a_model(tmp_path: Path) -> None:
     edited = Edited(tmp_path / "tree.xml", MAIN.format('<Greet who="{guest}" times="2"/>'))
     text = edited.fixes("E101")["Declare <Greet> in the <TreeNodesModel>"]
