@@ -31,14 +31,14 @@ class WorkerError(Exception):
     """The worker process ended, or did not answer in time."""
 
 
-class Worker:
+class WorkerProcess:
     """The server's side of the worker process."""
 
     def __init__(self, process: Process) -> None:
         self._process = process
 
     @classmethod
-    async def start(cls) -> "Worker":
+    async def start(cls) -> "WorkerProcess":
         """Start the process. The current folder is not searched for modules."""
         command = [sys.executable, "-P", "-m", "btcore.language.worker"]
         return cls(await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, limit=MAX_ANSWER))
@@ -103,7 +103,7 @@ class Checker:
         self._refresh = refresh
         self._pending: dict[DocumentKey, None] = {}
         self._wake = asyncio.Event()
-        self._worker: Worker | None = None
+        self._worker: WorkerProcess | None = None
         self._sent: dict[Path, str] = {}
         # The reports of each root about each file, and the version of the file that was checked.
         self._found: dict[DocumentKey, dict[DocumentKey, tuple[int | None, list[Report]]]] = {}
@@ -144,6 +144,7 @@ class Checker:
     def reload(self) -> None:
         """Load the node libraries again, and check all documents."""
         self.stop()
+        self._distrusted = False
         self.check_all()
 
     def _roots_of(self, document: SourceDocument) -> list[DocumentKey]:
@@ -183,7 +184,7 @@ class Checker:
                     await self._check(root)
                 except WorkerError as error:
                     self.stop()
-                    self._show(f"{root} cannot be checked: the check {error}.")
+                    self._show_once(f"{root} cannot be checked: the check {error}.")
                 except Exception:
                     _log.exception("the check of %s failed", root)
 
@@ -247,38 +248,42 @@ class Checker:
             self._project.set_reports(file, version, merged)
             self._publish(file, version, merged)
 
+    def _show_once(self, message: str) -> None:
+        """Show a message, unless it was shown before: while a user types, the same failure occurs again."""
+        if message not in self._shown:
+            self._shown.add(message)
+            self._show(message)
+
     # --- the worker
 
-    async def _loaded_worker(self) -> Worker:
+    async def _loaded_worker(self) -> WorkerProcess:
         """Return the worker process. It is started if there is none, or if a source file changed."""
         if self._worker is not None and self._sources != _stamps(self._sources):
-            self.stop()
-            self.check_all()
-            self._distrusted = False
+            self.reload()
         if self._worker is not None:
             return self._worker
         project = self._project
         settings = asdict(project.settings) | {"folders": list(map(str, project.folders))}
         if self._distrusted:
             settings["trusted"] = False
-        self._worker = worker = await Worker.start()
+        self._worker = worker = await WorkerProcess.start()
         self._sent = {}
         try:
             answer = await worker.ask(settings, LOAD_LIMIT_S)
         except WorkerError as error:
+            if self._worker is not worker:
+                return await self._loaded_worker()  # the settings changed meanwhile
             self._worker = None
             if not settings["trusted"]:
                 raise
-            self._show(f"The import of the node libraries {error}. Their source is read instead.")
+            self._show_once(f"The import of the node libraries {error}. Their source is read instead.")
             self._distrusted = True
             return await self._loaded_worker()
         models = [NodeModel.from_data(data) for data in answer["models"]]
         project.set_models(models, answer["enums"], answer["problems"])
         self._sources = _stamps(map(Path, answer["sources"]))
         for problem in project.problems:
-            if problem not in self._shown:
-                self._shown.add(problem)
-                self._show(problem)
+            self._show_once(problem)
         self._refresh()
         return worker
 

@@ -191,12 +191,12 @@ def test_a_library_that_never_ends_is_read_instead(tmp_path: Path, monkeypatch: 
     tree, leaves = tmp_path / "tree.xml", tmp_path / "leaves.py"
     tree.write_text(TREE, encoding="utf-8")
     leaves.write_text(LEAVES + "\nwhile True: pass\n", encoding="utf-8")
-    ask = checker.Worker.ask
+    ask = checker.WorkerProcess.ask
 
-    async def limited(self: checker.Worker, message: Any, limit: float) -> Any:
+    async def limited(self: checker.WorkerProcess, message: Any, limit: float) -> Any:
         return await ask(self, message, 0.2 if message.get("trusted") else limit)
 
-    monkeypatch.setattr(checker.Worker, "ask", limited)
+    monkeypatch.setattr(checker.WorkerProcess, "ask", limited)
 
     async def use() -> None:
         checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
@@ -239,3 +239,21 @@ def test_settings_of_a_wrong_type_are_ignored() -> None:
     for nothing in ([1], {"btcore": 3}, {}, {"other": {}}, None):
         assert Settings.from_client(nothing) is None
     assert Settings.from_client({"trusted": True}) == Settings(trusted=True)
+
+
+def test_settings_that_change_during_an_import(tmp_path: Path) -> None:
+    tree, leaves = tmp_path / "tree.xml", tmp_path / "leaves.py"
+    tree.write_text(TREE, encoding="utf-8")
+    leaves.write_text(LEAVES + "\nwhile True: pass\n", encoding="utf-8")
+
+    async def use() -> None:
+        checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
+        while not (tmp_path / "imported").exists():
+            await asyncio.sleep(0.05)
+        checked.project.configure([tmp_path], Settings())
+        checked.checker.reload()
+        await checked.until(tree, ["E101"])
+        assert checked.shown == []
+        await checked.checker.close()
+
+    asyncio.run(use())
