@@ -15,10 +15,19 @@ def nearest_name(word: str, names: Iterable[str]) -> str | None:
     if word.casefold() in folded:
         return folded[word.casefold()]
     # Imported here, because it is needed for error messages only and would slow down the start.
-    from difflib import get_close_matches
+    from difflib import SequenceMatcher
 
-    matches = get_close_matches(word, known, n=1, cutoff=0.6)
-    return matches[0] if matches else None
+    # As get_close_matches(word, known, n=1), but a name is compared only if it may be the best.
+    matcher = SequenceMatcher(b=word)
+    nearest: str | None = None
+    highest = 0.6
+    for name in known:
+        matcher.set_seq1(name)
+        if matcher.real_quick_ratio() >= highest and matcher.quick_ratio() >= highest:
+            ratio = matcher.ratio()
+            if ratio > highest or (ratio == highest and (nearest is None or name > nearest)):
+                nearest, highest = name, ratio
+    return nearest
 
 
 def did_you_mean(word: str, names: Iterable[str]) -> str:

@@ -41,8 +41,11 @@ class OrderedNode(ControlNode):
         whole = results_in_order(children, cls.continue_on, cls.yields)
         first = whole.in_first_tick
         if cls.remembers:
-            for index in range(1, len(children)):
-                first |= results_in_order(children[index:], cls.continue_on, cls.yields).in_first_tick
+            # The node may start at any child. A start at the last child needs the fewest results to pass.
+            stop = FAILURE if cls.continue_on is SUCCESS else SUCCESS
+            if any(stop in child.in_first_tick for child in children):
+                first |= {stop}
+            first |= results_in_order(children[-1:], cls.continue_on, cls.yields).in_first_tick
         return PossibleResults(first, whole.after_running, whole.may_run)
 
     def prepare(self) -> None:

@@ -83,8 +83,12 @@ class DryRun(TreeInstantiator):
     def entry_homes(self) -> dict[Entry, tuple[Subtree, str]]:
         """Return for each entry the outermost subtree that holds it, and its key there."""
         homes: dict[Entry, tuple[Subtree, str]] = {}
+        # In format 3, subtrees may share a blackboard.
+        outermost: dict[Blackboard, Subtree] = {}
         for subtree in self.subtrees:
-            for key, entry in subtree.blackboard.local_entries().items():
+            outermost.setdefault(subtree.blackboard, subtree)
+        for board, subtree in outermost.items():
+            for key, entry in board.local_entries().items():
                 homes.setdefault(entry, (subtree, key))
         return homes
 

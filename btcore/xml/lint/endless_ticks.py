@@ -27,6 +27,9 @@ class EndlessTickCheck:
         self._reporter = reporter
         # In format 3 a loop repeats within its own tick, so that no other node can halt it.
         self._repeats_at_once = planner.dialect.format == 3
+        # The results of _may_pause and _has_action, because many loops may contain the same nodes.
+        self._pauses: dict[NodePlan, bool] = {}
+        self._acts: dict[NodePlan, bool] = {}
 
     def check(self, roots: Iterable[TreeDefinition]) -> None:
         """Check the trees *roots* and the trees that they call, which must not be recursive."""
@@ -82,6 +85,12 @@ class EndlessTickCheck:
 
     def _may_pause(self, node: NodePlan) -> bool:
         """Return whether *node* may be RUNNING without requesting the next tick at once."""
+        known = self._pauses.get(node)
+        if known is None:
+            known = self._pauses[node] = self._find_pause(node)
+        return known
+
+    def _find_pause(self, node: NodePlan) -> bool:
         if node.call is not None:
             inner = self._called(node)
             root = self._planner.plan(inner).root if inner is not None else None
@@ -94,6 +103,12 @@ class EndlessTickCheck:
 
     def _has_action(self, node: NodePlan) -> bool:
         """Return whether *node* or a node below it is an action, which may change what conditions check."""
+        known = self._acts.get(node)
+        if known is None:
+            known = self._acts[node] = self._find_action(node)
+        return known
+
+    def _find_action(self, node: NodePlan) -> bool:
         if node.call is not None:
             inner = self._called(node)
             root = self._planner.plan(inner).root if inner is not None else None

@@ -44,6 +44,7 @@ def check_value_types(
     """
     if dry_run.format == 4 and not dry_run.has_untracked_access:
         _check_untyped_entries(dry_run, is_main, given, reporter)
+    scripts: dict[str, dict[int, Assignment]] = {}
     for entry, uses in dry_run.uses.items():
         for use in uses:
             if use.access is AccessKind.WRITES and use.port is not None:
@@ -51,7 +52,10 @@ def check_value_types(
             elif use.access is AccessKind.READS and use.port is not None:
                 _check_base_class(dry_run, entry, use, use.port, reporter)
             elif use.access in WRITING and use.within:
-                _check_script(dry_run, entry, use, enums, reporter)
+                text = str(use.node.element.get(use.attribute) or "")
+                if text not in scripts:
+                    scripts[text] = _assignments_of(text, enums)
+                _check_script(dry_run, entry, use, scripts[text].get(use.within), enums, reporter)
         _check_constant(uses, entry, reporter)
 
 
@@ -200,41 +204,50 @@ def _warn_untyped(use: EntryUse, creator: EntryUse, reporter: LintReporter) -> N
     reporter.warn(TEXT_FOR_UNTYPED_ENTRY, message, use.document, use.node, use.attribute, hint)
 
 
-def _check_script(
-    dry_run: DryRun, entry: Entry, use: EntryUse, enums: dict[str, int], reporter: LintReporter
-) -> None:
-    """Warn if a constant that a script assigns doesn't convert to the type of the entry."""
-    if not entry.declared.strong or entry.value is not None:
-        return
-    text = str(use.node.element.get(use.attribute) or "")
+def _assignments_of(text: str, enums: dict[str, int]) -> dict[int, Assignment]:
+    """Return the statements of a script that assign to names, by the columns of the names."""
     try:
         statements = parse_statements(text, enums)
     except ScriptError:
+        return {}
+    return {
+        statement.target.column: statement
+        for statement in statements
+        if isinstance(statement, Assignment) and isinstance(statement.target, Name)
+    }
+
+
+def _check_script(
+    dry_run: DryRun,
+    entry: Entry,
+    use: EntryUse,
+    assignment: Assignment | None,
+    enums: dict[str, int],
+    reporter: LintReporter,
+) -> None:
+    """Warn if *assignment*, a statement of a script, assigns a constant that the entry's type refuses."""
+    if not entry.declared.strong or entry.value is not None or assignment is None:
         return
-    for statement in statements:
-        if not isinstance(statement, Assignment) or not isinstance(statement.target, Name):
-            continue
-        if statement.target.column != use.within:
-            continue
-        if statement.operator in (":=", "=") and is_constant(statement.value, enums):
-            # The dry run's blackboard converts the value; the entry is emptied again below.
-            try:
-                statement.evaluate(use.scope)
-            except BtcoreError as error:
-                message = f"the script in '{use.attribute}' of {node_label(use.node)} always raises: "
-                message += error.message if isinstance(error, ScriptError) else str(error)
-                declaration = dry_run.declared_by(entry)
-                hint = (
-                    f"'{use.key}' has the type {entry.declared.name}, declared by {declaration}"
-                    if declaration
-                    else ""
-                )
-                reporter.warn(
-                    REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint,
-                    within=use.within, width=len(use.key),
-                )  # fmt: skip
-            finally:
-                entry.value = None
+    if assignment.operator not in (":=", "=") or not is_constant(assignment.value, enums):
+        return
+    # The dry run's blackboard converts the value; the entry is emptied again below.
+    try:
+        assignment.evaluate(use.scope)
+    except BtcoreError as error:
+        message = f"the script in '{use.attribute}' of {node_label(use.node)} always raises: "
+        message += error.message if isinstance(error, ScriptError) else str(error)
+        declaration = dry_run.declared_by(entry)
+        hint = (
+            f"'{use.key}' has the type {entry.declared.name}, declared by {declaration}"
+            if declaration
+            else ""
+        )
+        reporter.warn(
+            REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint,
+            within=use.within, width=len(use.key),
+        )  # fmt: skip
+    finally:
+        entry.value = None
 
 
 def _check_constant(uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> None:

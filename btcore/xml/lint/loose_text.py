@@ -26,19 +26,18 @@ def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> No
 
 def _iter_loose_text(text: str) -> Iterator[tuple[int, str]]:
     """Yield the offset and the text of each text between elements."""
-    # Comments and the like become spaces of the same length, so that offsets stay valid.
-    tags_only = _OPAQUE.sub(lambda match: " " * len(match[0]), text)
     open_tags: list[str] = []
-    for at, tag in iter_markup(tags_only):
-        end = tag.end() if tag is not None else tags_only.find(">", at) + 1
+    end = 0
+    for at, tag in iter_markup(text):
+        # Text inside a TreeNodesModel is a description.
+        if open_tags == ["root"] or open_tags[1:2] == ["BehaviorTree"]:
+            # Comments and the like become spaces of the same length, so that offsets stay valid.
+            between = _OPAQUE.sub(lambda match: " " * len(match[0]), text[end:at])
+            if between.strip():
+                yield end + len(between) - len(between.lstrip()), " ".join(between.split())
+        end = tag.end() if tag is not None else text.find(">", at) + 1
         if tag is None:
-            if open_tags and tags_only.startswith("</", at):
+            if open_tags and text.startswith("</", at):
                 open_tags.pop()
         elif not tag[0].endswith("/>"):
             open_tags.append(tag[1])
-        # Text inside a TreeNodesModel is a description.
-        if open_tags == ["root"] or open_tags[1:2] == ["BehaviorTree"]:
-            following = tags_only.find("<", end)
-            between = tags_only[end:following]
-            if between.strip():
-                yield end + len(between) - len(between.lstrip()), " ".join(between.split())

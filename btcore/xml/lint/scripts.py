@@ -1,7 +1,7 @@
 """Analyse scripts: the entries that they use, scripts that always raise (W207), misused conditions (W208)."""
 
 import enum
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
@@ -120,17 +120,14 @@ def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:
     )
 
 
-def find_certain_error(text: str, enums: Mapping[str, int]) -> ScriptError | None:
+def find_certain_error(statements: Sequence[Expression], enums: Mapping[str, int]) -> ScriptError | None:
     """Return the error that every run of a script raises, or None if no error is certain.
 
     Args:
-        text: The script.
+        statements: The script.
         enums: Values of the registered enum names.
-
-    Raises:
-        ScriptError: *text* is not a valid script.
     """
-    for statement in parse_statements(text, enums):
+    for statement in statements:
         for part in iter_subexpressions(statement):
             if isinstance(part, Assignment) and not isinstance(part.target, Name):
                 return part.fault(f"the left side of '{part.operator}' is not the name of an entry")
@@ -159,17 +156,17 @@ def check_script_results(
             message = f"the script in '{attribute}' of {node_label(node)} always raises: it is empty"
             reporter.warn(SCRIPT_RAISES, message, document, node, attribute)
         try:
-            error = find_certain_error(text, enums)
-            last = parse_statements(text, enums)[-1]
+            statements = parse_statements(text, enums)
         except ScriptError:
             continue  # check_scripts has reported it
+        error = find_certain_error(statements, enums)
         if error is not None:
             message = f"the script in '{attribute}' of {node_label(node)} always raises: {error.message}"
             reporter.warn(
                 SCRIPT_RAISES, message, document, node, attribute, within=error.column, width=error.width
             )
         elif is_condition:
-            _check_condition(node, attribute, last, enums, document, reporter)
+            _check_condition(node, attribute, statements[-1], enums, document, reporter)
 
 
 def _check_condition(

@@ -12,6 +12,7 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
+from btcore.tree.tree import MAX_NODES
 from btcore.xml.lint.children import check_child_count, check_reachable_children
 from btcore.xml.lint.dry_run import DryRun
 from btcore.xml.lint.endless_ticks import EndlessTickCheck
@@ -29,15 +30,15 @@ from btcore.xml.lint.scripts import check_script_results
 from btcore.xml.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
 from btcore.xml.lint.unwritten_keys import check_keys
 from btcore.xml.models.tree_nodes_model import subtree_models
+from btcore.xml.plan.call_graph import CallGraph
 from btcore.xml.plan.document_checks import (
     DocumentAnalysis,
     analyse_document,
     check_scripts,
-    check_size,
     nodes_of,
     reachable_plans,
 )
-from btcore.xml.plan.plan import TreePlanner, topological_order
+from btcore.xml.plan.plan import TreePlanner
 from btcore.xml.plan.tree_definitions import TreeDefinition
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.document import Document
@@ -48,6 +49,9 @@ _HARMLESS: Final = frozenset({AMBIGUOUS_MAIN_TREE, FIRST_TICK_REFUSED})
 _HARMLESS_IN_FORMAT_3: Final = _HARMLESS | {INCONVERTIBLE_TEXT}
 # With these errors, following SubTree calls might not terminate in reasonable time.
 _UNBOUNDED: Final = frozenset({RECURSIVE_TREES, TOO_LARGE})
+
+MAX_REPEATED_NODES: Final = MAX_NODES
+"""The maximum number of nodes that are dry-run again, because several uncalled trees call the same trees."""
 
 
 def validate_document(
@@ -65,6 +69,10 @@ def validate_document(
     prevent loading. Every tree in the document is checked, called or not, including its scripts. A document
     with several trees and no main tree is a library, which is valid.
 
+    The time is proportional to the size of the document and of the main tree with all its subtrees. If many
+    uncalled trees call the same trees, keys and types of entries are checked only in the first uncalled
+    trees, until MAX_REPEATED_NODES is reached.
+
     Args:
         document: The parsed document.
         nodes: The registered nodes.
@@ -74,19 +82,20 @@ def validate_document(
     """
     analysis = analyse_document(document, nodes, tree, format)
     planner, main, diagnostics = analysis
+    calls = CallGraph(planner, diagnostics)
     used_plans = reachable_plans(planner, main) if main is not None else []
     used = {plan.definition.id for plan in used_plans}
     checked = set(used)
     for definition in planner.definitions.by_id.values():
         if definition.id not in checked:
-            topological_order(planner, definition, diagnostics)
-            checked |= {plan.definition.id for plan in reachable_plans(planner, definition)}
+            calls.is_recursive(definition)
+            checked |= {plan.definition.id for plan in reachable_plans(planner, definition, checked)}
         check_scripts(planner.plan(definition), nodes, diagnostics)
     names_main = document.root.get("main_tree_to_execute") is not None
     if tree is None and planner.definitions.all and not names_main:
         # The document is a library: no main tree is needed.
         diagnostics.errors = [error for error in diagnostics.errors if error.code != AMBIGUOUS_MAIN_TREE]
-    roots = [root for root in _roots(analysis, used) if _is_bounded(planner, root, diagnostics)]
+    roots = [root for root in _roots(analysis, used) if _is_bounded(calls, root)]
     models = subtree_models(planner.definitions.documents, planner.dialect, DiagnosticCollector())
     reporter = LintReporter(diagnostics)
     results = _check_nodes(planner, nodes.types.enums, models, reporter)
@@ -97,7 +106,13 @@ def validate_document(
         check_unused_trees(planner, main, used, reporter)
     harmless = _HARMLESS_IN_FORMAT_3 if planner.dialect.format == 3 else _HARMLESS
     if all(error.code in harmless for error in diagnostics.errors):
+        trees = planner.definitions.by_id.values()
+        room = MAX_REPEATED_NODES + sum(planner.plan(tree).size for tree in trees)
         for root in roots:
+            if root is not main:
+                room -= calls.size_of(root)
+                if room < 0:
+                    break
             dry_run = DryRun(planner, root, nodes)
             for error in dry_run.run().errors:
                 diagnostics.add(error)
@@ -140,11 +155,6 @@ def _roots(analysis: DocumentAnalysis, used: Collection[str]) -> list[TreeDefini
     return [*([main] if main is not None else []), *(tree for tree in others if tree.id not in called)]
 
 
-def _is_bounded(planner: TreePlanner, root: TreeDefinition, diagnostics: DiagnosticCollector) -> bool:
-    """Return whether the tree is neither recursive nor too large; otherwise add an error to *diagnostics*."""
-    order = topological_order(planner, root, diagnostics)
-    if order is None:
-        return False
-    before = len(diagnostics.errors)
-    check_size(order, root, diagnostics)
-    return len(diagnostics.errors) == before
+def _is_bounded(calls: CallGraph, root: TreeDefinition) -> bool:
+    """Return whether the tree is neither recursive nor too large; otherwise add an error."""
+    return not calls.is_recursive(root) and calls.check_size(root)

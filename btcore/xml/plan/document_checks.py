@@ -1,28 +1,24 @@
 """Check a document and everything that it includes, before any node is created."""
 
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 from btcore.blackboard.ports import SCRIPT_ROLES, PortRole
-from btcore.diagnostic_codes import SCRIPT_SYNTAX, TOO_LARGE
+from btcore.diagnostic_codes import SCRIPT_SYNTAX
 from btcore.errors import Diagnostic, ScriptError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
-from btcore.tree.tree import MAX_NODES
 from btcore.xml.models.tree_nodes_model import subtree_models
+from btcore.xml.plan.call_graph import CallGraph
 from btcore.xml.plan.palette import NodePalette
-from btcore.xml.plan.plan import NodePlan, TreePlan, TreePlanner, topological_order
+from btcore.xml.plan.plan import NodePlan, TreePlan, TreePlanner
 from btcore.xml.plan.structure_checks import StructureChecker
 from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions, select_dialect
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import PRECONDITION_ATTRIBUTES
 from btcore.xml.read.document import Document
 from btcore.xml.read.includes import PackageResolver, resolve_includes
-
-MAX_DEPTH = 10_000
-"""The maximum number of levels of a tree. Ticking needs a few hundred bytes of the C stack for each level."""
 
 
 class DocumentAnalysis(NamedTuple):
@@ -79,9 +75,9 @@ def analyse_document(
     )
     if main is None:
         return DocumentAnalysis(planner, None, diagnostics)
-    order = topological_order(planner, main, diagnostics)
-    if order is not None:
-        check_size(order, main, diagnostics)
+    calls = CallGraph(planner, diagnostics)
+    if not calls.is_recursive(main):
+        calls.check_size(main)
     if diagnostics.errors:
         # Without errors, the scripts are compiled when the nodes are created. After an error no node is
         # created, so the scripts are checked here.
@@ -90,18 +86,21 @@ def analyse_document(
     return DocumentAnalysis(planner, main, diagnostics)
 
 
-def reachable_plans(planner: TreePlanner, main: TreeDefinition) -> list[TreePlan]:
+def reachable_plans(
+    planner: TreePlanner, main: TreeDefinition, known: Collection[str] = ()
+) -> list[TreePlan]:
     """Return the plans of *main* and of every tree that it calls, directly or indirectly, each once.
 
     Args:
         planner: Plans the trees.
         main: The tree to start with.
+        known: IDs of trees that are left out, with the trees that they call.
     """
     plans: dict[str, TreePlan] = {}
     pending = [main.id]
     while pending:
         id = pending.pop()
-        if id in plans or id not in planner.definitions.by_id:
+        if id in plans or id in known or id not in planner.definitions.by_id:
             continue
         plans[id] = plan = planner.plan(planner.definitions.by_id[id])
         pending += [call.tree for call in reversed(plan.calls)]
@@ -117,37 +116,6 @@ def nodes_of(plan: TreePlan) -> list[NodePlan]:
         nodes.append(node)
         pending += reversed(node.children)
     return nodes
-
-
-def check_size(plans: list[TreePlan], main: TreeDefinition, diagnostics: DiagnosticCollector) -> None:
-    """Add an error if a tree with all its subtrees has too many nodes or levels.
-
-    Without an error, increase Python's recursion limit if the tree needs it.
-
-    Args:
-        plans: The plans of *main* and its subtrees; each tree comes before the trees that call it.
-        main: The tree to check.
-        diagnostics: Collects the error.
-    """
-    sizes: dict[str, int] = {}
-    depths: dict[str, int] = {}
-    for plan in plans:
-        called = [call.tree for call in plan.calls]
-        size = plan.size + sum(sizes.get(tree, 0) for tree in called)
-        sizes[plan.definition.id] = min(MAX_NODES + 1, size)
-        deepest = max((depths.get(tree, 0) for tree in called), default=0)
-        depths[plan.definition.id] = plan.depth + deepest
-    message, hint = "", ""
-    if sizes[main.id] > MAX_NODES:
-        message = f"with all its subtrees the tree has more than {MAX_NODES:,} nodes"
-        hint = "nodes are numbered with 16 bits; look for trees that call other trees several times"
-    elif depths[main.id] > MAX_DEPTH:
-        message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
-    else:
-        # Nodes are created and ticked recursively, with at most six Python calls per level.
-        sys.setrecursionlimit(max(sys.getrecursionlimit(), 6 * depths[main.id] + 1000))
-        return
-    diagnostics.add(main.document.diagnostic(TOO_LARGE, message, main.element, "ID", hint=hint))
 
 
 def scripts_of(node: NodePlan) -> Iterator[tuple[str, str, bool]]:

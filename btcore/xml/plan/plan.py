@@ -9,7 +9,6 @@ from btcore.diagnostic_codes import (
     INCONVERTIBLE_TEXT,
     MISSING_SUBTREE_PORT,
     NOT_A_BOOLEAN,
-    RECURSIVE_TREES,
     UNEXPECTED_ID,
     UNKNOWN_PORT,
     UNKNOWN_TREE,
@@ -34,7 +33,6 @@ from btcore.xml.read.element import Element, ElementPart
 
 _DEPTH_OF = attrgetter("depth")
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
-_MAX_SHOWN_CYCLE = 20
 
 
 class SubtreeCall:
@@ -419,47 +417,3 @@ class TreePlanner:
             message = f"{key} must be 'true' or 'false', not '{text}'"
             self._error(NOT_A_BOOLEAN, message, plan.element, key)
             return False
-
-
-def topological_order(
-    planner: TreePlanner, main: TreeDefinition, diagnostics: DiagnosticCollector
-) -> list[TreePlan] | None:
-    """Return the plans of *main* and its subtrees; each tree comes before the trees that call it.
-
-    Args:
-        planner: Plans the trees.
-        main: The tree to start with.
-        diagnostics: Collects an error for every call that closes a cycle.
-
-    Returns:
-        The plans, or None if trees call each other recursively.
-    """
-    order: dict[str, TreePlan] = {}
-    is_recursive = False
-    path: dict[str, None] = {}
-    pending: list[tuple[str, bool]] = [(main.id, False)]
-    while pending:
-        id, leaving = pending.pop()
-        if leaving:
-            del path[id]
-            order[id] = planner.plan(planner.definitions.by_id[id])
-            continue
-        if id in order:
-            continue
-        path[id] = None
-        pending.append((id, True))
-        plan = planner.plan(planner.definitions.by_id[id])
-        for call in plan.calls:
-            if call.tree in path:
-                is_recursive = True
-                chain = [*path, call.tree]
-                cycle = chain[chain.index(call.tree) :]
-                if len(cycle) > _MAX_SHOWN_CYCLE:
-                    cycle[_MAX_SHOWN_CYCLE // 2 : -_MAX_SHOWN_CYCLE // 2] = ["…"]
-                message = f"the trees call each other recursively: {' → '.join(cycle)}"
-                document = plan.definition.document
-                hint = "a tree can't contain itself"
-                diagnostics.add(document.diagnostic(RECURSIVE_TREES, message, call.element, "ID", hint=hint))
-            elif call.tree in planner.definitions.by_id and call.tree not in order:
-                pending.append((call.tree, False))
-    return None if is_recursive else list(order.values())

@@ -73,14 +73,16 @@ def span_at(text: str, offset: int, width: int = 1) -> SourceSpan:
     return LineIndex(text).span(offset, width)
 
 
-def _character(text: str, start: int, end: int, number: int) -> int:
-    """Return the offset of character *number* (from 1) of the escaped value from *start* to *end*."""
+def _character_offsets(text: str, start: int, end: int) -> list[int]:
+    """Return the offset of each character of the escaped value from *start* to *end*."""
+    offsets: list[int] = []
     at = start
     # A reference such as &amp;, and a line break of two characters, is one character of the value.
-    for _ in range(number - 1):
-        reference = WRITTEN_CHARACTER.match(text, at, end)
-        at = reference.end() if reference is not None else at + 1
-    return min(at, max(start, end - 1))
+    for reference in WRITTEN_CHARACTER.finditer(text, start, end):
+        offsets += range(at, reference.start() + 1)
+        at = reference.end()
+    offsets += range(at, end)
+    return offsets
 
 
 class SourceMap:
@@ -98,6 +100,8 @@ class SourceMap:
         self._index = {element: index for index, element in enumerate(self._elements)}
         # The attributes of each tag that was looked up.
         self._attributes: dict[int, dict[str, re.Match[str]]] = {}
+        # The offsets of the characters of values, by the start of the value.
+        self._characters: dict[int, list[int]] = {}
 
     def index(self, element: Element) -> int:
         """Return the index of *element* in document order, from 0."""
@@ -139,11 +143,18 @@ class SourceMap:
         if match is not None:
             start, end = value_span(match) if part == "value" else match.span(1)
             if within and part == "value":
-                start = _character(self._text, start, end, within)
+                start = self._character(start, end, within)
                 end = start + 1
             elif start == end:  # an empty value: show its quotes
                 start, end = start - 1, end + 1
         return self._line_index.span(start, end - start)
+
+    def _character(self, start: int, end: int, number: int) -> int:
+        """Return the offset of character *number* (from 1) of the escaped value from *start* to *end*."""
+        offsets = self._characters.get(start)
+        if offsets is None:
+            offsets = self._characters[start] = _character_offsets(self._text, start, end)
+        return offsets[number - 1] if number <= len(offsets) else max(start, end - 1)
 
     def _find(self, index: int, attribute: str) -> re.Match[str] | None:
         if index not in self._attributes:
