@@ -22,7 +22,7 @@ ENGINE := $(shell find btcore trees benchmarks -name '*.py' -o -name '*.xml') py
 # The pages of the documentation are tested on the pure build only.
 ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs/test_docstring_examples.py tests/fuzz \
 	tests/regressions/btcore
-ENGINE_BENCHMARKS := startup ticking features observers load growth publishing batch
+ENGINE_BENCHMARKS := startup ticking features observers load editing growth publishing batch
 # PyPI has wheels of ROS 2 for this platform only.
 ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))
 MESSAGES := $(shell find ros2/btcore_ros2/message_packages -type f -not -name '*.pyc')

@@ -1,12 +1,16 @@
 """The declarations of the built-in node classes."""
 
+from itertools import product
+
 import pytest
 
 from btcore import DecoratorNode, Status, TreeNode
+from btcore.engine.control import results_in_order
 from btcore.nodes.builtin_nodes import BUILTIN_NODES, node_classes
+from btcore.nodes.format3 import SequenceStar
 from btcore.nodes.result_decorators import ForceSuccess, Inverter
-from btcore.nodes.sequences_and_fallbacks import Fallback
-from btcore.status import UNKNOWN_RESULTS
+from btcore.nodes.sequences_and_fallbacks import Fallback, OrderedNode, SequenceWithMemory
+from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
 from btcore.xml.lint.possible_results import behaviour_of
 
 
@@ -45,3 +49,14 @@ def test_declared_results_do_not_apply_to_user_subclasses() -> None:
     assert behaviour_of(Declared) is Declared
     assert behaviour_of(Fallback).possible_results([UNKNOWN_RESULTS], {}).may_run
     assert behaviour_of(Inverter) is Inverter
+
+
+@pytest.mark.parametrize("cls", [SequenceWithMemory, SequenceStar], ids=lambda cls: cls.__name__)
+def test_results_of_a_sequence_with_memory_are_those_of_a_start_at_any_child(cls: type[OrderedNode]) -> None:
+    sets = [frozenset({SUCCESS}), frozenset({FAILURE}), frozenset({SKIPPED, SUCCESS}), frozenset({SKIPPED})]
+    kinds = [PossibleResults(*both) for both in product(sets, sets)]
+    for children in map(list, product(kinds, repeat=3)):
+        starts = [results_in_order(children[first:], SUCCESS, cls.yields) for first in range(3)]
+        found = cls.possible_results(children, {})
+        assert found.in_first_tick == frozenset().union(*(start.in_first_tick for start in starts))
+        assert found[1:] == starts[0][1:]

@@ -181,6 +181,11 @@ def test_comments_and_model_descriptions_are_not_reported_as_text(check: Check) 
     assert check("<Drive _skipIf=\"1 &gt; 2 &amp;&amp; 'a>b' == 'c'\"/>", more) == ""
 
 
+def test_the_start_of_a_comment_in_a_value_hides_no_text(check: Check) -> None:
+    found = check('<Sequence>\n  <Say text="a <!-- b"/>\n  stray <!-- c --><Drive/></Sequence>')
+    assert "t.xml:5:3: W108 the text 'stray' between the elements" in found
+
+
 # --- W106: asynchronous children of reactive nodes
 
 
