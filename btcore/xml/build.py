@@ -37,17 +37,20 @@ from btcore.xml.read.includes import PackageResolver
 
 
 @contextmanager
-def pause_gc() -> Iterator[None]:
-    """Disable Python's cyclic garbage collector while a tree is loaded.
+def pause_gc(keeps: bool = True) -> Iterator[None]:
+    """Disable Python's cyclic garbage collector while a tree is loaded or checked.
 
     The collector would scan the growing tree again and again, although no part of it is garbage.
+
+    Args:
+        keeps: Whether the new objects are kept afterwards. False if nearly all of them are freed.
     """
     was_enabled = gc.isenabled()
     gc.disable()
     # A new tree goes to the oldest generation at once: scanning it on its way there takes a fifth of the
     # time of loading. Only freeze() moves objects there, and it moves all young objects of the process;
     # therefore the other young objects are collected first. An application's frozen objects stay frozen.
-    moves = was_enabled and not gc.get_freeze_count()
+    moves = keeps and was_enabled and not gc.get_freeze_count()
     if moves:
         gc.collect(1)
     try:

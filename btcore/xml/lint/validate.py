@@ -13,6 +13,7 @@ from btcore.diagnostic_codes import (
 from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
 from btcore.tree.tree import MAX_NODES
+from btcore.xml.build import pause_gc
 from btcore.xml.lint.children import check_child_count, check_reachable_children
 from btcore.xml.lint.dry_run import DryRun
 from btcore.xml.lint.endless_ticks import EndlessTickCheck
@@ -54,6 +55,7 @@ MAX_REPEATED_NODES: Final = MAX_NODES
 """The maximum number of nodes that are dry-run again, because several uncalled trees call the same trees."""
 
 
+@pause_gc(keeps=False)
 def validate_document(
     document: Document,
     *,
