@@ -31,7 +31,9 @@ DATA = ("benchmarks", "trees")
 
 # Modules that run once, or only produce output for people, are not compiled. Neither is any __init__.py, nor
 # btcore/builds.py, which selects the build.
-COLD_FOLDERS = {"cli", "language", "loading", "logs", "proof", "registry", "sweep", "testing", "xml"}
+COLD_FOLDERS = {
+    "agents", "cli", "language", "loading", "logs", "preview", "proof", "registry", "sweep", "testing", "xml",
+}  # fmt: skip
 COLD_FILES = {
     "__init__.py",
     "btcore/__main__.py",

@@ -11,6 +11,8 @@ from typing import NoReturn
 
 INTERRUPTED = 130
 """The exit code, as in btcore.cli.exit_codes, which is not imported yet."""
+CONFINEMENT = "BTCORE_CONFINEMENT"
+"""The environment variable that confines the process, as in btcore.agents.confinement."""
 
 
 def main() -> None:
@@ -19,6 +21,10 @@ def main() -> None:
     handles_ctrl_c = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if handles_ctrl_c:
         signal.signal(signal.SIGINT, _exit_at_once)
+    if CONFINEMENT in os.environ:
+        from btcore.agents.confinement import confine_process
+
+        confine_process()
     from btcore.cli.main import main as command
 
     if handles_ctrl_c:

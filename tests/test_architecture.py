@@ -61,7 +61,7 @@ LAYERS = (
     {"batch"},
     {"run_extension", "bundled_trees"},
     {"language"},
-    {"cli", "__main__"},
+    {"agents", "cli", "__main__"},
     {"program_runner"},
     {"sweep"},
 )

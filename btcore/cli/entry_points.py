@@ -7,12 +7,20 @@ returned together with the error, so that the rest of the command line works wit
 
 # importlib.metadata is imported inside the functions: importing it takes as long as importing click, and
 # `btcore --version` does not need it. Named tuples instead of dataclasses save another import.
-from typing import TYPE_CHECKING, Any, NamedTuple
+import os
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 OWN_DISTRIBUTION = "btcore"
+
+LIMIT_VARIABLE: Final = "BTCORE_ENTRY_POINTS"
+"""The environment variable that limits the entry points.
+
+If it is set, only those entry points of btcore are used whose names it lists, separated by spaces, and no
+entry points of other distributions. `btcore mcp` sets it, so that a run for an agent has no way to a robot.
+"""
 
 
 class UnavailableEntryPoint(NamedTuple):
@@ -47,9 +55,21 @@ class Loaded(NamedTuple):
 
 def names(group: str) -> list[str]:
     """Return the sorted names of the entry points of *group*, without loading them."""
+    return sorted({point.name for point in installed(group)})
+
+
+def installed(group: str) -> "list[EntryPoint]":
+    """Return the installed entry points of *group* that `LIMIT_VARIABLE` permits, sorted by name."""
     from importlib.metadata import entry_points
 
-    return sorted({point.name for point in entry_points(group=group)})
+    points = sorted(entry_points(group=group), key=lambda point: point.name)
+    limit = os.environ.get(LIMIT_VARIABLE)
+    if limit is None:
+        return points
+    permitted = limit.split()
+    return [
+        point for point in points if point.name in permitted and distribution_of(point) == OWN_DISTRIBUTION
+    ]
 
 
 def load(group: str, name: str | None = None) -> tuple[list[Loaded], list[UnavailableEntryPoint]]:
@@ -62,11 +82,9 @@ def load(group: str, name: str | None = None) -> tuple[list[Loaded], list[Unavai
     Returns:
         The loaded entry points, and those that could not be loaded.
     """
-    from importlib.metadata import entry_points
-
     loaded: list[Loaded] = []
     unavailable: list[UnavailableEntryPoint] = []
-    for point in sorted(entry_points(group=group), key=lambda point: point.name):
+    for point in installed(group):
         if name is not None and point.name != name:
             continue
         try:

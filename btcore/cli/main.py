@@ -23,6 +23,7 @@ from btcore.cli.terminal_encoding import make_encodable
 COMMAND_GROUP = "btcore.commands"
 OWN_COMMANDS = (
     "run", "validate", "show", "convert", "nodes", "schema", "stats", "diff", "prove", "bench", "lsp",
+    "mcp", "preview",
 )  # fmt: skip
 
 _LOADED_COMMAND = "btcore.cli.main.loaded_command"

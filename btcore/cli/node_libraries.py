@@ -2,12 +2,11 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import click
 
-from btcore.cli import terminal
+from btcore.cli import entry_points, terminal
 from btcore.cli.entry_points import UnavailableEntryPoint, distribution_of
 from btcore.diagnostic_codes import UNKNOWN_NODE
 from btcore.errors import Diagnostic, RegistrationError
@@ -106,7 +105,7 @@ def load_libraries(
         TreeError: One of *models* is invalid.
     """
     libraries = NodeLibraries(Registry.standard())
-    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name):
+    for point in entry_points.installed(ENTRY_POINTS):
         try:
             libraries.nodes.add_installed(point.value, point.name)
         except RegistrationError as error:

@@ -10,6 +10,7 @@ from rich.text import Text
 from btcore.cli import terminal
 from btcore.clock import NS_PER_S
 from btcore.logs import RecordedStatistics, Recording, read_log, recorded_statistics
+from btcore.logs.failure import find_failure
 
 SLOWEST: Final = 3
 """The number of leaves that are listed under the table."""
@@ -37,6 +38,8 @@ _ORDERS: Final[dict[str, Callable[[RecordedStatistics], Any]]] = {
 def stats(log: str, sort: str, top: int | None, as_json: bool) -> None:
     """Print statistics of each node in LOG: results, success rate, and the time in RUNNING.
 
+    If the tree failed at its last end, the node that made it fail is printed, too.
+
     LOG is a .btlog file, an SQLite file (.db3 or .btdb; the last session, or FILE.db3#2 for session 2), a
     bag of ROS 2 (.mcap) with `behavior_tree_log`, or a .fbl file of format 3. A truncated file is read up to
     the point of truncation. A node that returns its result in the tick in which it starts is never RUNNING;
@@ -57,6 +60,10 @@ def stats(log: str, sort: str, top: int | None, as_json: bool) -> None:
     slowest = _slowest(rows)
     if slowest:
         terminal.stdout_console().print(Text.assemble(("slowest leaves  ", "bold"), slowest))
+    if failure := find_failure(recording):
+        cause = failure[-1]
+        place = f"{recording.keys()[cause.node.uid]} after {_seconds(cause.stamp - recording.start)} s"
+        terminal.stdout_console().print(Text.assemble(("the tree failed at  ", "bold"), place))
 
 
 def _table(rows: Sequence[RecordedStatistics]) -> Table:
@@ -104,6 +111,7 @@ def _as_data(recording: Recording, rows: Sequence[RecordedStatistics]) -> dict[s
         "transitions": len(recording.transitions),
         "damage": recording.damage or None,
         "gaps": [{"before": gap.at + 1, "reason": gap.reason} for gap in recording.gaps],
+        "failure": _failure_as_data(recording),
         "nodes": {
             row.path: {
                 "id": row.node.id,
@@ -121,3 +129,21 @@ def _as_data(recording: Recording, rows: Sequence[RecordedStatistics]) -> dict[s
             for row in rows
         },
     }
+
+
+def _failure_as_data(recording: Recording) -> list[dict[str, object]]:
+    """Return the nodes from the root to the node that made the tree fail; [] if it did not fail."""
+    keys = recording.keys()
+    return [
+        {
+            "node": keys[step.node.uid],
+            "id": step.node.id,
+            "type": step.node.type.name,
+            "ports": dict(step.node.ports),
+            "time_s": (step.stamp - recording.start) / NS_PER_S,
+            "children": {
+                keys[uid]: None if result is None else result.name for uid, result in step.results.items()
+            },
+        }
+        for step in find_failure(recording)
+    ]

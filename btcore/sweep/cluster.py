@@ -19,6 +19,7 @@ import dask
 from dask.system import CPU_COUNT
 from distributed import Client, Future, KilledWorker, LocalCluster
 
+from btcore.agents.confinement import confine_process
 from btcore.sweep.definition import Episode
 from btcore.sweep.episode import Result, run_episode
 
@@ -204,6 +205,8 @@ def remote(address: str, attempts: int) -> Iterator[Workers]:
 def dask_setup(worker: object) -> None:
     """Set up a worker process on this machine: ignore Ctrl-C, and redirect the output to the sweep's log.
 
+    If the sweep runs for an agent, the worker is confined like the process of the sweep.
+
     Ctrl-C is handled by the main process. Dask calls this function by its name.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -215,6 +218,7 @@ def dask_setup(worker: object) -> None:
         os.dup2(file, 2)
         os.close(file)
         faulthandler.enable()
+    confine_process()
 
 
 def _silence_dask() -> None:

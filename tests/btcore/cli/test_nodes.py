@@ -75,3 +75,14 @@ def test_nodes_of_a_model_are_exported_with_their_metadata(cli: Cli, tmp_path: P
     assert json.loads(cli("nodes", "--model", model, "--json", "Move").stdout)["Move"]["metadata"] == {
         "author": "Ada"
     }
+
+
+def test_environment_variable_limits_the_installed_libraries(
+    cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "RosTopicPublish" in json.loads(cli("nodes", "--json").stdout)
+    monkeypatch.setenv("BTCORE_ENTRY_POINTS", "robot_nodes sim")
+    limited = json.loads(cli("nodes", "--json").stdout)
+    assert "IsObstacle" in limited
+    assert "RosTopicPublish" not in limited
+    assert "--ros2" not in cli("run", "--help").stdout

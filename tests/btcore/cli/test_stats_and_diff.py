@@ -150,3 +150,21 @@ def test_diff_reports_a_shorter_run_and_different_trees(cli: Cli, tmp_path: Path
     other = cli("diff", BTLOG, FBL)
     assert other.exit_code == 1
     assert "only the tree of A contains Script::2" in other.stderr
+
+
+def test_stats_names_the_node_that_made_the_tree_fail(cli: Cli, tree_file: TreeFile) -> None:
+    long = '<Timeout name="limit" msec="50"><Sleep msec="1000"/></Timeout>'
+    inverted = '<Inverter name="not"><AlwaysSuccess/></Inverter>'
+    body = (
+        f'<Sequence name="Tür"><Sleep msec="100"/><Fallback name="any">{inverted}{long}</Fallback></Sequence>'
+    )
+    cli("run", tree_file(body), "--fast", "--log", "a.btlog")
+    assert "the tree failed at  limit after 0.150 s" in cli("stats", "a.btlog").stdout
+    failure = json.loads(cli("stats", "a.btlog", "--json").stdout)["failure"]
+    assert [step["node"] for step in failure] == ["Tür", "any", "limit"]
+    assert failure[1]["children"] == {"not": "FAILURE", "limit": "FAILURE"}
+    # The child was halted by the timeout.
+    assert (failure[2]["children"], failure[2]["ports"]) == ({"Sleep::7": None}, {"msec": "50"})
+    cli("run", tree_file("<Fallback><AlwaysFailure/><AlwaysSuccess/></Fallback>"), "--log", "b.btlog")
+    assert "failed at" not in cli("stats", "b.btlog").stdout
+    assert json.loads(cli("stats", "b.btlog", "--json").stdout)["failure"] == []

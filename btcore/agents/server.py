@@ -1,0 +1,237 @@
+"""The server of `btcore mcp`: tools and resources over the Model Context Protocol."""
+
+import sys
+from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO, Final, NoReturn, TextIO, cast
+from urllib.parse import quote, unquote
+
+import anyio
+import anyio.to_thread
+import mcp_types as types
+from mcp import MCPError
+from mcp.server.context import ServerRequestContext
+from mcp.server.lowlevel import Server
+from mcp.server.mcpserver.tools import Tool
+from mcp.server.stdio import stdio_server
+from pydantic import ValidationError
+
+import btcore
+from btcore.agents.call_log import CallLog
+from btcore.agents.command_process import CommandRunner
+from btcore.agents.result_size import shorten_text
+from btcore.agents.served_folder import TREES, RefusedError, ServedFolder
+from btcore.agents.tools import Toolbox
+from btcore.documentation_site import documentation_url
+from btcore.escaping import escape_controls
+from btcore.suggestions import nearest_name
+
+MAX_MESSAGE: Final = 8_000_000
+"""The maximum size of a message of the client (bytes)."""
+PALETTE: Final = "btcore://palette"
+"""The resource with the available nodes."""
+DOCUMENTATION: Final = "btcore://docs/"
+"""The beginning of the names of resources that are pages of the documentation."""
+TREE: Final = "btcore://trees/"
+"""The beginning of the names of resources that are trees in the served folder."""
+
+_INSTRUCTIONS: Final = """\
+Behavior trees in the XML of BehaviorTree.CPP 4: write, check, simulate and prove them.
+Work in a loop: `nodes` lists what trees can use; `validate` reports errors with hints; `prove` finds runs in
+which a tree does something wrong, whatever its leaves return; `run` simulates it; `explain_failure` explains
+why it failed. Paths are relative to the served folder. Runs are simulated: there is no way to a real robot.
+"""
+_READ_ONLY: Final = types.ToolAnnotations(read_only_hint=True, destructive_hint=False, open_world_hint=False)
+_LONGEST: Final = 4000
+
+_Context = ServerRequestContext[Any, Any]
+_Parameters = types.PaginatedRequestParams | None
+
+
+def create_server(folder: ServedFolder, runner: CommandRunner, log: TextIO) -> Server[Any]:
+    """Return the server of a folder.
+
+    Args:
+        folder: The served folder.
+        runner: Runs the commands.
+        log: The file for the log of all requests.
+    """
+    toolbox = Toolbox(folder, runner)
+    tools = {tool.__name__: _tool(tool) for tool in toolbox.tools}
+
+    async def list_tools(ctx: _Context, params: _Parameters) -> types.ListToolsResult:
+        return types.ListToolsResult(tools=[_description_of(tool) for tool in tools.values()])
+
+    async def call_tool(ctx: _Context, params: types.CallToolRequestParams) -> types.CallToolResult:
+        try:
+            content = await _call(tools, params.name, params.arguments or {})
+        except RefusedError as error:
+            message = shorten_text(escape_controls(str(error)), _LONGEST)
+            return types.CallToolResult(content=[_text(message)], is_error=True)
+        return types.CallToolResult(content=[_text(content)] if isinstance(content, str) else content)
+
+    async def list_resources(ctx: _Context, params: _Parameters) -> types.ListResourcesResult:
+        trees = await anyio.to_thread.run_sync(folder.files, TREES)
+        return types.ListResourcesResult(
+            resources=[
+                types.Resource(uri=PALETTE, name="palette", description=_PALETTE, mime_type=_XML),
+                *(_resource(DOCUMENTATION, page, _MARKDOWN) for page in documentation_pages()),
+                *(_resource(TREE, tree, _XML) for tree in trees),
+            ]
+        )
+
+    async def list_templates(ctx: _Context, params: _Parameters) -> types.ListResourceTemplatesResult:
+        path = types.ResourceTemplate(
+            uri_template=TREE + "{+path}", name="tree", description=_TREE, mime_type=_XML
+        )
+        return types.ListResourceTemplatesResult(resource_templates=[path])
+
+    async def read_resource(
+        ctx: _Context, params: types.ReadResourceRequestParams
+    ) -> types.ReadResourceResult:
+        uri = str(params.uri)
+        try:
+            if uri == PALETTE:
+                text, mime = await toolbox.palette(), _XML
+            elif uri.startswith(DOCUMENTATION):
+                text, mime = _page(unquote(uri.removeprefix(DOCUMENTATION))), _MARKDOWN
+            elif uri.startswith(TREE):
+                name = unquote(uri.removeprefix(TREE))
+                text, mime = await anyio.to_thread.run_sync(folder.read_tree, name), _XML
+            else:
+                _refuse(f"there is no resource '{shorten_text(uri, 200)}'")
+        except RefusedError as error:
+            raise MCPError(types.INVALID_PARAMS, escape_controls(str(error))) from None
+        contents = types.TextResourceContents(uri=params.uri, text=text, mime_type=mime)
+        return types.ReadResourceResult(contents=[contents])
+
+    server: Server[Any] = Server(
+        "btcore",
+        version=btcore.__version__,
+        instructions=_INSTRUCTIONS,
+        on_list_tools=list_tools,
+        on_call_tool=call_tool,
+        on_list_resources=list_resources,
+        on_list_resource_templates=list_templates,
+        on_read_resource=read_resource,
+    )
+    server.middleware.append(CallLog(log))
+    return server
+
+
+async def serve_stdio(folder: ServedFolder, runner: CommandRunner, log: TextIO) -> None:
+    """Serve a client over stdin and stdout until it closes stdin.
+
+    Args:
+        folder: The served folder.
+        runner: Runs the commands.
+        log: The file for the log of all requests.
+    """
+    server = create_server(folder, runner, log)
+    lines = cast("anyio.AsyncFile[str]", _Lines(sys.stdin.buffer))
+    async with stdio_server(lines) as (read, write):
+        await server.run(read, write, server.create_initialization_options())
+
+
+def documentation_pages() -> dict[str, Path]:
+    """Return the pages of the documentation by name; empty unless btcore runs in a checkout."""
+    folder = Path(btcore.__file__).resolve().parents[1] / "docs"
+    pages = sorted(folder.rglob("*.md")) if (folder / "index.md").is_file() else []
+    return {page.relative_to(folder).with_suffix("").as_posix(): page for page in pages}
+
+
+_XML: Final = "application/xml"
+_MARKDOWN: Final = "text/markdown"
+_PALETTE: Final = "The available nodes as a TreeNodesModel, which Groot can import."
+_TREE: Final = "An XML file in the served folder."
+
+
+def _tool(function: Callable[..., Awaitable[Any]]) -> Tool:
+    tool = Tool.from_function(function, annotations=_READ_ONLY, structured_output=False)
+    # An argument with a wrong name is an error instead of being ignored.
+    tool.parameters["additionalProperties"] = False
+    return tool
+
+
+def _description_of(tool: Tool) -> types.Tool:
+    lines = [line.strip() for line in tool.description.strip().splitlines()]
+    return types.Tool(
+        name=tool.name,
+        description="\n".join(lines),
+        input_schema=tool.parameters,
+        annotations=tool.annotations,
+    )
+
+
+async def _call(
+    tools: Mapping[str, Tool], name: str, arguments: dict[str, Any]
+) -> str | list[types.ContentBlock]:
+    """Return the result of a tool.
+
+    Raises:
+        RefusedError: There is no such tool, an argument is invalid, or the tool refuses the call.
+    """
+    tool = tools.get(name)
+    if tool is None:
+        _refuse(f"there is no tool '{shorten_text(name, 100)}'; the tools are {', '.join(tools)}")
+    known = list(tool.parameters["properties"])
+    for argument in arguments:
+        if argument not in known:
+            nearest = nearest_name(argument[:100], known)
+            hint = f"did you mean '{nearest}'?" if nearest else f"the arguments are {', '.join(known)}"
+            _refuse(f"'{name}' has no argument '{shorten_text(argument, 100)}'; {hint}")
+    try:
+        checked = tool.fn_metadata.validate_arguments(arguments)
+    except ValidationError as error:
+        places = {".".join(str(part)[:100] for part in item["loc"]): item["msg"] for item in error.errors()}
+        _refuse("; ".join(f"{place}: {message}" for place, message in list(places.items())[:5]))
+    result: str | list[types.ContentBlock] = await tool.fn(**checked)
+    return result
+
+
+def _refuse(message: str) -> NoReturn:
+    raise RefusedError(message)
+
+
+def _page(name: str) -> str:
+    pages = documentation_pages()
+    if name not in pages:
+        site = documentation_url("")
+        nearest = nearest_name(name[:200], pages)
+        hint = f"did you mean '{nearest}'?" if nearest else f"all pages are at {site}"
+        _refuse(f"there is no page '{shorten_text(name, 200)}'; {hint}")
+    return pages[name].read_text(encoding="utf-8")
+
+
+def _resource(prefix: str, name: str, mime_type: str) -> types.Resource:
+    return types.Resource(uri=prefix + quote(name), name=name, mime_type=mime_type)
+
+
+def _text(text: str) -> types.TextContent:
+    return types.TextContent(type="text", text=text)
+
+
+class _Lines:
+    """The messages of the client, one in each line. A line that is too long becomes an invalid message."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+
+    def __aiter__(self) -> "_Lines":
+        return self
+
+    async def __anext__(self) -> str:
+        line = await anyio.to_thread.run_sync(self._read, abandon_on_cancel=True)
+        if line is None:
+            raise StopAsyncIteration
+        return line
+
+    def _read(self) -> str | None:
+        line = self._stream.readline(MAX_MESSAGE + 1)
+        if not line:
+            return None
+        if len(line) <= MAX_MESSAGE:
+            return line.decode(errors="replace")
+        while line and not line.endswith(b"\n"):
+            line = self._stream.readline(MAX_MESSAGE)
+        return f"a message of more than {MAX_MESSAGE:,} bytes"

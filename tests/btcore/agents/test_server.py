@@ -1,0 +1,145 @@
+"""`btcore mcp`: an agent mends, proves and simulates a tree; hostile calls are refused."""
+
+import json
+import os
+import sys
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+pytest.importorskip("mcp", reason="the extra mcp is not installed")
+
+import anyio
+from mcp import Client, StdioServerParameters
+from mcp.client.stdio import stdio_client
+
+FAULTY = """<root BTCPP_format="4" main_tree_to_execute="Ausweichen">
+  <BehaviorTree ID="Ausweichen">
+    <ReactiveSequence name="Tür 🚪">
+      <Fallback>
+        <Inverter><IsObstacel distance="1.0"/></Inverter>
+        <Sequence><Back/><Turn/></Sequence>
+      </Fallback>
+      <Forward/>
+    </ReactiveSequence>
+  </BehaviorTree>
+</root>
+"""
+FAILING = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+  <Sleep name="kurz" msec="100"/>
+  <Fallback><AlwaysFailure name="zu"/><OpenDoor name="Tür"/></Fallback>
+</Sequence></BehaviorTree>
+<TreeNodesModel><Action ID="OpenDoor"/></TreeNodesModel></root>
+"""
+
+
+class Agent:
+    """A client that returns results as JSON data."""
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+
+    async def __call__(self, tool: str, **arguments: Any) -> Any:
+        """Call a tool, which must not refuse the call."""
+        result = await self.client.call_tool(tool, arguments)
+        assert not result.is_error, result.content
+        [content] = result.content
+        return json.loads(content.text)
+
+    async def refusal(self, tool: str, **arguments: Any) -> str:
+        """Call a tool, which must refuse the call, and return the message."""
+        result = await self.client.call_tool(tool, arguments)
+        assert result.is_error
+        return str(result.content[0].text)
+
+
+def serve(
+    folder: Path, log: Path, work: Callable[[Agent], Coroutine[Any, Any, None]]
+) -> list[dict[str, Any]]:
+    """Run *work* with a server, and return the lines of its log."""
+
+    async def connect() -> None:
+        environment = {name: os.environ[name] for name in ("PATH", "PYTHONPATH") if name in os.environ}
+        server = StdioServerParameters(
+            command=sys.executable,
+            args=["-m", "btcore", "mcp", "--log", str(log), str(folder)],
+            env=environment,
+        )
+        async with Client(stdio_client(server)) as client:
+            await work(Agent(client))
+
+    anyio.run(connect)
+    return [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+
+
+def test_an_agent_mends_proves_and_simulates_a_tree(tmp_path: Path) -> None:
+    folder = tmp_path / "Bäume"
+    folder.mkdir()
+    file = folder / "Ausweichen 🤖.xml"
+    file.write_text(FAULTY, encoding="utf-8")
+
+    async def work(agent: Agent) -> None:
+        tools = {tool.name for tool in (await agent.client.list_tools()).tools}
+        assert tools == {
+            "nodes", "validate", "show", "run", "sweep", "prove", "read_log", "explain_failure"
+        }  # fmt: skip
+        checked = await agent("validate", tree=file.name)
+        assert not checked["ok"]
+        [diagnostic] = checked["diagnostics"]
+        assert (diagnostic["code"], diagnostic["file"], diagnostic["line"]) == ("E101", file.name, 5)
+        assert "IsObstacle" in diagnostic["hint"]
+        assert "IsObstacle" in await agent("nodes", ids=["IsObstacle"])
+        mended = FAULTY.replace("IsObstacel", "IsObstacle")
+        file.write_text(mended, encoding="utf-8")
+        assert (await agent("validate", tree=file.name))["ok"]
+        proved = await agent("prove", tree=file.name, never=["Forward & Turn"])
+        answers = {question["question"]: question["answer"] for question in proved["questions"]}
+        assert answers["never Forward & Turn"] == "proved"
+        result = await agent("run", tree=file.name, world="arena_boxes", duration=3)
+        assert (result["log"], result["status"], result["ticks"]) == ("run-1", "RUNNING", 30)
+        assert result["robot"]["distance_m"] > 0.3
+        resource = await agent.client.read_resource(f"btcore://trees/{file.name}")
+        assert resource.contents[0].text == mended
+
+    lines = serve(folder, tmp_path / "mcp.log", work)
+    calls = [line["parameters"]["name"] for line in lines if line["method"] == "tools/call"]
+    assert calls == ["validate", "nodes", "validate", "prove", "run"]
+    assert {line["outcome"] for line in lines} == {"ok"}
+
+
+def test_an_agent_learns_why_a_tree_failed(tmp_path: Path) -> None:
+    async def work(agent: Agent) -> None:
+        plans = {"OpenDoor": "RF"}
+        result = await agent("run", xml=FAILING, own_models=True, plans=plans)
+        assert result["ended"] == "the tree ended in FAILURE"
+        explained = await agent("explain_failure", log=result["log"])
+        assert (explained["failed"], explained["cause"]) == (True, "Tür")
+        assert explained["why"] == "the action <OpenDoor> returned FAILURE after 0.2 s"
+        assert [step["id"] for step in explained["path"]] == ["Sequence", "Fallback", "OpenDoor"]
+        assert explained["path"][1]["children"] == {"zu": "FAILURE", "Tür": "FAILURE"}
+        read = await agent("read_log", log=result["log"], transitions=3)
+        assert read["nodes"]["kurz"]["success"] == 1
+        shown = await agent.client.call_tool("show", {"xml": FAILING, "own_models": True})
+        assert "Tür  OpenDoor" in shown.content[0].text
+        picture = shown.content[1]
+        assert picture.type == "image" or "<svg" in picture.text
+        assert "did you mean 'duration'?" in await agent.refusal("run", xml=FAILING, durations=3)
+        assert "less than or equal to 600" in await agent.refusal("run", xml=FAILING, duration=1e9)
+        assert "OpenDoor" in await agent.refusal("run", xml=FAILING)
+
+    serve(tmp_path, tmp_path / "mcp.log", work)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs symbolic links and named pipes")
+def test_a_sample_of_the_hostile_calls_does_no_harm(
+    acceptance_script: Callable[[str], ModuleType],
+) -> None:
+    attacks = acceptance_script("mcp_attacks")
+    count, faults = attacks.run(
+        ["path", "resource", "include ..", "map outside", "a ROS leaf", "ros2", "0 IDs"]
+    )
+    assert faults == []
+    assert count > 90
