@@ -1,5 +1,6 @@
 """The tools of `btcore mcp`: each calls commands of btcore, and returns their results in bounded size."""
 
+import base64
 import json
 import re
 from collections import OrderedDict
@@ -8,11 +9,12 @@ from itertools import count
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
+import anyio.to_thread
 from mcp_types import ContentBlock, ImageContent, TextContent
 from pydantic import Field
 
 from btcore.agents.command_process import CommandRunner, Finished
-from btcore.agents.pictures import MAX_SVG, svg_to_png
+from btcore.agents.pictures import svg_to_png
 from btcore.agents.result_size import shorten_text, to_bounded_json
 from btcore.agents.served_folder import (
     LOGS,
@@ -180,7 +182,7 @@ class Toolbox:
     ) -> list[ContentBlock]:
         """Show a tree with its subtrees as an outline and as a picture, or its data flow.
 
-        The picture is a PNG if the server can make one, otherwise the text of an SVG file.
+        The picture is a PNG. If Pillow is not installed beside the server, it is the text of an SVG file.
         """
         source = _Source(tree, xml, tree_id, models, own_models)
         if data_flow:
@@ -197,12 +199,15 @@ class Toolbox:
             svg = output / "tree.svg"
             drawn = await self._runner.run([*command, f"--svg={svg}", *words], output, all_nodes=True)
             _require_success("show", drawn)
-            if svg.stat().st_size > MAX_SVG:
-                return [*content, _text("The tree is too large for a picture; tree_id selects a part of it.")]
-            png = await svg_to_png(svg)
-            if png is None:
-                return [*content, _text(svg.read_text(encoding="utf-8"))]
-            return [*content, ImageContent(type="image", data=png, mime_type="image/png")]
+            drawing = svg.read_bytes()
+        try:
+            png = await anyio.to_thread.run_sync(svg_to_png, drawing)
+        except RefusedError as error:
+            return [*content, _text(str(error))]
+        if png is None:
+            return [*content, _text(drawing.decode())]
+        data = base64.b64encode(png).decode()
+        return [*content, ImageContent(type="image", data=data, mime_type="image/png")]
 
     async def run(
         self,

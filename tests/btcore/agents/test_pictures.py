@@ -1,0 +1,46 @@
+"""Pictures of trees as PNG."""
+
+import re
+from io import BytesIO
+
+import pytest
+
+from btcore import Registry
+from btcore.agents.pictures import svg_to_png
+from btcore.agents.served_folder import RefusedError
+from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.read.document import parse_text
+from btcore.xml.render.svg import diagram_to_svg
+from btcore.xml.render.tree_drawing import diagram_of_document
+
+Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
+
+BLUE, GREEN = (0x2F, 0x66, 0xC8), (0x3D, 0x8B, 0x3D)
+
+
+def svg_of(body: str) -> bytes:
+    document = parse_text(f'<root BTCPP_format="4"><BehaviorTree ID="Tür">{body}</BehaviorTree></root>')
+    examined = analyse_document(document, Registry.standard(), None, None)
+    return diagram_to_svg(diagram_of_document(examined), "Tür").encode()
+
+
+def test_picture_shows_cards_glyphs_edges_and_texts() -> None:
+    svg = svg_of('<Sequence><Sleep msec="100"/><SetBlackboard value="1" output_key="{k}"/></Sequence>')
+    png = svg_to_png(svg)
+    assert png is not None
+    picture = Image.open(BytesIO(png))
+    sides = [float(side) for side in re.findall(rb'(?:width|height)="(\d+)"', svg)[:2]]
+    assert picture.size == tuple(round(1.5 * side) for side in sides)
+    found = {colour: count for count, colour in picture.getcolors(1_000_000)}
+    assert found[BLUE] > 300  # the badge of the Sequence
+    assert found[GREEN] > 400  # the badges of the actions
+    assert found[(255, 255, 255)] > 5000  # the cards
+    # Thin strokes have no pure colour: the key is the only text in a shade of amber.
+    assert any(red > 160 and green < 130 and blue < 80 for red, green, blue in found)
+    assert found[(0x1B, 0x23, 0x30)] > 100  # the names
+
+
+def test_drawing_whose_texts_could_not_be_read_is_refused() -> None:
+    wide = "<Fallback>" + "<AlwaysFailure/>" * 9 + "</Fallback>"
+    with pytest.raises(RefusedError, match="too large for a picture"):
+        svg_to_png(svg_of(f"<Sequence>{wide * 40}</Sequence>"))
