@@ -45,6 +45,7 @@ PAGES = sorted({*(ROOT / "docs").rglob("*.md"), *ROOT_PAGES} - {NAVIGATION})
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 BOOK_NEEDS = ("numpy", "cv2", "yaml", "pybullet")
 NEEDS = {
+    "agents": ("mcp",),
     "batch": ("numpy",),
     "bump_and_go": BOOK_NEEDS,
     "monitor_your_robot": ("zmq", "msgpack", "rerun"),
