@@ -1,5 +1,6 @@
 """The server of `btcore mcp`: tools and resources over the Model Context Protocol."""
 
+import signal
 import sys
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
@@ -119,18 +120,35 @@ def create_server(folder: ServedFolder, runner: CommandRunner, log: TextIO) -> S
     return server
 
 
-async def serve_stdio(folder: ServedFolder, runner: CommandRunner, log: TextIO) -> None:
-    """Serve a client over stdin and stdout until it closes stdin.
+async def serve_stdio(folder: ServedFolder, runner: CommandRunner, log: TextIO) -> int:
+    """Serve a client over stdin and stdout until it closes stdin, or until SIGTERM or Ctrl-C.
 
     Args:
         folder: The served folder.
         runner: Runs the commands.
         log: The file for the log of all requests.
+
+    Returns:
+        The signal that ended the server, or 0. After a signal, a thread that waits for stdin may remain.
     """
     server = create_server(folder, runner, log)
     lines = cast("anyio.AsyncFile[str]", _Lines(sys.stdin.buffer))
-    async with stdio_server(lines) as (read, write):
-        await server.run(read, write, server.create_initialization_options())
+    received: list[int] = []
+    async with anyio.create_task_group() as group:
+        if sys.platform != "win32":
+            # Without the receiver, the signal would leave the processes of calls behind.
+            group.start_soon(_cancel_at_signal, group.cancel_scope, received)
+        async with stdio_server(lines) as (read, write):
+            await server.run(read, write, server.create_initialization_options())
+        group.cancel_scope.cancel()
+    return received[0] if received else 0
+
+
+async def _cancel_at_signal(scope: anyio.CancelScope, received: list[int]) -> None:
+    with anyio.open_signal_receiver(signal.SIGTERM, signal.SIGINT) as signals:
+        async for number in signals:
+            received.append(number)
+            scope.cancel()
 
 
 def documentation_pages() -> dict[str, Path]:

@@ -1,5 +1,6 @@
 """`btcore mcp`: serve AI agents that write or examine trees."""
 
+import os
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from btcore.cli.exit_codes import code_of_signal
 from btcore.cli.run import FiniteRange
 
 
@@ -58,4 +60,6 @@ def mcp(folder: Path, plugins: Sequence[str], time_limit: float, log: Path | Non
         served = ServedFolder(folder)
         runner = CommandRunner(served, time_limit, plugins)
         opened.callback(runner.close)
-        anyio.run(serve_stdio, served, runner, file)
+        number = anyio.run(serve_stdio, served, runner, file)
+    if number:
+        os._exit(code_of_signal(number))  # Python would wait for the thread that waits for stdin

@@ -15,11 +15,12 @@ import argparse
 import json
 import os
 import queue
+import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, NamedTuple
@@ -472,11 +473,32 @@ def left_behind(served: Path) -> list[int]:
     return found
 
 
+def end_during_a_call(served: Path, log: Path, end: Callable[[Client], object]) -> str:
+    """End a server that runs a long call, and return what is wrong, or an empty text."""
+    client = Client(served, log)
+    endless = {"name": "run", "arguments": {"xml": tree('<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>')}}
+    message = {"jsonrpc": "2.0", "id": "last", "method": "tools/call", "params": endless}
+    client.send(json.dumps(message).encode() + b"\n")
+    limit = time.monotonic() + MARGIN
+    while not left_behind(served):
+        if time.monotonic() > limit:
+            return "the call does not start"
+    end(client)
+    try:
+        client.process.wait(MARGIN)
+    except subprocess.TimeoutExpired:
+        return "the server does not end"
+    finally:
+        client.close()
+    remaining = left_behind(served)
+    return f"processes are left behind: {remaining}" if remaining else ""
+
+
 def run(chosen: Sequence[str] = ()) -> tuple[int, list[str]]:
     """Make the attacks whose names contain one of *chosen*, or all. Return their number and all faults."""
     faults = []
-    with TemporaryDirectory() as name:
-        folder = Path(name).resolve()
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary).resolve()
         served, log = prepare(folder), folder / "mcp.log"
         attacks = [*paths(folder / "secret.xml"), *contents(folder), *values(folder)]
         if chosen:
@@ -497,6 +519,14 @@ def run(chosen: Sequence[str] = ()) -> tuple[int, list[str]]:
         if remaining := left_behind(served):
             faults.append(f"processes are left behind: {remaining}")
         client.close()
+        ends: dict[str, Callable[[Client], object]] = {
+            "stdin is closed": lambda client: client.process.stdin.close(),
+            "SIGTERM": lambda client: client.process.terminate(),
+            "Ctrl-C": lambda client: client.process.send_signal(signal.SIGINT),
+        }
+        for name, end in ends.items():
+            if fault := end_during_a_call(served, log, end):
+                faults.append(f"{name}: {fault}")
         if (after := state(folder)) != before:
             faults.append(f"changed files: {sorted(set(after.items()) ^ set(before.items()))}")
         lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
