@@ -23,6 +23,9 @@ _SYSTEM: Final = re.compile(
     r"/dev/(null|urandom)|/etc/(localtime|os-release)|/usr/share/zoneinfo(/.*)?|/sys(/.*)?"
     r"|/proc/(meminfo|cpuinfo|stat|uptime|mounts)"
     r"|/proc/(self|[0-9]+)(/(stat|statm|status|cgroup|mounts|mountinfo|maps|task|fd))?"
+    r"|/System/Library/CoreServices/SystemVersion\.plist"
+    if sys.platform != "win32"
+    else "(?!)"
 )
 # The audit events of functions that change files; their first argument is a path. In the second group, the
 # second argument is a path, too.

@@ -287,7 +287,7 @@ class Toolbox:
             report = _last_json(done)
             if report is None:
                 raise RefusedError(_message("run", done))
-            kept = log.rename(self._runner.scratch / log.name)
+            kept = log.replace(self._runner.scratch / log.name)
         # The summary on stderr repeats the result; what comes before it are messages of leaves.
         messages = [line for line in done.stderr.splitlines() if re.match(r"(warning|error|note)", line)]
         extra = {"messages": [shorten_text(line, 500) for line in messages[:30]]} if messages else {}

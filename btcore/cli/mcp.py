@@ -54,7 +54,7 @@ def mcp(folder: Path, plugins: Sequence[str], time_limit: float, log: Path | Non
         file = sys.stderr
         if log is not None:
             try:
-                file = opened.enter_context(log.open("a", encoding="utf-8"))
+                file = opened.enter_context(log.open("a", encoding="utf-8", newline="\n"))
             except OSError as error:
                 raise click.ClickException(f"cannot write {log}: {error.strerror}") from error
         served = ServedFolder(folder)
