@@ -4,9 +4,11 @@ With stand-ins, trees whose leaves are written in C++ can be checked, drawn, con
 planned results.
 """
 
+import contextlib
 import os
 import re
 from collections.abc import Iterable, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -99,6 +101,38 @@ def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[s
     for id, (document, tag, seen) in unknown.items():
         _add(nodes, id, EXPLICIT_TAGS[tag], list(seen.values()), "", document)
     return list(unknown)
+
+
+def add_undeclared_nodes(nodes: Registry, documents: Iterable[Document]) -> None:
+    """Register a stand-in for every unknown node of *documents*, so that their trees can be drawn.
+
+    The models and the explicit tags of the documents come first. For any other unknown tag, the number of
+    child elements determines the node type.
+
+    Args:
+        nodes: The registry to extend.
+        documents: The documents with the trees.
+    """
+    documents = list(documents)
+    for document in documents:
+        with contextlib.suppress(TreeError):
+            _add_models(nodes, document)
+    add_explicit_nodes(nodes, documents)
+    seen: dict[str, tuple[Document, int, dict[str, Port]]] = {}
+    for document in documents:
+        format = parse_format(document.root.get("BTCPP_format")) or 4
+        for tree in document.root.iterchildren("BehaviorTree"):
+            for element in islice(tree.iter(), 1, None):
+                id = element.tag
+                if id in EXPLICIT_TAGS or nodes.get(id, 3) is not None or nodes.get(id, 4) is not None:
+                    continue
+                _, children, ports = seen.get(id, (document, 0, {}))
+                _add_seen_ports(element, ports, format)
+                seen[id] = (document, max(children, len(element.children)), ports)
+    kinds = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
+    for id, (document, children, ports) in seen.items():
+        with contextlib.suppress(RegistrationError):
+            _add(nodes, id, kinds[min(children, 2)], list(ports.values()), "", document)
 
 
 def _add_seen_ports(element: Element, ports: dict[str, Port], format: int) -> None:

@@ -49,22 +49,30 @@ class _PlacedNode(NamedTuple):
     box: LayoutBox
 
 
-def diagram_to_svg(root: DiagramNode, title: str, format: int = 4) -> str:
+def drawing_style() -> str:
+    """Return the style sheet of all drawings, for a page that shows drawings without their own."""
+    return f"{_STYLE}{_colours()}"
+
+
+def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, styled: bool = True) -> str:
     """Return a drawing of a tree as an SVG document.
 
     Cards are coloured by kind, and show the attributes of the node. The content of a SubTree has a frame.
-    Children are placed below their parents, or to the right of them if the drawing becomes too wide.
+    Children are placed below their parents, or to the right of them if the drawing becomes too wide. The
+    group of each card has the number of the node as `data-uid`.
 
     Args:
         root: The root of the tree.
         title: The title above the drawing.
         format: The format of the tree, 3 or 4.
+        styled: Whether the document contains `drawing_style()`.
     """
     placed, width, height = _layout(root, down=True)
     down = width <= _WIDEST
     if not down:
         placed, width, height = _layout(root, down=False)
-    return _document(placed, title, format, width, height, down)
+    style = f"<style>{drawing_style()}</style>" if styled else ""
+    return _document(placed, title, format, width, height, down, style)
 
 
 def _layout(root: DiagramNode, down: bool) -> tuple[list[_PlacedNode], float, float]:
@@ -84,7 +92,13 @@ def _layout(root: DiagramNode, down: bool) -> tuple[list[_PlacedNode], float, fl
 
 
 def _document(
-    placed: list[_PlacedNode], title: str, format: int, drawing_width: float, height: float, down: bool
+    placed: list[_PlacedNode],
+    title: str,
+    format: int,
+    drawing_width: float,
+    height: float,
+    down: bool,
+    style: str,
 ) -> str:
     about = f"format {format} · {len(placed)} node{'' if len(placed) == 1 else 's'}"
     kinds = [kind for kind in FAMILY_COLOURS if any(item.node.type is kind for item in placed)]
@@ -97,10 +111,10 @@ def _document(
     place = f'x="{_MARGIN + title_width + 12:.1f}" y="36"' if beside else f'x="{_MARGIN:g}" y="51"'
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
-        f'viewBox="0 0 {width:.1f} {height:.1f}" role="img">',
+        f'viewBox="0 0 {width:.1f} {height:.1f}" role="img" data-direction="{"down" if down else "right"}">',
         f"<title>{escape(title)}</title>",
-        f"<style>{_STYLE}{_colours()}</style>",
-        '<rect width="100%" height="100%" fill="#f7f8fb"/>',
+        style,
+        '<rect class="sheet" width="100%" height="100%" fill="#f7f8fb"/>',
         f'<text class="title" x="{_MARGIN:g}" y="36">{escape(title)}</text>',
         f'<text class="about" {place}>{about}</text>',
         f'<g transform="translate({left:.1f} {_HEAD + 14:g})">',
@@ -109,9 +123,10 @@ def _document(
     lines += [_frame(*item.box.frame, down) for item in placed if item.box.frame is not None]
     for item in placed:
         lines += _edges(item.box, down)
-    for _, card, box in placed:
+    for node, card, box in placed:
         x, y = (box.middle - card.width / 2, box.top) if down else (box.top, box.middle - card.height / 2)
-        lines.append(f'<g transform="translate({x:.1f} {y:.1f})">{"".join(card.drawing)}</g>')
+        place = f'data-uid="{node.uid}" transform="translate({x:.1f} {y:.1f})"'
+        lines.append(f"<g {place}>{''.join(card.drawing)}</g>")
     return "\n".join([*lines, "</g>", _legend(kinds, height - 18), "</svg>"]) + "\n"
 
 

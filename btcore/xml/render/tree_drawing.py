@@ -8,6 +8,8 @@ from btcore.blackboard.ports import SCRIPT_ROLES, Port
 from btcore.status import NodeType
 from btcore.xml.plan.document_checks import DocumentAnalysis
 from btcore.xml.plan.plan import NodePlan
+from btcore.xml.read.document import Document
+from btcore.xml.read.element import Element
 
 
 @dataclass(slots=True)
@@ -26,6 +28,7 @@ class DiagramNode:
         tree: For a SubTree node, the ID of the called tree, whose root is the only child.
         symbol: The symbol that the node's class declares.
         children: The children of the node.
+        origin: The document and the element of the node, or None if it has no element.
     """
 
     uid: int
@@ -38,6 +41,7 @@ class DiagramNode:
     tree: str = ""
     symbol: str = ""
     children: list["DiagramNode"] = field(default_factory=list)
+    origin: tuple[Document, Element] | None = None
 
 
 def diagram_of_document(analysis: DocumentAnalysis) -> DiagramNode:
@@ -48,11 +52,12 @@ def diagram_of_document(analysis: DocumentAnalysis) -> DiagramNode:
     uids = itertools.count(1)
 
     def of_tree(id: str) -> DiagramNode:
-        root = planner.plan(planner.definitions.by_id[id]).root
+        definition = planner.definitions.by_id[id]
+        root = planner.plan(definition).root
         assert root is not None, "the tree has been checked"
-        return of_node(root)
+        return of_node(root, definition.document)
 
-    def of_node(plan: NodePlan) -> DiagramNode:
+    def of_node(plan: NodePlan, document: Document) -> DiagramNode:
         manifest, call = plan.manifest, plan.call
         sketch = DiagramNode(
             uid=next(uids),
@@ -63,6 +68,7 @@ def diagram_of_document(analysis: DocumentAnalysis) -> DiagramNode:
             scripts=plan.scripts,
             about=manifest.description if manifest is not None else "",
             symbol=manifest.cls.node_symbol if manifest is not None else "",
+            origin=(document, plan.element),
         )
         if call is not None:
             sketch.type = NodeType.SUBTREE
@@ -70,7 +76,7 @@ def diagram_of_document(analysis: DocumentAnalysis) -> DiagramNode:
             sketch.tree = call.tree
             sketch.children = [of_tree(call.tree)]
         else:
-            sketch.children = [of_node(child) for child in plan.children]
+            sketch.children = [of_node(child, document) for child in plan.children]
         return sketch
 
     return of_tree(analysis.main.id)
