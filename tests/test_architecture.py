@@ -56,6 +56,7 @@ LAYERS = (
     {"loading"},
     {"logs"},
     {""},  # btcore/__init__.py
+    {"preview"},
     {"proof"},
     {"testing"},
     {"batch"},
@@ -142,6 +143,7 @@ def test_engine_does_not_import_the_other_packages(stranger: str) -> None:
 def test_monitor_client_imports_three_modules_of_the_engine() -> None:
     commands = (
         "btcore_monitor.run_extension",
+        "btcore_monitor.preview_extension",
         "btcore_monitor.commands.monitor",
         "btcore_monitor.log_writer",
         "btcore_monitor.commands.record",

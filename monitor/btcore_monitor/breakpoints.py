@@ -13,7 +13,7 @@ robot disables the hooks of a client and continues after 5 s without its request
 import contextlib
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Final, NamedTuple
@@ -326,6 +326,39 @@ class BreakpointClient(Closeable):
                 with contextlib.suppress(_HookGoneError):
                     self._ask(Request.HOOK_REMOVE, encode_place(hook.uid, hook.position))
         return [self.path_of(hook.uid) for hook in hooks]
+
+    # --- single nodes, by their uid in the present tree
+
+    def break_before(self, uids: Iterable[int]) -> None:
+        """Set breakpoints before nodes of the present tree. A new tree of the robot does not get them.
+
+        Args:
+            uids: The numbers of the nodes.
+
+        Raises:
+            BreakpointError: The request fails.
+        """
+        hooks = [WireHook(uid) for uid in uids]
+        if hooks:
+            self._ask(Request.HOOK_INSERT, encode_hooks(hooks))
+
+    def release_node(self, uid: int) -> None:
+        """Let a tree that waits before the node *uid* continue.
+
+        Raises:
+            BreakpointError: The request fails.
+        """
+        with contextlib.suppress(_HookGoneError):
+            self._ask(Request.BREAKPOINT_UNLOCK, encode_unlocking(BreakpointUnlock(uid, PRE)))
+
+    def clear_node(self, uid: int) -> None:
+        """Remove the breakpoint before the node *uid*. A tree that waits there continues.
+
+        Raises:
+            BreakpointError: The request fails.
+        """
+        with contextlib.suppress(_HookGoneError):
+            self._ask(Request.HOOK_REMOVE, encode_place(uid, PRE))
 
     def disable(self) -> None:
         """Disable all hooks. A tick that waits at a breakpoint continues."""

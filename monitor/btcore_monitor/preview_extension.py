@@ -1,0 +1,232 @@
+"""The monitor's part of `btcore preview`: watch a running tree, and set breakpoints in it.
+
+Statuses and entries come from a `Feed`, so from any robot. Breakpoints need Groot 2's protocol.
+"""
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from btcore.preview.live import LiveConnection, LiveError, LiveState
+from btcore.preview.node_keys import KeyedNode
+from btcore_monitor.viewer_setup import check_installed, client_keys, key_file_option, robot_key_option
+
+if TYPE_CHECKING:
+    from btcore_monitor.breakpoints import BreakpointClient
+    from btcore_monitor.events import Event, ObservedTree
+    from btcore_monitor.keys import ClientKeys
+
+_CONNECT_WITHIN: Final = 2.0
+"""Maximum time (s) to connect for breakpoints. Meanwhile the statuses are not updated."""
+_MAX_ENTRIES: Final = 1_000
+_MAX_VALUE: Final = 200
+"""Maximum number of characters of a value."""
+
+
+class RobotPreview:
+    """Connects the preview with any robot that the monitor can watch."""
+
+    def __init__(self) -> None:
+        def collected(decorate: Any) -> list[click.Option]:
+            command = decorate(lambda: None)
+            return list(command.__click_params__)
+
+        self.options: Sequence[click.Option] = (
+            click.Option(
+                ["--live"],
+                is_flag=False,
+                flag_value="tcp://127.0.0.1:1667",
+                metavar="[ADDRESS]",
+                help="Watch the running tree at this address.  [address: tcp://127.0.0.1:1667]",
+            ),
+            *collected(key_file_option),
+            *collected(robot_key_option),
+        )
+
+    def check(self, settings: Mapping[str, Any]) -> str:
+        """Check the options, and return the address of the running tree to watch from the start, or "".
+
+        Raises:
+            click.UsageError: An option has an invalid value.
+            click.ClickException: A package is not installed.
+        """
+        address: str = settings["live"] or ""
+        if not address and settings["key_file"] is None:
+            return ""
+        check_installed("zmq", "msgpack", "lxml")
+        client_keys(settings["key_file"], settings["robot_keys"])
+        return address
+
+    def connect(self, address: str, settings: Mapping[str, Any]) -> LiveConnection:
+        """Return a connection to the robot at *address*.
+
+        Raises:
+            LiveError: The address is invalid, or a package is not installed.
+        """
+        try:
+            check_installed("zmq", "msgpack", "lxml")
+            [keys] = client_keys(settings["key_file"], settings["robot_keys"])
+        except click.ClickException as error:
+            raise LiveError(error.format_message()) from None
+        return RobotConnection(address, keys)
+
+
+class RobotConnection:
+    """A connection of the preview to a robot. Use it from one thread.
+
+    Args:
+        address: The robot's address, as in `parse_address`.
+        keys: The keys of the client, if the robot requires keys.
+
+    Raises:
+        LiveError: *address* is invalid.
+    """
+
+    def __init__(self, address: str, keys: "ClientKeys | None" = None) -> None:
+        # Imported here, because `btcore preview --help` needs no ZeroMQ.
+        from btcore_monitor.watch.address import AddressError
+        from btcore_monitor.watch.feed import Feed
+
+        try:
+            # Another monitor may read the recording of transitions, which only one client can read.
+            self._feed = Feed(address, record=False, keys=keys)
+        except AddressError as error:
+            raise LiveError(str(error)) from None
+        self._keys = keys
+        self._robot: BreakpointClient | None = None
+        self._state = LiveState()
+        self._statuses: dict[int, int] = {}
+        self._results: dict[int, int] = {}
+        self._has_new_status = False
+
+    def poll(self, timeout: float) -> LiveState:
+        """Return the state after *timeout* s, the same object if nothing has changed.
+
+        Raises:
+            LiveError: The robot refuses the keys.
+        """
+        from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
+
+        deadline = time.monotonic() + timeout
+        try:
+            while (left := deadline - time.monotonic()) > 0:
+                for event in self._feed.poll(left):
+                    self._take(event)
+        except ConnectionRefusedByRobotError as error:
+            raise LiveError(str(error)) from None
+        if self._has_new_status:
+            self._has_new_status = False
+            self._state = self._state._replace(statuses=dict(self._statuses), results=dict(self._results))
+        self._poll_breakpoints()
+        return self._state
+
+    def _take(self, event: "Event") -> None:
+        from btcore_monitor import events
+
+        state = self._state
+        if isinstance(event, events.ConnectionChanged):
+            self._state = state._replace(connection=event.state, detail=event.detail)
+        elif isinstance(event, events.TreeSeen):
+            if [node.uid for node in state.nodes] != [node.uid for node in event.tree.nodes]:
+                self._begin(event.tree)
+            self._statuses = dict(event.statuses)
+            self._has_new_status = True
+        elif isinstance(event, events.StatusChanged):
+            self._statuses[event.uid] = event.status
+            if event.status not in (events.IDLE, events.RUNNING):
+                self._results[event.uid] = event.status
+            self._has_new_status = True
+        elif isinstance(event, events.BlackboardSeen):
+            self._state = state._replace(entries=_entries(event.boards))
+        elif isinstance(event, events.HooksFound) and not state.breakpoints:
+            self._state = state._replace(problem=event.warning)
+
+    def _begin(self, tree: "ObservedTree") -> None:
+        nodes = (
+            KeyedNode(node.uid, node.parent, node.id, node.name, node.kind == "subtree")
+            for node in tree.nodes
+        )
+        self._leave_robot()
+        self._results = {}
+        connection, detail = self._state.connection, self._state.detail
+        self._state = LiveState(connection, detail, tuple(nodes))
+
+    # --- breakpoints
+
+    def set_breakpoints(self, uids: Sequence[int]) -> None:
+        """Set breakpoints before these nodes, and remove all others of this connection."""
+        from btcore_monitor.breakpoints import BreakpointClient, BreakpointError
+
+        before = self._state.breakpoints
+        if not uids and not before:
+            return
+        problem, present = "", before
+        try:
+            if self._robot is None:
+                self._robot = BreakpointClient(str(self._feed.address), _CONNECT_WITHIN, self._keys)
+            for uid in before.difference(uids):
+                self._robot.clear_node(uid)
+            self._robot.break_before(uid for uid in uids if uid not in before)
+            present = frozenset(uids)
+        except BreakpointError as error:
+            problem = str(error)
+            self._leave_robot()
+            present = frozenset()
+        stopped = self._state.stopped_at if self._state.stopped_at in present else 0
+        self._state = self._state._replace(breakpoints=present, stopped_at=stopped, problem=problem)
+
+    def release(self) -> None:
+        """Let a tree that waits at a breakpoint continue."""
+        from btcore_monitor.breakpoints import BreakpointError
+
+        if self._robot is None or not self._state.stopped_at:
+            return
+        try:
+            self._robot.release_node(self._state.stopped_at)
+            self._state = self._state._replace(stopped_at=0, problem="")
+        except BreakpointError as error:
+            self._state = self._state._replace(stopped_at=0, problem=str(error))
+
+    def _poll_breakpoints(self) -> None:
+        if self._robot is None:
+            return
+        reached = self._robot.poll()
+        if reached is not None and reached.uid in self._state.breakpoints:
+            self._state = self._state._replace(stopped_at=reached.uid)
+
+    def _leave_robot(self) -> None:
+        from btcore_monitor.breakpoints import BreakpointError
+
+        robot, self._robot = self._robot, None
+        if robot is None:
+            return
+        try:
+            for uid in self._state.breakpoints:
+                robot.clear_node(uid)
+        except BreakpointError:
+            pass  # the robot is gone, or disables the hooks itself after 5 s
+        finally:
+            robot.close()
+
+    def close(self) -> None:
+        """End the connection and remove its breakpoints. The robot continues."""
+        self._leave_robot()
+        self._feed.close()
+
+
+def _entries(boards: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, str, str], ...]:
+    """Return the entries as texts that are short enough for the page."""
+    entries = [
+        (path, key, "—" if value is None else _shown(value))
+        for path, board in boards.items()
+        for key, value in sorted(board.items())
+    ]
+    return tuple(entries[:_MAX_ENTRIES])
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= _MAX_VALUE else text[: _MAX_VALUE - 1] + "…"

@@ -1,0 +1,94 @@
+"""The preview watches a published tree, and sets breakpoints in it."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing
+
+import pytest
+
+import btcore
+from btcore.preview.live import LiveError, LiveState
+from btcore_monitor.preview_extension import RobotConnection, RobotPreview
+from btcore_monitor.serve import serve
+
+XML = """<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence name="Küche">
+      <Script name="same" code="lap := 3"/><AlwaysSuccess name="same"/><SubTree ID="Inner" name="hello"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Inner"><ForceSuccess><AlwaysFailure/></ForceSuccess></BehaviorTree>
+</root>"""
+SETTINGS = {"live": None, "key_file": None, "robot_keys": ()}
+
+
+@pytest.fixture
+def tree() -> btcore.Tree:
+    return btcore.loads(XML)
+
+
+@pytest.fixture
+def connection(tree: btcore.Tree) -> Iterator[RobotConnection]:
+    with (
+        serve(tree, groot2=0, allow_control=True) as publisher,
+        closing(RobotPreview().connect(publisher.address, SETTINGS)) as connection,
+    ):
+        assert isinstance(connection, RobotConnection)
+        yield connection
+
+
+def until(connection: RobotConnection, holds: Callable[[LiveState], object]) -> LiveState:
+    for _ in range(200):
+        state = connection.poll(0.05)
+        if holds(state):
+            return state
+    raise AssertionError(f"not reached: {state}")
+
+
+def test_nodes_statuses_results_and_entries_arrive(tree: btcore.Tree, connection: RobotConnection) -> None:
+    state = until(connection, lambda state: state.nodes)
+    assert [(node.uid, node.parent, node.id, node.is_subtree) for node in state.nodes] == [
+        (1, 0, "Sequence", False),
+        (2, 1, "Script", False),
+        (3, 1, "AlwaysSuccess", False),
+        (4, 1, "SubTree", True),
+        (5, 4, "ForceSuccess", False),
+        (6, 5, "AlwaysFailure", False),
+    ]
+    assert state.nodes[0].name == "Küche"
+    tree.tick_once()
+    state = until(connection, lambda state: len(state.results) == 6 and state.entries)
+    assert state.connection == "connected"
+    assert state.results == {1: 2, 2: 2, 3: 2, 4: 2, 5: 2, 6: 3}
+    assert state.entries == (("", "lap", "3"),)
+
+
+def test_breakpoint_stops_at_one_of_two_nodes_with_the_same_name(
+    tree: btcore.Tree, connection: RobotConnection
+) -> None:
+    until(connection, lambda state: state.nodes)
+    connection.set_breakpoints([3])
+    ticking = threading.Thread(target=tree.tick_once, daemon=True)
+    ticking.start()
+    state = until(connection, lambda state: state.stopped_at)
+    assert (state.stopped_at, state.breakpoints, state.problem) == (3, {3}, "")
+    connection.release()
+    ticking.join(timeout=10)
+    assert not ticking.is_alive()
+    connection.set_breakpoints([])
+    assert connection.poll(0.01).breakpoints == frozenset()
+    tree.tick_once()
+
+
+def test_robot_without_control_is_reported(tree: btcore.Tree) -> None:
+    with serve(tree, groot2=0) as publisher, closing(RobotConnection(publisher.address)) as connection:
+        until(connection, lambda state: state.nodes)
+        connection.set_breakpoints([3])
+        state = connection.poll(0.01)
+        assert "does not allow control" in state.problem
+        assert not state.breakpoints
+
+
+def test_invalid_address_is_an_error() -> None:
+    with pytest.raises(LiveError, match="not an address"):
+        RobotPreview().connect("http://x/y z", SETTINGS)
