@@ -49,7 +49,7 @@ ROS2_RUNS ?=
 MISTAKES ?=
 
 .PHONY: help setup demo test check environments lint lint-and-pure pure compiled ros2 vulkan spin accept \
-	accept-robot accept-engine accept-ros2 docs dist bench clean
+	accept-robot accept-engine accept-ros2 docs vscode dist bench clean
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
@@ -58,6 +58,7 @@ help:
 	@echo 'make check   style, types and the closest tests of the changed files, or of FILES="…", in 20 s'
 	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
 	@echo 'make docs    the documentation site, in out/docs/site'
+	@echo 'make vscode  the extension for VS Code, out/btcore.vsix; needs npm'
 	@echo 'make dist    the files of a release for this machine, in dist'
 	@echo 'make lint    style and types only'
 	@echo 'make bench   the benchmarks on both builds, in ratios beside their targets'
@@ -205,6 +206,13 @@ accept-ros2: .venv-ros/ready
 	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)
 	@.venv-ros/bin/python tests/acceptance/ros2_runs.py $(ROS2_RUNS)
 
+# Nothing of this is committed: npm brings the tools, in the versions of package.json.
+vscode:
+	@mkdir -p out
+	@cp LICENSE editors/vscode/LICENSE
+	@cd editors/vscode && npm install --loglevel=error --no-audit --no-fund --no-package-lock
+	@cd editors/vscode && npm run --silent package
+
 docs: .venv/ready
 	@.venv/bin/python docs/site/build.py
 
@@ -227,5 +235,5 @@ bench: .venv/ready .venv-compiled/bench $(if $(ROS2),.venv-ros/ready)
 	@$(if $(ROS2),.venv-ros/bin/btcore bench ros2)
 
 clean:
-	rm -rf .venv .venv-compiled .venv-ros .venv-release build dist out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-compiled .venv-ros .venv-release build dist out editors/vscode/node_modules editors/vscode/out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

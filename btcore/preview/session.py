@@ -121,9 +121,11 @@ class PreviewSession:
     def set_breakpoints(self, keys: Collection[str]) -> None:
         """Set breakpoints before the nodes with these keys, and remove all others of the preview."""
         with self._news:
-            self._wanted = frozenset(sorted(keys)[:_MAX_BREAKPOINTS])
-            self._live_version += 1
-            self._news.notify_all()
+            wanted = frozenset(sorted(keys)[:_MAX_BREAKPOINTS])
+            if wanted != self._wanted:
+                self._wanted = wanted
+                self._live_version += 1
+                self._news.notify_all()
 
     def release(self) -> None:
         """Let a tree that waits at a breakpoint continue."""

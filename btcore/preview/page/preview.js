@@ -48,6 +48,7 @@ function listen() {
         replies.delete(data.id);
       } else if (data.type === "event") receive(data.name, data.value);
       else if (data.type === "cursor") selectLine(data.file, data.line, false);
+      else if (data.type === "tree") { state.tree = data.tree; load(); }
     });
     document.body.classList.add("editor");
     editor.postMessage({ type: "ready" });
@@ -573,6 +574,12 @@ function showEntries() {
 }
 
 async function toggleBreakpoint(key) {
+  if (editor) {
+    // The editor's margin has the breakpoints.
+    const node = state.keys.get(key);
+    editor.postMessage({ type: "breakpoint", file: state.drawing.files[node.file].name, line: node.line });
+    return;
+  }
   const wanted = new Set(state.live?.wanted ?? []);
   if (!wanted.delete(key)) wanted.add(key);
   await post("breakpoints", { keys: [...wanted] });

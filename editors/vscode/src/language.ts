@@ -1,0 +1,77 @@
+import * as vscode from "vscode";
+import { LanguageClient, TransportKind } from "vscode-languageclient/node";
+import { settings } from "./settings";
+
+export const LANGUAGE = "behaviortree";
+
+const TREES = /<\s*(?:BehaviorTree|TreeNodesModel)\b|<\s*root\b[^>]*\bBTCPP_format\b/;
+const SEARCHED = 20_000;
+
+/** Whether an XML document contains behavior trees or models of nodes. */
+export function containsTrees(document: vscode.TextDocument): boolean {
+  const end = document.positionAt(SEARCHED);
+  return TREES.test(document.getText(new vscode.Range(0, 0, end.line, end.character)));
+}
+
+/** Change the language of XML documents with behavior trees, now and whenever a document is opened. */
+export function associate(context: vscode.ExtensionContext): void {
+  const check = (document: vscode.TextDocument): void => {
+    if (document.languageId === "xml" && containsTrees(document)) {
+      void vscode.languages.setTextDocumentLanguage(document, LANGUAGE);
+    }
+  };
+  vscode.workspace.textDocuments.forEach(check);
+  context.subscriptions.push(
+    vscode.workspace.onDidOpenTextDocument(check),
+    vscode.workspace.onDidSaveTextDocument(check),
+  );
+}
+
+/** The language server: `btcore lsp`. */
+export class Server {
+  private client: LanguageClient | undefined;
+
+  /** Start the server, or start it again. */
+  async start(): Promise<void> {
+    await this.stop();
+    const { command } = settings();
+    const client = new LanguageClient(
+      "btcore",
+      "btcore",
+      { command, args: ["lsp"], transport: TransportKind.stdio },
+      {
+        documentSelector: [{ language: LANGUAGE }],
+        initializationOptions: serverSettings(),
+        synchronize: {
+          fileEvents: vscode.workspace.createFileSystemWatcher("**/*.{xml,btproj,py}"),
+        },
+      },
+    );
+    this.client = client;
+    try {
+      await client.start();
+    } catch (error) {
+      this.client = undefined;
+      void vscode.window.showErrorMessage(
+        `The command '${command} lsp' does not start: ${String(error)}. Install it with: ` +
+          "pip install 'btcore[lsp]', or set its path in the setting btcore.command.",
+      );
+    }
+  }
+
+  /** Send the settings to the server again. */
+  async configure(): Promise<void> {
+    await this.client?.sendNotification("workspace/didChangeConfiguration", { settings: serverSettings() });
+  }
+
+  async stop(): Promise<void> {
+    const client = this.client;
+    this.client = undefined;
+    await client?.stop();
+  }
+}
+
+function serverSettings(): { btcore: object } {
+  const { trusted, plugins, models, given } = settings();
+  return { btcore: { trusted, plugins, models, given } };
+}
