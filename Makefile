@@ -43,6 +43,7 @@ ATTACKS ?= --pairs 3 --seconds 10
 KILLS ?= 100
 PROOFS ?= 1000
 SCHEDULES ?= 500
+PREVIEWS ?= 9
 SPIN_TREES ?= 37
 TYPED ?= 200
 ROS2_RUNS ?=
@@ -198,6 +199,7 @@ accept-engine: .venv/ready .venv-compiled/ready spin
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 	@.venv/bin/python tests/acceptance/mcp_attacks.py
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
+	@.venv/bin/python tests/acceptance/preview.py --trials $(PREVIEWS)
 	@.venv/bin/python tests/acceptance/proofs.py --trees $(PROOFS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/spin.py --trees $(SPIN_TREES) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/typed_files.py --files $(TYPED) --jobs $(CORES)

@@ -192,6 +192,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _get(self, server: PreviewServer, name: str) -> None:
         if name == "events":
             self._send_events(server)
+        elif name == "drawing":
+            self._send(server.session.drawing(None, ()), "application/json")
         elif name in server.page_files:
             self._send(*server.page_files[name])
         else:

@@ -160,7 +160,9 @@ async function load(anchor = "") {
   if (loading) { again = true; return; }
   loading = true;
   try {
-    const data = await post("drawing", { tree: state.tree, folded: [...state.folded] });
+    // The page has preloaded the first drawing.
+    const data = state.drawing || editor ? await post("drawing", { tree: state.tree, folded: [...state.folded] })
+      : await (await fetch("drawing")).json();
     if (data.error) {
       if (!state.drawing?.svg) canvas.replaceChildren(make("p", data.error));
       state.drawing ??= {};

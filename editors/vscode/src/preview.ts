@@ -36,6 +36,7 @@ export function pageHtml(html: string, style: string, script: string, isDark: bo
   const scheme = themed.replace("color-scheme: light dark", `color-scheme: ${isDark ? "dark" : "light"}`);
   return html
     .replace("<head>", () => `<head><meta http-equiv="Content-Security-Policy" content="${policy}">`)
+    .replace(/<link rel="preload"[^>]*>/, "")
     .replace(/<link rel="stylesheet"[^>]*>/, () => `<style nonce="${nonce}">${scheme}</style>`)
     .replace(/<script src="preview.js"[^>]*><\/script>/, "")
     .replace("</body>", () => `<script nonce="${nonce}">${script}</script></body>`);

@@ -1,0 +1,229 @@
+"""The page of `btcore preview` in headless Chromium: what it shows and does, and how fast it draws.
+
+``python tests/acceptance/preview.py --trials 9`` prints a line for each check, and exits with 1 if one fails:
+
+- A click on a node marks its line, and a click on a line its node. Folding, search and export work. A file
+  that is broken keeps its last picture. Nothing is requested elsewhere, and the console has no error.
+- A running tree is coloured, its entries are listed, and a breakpoint stops it at one node.
+- A tree of 1,000 nodes is drawn in less than twice the time in which Chromium opens its static SVG.
+
+``--pictures docs/images`` also writes the pictures of the guide.
+"""
+
+import argparse
+import json
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen, run
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from checkout import environment
+
+ROUNDS = """<root BTCPP_format="4" main_tree_to_execute="Rounds">
+  <BehaviorTree ID="Rounds">
+    <KeepRunningUntilFailure name="forever">
+      <Sequence name="round">
+        <Script name="choose" code="room := 'Küche'; lap := 3"/>
+        <Fallback name="door">
+          <ScriptCondition name="is it open?" code="lap == 4"/>
+          <Sleep name="open it" msec="400"/>
+        </Fallback>
+        <SubTree ID="Visit" place="{room}"/>
+        <Sleep name="rest" msec="700"/>
+      </Sequence>
+    </KeepRunningUntilFailure>
+  </BehaviorTree>
+  <BehaviorTree ID="Visit">
+    <Sequence>
+      <ScriptCondition name="is known" code="place != ''"/>
+      <Parallel success_count="1" failure_count="2">
+        <Sleep name="turn" msec="600"/>
+        <Sleep name="scan" msec="900"/>
+      </Parallel>
+      <ForceSuccess>
+        <AlwaysFailure name="greet"/>
+      </ForceSuccess>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+RATIO = 2.0
+_SHOWN = """
+addEventListener('DOMContentLoaded', () => {
+  const mark = () => requestAnimationFrame(() => requestAnimationFrame(() => performance.mark('shown')));
+  if (document.documentElement.tagName === 'svg') { mark(); return; }
+  const canvas = document.getElementById('canvas');
+  new MutationObserver((_, observer) => {
+    if (canvas.querySelector('svg')) { observer.disconnect(); mark(); }
+  }).observe(canvas, {childList: true});
+});"""
+"""Marks the second frame after the drawing is in the document."""
+
+
+@contextmanager
+def preview(*arguments: str) -> Iterator[str]:
+    """Start `btcore preview`, and return the address of its page."""
+    command = [sys.executable, "-m", "btcore", "preview", "--json", *arguments]
+    with Popen(command, stdout=PIPE, text=True, env=environment()) as process:
+        try:
+            assert process.stdout is not None
+            yield json.loads(process.stdout.readline())["url"]
+        finally:
+            process.terminate()
+
+
+def large_tree(count: int = 1000) -> str:
+    """Return a tree with *count* nodes, in sequences and fallbacks of ten."""
+    leaves = [f'<Sleep name="wait {number}" msec="{number}"/>' for number in range(count)]
+    groups = [
+        f'<{"Sequence" if start % 20 else "Fallback"} name="part {start}">\n'
+        + "\n".join(leaves[start : start + 9])
+        + f"\n</{'Sequence' if start % 20 else 'Fallback'}>"
+        for start in range(0, count, 10)
+    ]
+    body = "\n".join(groups)
+    tree = f'<BehaviorTree ID="Large"><Parallel>\n{body}\n</Parallel></BehaviorTree>'
+    return f'<root BTCPP_format="4">{tree}</root>'
+
+
+def check_file(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
+    """Return what is wrong with the page of a file."""
+    file = folder / "rounds.xml"
+    file.write_text(ROUNDS, encoding="utf-8")
+    wrong: list[str] = []
+
+    def expect(name: str, condition: object) -> None:
+        if not condition:
+            wrong.append(name)
+
+    with preview(str(file)) as url:
+        page = browser.new_page(viewport={"width": 1280, "height": 760}, accept_downloads=True)
+        page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("request", lambda request: expect(f"request to {request.url}", request.url.startswith(url)))
+        page.goto(url)
+        page.wait_for_selector("#lines .t")
+        expect("15 cards", len(page.query_selector_all("g[data-uid]")) == 15)
+        page.click("g[data-uid='6']")
+        expect("line of the clicked node", page.get_attribute("#lines .here", "data-line") == "8")
+        page.click("#lines div[data-line='21']")
+        expect("node of the clicked line", "scan" in page.inner_text("#node .name"))
+        page.fill("#search", "küche")
+        page.wait_for_selector("g.found[data-uid='3']")
+        expect("one node found", len(page.query_selector_all("g.found")) == 1)
+        if pictures is not None:
+            page.fill("#search", "")
+            page.emulate_media(color_scheme="dark")
+            page.click("g[data-uid='7']")
+            page.screenshot(path=pictures / "preview_dark.png")
+            page.emulate_media(color_scheme="light")
+        page.fill("#search", "")
+        page.click("#fold")
+        page.wait_for_selector("g[data-uid='7'] .fold:not(.passing)")
+        expect("8 cards after folding", len(page.query_selector_all("g[data-uid]")) == 8)
+        with page.expect_download() as download:
+            page.click("#export")
+        expect("exported SVG", "Küche" in Path(download.value.path()).read_text(encoding="utf-8"))
+        page.click("#unfold")
+        page.wait_for_selector("g[data-uid='15']")
+        file.write_text(ROUNDS.replace("</Fallback>", ""), encoding="utf-8")
+        page.wait_for_selector("#canvas.stale g[data-uid='15']")
+        expect("diagnostic", "E002" in page.inner_text("#problems"))
+        file.write_text(ROUNDS.replace("greet", "<b>Grüße</b>".replace("<", "&lt;")), encoding="utf-8")
+        page.wait_for_selector("#canvas:not(.stale)")
+        page.wait_for_selector("#canvas text.name:text('<b>Grüße</b>')")
+        page.close()
+    return wrong
+
+
+def check_run(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
+    """Return what is wrong with the page of a running tree."""
+    file = folder / "rounds.xml"
+    file.write_text(ROUNDS, encoding="utf-8")
+    command = [sys.executable, "-m", "btcore", "run", str(file), "--publish", "groot2", "--port", "17667"]
+    published = Popen([*command, "--allow-control"], stdout=DEVNULL, stderr=DEVNULL, env=environment())
+    try:
+        with preview(str(file), "--live", "17667") as url:
+            page = browser.new_page(viewport={"width": 1280, "height": 760})
+            page.goto(url)
+            page.wait_for_selector("#canvas.live g.s1[data-uid='1']")
+            page.wait_for_selector("#entries td:text('Küche')")
+            # A whole round, so that every node has a result.
+            page.wait_for_selector("g.r3[data-uid='14']")
+            page.click("g[data-uid='12']")
+            page.keyboard.press("b")
+            page.wait_for_selector("g.stopped[data-uid='12']")
+            if pictures is not None:
+                page.screenshot(path=pictures / "preview.png", animations="disabled")
+            page.keyboard.press("b")
+            page.wait_for_selector("#continue", state="hidden")
+            page.wait_for_selector("g.s1[data-uid='12']")
+            page.close()
+    finally:
+        published.terminate()
+        published.wait(20)
+    return []
+
+
+def measure(browser: Any, url: str) -> float:
+    """Return the time in ms from the request of *url* until its drawing is on the screen."""
+    context = browser.new_context(viewport={"width": 1440, "height": 900})
+    context.add_init_script(_SHOWN)
+    page = context.new_page()
+    page.goto(url, wait_until="commit")
+    shown = 0.0
+    while not shown:
+        page.wait_for_timeout(20)
+        shown = page.evaluate("performance.getEntriesByName('shown').map(entry => entry.startTime)[0] ?? 0")
+    context.close()
+    return shown
+
+
+def check_speed(browser: Any, folder: Path, trials: int) -> list[str]:
+    """Return a complaint if the page draws 1,000 nodes too slowly; print both times."""
+    file, svg = folder / "large.xml", folder / "large.svg"
+    file.write_text(large_tree(), encoding="utf-8")
+    run([sys.executable, "-m", "btcore", "show", file, "--svg", svg], check=True, env=environment())
+    with preview(str(file)) as url:
+        # In turn, and the least of each, since other programs use the machine as well.
+        pairs = [(measure(browser, svg.as_uri()), measure(browser, url)) for _ in range(trials)]
+    static, drawn = (min(times) for times in zip(*pairs, strict=True))
+    print(f"  1,000 nodes: static SVG {static:.0f} ms, preview {drawn:.0f} ms, ratio {drawn / static:.2f}")
+    return [] if drawn < RATIO * static else [f"the preview takes {drawn / static:.2f} times as long"]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trials", type=int, default=9)
+    parser.add_argument("--pictures", type=Path)
+    options = parser.parse_args()
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        print("note: playwright is not installed; the preview is not checked in Chromium")
+        return 0
+    wrong: list[str] = []
+    with sync_playwright() as playwright, TemporaryDirectory() as name:
+        places = [*map(shutil.which, ("chromium", "google-chrome")), playwright.chromium.executable_path]
+        place = next((place for place in places if place and Path(place).exists()), None)
+        if place is None:
+            print("note: there is no Chromium; the preview is not checked in it")
+            return 0
+        browser = playwright.chromium.launch(executable_path=place, args=["--no-sandbox"])
+        for title, found in (
+            ("a file", check_file(browser, Path(name), options.pictures)),
+            ("a running tree", check_run(browser, Path(name), options.pictures)),
+            ("speed", check_speed(browser, Path(name), options.trials)),
+        ):
+            print(f"preview of {title}: {'; '.join(found) or 'passed'}")
+            wrong += found
+        browser.close()
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
