@@ -6,6 +6,7 @@ can therefore neither read nor change anything, even if it guesses the port. All
 
 import hmac
 import json
+import os
 import secrets
 import socket
 import threading
@@ -68,8 +69,8 @@ class PreviewServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    # Another process could otherwise listen on the same port on Windows.
-    allow_reuse_address = False
+    # On Windows another process could then listen on the same port.
+    allow_reuse_address = os.name == "posix"
     block_on_close = False
     request_queue_size = 32
 
