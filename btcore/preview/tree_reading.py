@@ -199,4 +199,4 @@ def _fold(root: DiagramNode, folded: set[int], count: int) -> dict[int, int]:
 def _pruned(node: DiagramNode, hidden: dict[int, int]) -> DiagramNode:
     """Return the drawing without the children of nodes in *hidden*."""
     children = [] if node.uid in hidden else [_pruned(child, hidden) for child in node.children]
-    return replace(node, children=children)
+    return replace(node, children=children, hidden=hidden.get(node.uid, 0))

@@ -196,7 +196,6 @@ function show(data, anchor) {
   for (const group of svg.querySelectorAll("g[data-uid]")) {
     const node = data.nodes[group.dataset.uid - 1];
     state.groups.set(node.key, group);
-    if (node.hidden) addFold(group, node);
   }
   canvas.replaceChildren(svg);
   const after = before && state.groups.get(anchor)?.getBoundingClientRect();
@@ -250,19 +249,18 @@ function zoomTo(zoom, x = canvas.clientWidth / 2, y = canvas.clientHeight / 2) {
   canvas.scrollTop += now.top + at[1] * zoom - frame.top - y;
 }
 
-function addFold(group, node) {
+// Add the button that folds a node. The drawing has the badges of folded nodes.
+function addFold(group) {
   const card = group.querySelector(".card");
   const [width, height] = [card.width.baseVal.value, card.height.baseVal.value];
   const down = group.ownerSVGElement.dataset.direction === "down";
-  const text = node.hidden ? `+${node.hidden}` : "−";
-  const room = 10 + 7 * text.length;
   const place = down ? `${width / 2} ${height}` : `${width} ${height / 2}`;
-  const button = draw("g", { class: "fold", transform: `translate(${place})` });
+  const button = draw("g", { class: "fold passing", transform: `translate(${place})` });
   const label = draw("text", { y: 4 });
-  label.textContent = text;
+  label.textContent = "−";
   const hint = draw("title", {});
-  hint.textContent = node.hidden ? `Show ${node.hidden} nodes` : "Hide the nodes below";
-  button.append(hint, draw("rect", { x: -room / 2, y: -8, width: room, height: 16, rx: 8 }), label);
+  hint.textContent = "Hide the nodes below";
+  button.append(hint, draw("rect", { x: -8, y: -8, width: 16, height: 16, rx: 8 }), label);
   group.append(button);
 }
 
@@ -634,10 +632,7 @@ canvas.addEventListener("pointerover", (event) => {
   const group = event.target.closest?.("g[data-uid]");
   const node = group && nodeOf(group);
   for (const other of canvas.querySelectorAll("g.fold.passing")) if (other.parentNode !== group) other.remove();
-  if (node && !node.leaf && !group.querySelector(".fold")) {
-    addFold(group, node);
-    group.querySelector(".fold").classList.add("passing");
-  }
+  if (node && !node.leaf && !group.querySelector(".fold")) addFold(group);
 });
 
 let drag = null;

@@ -37,6 +37,8 @@ _STYLE: Final = f"""
     .frame {{ stroke-dasharray: 5 4; }}
     .glyph {{ fill: none; stroke: #ffffff; stroke-width: 1.9; }}
     .glyph {{ stroke-linecap: round; stroke-linejoin: round; }}
+    .fold rect {{ fill: #ffffff; stroke: #a9b2c1; stroke-width: 1.3; }}
+    .fold text {{ font-size: 11px; font-weight: 700; text-anchor: middle; fill: #6a7485; }}
     .ring {{ fill: none; stroke: #ffffff; stroke-width: 1.1; stroke-opacity: .85; }}
 """
 
@@ -100,7 +102,8 @@ def _document(
     down: bool,
     style: str,
 ) -> str:
-    about = f"format {format} · {len(placed)} node{'' if len(placed) == 1 else 's'}"
+    count = len(placed) + sum(item.node.hidden for item in placed)
+    about = f"format {format} · {count} node{'' if count == 1 else 's'}"
     kinds = [kind for kind in FAMILY_COLOURS if any(item.node.type is kind for item in placed)]
     title_width = text_width(title, 19, bold=True)
     width = max(drawing_width, title_width + 10, 92.0 * len(kinds)) + 2 * _MARGIN
@@ -126,8 +129,18 @@ def _document(
     for node, card, box in placed:
         x, y = (box.middle - card.width / 2, box.top) if down else (box.top, box.middle - card.height / 2)
         place = f'data-uid="{node.uid}" transform="translate({x:.1f} {y:.1f})"'
-        lines.append(f"<g {place}>{''.join(card.drawing)}</g>")
+        badge = _hidden_badge(node.hidden, card, down) if node.hidden else ""
+        lines.append(f"<g {place}>{''.join(card.drawing)}{badge}</g>")
     return "\n".join([*lines, "</g>", _legend(kinds, height - 18), "</svg>"]) + "\n"
+
+
+def _hidden_badge(count: int, card: Card, down: bool) -> str:
+    """Return the badge of a card whose *count* descendants are omitted, at the edge towards them."""
+    x, y = (card.width / 2, card.height) if down else (card.width, card.height / 2)
+    width = text_width(f"+{count}", 11, bold=True) + 12
+    pill = f'<rect x="{-width / 2:.1f}" y="-8" width="{width:.1f}" height="16" rx="8"/>'
+    words = f'<title>{count} hidden</title>{pill}<text y="4">+{count}</text>'
+    return f'<g class="fold" transform="translate({x:.1f} {y:.1f})">{words}</g>'
 
 
 def _colours() -> str:

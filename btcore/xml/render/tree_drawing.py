@@ -28,6 +28,7 @@ class DiagramNode:
         tree: For a SubTree node, the ID of the called tree, whose root is the only child.
         symbol: The symbol that the node's class declares.
         children: The children of the node.
+        hidden: The number of descendants that the drawing omits; a badge shows it.
         origin: The document and the element of the node, or None if it has no element.
     """
 
@@ -41,6 +42,7 @@ class DiagramNode:
     tree: str = ""
     symbol: str = ""
     children: list["DiagramNode"] = field(default_factory=list)
+    hidden: int = 0
     origin: tuple[Document, Element] | None = None
 
 

@@ -65,6 +65,8 @@ def test_folded_node_hides_its_descendants_only(tree_file: TreeFile) -> None:
     folded = drawing(tree_file, None, nodes[3]["key"])
     assert [node["hidden"] for node in folded["nodes"]] == [0, 0, 0, 2, 0, 0, 0, 0, 0]
     assert folded["svg"].count("data-uid") == 7
+    assert ">+2</text>" in folded["svg"]
+    assert "9 nodes" in folded["svg"]
 
 
 def test_large_tree_is_folded_at_its_deepest_levels(
