@@ -12,8 +12,8 @@ from btcore.preview.node_keys import diagram_keys, diagram_nodes
 from btcore.registry.registry import Registry
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_undeclared_nodes
-from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document, check_size
-from btcore.xml.plan.plan import topological_order
+from btcore.xml.plan.call_graph import CallGraph
+from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document, parse_file, parse_text
 from btcore.xml.read.includes import resolve_includes
@@ -126,9 +126,9 @@ def draw(
     main = by_id.get(tree or "") or analysis.main or next(iter(by_id.values()))
     if main is not analysis.main:
         diagnostics = DiagnosticCollector()
-        order = topological_order(analysis.planner, main, diagnostics)
-        if order is not None:
-            check_size(order, main, diagnostics)
+        calls = CallGraph(analysis.planner, diagnostics)
+        if not calls.is_recursive(main):
+            calls.check_size(main)
         if diagnostics.errors:
             return {"tree": main.id, "error": diagnostics.errors[0].message}
     root = diagram_of_document(analysis._replace(main=main))
