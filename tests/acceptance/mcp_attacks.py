@@ -483,6 +483,7 @@ def end_during_a_call(served: Path, log: Path, end: Callable[[Client], object]) 
     while not left_behind(served):
         if time.monotonic() > limit:
             return "the call does not start"
+        time.sleep(0.1)
     end(client)
     try:
         client.process.wait(MARGIN)
@@ -525,6 +526,8 @@ def run(chosen: Sequence[str] = ()) -> tuple[int, list[str]]:
             "Ctrl-C": lambda client: client.process.send_signal(signal.SIGINT),
         }
         for name, end in ends.items():
+            if chosen and name not in chosen:
+                continue
             if fault := end_during_a_call(served, log, end):
                 faults.append(f"{name}: {fault}")
         if (after := state(folder)) != before:

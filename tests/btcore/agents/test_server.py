@@ -91,7 +91,6 @@ def test_an_agent_mends_proves_and_simulates_a_tree(tmp_path: Path) -> None:
         [diagnostic] = checked["diagnostics"]
         assert (diagnostic["code"], diagnostic["file"], diagnostic["line"]) == ("E101", file.name, 5)
         assert "IsObstacle" in diagnostic["hint"]
-        assert "IsObstacle" in await agent("nodes", ids=["IsObstacle"])
         mended = FAULTY.replace("IsObstacel", "IsObstacle")
         file.write_text(mended, encoding="utf-8")
         assert (await agent("validate", tree=file.name))["ok"]
@@ -106,7 +105,7 @@ def test_an_agent_mends_proves_and_simulates_a_tree(tmp_path: Path) -> None:
 
     lines = serve(folder, tmp_path / "mcp.log", work)
     calls = [line["parameters"]["name"] for line in lines if line["method"] == "tools/call"]
-    assert calls == ["validate", "nodes", "validate", "prove", "run"]
+    assert calls == ["validate", "validate", "prove", "run"]
     assert {line["outcome"] for line in lines} == {"ok"}
 
 
@@ -120,7 +119,7 @@ def test_an_agent_learns_why_a_tree_failed(tmp_path: Path) -> None:
         assert explained["why"] == "the action <OpenDoor> returned FAILURE after 0.2 s"
         assert [step["id"] for step in explained["path"]] == ["Sequence", "Fallback", "OpenDoor"]
         assert explained["path"][1]["children"] == {"zu": "FAILURE", "Tür": "FAILURE"}
-        read = await agent("read_log", log=result["log"], transitions=3)
+        read = await agent("read_log", log=result["log"], transitions=0)
         assert read["nodes"]["kurz"]["success"] == 1
         shown = await agent.client.call_tool("show", {"xml": FAILING, "own_models": True})
         assert "Tür  OpenDoor" in shown.content[0].text
@@ -128,7 +127,6 @@ def test_an_agent_learns_why_a_tree_failed(tmp_path: Path) -> None:
         assert picture.type == "image" or "<svg" in picture.text
         assert "did you mean 'duration'?" in await agent.refusal("run", xml=FAILING, durations=3)
         assert "less than or equal to 600" in await agent.refusal("run", xml=FAILING, duration=1e9)
-        assert "OpenDoor" in await agent.refusal("run", xml=FAILING)
 
     serve(tmp_path, tmp_path / "mcp.log", work)
 
@@ -138,6 +136,6 @@ def test_a_sample_of_the_hostile_calls_does_no_harm(
     acceptance_script: Callable[[str], ModuleType],
 ) -> None:
     attacks = acceptance_script("mcp_attacks")
-    count, faults = attacks.run(["path", "resource", "map outside", "a ROS leaf", "run {", "0 IDs"])
+    count, faults = attacks.run(["path", "resource", "map outside", "a ROS leaf", "run {", "SIGTERM"])
     assert faults == []
     assert count > 90
