@@ -40,6 +40,7 @@ INPUTS ?= 100000
 EPISODES ?= 1000
 RECORDED ?= 600
 ATTACKS ?= --pairs 3 --seconds 10
+MCP_ATTACKS ?=
 KILLS ?= 100
 PROOFS ?= 1000
 SCHEDULES ?= 500
@@ -197,7 +198,7 @@ accept-engine: .venv/ready .venv-compiled/ready spin
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
-	@.venv/bin/python tests/acceptance/mcp_attacks.py
+	@.venv/bin/python tests/acceptance/mcp_attacks.py $(MCP_ATTACKS)
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
 	@.venv/bin/python tests/acceptance/preview.py --trials $(PREVIEWS)
 	@.venv/bin/python tests/acceptance/proofs.py --trees $(PROOFS) --jobs $(CORES)
