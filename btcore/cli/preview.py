@@ -134,7 +134,7 @@ def _open_page(url: str, folder: Path) -> None:
     Other users could read the token in the arguments of the browser's process.
     """
     redirection = folder / "preview.html"
-    redirection.write_text(f'<!doctype html><meta http-equiv="refresh" content="0;url={url}">', "utf-8")
+    redirection.write_bytes(f'<!doctype html><meta http-equiv="refresh" content="0;url={url}">'.encode())
     webbrowser.open(redirection.as_uri())
 
 

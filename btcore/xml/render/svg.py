@@ -37,8 +37,8 @@ _STYLE: Final = f"""
     .frame {{ stroke-dasharray: 5 4; }}
     .glyph {{ fill: none; stroke: #ffffff; stroke-width: 1.9; }}
     .glyph {{ stroke-linecap: round; stroke-linejoin: round; }}
-    .fold rect {{ fill: #ffffff; stroke: #a9b2c1; stroke-width: 1.3; }}
-    .fold text {{ font-size: 11px; font-weight: 700; text-anchor: middle; fill: #6a7485; }}
+    .pill {{ fill: #ffffff; stroke: #a9b2c1; stroke-width: 1.3; }}
+    .count {{ font-size: 11px; font-weight: 700; text-anchor: middle; fill: #6a7485; }}
     .ring {{ fill: none; stroke: #ffffff; stroke-width: 1.1; stroke-opacity: .85; }}
 """
 
@@ -138,8 +138,8 @@ def _hidden_badge(count: int, card: Card, down: bool) -> str:
     """Return the badge of a card whose *count* descendants are omitted, at the edge towards them."""
     x, y = (card.width / 2, card.height) if down else (card.width, card.height / 2)
     width = text_width(f"+{count}", 11, bold=True) + 12
-    pill = f'<rect x="{-width / 2:.1f}" y="-8" width="{width:.1f}" height="16" rx="8"/>'
-    words = f'<title>{count} hidden</title>{pill}<text y="4">+{count}</text>'
+    pill = f'<rect class="pill" x="{-width / 2:.1f}" y="-8" width="{width:.1f}" height="16" rx="8"/>'
+    words = f'<title>{count} hidden</title>{pill}<text class="count" y="4">+{count}</text>'
     return f'<g class="fold" transform="translate({x:.1f} {y:.1f})">{words}</g>'
 
 
