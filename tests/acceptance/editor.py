@@ -11,7 +11,7 @@ from lsprotocol import types
 from pygls.protocol import default_converter
 from pytest_lsp import LanguageClient
 
-LIMIT_S = 60.0
+LIMIT_S = 300.0
 """The time limit for each answer of the server (s)."""
 
 

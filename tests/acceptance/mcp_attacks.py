@@ -28,7 +28,7 @@ from typing import Any, Final, NamedTuple
 import psutil
 from checkout import environment
 
-LIMIT: Final = 15.0
+LIMIT = 15.0
 """The limit of a call (s)."""
 MARGIN: Final = 10.0
 """What a call may take longer than its limit, on a busy computer (s)."""

@@ -73,7 +73,7 @@ def test_breakpoint_stops_at_one_of_two_nodes_with_the_same_name(
     state = until(connection, lambda state: state.stopped_at)
     assert (state.stopped_at, state.breakpoints, state.problem) == (3, {3}, "")
     connection.release()
-    ticking.join(timeout=10)
+    ticking.join(timeout=90)
     assert not ticking.is_alive()
     connection.set_breakpoints([])
     assert connection.poll(0.01).breakpoints == frozenset()

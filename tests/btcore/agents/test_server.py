@@ -136,6 +136,7 @@ def test_a_sample_of_the_hostile_calls_does_no_harm(
     acceptance_script: Callable[[str], ModuleType],
 ) -> None:
     attacks = acceptance_script("mcp_attacks")
+    attacks.LIMIT = 90.0  # s; the machine may be slow
     count, faults = attacks.run(["path", "resource", "map outside", "a ROS leaf", "run {", "SIGTERM"])
     assert faults == []
     assert count > 90

@@ -23,7 +23,7 @@ def test_page_follows_the_saved_file_until_a_signal(tmp_path: Path) -> None:
             assert process.stdout is not None
             url = json.loads(process.stdout.readline())["url"]
             assert url.startswith("http://127.0.0.1:")
-            with urlopen(url + "events", timeout=20) as events:
+            with urlopen(url + "events", timeout=90) as events:
                 assert events.readline() == b"event: document\n"
                 events.readline()
                 events.readline()
@@ -32,7 +32,7 @@ def test_page_follows_the_saved_file_until_a_signal(tmp_path: Path) -> None:
                 while events.readline() != b"event: document\n":
                     pass
             request = Request(url + "drawing", b"{}", {"Content-Type": "application/json"})
-            with urlopen(request, timeout=20) as reply:
+            with urlopen(request, timeout=90) as reply:
                 assert json.load(reply)["nodes"][0]["name"] == "Fenster"
             process.send_signal(signal.SIGTERM)
             # Windows has no SIGTERM: it ends the process at once.

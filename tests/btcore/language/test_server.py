@@ -152,7 +152,7 @@ class Checked:
         self.news.set()
 
     async def until(self, path: Path, expected: list[str]) -> None:
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(300):
             while [report.code for report in self.found.get(path, ())] != expected or path not in self.found:
                 self.news.clear()
                 await self.news.wait()

@@ -23,7 +23,7 @@ class FakeRobot:
         self.calls: Queue[Any] = Queue()
 
     def poll(self, timeout: float) -> LiveState:
-        return self.states.get(timeout=10)
+        return self.states.get(timeout=90)
 
     def set_breakpoints(self, uids: Sequence[int]) -> None:
         self.calls.put(list(uids))
@@ -74,7 +74,7 @@ def test_page_sees_the_running_tree_and_sets_breakpoints(tree_file: TreeFile) ->
     session.watch("somewhere")
     state = LiveState("connected", "", NODES, {1: 1, 2: 3}, {2: 3}, (("", "tempo", "3"),))
     robot.states.put(state)
-    assert robot.calls.get(timeout=10) == [2]
+    assert robot.calls.get(timeout=90) == [2]
     robot.states.put(state._replace(breakpoints=frozenset({2}), stopped_at=2))
     while True:
         name, data = next(events) or ("", {})
@@ -84,12 +84,12 @@ def test_page_sees_the_running_tree_and_sets_breakpoints(tree_file: TreeFile) ->
     assert data["stopped"] == data["breakpoints"][0] == keys[1]
     session.release()
     robot.states.put(state)
-    assert robot.calls.get(timeout=10) == "release"
+    assert robot.calls.get(timeout=90) == "release"
     robot.states.put(state)
     session._ended.set()  # type: ignore[union-attr]
     robot.states.put(state)
     session.close()
-    assert robot.calls.get(timeout=10) == "close"
+    assert robot.calls.get(timeout=90) == "close"
 
 
 def test_without_the_monitor_the_page_explains_what_is_missing(tree_file: TreeFile) -> None:
