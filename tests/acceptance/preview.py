@@ -5,7 +5,8 @@
 - A click on a node marks its line, and a click on a line its node. Folding, search and export work. A file
   that is broken keeps its last picture. Nothing is requested elsewhere, and the console has no error.
 - A running tree is coloured, its entries are listed, and a breakpoint stops it at one node.
-- A tree of 1,000 nodes is drawn in less than twice the time in which Chromium opens its static SVG.
+- A tree of 1,000 nodes is drawn in less than twice the time in which Chromium opens its static SVG. With less
+  than seven trials this is only reported.
 
 ``--pictures docs/images`` also writes the pictures of the guide.
 """
@@ -52,6 +53,7 @@ ROUNDS = """<root BTCPP_format="4" main_tree_to_execute="Rounds">
 </root>
 """
 RATIO = 2.0
+FEW_TRIALS = 7
 _SHOWN = """
 addEventListener('DOMContentLoaded', () => {
   const mark = () => requestAnimationFrame(() => requestAnimationFrame(() => performance.mark('shown')));
@@ -220,7 +222,9 @@ def main() -> int:
             ("speed", check_speed(browser, Path(name), options.trials)),
         ):
             print(f"preview of {title}: {'; '.join(found) or 'passed'}")
-            wrong += found
+            # A few trials on a busy machine say nothing about the speed.
+            if title != "speed" or options.trials >= FEW_TRIALS:
+                wrong += found
         browser.close()
     return 1 if wrong else 0
 
