@@ -86,7 +86,7 @@ _INTERVAL_S: Final = 0.2
     "--jobs",
     type=click.IntRange(1),
     metavar="N",
-    help="Number of processes of a long search, on Linux.  [default: one per core]",
+    help="Number of processes of a long search, on Linux.  [default: one per core, but 1 on two cores]",
 )
 @click.option(
     "--save",
@@ -146,7 +146,7 @@ def prove(
     )
     prover = prover_of(examined, nodes, [*(f"never {text}" for text in never), *asked], declared, given)
     with _Progress() as progress:
-        report = prover.answer(ticks, memory << 20, progress, jobs or os.cpu_count() or 1)
+        report = prover.answer(ticks, memory << 20, progress, jobs or _default_jobs())
     if save is not None:
         has_libraries = _has_libraries(prover.tree, libraries.nodes, plugins)
         used = TreeReference(path, tree, format, models, plugins, has_libraries, file)
@@ -164,6 +164,12 @@ def prove(
     if REFUTED in answers:
         return ExitCode.FAILURE
     return ExitCode.SUCCESS if answers == {PROVED} else ExitCode.INCOMPLETE_OUTPUT
+
+
+def _default_jobs() -> int:
+    """Return the number of cores, but 1 for two: exchanging states would then take more than it saves."""
+    cores = os.cpu_count() or 1
+    return cores if cores > 2 else 1
 
 
 def _has_libraries(tree: Tree, nodes: Registry, plugins: Sequence[str]) -> bool:
