@@ -4,7 +4,6 @@ Within a tick, the search stops at each decision of a leaf: moments with the sam
 """
 
 import re
-import sys
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -92,9 +91,8 @@ class Explorer:
         self._open: list[tuple[int, int]] = []
         self.counted = [node for node in tree.nodes if node.tick_counts is not None]
         # The tick that is being run: where it began, and the vertex that it has reached.
-        self._state: TreeState | None = None
         self._moment = Moment(0, 0, ())
-        self._bounds: Advance = Advance((), ())
+        self._advance = Advance((), ())
         self._vertex = 0
         self._choice: int | None = None
         self._events = 0
@@ -143,7 +141,7 @@ class Explorer:
             vertex: The vertex.
             choice: The choice at the vertex; None if the tick begins there.
         """
-        self._state, self._moment, self._bounds = state, moment, advance
+        self._moment, self._advance = moment, advance
         self._vertex, self._choice = vertex, choice
         self._events = 0
         self._progress.begin()
@@ -154,7 +152,7 @@ class Explorer:
             tick = self._runner.run(given)
         except _KnownMomentError:
             return
-        self._add_end(tick, advance)
+        self._add_end(tick)
         if tick.error is not None and isinstance(tick.error.cause, EndlessTickError):
             # The search is incomplete now, and such a tick may have any number of decisions.
             self._open.clear()
@@ -192,12 +190,12 @@ class Explorer:
         moment = self._moment._replace(choices=made)
         timers = (keeper.kept_timers(), *keeper.deadlines()) if keeper.timer_slots else ()
         rest = (
-            self._progress.moment(leaf) or (self._state, moment.advance, made),
+            self._progress.moment(leaf) or moment,
             self._runner.so_far(),
             timers,
             *[remember(choices.events) for remember in self._memories],
         )
-        number, is_new = self.table.number_of(keeper.capture(self._bounds.bounds), rest)
+        number, is_new = self.table.number_of(keeper.capture(self._advance.bounds), rest)
         step = self._add_edge(number)
         if not is_new:
             raise _KnownMomentError
@@ -205,7 +203,7 @@ class Explorer:
         self._open += [(number, option) for option in range(options - 1, 0, -1)]
         self._vertex, self._choice = number, 0
 
-    def _add_end(self, tick: Tick, advance: Advance) -> None:
+    def _add_end(self, tick: Tick) -> None:
         """Add the edge that ends a tick, and check the tick."""
         graph = self.graph
         timers = 0
@@ -216,7 +214,7 @@ class Explorer:
             target = RAISED if reason is None else UNKNOWN
         elif tick.result is RUNNING:
             timers = self.keeper.kept_timers()
-            target, is_new = self.table.number_of(self.keeper.capture(advance.bounds))
+            target, is_new = self.table.number_of(self.keeper.capture(self._advance.bounds))
         else:
             assert tick.result is not None
             target = END_OF.get(tick.result, END_OF[SKIPPED])
@@ -271,16 +269,6 @@ def _what_is_unknown(error: NodeExecutionError, tree: Tree) -> str | None:
             if entry is not None and isinstance(entry.value, UnknownValue):
                 return f"the value of {{{entry.value.key}}} is not known: declare its domain"
     return None
-
-
-def memory_used() -> int:
-    """Return the greatest memory (bytes) that this process has used; 0 on Windows, which is not supported."""
-    if sys.platform == "win32":
-        return 0
-    import resource
-
-    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return used if sys.platform == "darwin" else used * 1024
 
 
 def clock_for_search() -> SimClock:

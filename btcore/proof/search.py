@@ -6,8 +6,8 @@ from collections.abc import Callable
 from itertools import islice
 from typing import Final
 
-from btcore.proof.exploration import Explorer, memory_used
-from btcore.proof.search_processes import CAN_FORK, STATES_AT_A_TIME, SearchProcesses
+from btcore.proof.exploration import Explorer
+from btcore.proof.search_processes import CAN_FORK, STATES_AT_A_TIME, SearchProcesses, memory_used
 from btcore.proof.state_graph import StateGraph
 
 _FEW_STATES: Final = 500
@@ -30,7 +30,7 @@ def search(
         most_ticks: The greatest number of ticks of a run; None = no limit.
         memory: The memory (bytes) that the processes may use; None = no limit.
         progress: Called from time to time.
-        jobs: The number of processes. The graph does not depend on it.
+        jobs: The number of processes. The states that are found do not depend on it.
     """
     graph, waiting = explorer.graph, explorer.waiting
     processes: SearchProcesses | None = None

@@ -16,7 +16,7 @@ from multiprocessing.process import BaseProcess
 from types import FunctionType
 from typing import Any, Final, NamedTuple
 
-from btcore.proof.exploration import Explorer, memory_used
+from btcore.proof.exploration import Explorer
 from btcore.proof.model_leaves import UnknownValue
 from btcore.proof.state_graph import Edge, Moment, StateTable, Step, Violation
 from btcore.proof.tree_state import Identity
@@ -97,6 +97,16 @@ class _Peer:
         return [tuple([self._received[part] for part in key]) for key in message.keys]
 
 
+def memory_used() -> int:
+    """Return the greatest memory (bytes) that this process has used; 0 on Windows, which is not supported."""
+    if sys.platform == "win32":
+        return 0
+    import resource
+
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return used if sys.platform == "darwin" else used * 1024
+
+
 class SearchProcesses:
     """Processes that run ticks for one search.
 
@@ -165,12 +175,12 @@ class SearchProcesses:
                 raise reply
             self._replies[job] = reply
         # In the order of the states, so that the first run to a state or a violation is always the same.
-        for place, number in enumerate(numbers):
+        for place in range(len(numbers)):
             reply = self._replies[place % jobs]
             assert reply is not None
-            self._add(place % jobs, number, reply.expansions[place // jobs])
+            self._add(place % jobs, reply.expansions[place // jobs])
 
-    def _add(self, job: int, state: int, found: _Expansion) -> None:
+    def _add(self, job: int, found: _Expansion) -> None:
         """Add what a process has found from a state.
 
         A decision that other processes have found, too, is added again: the keys of decisions are long.
