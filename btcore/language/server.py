@@ -130,25 +130,10 @@ def _add_features(server: TreeServer) -> None:
     """Register every feature that answers requests.
 
     A feature of a whole document is a function of `(project, document)`. A feature of a place has the offset
-    of the cursor as its third argument. All other features have the parameters of the request.
+    of the cursor as its third argument, and a feature of a range has the range. All other features have the
+    parameters of the request.
     """
     project = server.project
-
-    def of_document(method: str, feature: Callable[..., Any], options: Any = None) -> None:
-        def handle(params: Any) -> Any:
-            document = project.document(params.text_document.uri)
-            return feature(project, document) if document is not None else None
-
-        server.feature(method, options)(handle)
-
-    def of_place(method: str, feature: Callable[..., Any], options: Any = None) -> None:
-        def handle(params: Any) -> Any:
-            document = project.document(params.text_document.uri)
-            if document is None:
-                return None
-            return feature(project, document, document.positions.offset(params.position))
-
-        server.feature(method, options)(handle)
 
     def of_request(method: str, feature: Callable[..., Any], options: Any = None) -> None:
         def handle(params: Any) -> Any:
@@ -157,12 +142,19 @@ def _add_features(server: TreeServer) -> None:
 
         server.feature(method, options)(handle)
 
-    def of_range(method: str, feature: Callable[..., Any], options: Any = None) -> None:
-        def handle(params: Any) -> Any:
-            document = project.document(params.text_document.uri)
-            return feature(project, document, params.range) if document is not None else None
+    def of_document(method: str, feature: Callable[..., Any], options: Any = None) -> None:
+        of_request(method, lambda project, document, _: feature(project, document), options)
 
-        server.feature(method, options)(handle)
+    def of_range(method: str, feature: Callable[..., Any], options: Any = None) -> None:
+        of_request(
+            method, lambda project, document, params: feature(project, document, params.range), options
+        )
+
+    def of_place(method: str, feature: Callable[..., Any], options: Any = None) -> None:
+        def at_offset(project: Project, document: SourceDocument, params: Any) -> Any:
+            return feature(project, document, document.positions.offset(params.position))
+
+        of_request(method, at_offset, options)
 
     def complete(project: Project, document: SourceDocument, params: types.CompletionParams) -> Any:
         offset = document.positions.offset(params.position)
