@@ -23,11 +23,12 @@ def offer_services(
 
     - `sim/recharge` fills the battery.
     - `sim/reset_contacts` sets the numbers of collisions and grazes to 0.
-    - `sim/drop_box`, `sim/kidnap` and `sim/carry` trigger an event at once. If it is not possible, the
-      response has `success` false and the reason.
+    - `sim/drop_box`, `sim/kidnap` and `sim/carry` trigger an event at once.
     - `sim/summary` returns the figures of the run as JSON.
     - `sim/doors/NAME` (std_srvs/SetBool) opens or closes a door of the world. A character of its name that
       names of services cannot have is replaced by `_`.
+
+    If an event is not possible, the response has `success` false and the reason.
 
     Args:
         session: The ROS node.
@@ -36,50 +37,48 @@ def offer_services(
         report: A function that returns the figures of the run.
     """
 
-    def offer(name: str, action: Callable[[], str]) -> None:
+    def offer(kind: Any, name: str, action: Callable[[Any], str]) -> None:
         def answer(request: Any, response: Any) -> Any:
             try:
-                response.message = action()
+                response.message = action(request)
                 response.success = True
             except SimError as error:
                 response.message = str(error)
             return response
 
-        session.node.create_service(Trigger, f"sim/{name}", answer)
+        session.node.create_service(kind, f"sim/{name}", answer)
 
-    def recharge() -> str:
+    def recharge(_: Trigger.Request) -> str:
         robot.recharge()
         return "the battery is full"
 
-    def reset_contacts() -> str:
+    def reset_contacts(_: Trigger.Request) -> str:
         robot.contacts.reset()
         return "the numbers of collisions and grazes are 0"
 
-    def drop_box() -> str:
+    def drop_box(_: Trigger.Request) -> str:
         events.trigger("box")
         return "a box has dropped in front of the robot"
 
-    def kidnap() -> str:
+    def kidnap(_: Trigger.Request) -> str:
         events.trigger("kidnap")
         return "the robot has been moved to another place"
 
-    def carry() -> str:
+    def carry(_: Trigger.Request) -> str:
         events.trigger("carry")
         return "the robot is being carried to another place"
 
-    def summary() -> str:
+    def summary(_: Trigger.Request) -> str:
         return json.dumps({"time_s": robot.clock.now() / 1e9, **report()})
 
     def offer_door(name: str) -> None:
-        def answer(request: Any, response: Any) -> Any:
+        def set_door(request: SetBool.Request) -> str:
             events.set_door(name, request.data)
-            response.success = True
-            response.message = f"door '{name}' {'opens' if request.data else 'closes'}"
-            return response
+            return f"door '{name}' {'opens' if request.data else 'closes'}"
 
-        session.node.create_service(SetBool, f"sim/doors/{re.sub('[^A-Za-z0-9_]', '_', name)}", answer)
+        offer(SetBool, f"doors/{re.sub('[^A-Za-z0-9_]', '_', name)}", set_door)
 
     for action in (recharge, reset_contacts, drop_box, kidnap, carry, summary):
-        offer(action.__name__, action)
+        offer(Trigger, action.__name__, action)
     for name in robot.world.scene.doors:
         offer_door(name)

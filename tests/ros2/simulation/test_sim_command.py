@@ -1,6 +1,8 @@
 """`btcore ros2 sim`: options, errors, and what it leaves out."""
 
+import json
 import threading
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -12,11 +14,15 @@ from collections.abc import Callable
 
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image
+from std_srvs.srv import SetBool
 
 from btcore.cli.main import main
+from btcore_robot.robot import Pose2D
 from btcore_ros2.session import RosSession
+from btcore_ros2.simulation.services import offer_services
 from btcore_ros2.simulation.topics import RobotTopics
 from btcore_sim.camera import CameraSettings
+from btcore_sim.scenario import Scenario
 from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
@@ -65,6 +71,26 @@ def test_a_mistake_of_the_user_is_a_message(
     assert done.exit_code == 2
     assert isinstance(done.exception, SystemExit)
     assert message in done.output
+
+
+def test_a_door_past_which_the_robot_is_carried_refuses_to_move(session: RosSession, tmp_path: Path) -> None:
+    hatch = {"name": "hatch", "kind": "sliding_door", "position": [0, 0], "width": 0.8}
+    path = tmp_path / "door.json"
+    path.write_text(json.dumps({"start": {"pose": [-1, 0, 0]}, "objects": [hatch]}), encoding="utf-8")
+    scenario = Scenario(0, 0, [], spare_boxes=1)
+    world = World(scenario.scene(load_scene(str(path)), 1))
+    robot = SimulatedRobot(world)
+    events = scenario.begin(world, robot, robot.base.radius)
+    assert events is not None
+    offer_services(session, robot, events, dict)
+    robot.carry([Pose2D(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)], 0.1)
+    client = session.node.create_client(SetBool, "sim/doors/hatch")
+    assert session.wait_for(client.service_is_ready, LIMIT)
+    request = client.call_async(SetBool.Request(data=False))
+    assert session.wait_for(request.done, LIMIT)
+    assert not request.result().success
+    assert "the robot is being carried past this door" in request.result().message
+    world.close()
 
 
 def test_no_picture_is_rendered_without_a_subscriber(session: RosSession) -> None:
