@@ -4,14 +4,17 @@
 
 An editor requests diagnostics after each change, so both programs begin with the text: lxml parses it and
 validates it against the schema that `btcore schema` writes; btcore parses it and finds the errors and
-warnings of `btcore validate`. The schema and the registry are created before. The documents are projects of
-small trees with scripts, conditions, loops and remapped keys, which the main tree calls; one tree in ten
-reads an entry that is never written. A pair consists of one request of each kind, directly after each other.
-Times are processor times.
+warnings of `btcore validate`. Completion and hover also begin with the text, which the editor has just
+changed; the cursor is on a remapped key in the middle of the document. The schema and the registry are
+created before. The documents are projects of small trees with scripts, conditions, loops and remapped keys,
+which the main tree calls; one tree in ten reads an entry that is never written. A pair consists of one
+request of each kind, directly after each other. Times are processor times.
 """
 
 from collections.abc import Sequence
 from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
 
 from lxml import etree
 
@@ -23,6 +26,8 @@ from btcore.xml.read.document import parse_text
 from btcore.xml.schema import write_schema
 from measure.paired_timing import Work, measure_rounds
 from measure.report import Report, arguments, at_most
+
+editor = import_module("measure.editor_requests") if find_spec("pygls") else None
 
 LINES = (2_000, 10_000)
 GROWTH = at_most(pure=1.5, compiled=1.5)
@@ -95,14 +100,19 @@ def compare(report: Report, sizes: Sequence[int]) -> None:
     for lines, text in texts.items():
         works[f"schema {lines}"] = partial(validate_by_schema, text.encode(), schema)
         works[f"diagnostics {lines}"] = partial(diagnose, text, nodes)
+        if editor is not None:
+            middle = text.index(CALL.format(text.count("<SubTree ") // 2))
+            requests = editor.requests_at(text, text.index("{limit}", middle) + 1, "limit")
+            works |= {f"{name} {lines}": work for name, work in requests.items()}
     taken = measure_rounds([works] * (report.pairs + 1))
-    for lines in sizes:
-        ours, peer = f"diagnostics {lines}", f"schema {lines}"
-        figures = {
-            "btcore": f"{taken.time(ours).median / NS_PER_MS:.0f} ms",
-            "lxml": f"{taken.time(peer).median / NS_PER_MS:.1f} ms",
-        }
-        report.add(f"diagnostics of {lines:,} lines / lxml's schema", taken.ratio(ours, peer), None, figures)
+    for name in ("diagnostics", "completion", "hover") if editor is not None else ("diagnostics",):
+        for lines in sizes:
+            ours, peer = f"{name} {lines}", f"schema {lines}"
+            figures = {
+                "btcore": f"{taken.time(ours).median / NS_PER_MS:.0f} ms",
+                "lxml": f"{taken.time(peer).median / NS_PER_MS:.1f} ms",
+            }
+            report.add(f"{name}, {lines:,} lines / lxml's schema", taken.ratio(ours, peer), None, figures)
     first, last = sizes[0], sizes[-1]
     if first != last:
         growth = taken.ratio(f"diagnostics {last}", f"diagnostics {first}").times(first / last)
@@ -115,6 +125,8 @@ def main() -> None:
     parser.add_argument("--lines", type=int, nargs="+", default=LINES)
     given = parser.parse_args()
     report = Report("editing", "The requests of an editor, compared with lxml's validation", given.pairs)
+    if editor is None:
+        report.remarks.append("pygls is not installed; install it with: pip install 'btcore[lsp]'")
     compare(report, (200,) if given.quick else given.lines)
     report.output(given.json)
 

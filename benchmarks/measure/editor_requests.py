@@ -1,0 +1,30 @@
+"""Requests of an editor to the language server, without the protocol between them."""
+
+from btcore.language.completion import complete
+from btcore.language.hover import hover
+from btcore.language.project import Project
+from measure.paired_timing import Work
+
+URI = "untitled:tree.xml"
+
+
+def requests_at(text: str, offset: int, expected: str) -> dict[str, Work]:
+    """Return functions, by name, that replace the open document by *text*, and then request something.
+
+    Args:
+        text: The document.
+        offset: The place of the cursor.
+        expected: A word that the results contain; it is checked once.
+    """
+    project = Project()
+
+    def completion() -> object:
+        return complete(project, project.open(URI, text, 1), offset)
+
+    def description() -> object:
+        return hover(project, project.open(URI, text, 1), offset)
+
+    works: dict[str, Work] = {"completion": completion, "hover": description}
+    for name, work in works.items():
+        assert expected in str(work()), f"the result of {name} lacks '{expected}'"
+    return works
