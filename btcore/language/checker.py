@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from btcore.language.diagnostics import Report, merge
 from btcore.language.node_models import NodeModel
-from btcore.language.project import DocumentKey, Project, SourceDocument
+from btcore.language.project import PROJECT_SUFFIX, DocumentKey, Project, SourceDocument
 
 LOAD_LIMIT_S: Final = 30.0
 """Maximum time in which the worker must import the node libraries (s)."""
@@ -204,11 +204,11 @@ class Checker:
         if isinstance(root, str):
             document = project.document(root)
             if document is None:
-                self._forget(root)
+                self._forget(root, versions)
                 return
             request |= {"file": "", "text": document.text}
-        elif root not in unsaved and not root.is_file():
-            self._forget(root)
+        elif (root not in unsaved and not root.is_file()) or root not in project.roots_of(root):
+            self._forget(root, versions)
             return
         try:
             answer = await worker.ask(request, CHECK_LIMIT_S)
@@ -222,14 +222,26 @@ class Checker:
         for data in answer["reports"]:
             report = Report(*data)
             found.setdefault(Path(report.file) if report.file else root, []).append(report)
-        self._read[root] = {Path(file) for file in answer["files"]}
+        read = {Path(file) for file in answer["files"]}
+        changed = self._read.get(root, set()) ^ read
+        self._read[root] = read
         self._store(root, found, versions)
+        self._check_parts(root, changed)
 
-    def _forget(self, root: DocumentKey) -> None:
-        """Remove the reports of a document that does not exist any more."""
-        self._read.pop(root, None)
-        self._store(root, {}, {})
+    def _forget(self, root: DocumentKey, versions: Mapping[DocumentKey, int | None]) -> None:
+        """Remove the reports of a document that does not exist, or is checked as a part of a project."""
+        read = self._read.pop(root, set())
+        self._store(root, {}, versions)
         del self._found[root]
+        self._check_parts(root, read)
+
+    def _check_parts(self, root: DocumentKey, files: set[Path]) -> None:
+        """Check files that *root* includes now and did not include before, or the reverse.
+
+        The files of a project of Groot are checked with the project, and every other file alone.
+        """
+        if isinstance(root, Path) and root.suffix == PROJECT_SUFFIX:
+            self._pending |= dict.fromkeys(sorted(files.intersection(self._project.files) - {root}))
 
     def _store(
         self,

@@ -26,7 +26,9 @@ MAX_ENTRIES: Final = 50_000
 """Maximum number of files and folders that are visited to find the files of a project."""
 DocumentKey = Path | str
 """The path of a document, or the URI of a document without a file."""
-SUFFIXES: Final = (".xml", ".btproj")
+PROJECT_SUFFIX: Final = ".btproj"
+"""The ending of the names of projects of Groot 2."""
+SUFFIXES: Final = (".xml", PROJECT_SUFFIX)
 _SKIPPED_FOLDERS: Final = {"node_modules", "build", "dist", "install", "log", "__pycache__", "site-packages"}
 _TREES: Final = re.compile(rb"<\s*(?:root|Root|BehaviorTree|TreeNodesModel)\b")
 
@@ -272,7 +274,7 @@ class Project:
         They are the projects of Groot 2 (`.btproj`) that include the file, because its trees may call each
         other without includes; else the file itself.
         """
-        projects = [file for file in self.files if file.suffix == ".btproj" and file != path]
+        projects = [file for file in self.files if file.suffix == PROJECT_SUFFIX and file != path]
         return [project for project in projects if path in self._included_by(project)] or [path]
 
     def _included_by(self, path: Path) -> set[Path]:

@@ -80,7 +80,7 @@ class Libraries:
             if file is not None:
                 self.sources.add(file)
             if trusted:
-                self._import(str(file) if file is not None and plugin.endswith(".py") else plugin)
+                self._import(plugin, file, folders)
             elif file is None:
                 self.problems.append(f"the node library '{plugin}' is not found in the workspace")
             else:
@@ -100,20 +100,27 @@ class Libraries:
                 if not isinstance(error.__cause__, ModuleNotFoundError):
                     self.problems.append(str(error))
 
-    def _import(self, plugin: str) -> None:
+    def _import(self, plugin: str, file: Path | None, folders: Sequence[Path]) -> None:
         try:
-            self.nodes.add_plugin(plugin)
+            self.nodes.add_plugin(str(file) if file is not None and plugin.endswith(".py") else plugin)
         except BtcoreError as error:
             self.problems.append(str(error))
+            if file is not None:
+                # A mistake in a file that is being edited must not make its nodes unknown in every tree.
+                with suppress(OSError, ValueError, SyntaxError):
+                    self._add_source(file, folders)
 
     def _read(self, file: Path, folders: Sequence[Path]) -> None:
         try:
-            models, files = read_nodes(file, folders)
-            self.sources |= files
-            add_stand_ins(self.nodes, models, {})
-            self.read |= {model.id: model for model in models}
+            self._add_source(file, folders)
         except (OSError, ValueError, SyntaxError) as error:
             self.problems.append(f"{file}: {error}")
+
+    def _add_source(self, file: Path, folders: Sequence[Path]) -> None:
+        models, files = read_nodes(file, folders)
+        self.sources |= files
+        add_stand_ins(self.nodes, models, {})
+        self.read |= {model.id: model for model in models}
 
     def _add_models(self, pattern: str, folders: Sequence[Path]) -> None:
         try:

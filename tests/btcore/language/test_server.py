@@ -187,6 +187,21 @@ def test_python_leaves_are_imported_only_if_the_user_trusts_them(tmp_path: Path)
     asyncio.run(use())
 
 
+def test_a_library_with_a_mistake_is_read_instead(tmp_path: Path) -> None:
+    (tmp_path / "leaves.py").write_text(LEAVES + "\nGRÜSSE = 'Hallo 🤖' + 1\n", encoding="utf-8")
+    (tmp_path / "tree.xml").write_text(TREE, encoding="utf-8")
+
+    async def use() -> None:
+        checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
+        await checked.until(tmp_path / "tree.xml", ["W201"])
+        assert checked.project.models["Greet"].line == 7
+        (problem,) = checked.shown
+        assert "can only concatenate str" in problem
+        await checked.checker.close()
+
+    asyncio.run(use())
+
+
 def test_a_library_that_never_ends_is_read_instead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tree, leaves = tmp_path / "tree.xml", tmp_path / "leaves.py"
     tree.write_text(TREE, encoding="utf-8")
@@ -228,6 +243,46 @@ def test_a_project_of_groot(tmp_path: Path) -> None:
         await checked.until(project, [])
         await checked.until(first, ["E201"])
         assert second not in checked.found
+        await checked.checker.close()
+
+    asyncio.run(use())
+
+
+def test_a_file_is_checked_alone_or_with_the_project_that_includes_it(tmp_path: Path) -> None:
+    tree = '<root BTCPP_format="4"><!-- 🤖 --><BehaviorTree ID="{}">{}</BehaviorTree></root>'
+    calls = tree.format("Größe", '<Sequence><SubTree ID="Küche"/><Greet/></Sequence>')
+    caller, file = tmp_path / "größe.xml", tmp_path / "haus.btproj"
+    caller.write_text(calls, encoding="utf-8")
+    (tmp_path / "küche.xml").write_text(tree.format("Küche", "<AlwaysSuccess/>"), encoding="utf-8")
+    models = '<TreeNodesModel><Action ID="Greet"/></TreeNodesModel>'
+    empty = f'<root BTCPP_format="4" project_name="🏠">{models}</root>'
+    full = empty.replace(models, f'<include path="größe.xml"/><include path="küche.xml"/>{models}')
+    file.write_text(empty, encoding="utf-8")
+
+    async def use() -> None:
+        checked = Checked(tmp_path, Settings())
+        project = checked.project
+
+        def write(path: Path, text: str, version: int) -> None:
+            checked.checker.changed(project.open(path.as_uri(), text, version))
+
+        await checked.until(caller, ["E109", "E101"])
+        write(caller, calls + "\n", 1)
+        write(file, full, 1)
+        await checked.until(caller, [])
+        write(caller, calls.replace("Küche", "Kuche"), 2)
+        await checked.until(caller, ["E109"])
+        assert "did you mean 'Küche'" in checked.found[caller][0].hint
+        write(file, empty, 2)
+        await checked.until(caller, ["E109", "E101"])
+        write(file, full, 3)
+        await checked.until(caller, ["E109"])
+        # The project is deleted.
+        project.close(file.as_uri())
+        file.unlink()
+        project.forget_files()
+        checked.checker.file_changed(file)
+        await checked.until(caller, ["E109", "E101"])
         await checked.checker.close()
 
     asyncio.run(use())
