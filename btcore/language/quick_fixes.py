@@ -2,7 +2,7 @@
 
 import posixpath
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from lsprotocol import types
@@ -25,8 +25,11 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import TreeError
 from btcore.language.diagnostics import Report
+from btcore.language.node_attributes import tree_of
 from btcore.language.project import Project, SourceDocument
+from btcore.language.project_symbols import symbols_of
 from btcore.language.scanner import Place, ScannedElement
+from btcore.language.symbols import is_call
 from btcore.names import is_port_name
 from btcore.xml.convert.convert import convert
 from btcore.xml.models.tree_nodes_model import quoted
@@ -45,12 +48,18 @@ _ATTRIBUTE: Final = re.compile(r'([\w.:-]+)="([^"]*)"')
 _ENTRY: Final = re.compile(r"write (\{[^{}\s]*\})")
 _NUMBER: Final = re.compile(r"write (\S+) if that is the intended value")
 _REFERENCE: Final = re.compile(r"write (&amp;|&lt;|\]\]&gt;)$")
+_CREATION: Final = re.compile(r"to create it, write \S+ :=")
+_ASSIGNMENT: Final = re.compile(r"\s*(=)")
 _COMPARISON: Final = re.compile(r"to compare, write \S+ == …")
-_EXPECTED: Final = re.compile(r"expected (</[^>]+>), but found </[^>]+>")
+_EXPECTED: Final = re.compile(r"expected (</[^>]+>), but found </([^>]+)>")
 _NEVER_CLOSED: Final = re.compile(r"<([^>]+)> is never closed")
 _CHILDREN: Final = re.compile(r"has (no|\d+) child")
 _LIMITS: Final = re.compile(r"(?:exactly|at least|needs) (\d+)(?: or (\d+))?")
 _MISSING_PORTS: Final = re.compile(r"\[(\w+)\]")
+
+
+# Their hints show an ID, a format or a whole script, and other fixes know what to write.
+_HINTS_OF_OTHER_FIXES: Final = (MISSING_ID, TREE_WITHOUT_ID, BARE_MARKUP, UNKNOWN_FORMAT)
 
 
 class Edit(NamedTuple):
@@ -194,16 +203,19 @@ def _fixes_of_hint(problem: _Problem) -> Iterator[Fix]:
     reference = _REFERENCE.search(hint)
     if reference is not None:
         yield Fix(f"Write {reference[1]}", [Edit(problem.start, problem.end, reference[1])])
+    assignment = _ASSIGNMENT.match(problem.text, problem.end)
+    if _CREATION.search(hint) and assignment is not None:
+        yield Fix("Create the entry with :=", [Edit(assignment.start(1), assignment.end(1), ":=")])
     if _COMPARISON.search(hint):
         yield Fix("Compare with ==", [Edit(problem.start, problem.end, "==")])
     if "put them into a <Sequence>" in hint and element is not None:
         for tag in ("Sequence", "Fallback"):
             yield _wrap(problem, element, element.children, tag)
-    if hint.startswith("write ") and problem.report.code not in (MISSING_ID, TREE_WITHOUT_ID, BARE_MARKUP):
+    if hint.startswith("write ") and problem.report.code not in _HINTS_OF_OTHER_FIXES:
         written = hint.removeprefix("write ").partition(", or ")[0]
-        names = [name for name, _ in _ATTRIBUTE.findall(written)]
-        if element is not None and names and _ATTRIBUTE.sub("", written).strip() == "":
-            yield from _write_attributes(problem, element, names)
+        values = dict(_ATTRIBUTE.findall(written))
+        if element is not None and values and _ATTRIBUTE.sub("", written).strip() == "":
+            yield _write_attributes(element, values)
 
 
 def _rename(problem: _Problem, name: str) -> Iterator[Fix]:
@@ -243,18 +255,18 @@ def _set_attribute(element: ScannedElement, name: str, value: str) -> Edit:
     return Edit(attribute.start, attribute.end, f"{name}={quoted(value)}")
 
 
-def _write_attributes(problem: _Problem, element: ScannedElement, names: Sequence[str]) -> Iterator[Fix]:
-    """Give ports of the same names a value: the entry with the name of the port."""
-    new = [name for name in names if element.attribute(name) is None]
+def _write_attributes(element: ScannedElement, values: Mapping[str, str]) -> Fix:
+    """Give attributes their values. A value with "…" stands for the entry with the name of the attribute."""
+    written = {name: _example(name) if "…" in value else value for name, value in values.items()}
+    new = [name for name in values if element.attribute(name) is None]
     at = element.attributes[-1].end if element.attributes else element.tag_end
-    edits = [_set_attribute(element, name, f"{{{name}}}") for name in names if name not in new]
+    edits = [_set_attribute(element, name, written[name]) for name in values if name not in new]
     if new:
-        edits.append(Edit(at, at, "".join(f' {name}="{_example(element, name)}"' for name in new)))
-    verb = "Add" if new else "Write"
-    yield Fix(f"{verb} {' '.join(names)}", edits)
+        edits.append(Edit(at, at, "".join(f" {name}={quoted(written[name])}" for name in new)))
+    return Fix(f"{'Add' if new else 'Write'} {' '.join(values)}", edits)
 
 
-def _example(element: ScannedElement, name: str) -> str:
+def _example(name: str) -> str:
     return {"code": "", "if": "true", "else": ""}.get(name, f"{{{name}}}")
 
 
@@ -264,29 +276,26 @@ def _example(element: ScannedElement, name: str) -> str:
 def _fixes_of_missing_port(problem: _Problem) -> Iterator[Fix]:
     names = _MISSING_PORTS.findall(problem.report.message)
     if problem.element is not None and names:
-        yield from _write_attributes(problem, problem.element, names)
+        yield _write_attributes(problem.element, dict.fromkeys(names, "…"))
 
 
 def _fixes_of_missing_id(problem: _Problem) -> Iterator[Fix]:
     element = problem.element
     if element is None:
         return
+    symbols = symbols_of(problem.project)
+    visible = symbols.visible_files(problem.document.uri)
+    known = [id for id, trees in symbols.trees.items() if id and any(tree.file in visible for tree in trees)]
     if element.tag == "BehaviorTree":
-        known = _tree_ids(problem)
         number = next(number for number in range(1, len(known) + 2) if f"Tree{number}" not in known)
         names = [f"Tree{number}"]
-    elif element.tag.startswith("SubTree"):
-        names = _tree_ids(problem)
+    elif is_call(element):
+        own = tree_of(element)
+        names = [id for id in known if own is None or id != own.get("ID")]
     else:
-        names = []
-    for name in names or ["…"]:
-        value = name if name != "…" else ""
-        yield Fix(f'Write ID="{name}"', [_set_attribute(element, "ID", value)])
-
-
-def _tree_ids(problem: _Problem) -> list[str]:
-    trees = [tree for root in problem.document.scan.roots for tree in root.iter("BehaviorTree")]
-    return [id for tree in trees if (id := tree.get("ID"))]
+        names = []  # the place does not say which node is meant
+    for name in names:
+        yield Fix(f'Write ID="{name}"', [_set_attribute(element, "ID", name)])
 
 
 def _fixes_of_unexpected_id(problem: _Problem) -> Iterator[Fix]:
@@ -461,12 +470,26 @@ def _wrap(problem: _Problem, element: ScannedElement, children: Sequence[Scanned
 def _fixes_of_syntax(problem: _Problem) -> Iterator[Fix]:
     expected = _EXPECTED.search(problem.report.message)
     if expected is not None:
-        yield Fix(f"Change to {expected[1]}", [Edit(problem.start, problem.end, expected[1])])
-        yield Fix(f"Insert {expected[1]}", [Edit(problem.start, problem.start, expected[1])])
+        change = Fix(f"Change to {expected[1]}", [Edit(problem.start, problem.end, expected[1])])
+        insert = Fix(f"Insert {expected[1]}", [_insert_end_tag(problem, expected[1])])
+        # An end tag with a start tag is in its place, and the end tag of an element inside is missing.
+        yield from (insert, change) if problem.element is not None else (change, insert)
     never = _NEVER_CLOSED.search(problem.report.message)
     if never is not None:
         end = len(problem.text.rstrip())
         yield Fix(f"Insert </{never[1]}>", [Edit(end, end, f"{_line_break(problem.text)}</{never[1]}>")])
+
+
+def _insert_end_tag(problem: _Problem, end_tag: str) -> Edit:
+    """Return the edit that inserts an end tag before the marked tag, in a line of its own if that fits."""
+    text, at = problem.text, problem.start
+    inside = problem.element.iter(end_tag[2:-1]) if problem.element is not None else ()
+    unclosed = [element for element in inside if element.end_tag_start < 0 and not element.is_empty]
+    own = _indent_of(text, unclosed[-1]) if unclosed else None
+    line_start = text.rfind("\n", 0, at) + 1
+    if own is None or text[line_start:at].strip():
+        return Edit(at, at, end_tag)
+    return Edit(line_start, line_start, f"{own}{end_tag}{_line_break(text)}")
 
 
 def _fixes_of_bare_markup(problem: _Problem) -> Iterator[Fix]:

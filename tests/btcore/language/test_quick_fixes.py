@@ -55,7 +55,6 @@ class Edited:
         ("E101", '<Action ID="Slep" msec="1"/>', "Change to 'Sleep'", '<Action ID="Sleep" msec="1"/>'),
         ("E101", "<SequenceStar><AlwaysSuccess/></SequenceStar>", "Change to <SequenceWithMemory>",
          "<SequenceWithMemory><AlwaysSuccess/></SequenceWithMemory>"),
-        ("E102", "<Sequence><SubTree/></Sequence>", 'Write ID="Main"', '<Sequence><SubTree ID="Main"/></Sequence>'),
         ("E103", '<Sleep ID="nap" msec="1"/>', "Write name instead of ID", '<Sleep name="nap" msec="1"/>'),
         ("E103", '<Sleep ID="nap" msec="1"/>', "Remove the ID", '<Sleep msec="1"/>'),
         ("E104", "<Inverter/>", "Add a child", "<Inverter><AlwaysSuccess/></Inverter>"),
@@ -84,6 +83,9 @@ class Edited:
          '<Sequence><Script code="speed:=1"/><Script code="b:=speed"/></Sequence>'),
         ("W201", '<Sequence><Script code="nap:=1"/><Sleep msec="{nab}"/></Sequence>', "Change to 'nap'",
          '<Sequence><Script code="nap:=1"/><Sleep msec="{nap}"/></Sequence>'),
+        ("W209", "<Script code='n = 1; n += 1'/>", "Create the entry with :=", "<Script code='n := 1; n += 1'/>"),
+        ("W211", '<LoopString queue="a;b" value="word"><AlwaysSuccess/></LoopString>', "Write value",
+         '<LoopString queue="a;b" value="{word}"><AlwaysSuccess/></LoopString>'),
         ("W202", "<Sleep/>", "Add msec", '<Sleep msec="{msec}"/>'),
         ("W203", '<Repeat num_cycles="3.7"><AlwaysSuccess/></Repeat>', "Write 3",
          '<Repeat num_cycles="3"><AlwaysSuccess/></Repeat>'),
@@ -144,6 +146,42 @@ def test_an_include_of_a_folder(tmp_path: Path) -> None:
     assert fixes == {
         f"Include parts/{name}": text.replace("parts/", f"parts/{name}") for name in ("bad.xml", "küche.xml")
     }
+
+
+SECOND = '<BehaviorTree ID="Küche🤖">{}</BehaviorTree></root>'
+
+
+@pytest.mark.parametrize(
+    ("code", "before", "title", "after"),
+    [
+        # A tree that contains itself would be another error.
+        ("E102", MAIN.format("<SubTree/>").replace("</root>", SECOND.format("<AlwaysSuccess/>")), 'Write ID="Küche🤖"',
+         MAIN.format('<SubTree ID="Küche🤖"/>').replace("</root>", SECOND.format("<AlwaysSuccess/>"))),
+        ("W205", MAIN.replace(' BTCPP_format="4"', "").format('<SubTree ID="Küche🤖" door="{tür}"/>').replace(
+            "</root>", SECOND.format('<SetBlackboard value="{door}" output_key="x"/>')), "Write door",
+         MAIN.replace(' BTCPP_format="4"', "").format('<SubTree ID="Küche🤖" door="tür"/>').replace(
+            "</root>", SECOND.format('<SetBlackboard value="{door}" output_key="x"/>'))),
+        ("E002", MAIN.format("\n  <Sequence>\n    <AlwaysSuccess/>\n"), "Insert </Sequence>",
+         MAIN.format("\n  <Sequence>\n    <AlwaysSuccess/>\n  </Sequence>\n")),
+        ("E002", MAIN.format("<Sequence><AlwaysSuccess/></Sequense>"), "Change to </Sequence>",
+         MAIN.format("<Sequence><AlwaysSuccess/></Sequence>")),
+    ],
+)  # fmt: skip
+def test_the_preferred_fix_leads_to_a_valid_tree(
+    tmp_path: Path, code: str, before: str, title: str, after: str
+) -> None:
+    edited = Edited(tmp_path / "größe.xml", before)
+    fixes = edited.fixes(code)
+    assert next(iter(fixes)) == title
+    assert fixes[title] == after
+    edited.write(after)
+    assert not any(report.is_error for report in edited.reports())
+
+
+def test_a_fix_writes_no_name_that_the_user_must_know(tmp_path: Path) -> None:
+    assert Edited(tmp_path / "größe.xml", MAIN.format("<Sequence><Action/></Sequence>")).fixes("E102") == {}
+    edited = Edited(tmp_path / "format.xml", MAIN.format("<AlwaysSuccess/>").replace('"4"', '"5"'))
+    assert list(edited.fixes("E009")) == ['Write BTCPP_format="4"', 'Write BTCPP_format="3"']
 
 
 def test_an_unused_remapping(tmp_path: Path) -> None:
