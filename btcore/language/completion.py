@@ -23,10 +23,10 @@ from btcore.language.descriptions import (
 from btcore.language.entries import entry_facts, keys_of
 from btcore.language.key_links import KeyLinks, TreeKey, links_of
 from btcore.language.node_attributes import file_symbols, node_element, script_tokens, tree_of
-from btcore.language.project import Project, SourceDocument
+from btcore.language.project import PROJECT_SUFFIX, Project, SourceDocument
 from btcore.language.project_symbols import ProjectSymbols, symbols_of
 from btcore.language.scanner import Place, ScannedAttribute, ScannedElement
-from btcore.language.symbols import FileSymbols, TreeSymbol, is_call
+from btcore.language.symbols import FileSymbols, KeyForm, TreeSymbol, is_call
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest, takes_children
 from btcore.script import lexer
@@ -54,6 +54,7 @@ _SPECIAL: Final = re.compile(r"[$}\\]")
 _CHOICE: Final = re.compile(r"[,|\\$}]")
 _CONTENT: Final = "\n\t$0\n"
 _ROOT: Final = 'root BTCPP_format="4">\n\t<BehaviorTree ID="${1:Main}">\n\t\t$0\n\t</BehaviorTree>\n</root>'
+_PROJECT: Final = 'root BTCPP_format="4" project_name="$1">\n\t<include path="$2"/>$0\n</root>'
 _IN_ROOT: Final = {
     "BehaviorTree": f'BehaviorTree ID="$1">{_CONTENT}</BehaviorTree>',
     "include": 'include path="$1"/>$0',
@@ -237,7 +238,9 @@ class _Completion:
     def _children(self, parent: ScannedElement | None, edited: ScannedElement | None) -> Iterator[_Item]:
         if parent is None:
             if all(root is edited for root in self.document.scan.roots):
-                yield _Item("root", Kind.Struct, about=ELEMENTS["root"], snippet=_ROOT)
+                path = self.document.path
+                snippet = _PROJECT if path is not None and path.suffix == PROJECT_SUFFIX else _ROOT
+                yield _Item("root", Kind.Struct, about=ELEMENTS["root"], snippet=snippet)
         elif parent.tag == "TreeNodesModel":
             for tag in (*EXPLICIT_TAGS, "SubTree"):
                 yield _Item(tag, Kind.Struct, detail="model", snippet=f'{tag} ID="$1">{_CONTENT}</{tag}>')
@@ -273,7 +276,7 @@ class _Completion:
         for tag in sorted(DIALECTS[self.format].subtree_tags):
             yield _Item(tag, Kind.Module, 1, "call of a tree", snippet=f'{tag} ID="$1"/>$0')
             for id, is_visible in self._tree_ids():
-                ports = [name for name, default in self._model_ports(id).items() if not default]
+                ports = self._inputs(id)
                 snippet = f"{tag} ID={_in_snippet(quoted(id))}"
                 for number, name in enumerate(ports, 1):
                     snippet += f' {_in_snippet(name)}="{self._outer_key_snippet(tag, name, number)}"'
@@ -384,6 +387,23 @@ class _Completion:
         models = self.symbols.models(id, self.file.file, of_subtree=True)
         return {name: port.text for model in models for name, port in model.ports.items()}
 
+    def _inputs(self, id: str) -> list[str]:
+        """Return the keys that a call of a tree must connect: the mandatory ports of the tree's models.
+
+        A tree without models needs the keys that it reads, but neither writes nor passes to another tree.
+        """
+        ports = self._model_ports(id)
+        if ports:
+            return [name for name, default in ports.items() if not default]
+        read: dict[str, None] = {}
+        for tree in self.symbols.trees_called(id, self.file.file):
+            written = {use.key for use in tree.uses if use.writes}
+            links = (port.outer for call in tree.calls for port in call.ports.values())
+            known = written | {use.key for use in links if use is not None}
+            uses = [use for use in tree.uses if use.reads and use.form is not KeyForm.DEFAULT]
+            read |= dict.fromkeys(use.key for use in uses if use.key not in known)
+        return [key for key in read if key[:1] not in ("@", "_") and is_port_name(key)]
+
     def _type_of_key(self, links: KeyLinks, tree: TreeSymbol, key: str) -> str:
         kind = entry_facts(links, [TreeKey(tree, key)]).type
         return type_name(kind) if kind is not None else ""
@@ -413,7 +433,7 @@ class _Completion:
         if name == "name" or not is_port:
             return None
         if key_start is not None:
-            return self._key_in_braces(key_start, kind)
+            return self._key_in_braces(key_start, name, kind)
         takes_name = node.is_call and self._takes_bare_keys(element.tag)
         if port is not None:
             takes_name = port.role in KEY_ROLES and port.role is not PortRole.WATCHED_ENTRY
@@ -434,7 +454,7 @@ class _Completion:
             yield from (_Item(_escape(each), Kind.TypeParameter) for each in names)
         elif element.tag == "include" and name == "path" and self.document.path is not None:
             for path in self.project.files:
-                if path != self.document.path:
+                if path != self.document.path and path.suffix != PROJECT_SUFFIX:
                     yield _Item(_escape(relpath(path, self.document.path.parent)), Kind.File)
 
     def _ids(self, element: ScannedElement) -> Iterator[_Item]:
@@ -484,10 +504,10 @@ class _Completion:
             yield from _literals(kind)
         if port is not None and port.default and port.default not in literals_of(port.type):
             yield _Item(_escape(port.default), Kind.Value, 1, "default")
-        for item in self._keys(kind):
+        for item in self._keys(kind, "" if takes_name else name):
             yield item if takes_name else item._replace(label=f"{{{item.label}}}")
         if not takes_name:
-            yield _Item("{=}" if self.format == 4 else "=", Kind.Variable, 4, f"the key {name}")
+            yield _Item("{=}" if self.format == 4 else "=", Kind.Variable, 6, f"the key {name}")
 
     def _key_start(self) -> int | None:
         """Return the offset after the brace before the cursor; None if the cursor is not in braces."""
@@ -496,36 +516,47 @@ class _Completion:
             return None
         return brace + 1
 
-    def _key_in_braces(self, start: int, kind: ValueType | None) -> _Replacement:
+    def _key_in_braces(self, start: int, name: str, kind: ValueType | None) -> _Replacement:
         closing = self.text.find("}", self.offset, self.place.end)
         end = closing if closing >= 0 else self.offset
         ending = "" if closing >= 0 else "}"
-        items = (item._replace(inserted=item.label + ending) for item in self._keys(kind))
+        items = (item._replace(inserted=item.label + ending) for item in self._keys(kind, name))
         return _Replacement(start, end, items)
 
-    def _keys(self, kind: ValueType | None) -> Iterator[_Item]:
-        """Yield the keys of the tree, first those whose entries have the type *kind*."""
+    def _keys(self, kind: ValueType | None, name: str = "") -> Iterator[_Item]:
+        """Yield the keys of the tree.
+
+        Args:
+            kind: The type of the port: keys whose entries have this type come first.
+            name: The name of the port: a key with this name comes first, too, or is offered as a new key.
+        """
         tree = self._tree()
         links = links_of(self.project)
         if tree is None:
             return
         own = keys_of(links, tree)
+        is_known = False
         for number, (key, uses) in enumerate(own.items()):
             # A key that is only being typed at the cursor is no candidate.
             if any(not use.start <= self.offset <= use.end or use.file != self.file.file for use in uses):
                 is_typed = number < MAX_ITEMS  # the search for types takes time
                 type = entry_facts(links, [TreeKey(tree, key)]).type if is_typed else None
-                yield self._key_item(key, type, kind)
+                yield self._key_item(key, type, kind, name)
+                is_known = is_known or key == name
         for key in sorted({key.key for key in links.uses if key.key.startswith("@")} - own.keys()):
             yield self._key_item(key, None, kind)
+        if name and not is_known:
+            yield _Item(_escape(name), Kind.Variable, 4, "new key")
 
-    def _key_item(self, key: str, entry_type: ValueType | None, kind: ValueType | None) -> _Item:
-        """Return the item of a key, whose rank depends on whether its type is the wanted type *kind*."""
-        is_other = (
-            entry_type is not None and kind is not None and kind.strong and entry_type.name != kind.name
-        )
+    def _key_item(
+        self, key: str, entry_type: ValueType | None, kind: ValueType | None, name: str = ""
+    ) -> _Item:
+        """Return the item of a key, whose rank depends on the wanted type *kind* and the port's *name*."""
+        is_typed = entry_type is not None and kind is not None and kind.strong
+        is_same = entry_type is not None and kind is not None and entry_type.name == kind.name
+        rank = 5 if is_typed and not is_same else 2 if is_same or key == name else 3
         detail = type_name(entry_type) if entry_type is not None else ""
-        return _Item(_escape(key), Kind.Variable, 3 if is_other else 2, detail)
+        return _Item(_escape(key), Kind.Variable, rank, detail)
 
     def _type_of_called_key(self, element: ScannedElement, key: str) -> ValueType | None:
         links = links_of(self.project)
@@ -556,8 +587,8 @@ class _Completion:
             if _NAME.fullmatch(item.label) is not None:
                 yield item
         for name, number in self.registry.types.enums.items():
-            yield _Item(name, Kind.EnumMember, 5, f"= {number}")
-        yield from (_Item(word, Kind.Keyword, 6) for word in ("true", "false"))
+            yield _Item(name, Kind.EnumMember, 6, f"= {number}")
+        yield from (_Item(word, Kind.Keyword, 7) for word in ("true", "false"))
 
 
 def _literals(kind: ValueType) -> Iterator[_Item]:
@@ -593,9 +624,10 @@ def _port_snippet(port: Port, number: int) -> str:
     """
     if port.role in KEY_ROLES:
         return f"${{{number}:key}}"
-    if not port.reads:
-        return _key_snippet(port.name, number)
     literals = literals_of(port.type)
+    is_literal = literals or port.type.converts or not port.type.strong
+    if not port.reads or not is_literal:
+        return _key_snippet(port.name, number)
     if literals:
         choices = ",".join(_CHOICE.sub(r"\\\g<0>", _escape(text)) for text in literals)
         return f"${{{number}|{choices}|}}"

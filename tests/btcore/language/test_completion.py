@@ -53,7 +53,7 @@ def accepted(marked: str, item: types.CompletionItem) -> str:
 def test_tags_of_nodes_come_with_their_mandatory_ports(items: Completer) -> None:
     found = items(HEAD + "<Sequence>\n<¦")
     assert inserted(found["Delay"]) == 'Delay delay_msec="$1">\n\t$0\n</Delay>'
-    assert inserted(found["Move"]) == 'Move goal="$1"/>$0'
+    assert inserted(found["Move"]) == 'Move goal="{${1:goal}}"/>$0'
     assert inserted(found["RunOnce"]) == "RunOnce>\n\t$0\n</RunOnce>"
     assert inserted(found["Precondition"]) == 'Precondition if="$1">\n\t$0\n</Precondition>'
     assert inserted(found["/Sequence>"]) == "/Sequence>"
@@ -150,13 +150,22 @@ def test_calls_of_trees(items: Completer) -> None:
     ).keys()
 
 
+def test_a_call_connects_what_the_tree_reads_but_does_not_write(items: Completer) -> None:
+    path = ROOT / "trees/navigation/navigate_to_pose_w_replanning_and_recovery.xml"
+    tree = path.read_text(encoding="utf-8")
+    main = '<BehaviorTree ID="🤖"><Sequence>\n<¦</Sequence></BehaviorTree></root>'
+    found = items(tree.replace("</root>", main))
+    call = 'SubTree ID="NavigateToPoseWithRecovery"'
+    assert inserted(found[call]) == f'{call} goal="{{${{1:goal}}}}"/>$0'
+
+
 def test_calls_of_trees_in_format_3(items: Completer) -> None:
     trees = SUBTREES.replace(' BTCPP_format="4"', "")
     assert inserted(items(trees + "<¦")['SubTree ID="Küche"']) == 'SubTree ID="Küche" ziel="${1:ziel}"/>$0'
     assert inserted(items(trees + '<SubTreePlus ID="Küche" ¦')["ziel"]) == 'ziel="{${1:ziel}}"$0'
     calls = trees + '<Move goal="{kitchen}"/><SubTree{} ID="Küche" ziel="¦"/>'
     assert list(items(calls.replace("{}", ""))) == ["kitchen"]
-    assert list(items(calls.replace("{}", "Plus"))) == ["{kitchen}", "="]
+    assert list(items(calls.replace("{}", "Plus"))) == ["{kitchen}", "{ziel}", "="]
     assert "__shared_blackboard" in items(trees + '<SubTree ID="Küche" ¦')
 
 
@@ -179,7 +188,8 @@ KEYS = (
 def test_keys_in_scope_with_their_types(items: Completer) -> None:
     marked = KEYS + '<Move goal="{¦'
     found = items(marked)
-    assert set(found) == {"zielß🤖", "n", "count"}
+    assert list(found) == ["zielß🤖", "count", "n", "goal"]
+    assert found["goal"].detail == "new key"
     assert found["zielß🤖"].detail == "Pose2D"
     assert accepted(marked, found["zielß🤖"]) == marked.replace(CURSOR, "zielß🤖}")
     closed = KEYS + '<Move goal="{zi¦}"/>'
@@ -201,7 +211,7 @@ def test_a_long_list_is_filtered_by_the_typed_text(project: Project) -> None:
 
 def test_keys_of_another_tree_are_not_in_scope(items: Completer) -> None:
     found = items(KEYS + '</Sequence></BehaviorTree><BehaviorTree ID="B"><Move goal="{¦')
-    assert found == {}
+    assert [(item.label, item.detail) for item in found.values()] == [("goal", "new key")]
 
 
 def test_names_in_scripts(items: Completer) -> None:

@@ -34,7 +34,7 @@ async def type_and_ask() -> None:
         end = TEXT.index("\n</Sequence>")
         editor.replace(uri, end, end, '\n<Delay delay_msec="{')
         cursor = end + len('\n<Delay delay_msec="{')
-        assert await labels(editor, uri, cursor) == ["n", "z"]
+        assert await labels(editor, uri, cursor) == ["n", "z", "delay_msec"]
 
         identifier = types.TextDocumentIdentifier(uri)
         text = editor.texts[uri]
