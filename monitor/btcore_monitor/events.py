@@ -158,6 +158,7 @@ class TreeSeen:
         statuses: The status of every uid at that moment.
         numbered: Whether the robot numbers the transitions, so that gaps are visible.
         source: The source of the data, which describes unavailable data.
+        results: The last status of idle nodes by their uid, as far as the robot reports it.
     """
 
     tree: ObservedTree
@@ -166,6 +167,7 @@ class TreeSeen:
     statuses: Mapping[int, int]
     numbered: bool = True
     source: DataSource = SCENE_CHANNEL
+    results: Mapping[int, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

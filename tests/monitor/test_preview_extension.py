@@ -63,6 +63,14 @@ def test_nodes_statuses_results_and_entries_arrive(tree: btcore.Tree, connection
     assert state.entries == (("", "lap", "3"),)
 
 
+def test_results_before_the_connection_arrive_from_a_robot_without_scene_channel(tree: btcore.Tree) -> None:
+    with serve(tree, groot2=0, scene=False) as publisher:
+        tree.tick_once()
+        with closing(RobotConnection(publisher.address)) as connection:
+            state = until(connection, lambda state: state.results)
+    assert state.results == {1: 2, 2: 2, 3: 2, 4: 2, 5: 2, 6: 3}
+
+
 def test_breakpoint_stops_at_one_of_two_nodes_with_the_same_name(
     tree: btcore.Tree, connection: RobotConnection
 ) -> None:

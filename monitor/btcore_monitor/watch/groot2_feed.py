@@ -311,8 +311,11 @@ class Groot2Feed:
         statuses = {node.uid: 0 for node in self.tree.nodes}
         statuses |= {uid: record.status for uid, record in records.items()}
         self._seen_up_to = max(self._seen_up_to, self._clock.t(wall))
+        results = {
+            uid: record.previous for uid, record in records.items() if record.status == 0 and record.previous
+        }
         events.append(
-            TreeSeen(self.tree, self._seen_up_to, wall, statuses, numbered=False, source=self._source())
+            TreeSeen(self.tree, self._seen_up_to, wall, statuses, False, self._source(), results)
         )
         if self._hooks_listed_for != self._tree_id:
             self._hooks_listed_for = self._tree_id
