@@ -61,6 +61,8 @@ class TreeKeys:
         return self._known[tree]
 
     def _plan_keys(self, plan: TreePlan) -> set[str] | None:
+        if plan.has_unknown_nodes:
+            return None
         keys: set[str] = set()
         for node in nodes_of(plan):
             own = self._node_keys(node) if node.call is None else self._call_keys(node.call)

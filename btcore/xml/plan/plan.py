@@ -121,7 +121,7 @@ class TreePlan:
     """A tree definition with the plans of its nodes.
 
     *calls* holds a SubtreeCall for each of its SubTree nodes. *depth* is the number of its levels, *size* the
-    number of its nodes.
+    number of its nodes. *has_unknown_nodes* is True if unknown nodes were removed.
     """
 
     def __init__(self, definition: TreeDefinition, root: NodePlan | None) -> None:
@@ -130,6 +130,7 @@ class TreePlan:
         self.calls: list[SubtreeCall] = []
         self.depth = 0
         self.size = 0
+        self.has_unknown_nodes = False
 
 
 class TreePlanner:
@@ -208,6 +209,7 @@ class TreePlanner:
             node.manifest = known.manifest
             self._attributes(node, known)
         if unknown:
+            tree.has_unknown_nodes = True
             if tree.root in unknown:
                 tree.root = None
             for node in nodes:

@@ -385,6 +385,11 @@ def test_tree_that_is_called_twice_is_reported_once(check: Any) -> None:
     assert [one.code for one in found] == ["W201"]
 
 
+def test_tree_with_unknown_nodes_may_use_any_key(check: Any) -> None:
+    found = check.found('<SubTree ID="Inner" door="shut"/>', tree("Inner", '<Knock on="{door}"/>'))
+    assert [one.code for one in found] == ["E101"]
+
+
 def test_warning_names_the_call_that_lacks_a_key(check: Check) -> None:
     body = children('<SubTree ID="Inner" door="shut"/>', '<SubTree ID="Inner"/>')
     assert "in the SubTree of 'Inner' in line 5 write door=" in check(
