@@ -7,6 +7,8 @@ import click
 
 
 @click.command(short_help="Start the language server for editors.")
+# Several editors add this argument to the command of any server.
+@click.option("--stdio", is_flag=True, hidden=True, expose_value=False)
 def lsp() -> None:
     """Serve the Language Server Protocol over stdin and stdout, for editors.
 

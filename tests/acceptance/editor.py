@@ -108,7 +108,7 @@ async def session(
         cwd: The current folder of the server.
     """
     editor = Editor()
-    await editor.start_io(sys.executable, "-m", "btcore", "lsp", cwd=cwd)
+    await editor.start_io(sys.executable, "-m", "btcore", "lsp", "--stdio", cwd=cwd)
     workspace = [types.WorkspaceFolder(folder.as_uri(), folder.name) for folder in folders]
     capabilities = types.ClientCapabilities(
         # Editors offer several encodings; the server must choose UTF-16, which all of them support.

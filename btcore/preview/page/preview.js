@@ -232,8 +232,9 @@ function fitZoom() {
 }
 
 function startZoom() {
-  // Texts remain readable: a large tree is scrolled.
-  return Math.max(0.6, Math.min(1.15, fitZoom()));
+  // A tree that is too large for readable texts is scrolled.
+  const zoom = fitZoom();
+  return zoom < 0.5 ? 0.6 : Math.min(1.15, zoom);
 }
 
 function zoomTo(zoom, x = canvas.clientWidth / 2, y = canvas.clientHeight / 2) {

@@ -1,5 +1,5 @@
 import * as vscode from "vscode";
-import { LanguageClient, TransportKind } from "vscode-languageclient/node";
+import { LanguageClient } from "vscode-languageclient/node";
 import { settings } from "./settings";
 
 export const LANGUAGE = "behaviortree";
@@ -38,7 +38,7 @@ export class Server {
     const client = new LanguageClient(
       "btcore",
       "btcore",
-      { command, args: ["lsp"], transport: TransportKind.stdio },
+      { command, args: ["lsp"] },
       {
         documentSelector: [{ language: LANGUAGE }],
         initializationOptions: serverSettings(),

@@ -140,7 +140,6 @@ export async function message(panel, matches, from = 0) {
 }
 
 // The client of the language server needs the real VS Code: its settings are recorded only.
-export const TransportKind = { stdio: 0 };
 export class LanguageClient {
   constructor(id, name, server, client) { Object.assign(this, { server, client, sent: [] }); calls.clients.push(this); }
   async start() { if (this.server.command === "missing") throw new Error("ENOENT"); }
