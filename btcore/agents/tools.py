@@ -9,12 +9,10 @@ from itertools import count
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
-import anyio.to_thread
 from mcp_types import ContentBlock, ImageContent, TextContent
 from pydantic import Field
 
 from btcore.agents.command_process import CommandRunner, Finished
-from btcore.agents.pictures import svg_to_png
 from btcore.agents.result_size import shorten_text, to_bounded_json
 from btcore.agents.served_folder import (
     LOGS,
@@ -180,10 +178,7 @@ class Toolbox:
             bool, Field(description="Return the nodes that write and read each blackboard entry instead.")
         ] = False,
     ) -> list[ContentBlock]:
-        """Show a tree with its subtrees as an outline and as a picture, or its data flow.
-
-        The picture is a PNG. If Pillow is not installed beside the server, it is the text of an SVG file.
-        """
+        """Show a tree with its subtrees as an outline and as a picture, or its data flow."""
         source = _Source(tree, xml, tree_id, models, own_models)
         if data_flow:
             flow = await self._of_tree("show", source, ["--data", "--json"], all_nodes=True)
@@ -194,20 +189,15 @@ class Toolbox:
             outline = await self._runner.run([*command, *words], output, all_nodes=True)
             _require_success("show", outline)
             content: list[ContentBlock] = [_text(shorten_text(outline.stdout, _OUTLINE))]
-            if not picture:
-                return content
-            svg = output / "tree.svg"
-            drawn = await self._runner.run([*command, f"--svg={svg}", *words], output, all_nodes=True)
-            _require_success("show", drawn)
-            drawing = svg.read_bytes()
-        try:
-            png = await anyio.to_thread.run_sync(svg_to_png, drawing)
-        except RefusedError as error:
-            return [*content, _text(str(error))]
-        if png is None:
-            return [*content, _text(drawing.decode())]
-        data = base64.b64encode(png).decode()
-        return [*content, ImageContent(type="image", data=data, mime_type="image/png")]
+            if picture:
+                png = output / "tree.png"
+                drawn = await self._runner.run([*command, f"--png={png}", *words], output, all_nodes=True)
+                if drawn.code == ExitCode.SUCCESS:
+                    data = base64.b64encode(png.read_bytes()).decode()
+                    content.append(ImageContent(type="image", data=data, mime_type="image/png"))
+                else:
+                    content.append(_text(_message("show", drawn)))
+        return content
 
     async def run(
         self,

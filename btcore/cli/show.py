@@ -1,4 +1,4 @@
-"""`btcore show`: draw a tree in the terminal or as SVG, or list its data flow."""
+"""`btcore show`: draw a tree in the terminal, as SVG or as PNG, or list its data flow."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -12,6 +12,7 @@ from btcore.cli.completion import complete_tree
 from btcore.cli.tree_source import TreeSource, confined_option, find_source, tree_option
 from btcore.tree.drawing import Fragment, draw_branches, is_ascii_only, node_label
 from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow
+from btcore.xml.render.png import MAX_SIDE, svg_to_png
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
@@ -25,6 +26,12 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 @click.option("--ports/--no-ports", default=True, help="Show or hide ports and scripts.")
 @click.option("--svg", type=files.OUTPUT_FILE, metavar="FILE", help="Write the drawing to an SVG file.")
 @click.option(
+    "--png",
+    type=files.OUTPUT_FILE,
+    metavar="FILE",
+    help=f"Write the drawing to a PNG file, at most {MAX_SIDE} pixels wide and high.",
+)
+@click.option(
     "--data", "as_table", is_flag=True, help="List the nodes that write and read each blackboard entry."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object; with --data a JSON list.")
@@ -36,6 +43,7 @@ def show(
     models: Sequence[Path],
     ports: bool,
     svg: Path | None,
+    png: Path | None,
     as_table: bool,
     as_json: bool,
 ) -> None:
@@ -43,9 +51,10 @@ def show(
 
     TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore.
     """
-    if svg is not None and (as_table or as_json):
+    picture = "--svg" if svg is not None else "--png" if png is not None else None
+    if picture is not None and (as_table or as_json):
         other = "--data" if as_table else "--json"
-        raise click.UsageError(f"--svg and {other} cannot be used together.")
+        raise click.UsageError(f"{picture} and {other} cannot be used together.")
     path = find_source(source)
     libraries = node_libraries.load_libraries(plugins, models, confined)
     examined, nodes = TreeSource(path, tree, libraries, confined=confined).read()
@@ -59,8 +68,12 @@ def show(
             _print_data(rows)
         return
     root = diagram_of_document(examined)
-    if svg is not None:
-        files.write(svg, diagram_to_svg(root, main.id, format).encode())
+    if picture is not None:
+        drawing = diagram_to_svg(root, main.id, format)
+        if svg is not None:
+            files.write(svg, drawing.encode())
+        if png is not None:
+            files.write(png, svg_to_png(drawing))
     elif as_json:
         terminal.print_json(_as_data(root), indent=2)
     else:

@@ -16,8 +16,14 @@ _WIDEST: Final = 1700.0
 _GAPS_DOWN: Final = Spacing(siblings=18, levels=44, frame=14)
 _GAPS_RIGHT: Final = Spacing(siblings=12, levels=58, frame=14)
 _CORNER: Final = 8.0
-_SANS: Final = "Inter, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
-_MONO: Final = "'JetBrains Mono', 'SF Mono', Menlo, Consolas, 'DejaVu Sans Mono', monospace"
+# The widths of the cards fit these fonts. resvg, which makes the PNG, omits a text if it finds none of them.
+_SANS: Final = (
+    "Inter, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, 'Liberation Sans', 'Noto Sans', 'DejaVu Sans', "
+    "sans-serif"
+)
+_MONO: Final = (
+    f"'JetBrains Mono', 'SF Mono', Menlo, Consolas, 'DejaVu Sans Mono', 'Liberation Mono', monospace, {_SANS}"
+)
 _STYLE: Final = f"""
     text {{ font-family: {_SANS}; fill: #1b2330; }}
     .title {{ font-size: 19px; font-weight: 700; }}

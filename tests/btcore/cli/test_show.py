@@ -165,7 +165,7 @@ def test_svg_is_written_to_a_file_and_stdout_is_empty(cli: Cli, file: Path, tmp_
     [
         (["--svg", "no/such/folder.svg"], "cannot write 'no/such/folder.svg'"),
         (["--svg", "tree.svg", "--json"], "--svg and --json cannot be used together"),
-        (["--svg", "tree.svg", "--data"], "--svg and --data cannot be used together"),
+        (["--png", "tree.png", "--data"], "--png and --data cannot be used together"),
         (["--svg", "."], "is a directory"),
     ],
 )

@@ -1,36 +1,35 @@
 """Pictures of trees as PNG."""
 
 import re
+from functools import partial
 from io import BytesIO
 
 import pytest
 
 from btcore import Registry
-from btcore.agents.pictures import svg_to_png
-from btcore.agents.served_folder import RefusedError
 from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_text
+from btcore.xml.render import png
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import diagram_of_document
 
+resvg_py = pytest.importorskip("resvg_py", reason="the extra mcp is not installed")
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
 
 BLUE, GREEN = (0x2F, 0x66, 0xC8), (0x3D, 0x8B, 0x3D)
 
 
-def svg_of(body: str) -> bytes:
+def svg_of(body: str) -> str:
     document = parse_text(f'<root BTCPP_format="4"><BehaviorTree ID="Tür">{body}</BehaviorTree></root>')
     examined = analyse_document(document, Registry.standard(), None, None)
-    return diagram_to_svg(diagram_of_document(examined), "Tür").encode()
+    return diagram_to_svg(diagram_of_document(examined), "Tür")
 
 
 def test_picture_shows_cards_glyphs_edges_and_texts() -> None:
     svg = svg_of('<Sequence><Sleep msec="100"/><SetBlackboard value="1" output_key="{k}"/></Sequence>')
-    png = svg_to_png(svg)
-    assert png is not None
-    picture = Image.open(BytesIO(png))
-    sides = [float(side) for side in re.findall(rb'(?:width|height)="(\d+)"', svg)[:2]]
-    assert picture.size == tuple(round(1.5 * side) for side in sides)
+    picture = Image.open(BytesIO(png.svg_to_png(svg))).convert("RGB")
+    sides = [int(side) for side in re.findall(r'(?:width|height)="(\d+)"', svg)[:2]]
+    assert picture.size == pytest.approx([1.5 * side for side in sides], abs=1)
     found = {colour: count for count, colour in picture.getcolors(1_000_000)}
     assert found[BLUE] > 300  # the badge of the Sequence
     assert found[GREEN] > 400  # the badges of the actions
@@ -41,7 +40,15 @@ def test_picture_shows_cards_glyphs_edges_and_texts() -> None:
     assert dark > 200  # the names
 
 
-def test_drawing_whose_texts_could_not_be_read_is_refused() -> None:
+def test_large_drawing_becomes_a_smaller_picture_while_its_texts_can_be_read() -> None:
     wide = "<Fallback>" + "<AlwaysFailure/>" * 9 + "</Fallback>"
-    with pytest.raises(RefusedError, match="too large for a picture"):
-        svg_to_png(svg_of(f"<Sequence>{wide * 40}</Sequence>"))
+    picture = Image.open(BytesIO(png.svg_to_png(svg_of(f"<Sequence>{wide * 6}</Sequence>"))))
+    assert max(picture.size) == png.MAX_SIDE
+    with pytest.raises(png.PictureError, match="draw a subtree, or an SVG"):
+        png.svg_to_png(svg_of(f"<Sequence>{wide * 12}</Sequence>"))
+
+
+def test_machine_without_fonts_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resvg_py, "svg_to_bytes", partial(resvg_py.svg_to_bytes, skip_system_fonts=True))
+    with pytest.raises(png.PictureError, match="needs a font such as DejaVu Sans"):
+        png.svg_to_png(svg_of("<AlwaysSuccess/>"))
