@@ -26,8 +26,8 @@ GROUP = "btcore"
 
 # The parent folders of the import packages, as in pyproject.toml.
 ROOTS = (".", "monitor", "robot_nodes", "ros2", "sim")
-# Data folders of btcore: beside the package in a checkout, inside the package in an installation.
-DATA = ("benchmarks", "trees")
+# Data files of btcore, by folder: beside the package in a checkout, inside the package in an installation.
+DATA = {"benchmarks": "*.py", "docs": "*.md", "trees": "*.xml"}
 
 # Modules that run once, or only produce output for people, are not compiled. Neither is any __init__.py, nor
 # btcore/builds.py, which selects the build.
@@ -39,6 +39,7 @@ COLD_FILES = {
     "btcore/__main__.py",
     "btcore/builds.py",
     "btcore/bundled_trees.py",
+    "btcore/data_folders.py",
     "btcore/diagnostic_codes.py",
     "btcore/documentation_site.py",
     "btcore/errors.py",
@@ -135,6 +136,11 @@ def warn(reason: str) -> None:
     print(f"warning: {reason}: installing the pure build of btcore", file=sys.stderr)
 
 
+def data_files() -> list[Path]:
+    """Return the data files of btcore."""
+    return [path for folder, names in DATA.items() for path in sorted((HERE / folder).rglob(names))]
+
+
 def readme_with_absolute_links() -> str:
     """Return README.md for PyPI, where links to files and pictures of the repository must be absolute."""
     project = tomllib.loads((HERE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -182,8 +188,7 @@ class BuildWithData(build_py):
 
     def _data(self) -> list[tuple[Path, Path]]:
         into = Path(self.build_lib, "btcore")
-        files = [path for folder in DATA for path in sorted((HERE / folder).rglob("*"))]
-        return [(path, into / path.relative_to(HERE)) for path in files if path.suffix in {".py", ".xml"}]
+        return [(path, into / path.relative_to(HERE)) for path in data_files()]
 
 
 class EditableRoots:

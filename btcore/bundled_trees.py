@@ -3,15 +3,13 @@
 import os
 from pathlib import Path
 
-import btcore
+from btcore.data_folders import data_folder
 from btcore.suggestions import join_names, nearest_name
 
 
 def folder() -> Path:
-    """Return the folder of the bundled trees: in the package if installed, next to it in a checkout."""
-    package = Path(btcore.__file__).resolve().parent  # a colcon workspace may contain a link to the package
-    installed = package / "trees"
-    return installed if installed.is_dir() else package.parent / "trees"
+    """Return the folder of the bundled trees."""
+    return data_folder("trees")
 
 
 def names() -> list[str]:

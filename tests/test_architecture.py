@@ -28,6 +28,7 @@ LAYERS = (
         "diagnostic_codes",
         "documentation_site",
         "clock",
+        "data_folders",
         "escaping",
         "names",
         "suggestions",

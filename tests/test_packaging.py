@@ -62,6 +62,13 @@ def test_every_data_file_is_installed_with_its_package() -> None:
     assert there <= installed
 
 
+def test_trees_benchmarks_and_pages_of_the_documentation_are_installed() -> None:
+    files = runpy.run_path(str(ROOT / "setup.py"))["data_files"]()
+    suffixes = {(file.relative_to(ROOT).parts[0], file.suffix) for file in files}
+    assert suffixes == {("benchmarks", ".py"), ("docs", ".md"), ("trees", ".xml")}
+    assert {ROOT / "docs/reference/errors.md", ROOT / "trees/bumpgo.xml"} <= set(files)
+
+
 def test_wheels_are_built_for_every_python_and_tested_as_compiled_builds() -> None:
     wheels = PROJECT["tool"]["cibuildwheel"]
     assert wheels["environment"]["BTCORE_COMPILED"] == "1"

@@ -23,6 +23,7 @@ from btcore.agents.command_process import CommandRunner
 from btcore.agents.result_size import shorten_text
 from btcore.agents.served_folder import TREES, RefusedError, ServedFolder
 from btcore.agents.tools import Toolbox
+from btcore.data_folders import data_folder
 from btcore.documentation_site import documentation_url
 from btcore.escaping import escape_controls
 from btcore.suggestions import nearest_name
@@ -76,7 +77,10 @@ def create_server(folder: ServedFolder, runner: CommandRunner, log: TextIO) -> S
         return types.ListResourcesResult(
             resources=[
                 types.Resource(uri=PALETTE, name="palette", description=_PALETTE, mime_type=_XML),
-                *(_resource(DOCUMENTATION, page, _MARKDOWN) for page in documentation_pages()),
+                *(
+                    _resource(DOCUMENTATION, name, _MARKDOWN, _heading_of(file))
+                    for name, file in documentation_pages().items()
+                ),
                 *(_resource(TREE, tree, _XML) for tree in trees),
             ]
         )
@@ -152,9 +156,9 @@ async def _cancel_at_signal(scope: anyio.CancelScope, received: list[int]) -> No
 
 
 def documentation_pages() -> dict[str, Path]:
-    """Return the pages of the documentation by name; empty unless btcore runs in a checkout."""
-    folder = Path(btcore.__file__).resolve().parents[1] / "docs"
-    pages = sorted(folder.rglob("*.md")) if (folder / "index.md").is_file() else []
+    """Return the files of the pages of the documentation, by name."""
+    folder = data_folder("docs")
+    pages = sorted(folder.rglob("*.md"))
     return {page.relative_to(folder).with_suffix("").as_posix(): page for page in pages}
 
 
@@ -221,8 +225,14 @@ def _page(name: str) -> str:
     return pages[name].read_text(encoding="utf-8")
 
 
-def _resource(prefix: str, name: str, mime_type: str) -> types.Resource:
-    return types.Resource(uri=prefix + quote(name), name=name, mime_type=mime_type)
+def _heading_of(page: Path) -> str | None:
+    with page.open(encoding="utf-8") as file:
+        line = file.readline()
+    return line.removeprefix("# ").strip() if line.startswith("# ") else None
+
+
+def _resource(prefix: str, name: str, mime_type: str, title: str | None = None) -> types.Resource:
+    return types.Resource(uri=prefix + quote(name), name=name, title=title, mime_type=mime_type)
 
 
 def _text(text: str) -> types.TextContent:

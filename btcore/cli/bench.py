@@ -20,6 +20,7 @@ from rich.text import Text
 
 import btcore
 from btcore.cli import files, terminal
+from btcore.data_folders import data_folder
 from btcore.input_files import read_file
 from btcore.json_text import load_json
 from btcore.suggestions import join_names, nearest_name
@@ -78,7 +79,7 @@ def bench(
     Each ratio compares two programs that are measured in turns, to cancel out changes of the machine's speed.
     Set BTCORE_PURE=1 to measure the pure build of a compiled installation.
     """
-    here = folder()
+    here = data_folder("benchmarks")
     known = benchmarks(here)
     if unknown := [name for name in names if name not in known]:
         nearest = nearest_name(unknown[0], known)
@@ -109,13 +110,6 @@ def bench(
         _plot(here, plot, [*earlier, *measured])
     if failed := [f"'{name}' failed:\n{item}" for name, item in errors.items() if not item.remedy]:
         raise click.ClickException("\n".join(failed))
-
-
-def folder() -> Path:
-    """Return the folder of the benchmarks: in the package if installed, beside it in a checkout."""
-    package = Path(btcore.__file__).resolve().parent  # as for the bundled trees
-    installed = package / "benchmarks"
-    return installed if installed.is_dir() else package.parent / "benchmarks"
 
 
 def benchmarks(here: Path) -> dict[str, Path]:

@@ -102,6 +102,10 @@ def test_an_agent_mends_proves_and_simulates_a_tree(tmp_path: Path) -> None:
         assert result["robot"]["distance_m"] > 0.3
         resource = await agent.client.read_resource(f"btcore://trees/{file.name}")
         assert resource.contents[0].text == mended
+        names = {resource.name for resource in (await agent.client.list_resources()).resources}
+        assert {file.name, "palette", "guides/agents"} <= names
+        page = await agent.client.read_resource("btcore://docs/reference/errors")
+        assert "E101" in page.contents[0].text
 
     lines = serve(folder, tmp_path / "mcp.log", work)
     calls = [line["parameters"]["name"] for line in lines if line["method"] == "tools/call"]
