@@ -1,10 +1,11 @@
 """The server of `btcore mcp`: tools and resources over the Model Context Protocol."""
 
+import inspect
 import signal
 import sys
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any, BinaryIO, Final, NoReturn, TextIO, cast
+from typing import Any, BinaryIO, Final, NoReturn, TextIO, cast, get_type_hints
 from urllib.parse import quote, unquote
 
 import anyio
@@ -13,11 +14,12 @@ import mcp_types as types
 from mcp import MCPError
 from mcp.server.context import ServerRequestContext
 from mcp.server.lowlevel import Server
-from mcp.server.mcpserver.tools import Tool
+from mcp.server.mcpserver.utilities.func_metadata import FuncMetadata
 from mcp.server.stdio import stdio_server
 from pydantic import ValidationError
 
 import btcore
+from btcore.agents.arguments import Arguments
 from btcore.agents.call_log import CallLog
 from btcore.agents.command_process import CommandRunner
 from btcore.agents.result_size import shorten_text
@@ -59,14 +61,18 @@ def create_server(folder: ServedFolder, runner: CommandRunner, log: TextIO) -> S
         log: The file for the log of all requests.
     """
     toolbox = Toolbox(folder, runner)
-    tools = {tool.__name__: _tool(tool) for tool in toolbox.tools}
+    tools = {function.__name__: _Tool(function) for function in toolbox.tools}
 
     async def list_tools(ctx: _Context, params: _Parameters) -> types.ListToolsResult:
-        return types.ListToolsResult(tools=[_description_of(tool) for tool in tools.values()])
+        return types.ListToolsResult(tools=[tool.description() for tool in tools.values()])
 
     async def call_tool(ctx: _Context, params: types.CallToolRequestParams) -> types.CallToolResult:
         try:
-            content = await _call(tools, params.name, params.arguments or {})
+            if params.name not in tools:
+                _refuse(
+                    f"there is no tool '{shorten_text(params.name, 100)}'; the tools are {', '.join(tools)}"
+                )
+            content = await tools[params.name](params.arguments or {})
         except RefusedError as error:
             message = shorten_text(escape_controls(str(error)), _LONGEST)
             return types.CallToolResult(content=[_text(message)], is_error=True)
@@ -168,47 +174,44 @@ _PALETTE: Final = "The available nodes as a TreeNodesModel, which Groot can impo
 _TREE: Final = "An XML file in the served folder."
 
 
-def _tool(function: Callable[..., Awaitable[Any]]) -> Tool:
-    tool = Tool.from_function(function, annotations=_READ_ONLY, structured_output=False)
-    # An argument with a wrong name is an error instead of being ignored.
-    tool.parameters["additionalProperties"] = False
-    return tool
+class _Tool:
+    """A tool with its arguments, which are the model in the annotation of its parameter `call`."""
 
+    def __init__(self, function: Callable[..., Awaitable[str | list[types.ContentBlock]]]) -> None:
+        self.function = function
+        self.model: type[Arguments] = get_type_hints(function)["call"]
 
-def _description_of(tool: Tool) -> types.Tool:
-    lines = [line.strip() for line in tool.description.strip().splitlines()]
-    return types.Tool(
-        name=tool.name,
-        description="\n".join(lines),
-        input_schema=tool.parameters,
-        annotations=tool.annotations,
-    )
+    def description(self) -> types.Tool:
+        """Return the description for agents."""
+        return types.Tool(
+            name=self.function.__name__,
+            description=inspect.getdoc(self.function),
+            input_schema=self.model.model_json_schema(),
+            annotations=_READ_ONLY,
+        )
 
+    async def __call__(self, arguments: dict[str, Any]) -> str | list[types.ContentBlock]:
+        """Return the result of a call.
 
-async def _call(
-    tools: Mapping[str, Tool], name: str, arguments: dict[str, Any]
-) -> str | list[types.ContentBlock]:
-    """Return the result of a tool.
-
-    Raises:
-        RefusedError: There is no such tool, an argument is invalid, or the tool refuses the call.
-    """
-    tool = tools.get(name)
-    if tool is None:
-        _refuse(f"there is no tool '{shorten_text(name, 100)}'; the tools are {', '.join(tools)}")
-    known = list(tool.parameters["properties"])
-    for argument in arguments:
-        if argument not in known:
-            nearest = nearest_name(argument[:100], known)
-            hint = f"did you mean '{nearest}'?" if nearest else f"the arguments are {', '.join(known)}"
-            _refuse(f"'{name}' has no argument '{shorten_text(argument, 100)}'; {hint}")
-    try:
-        checked = tool.fn_metadata.validate_arguments(arguments)
-    except ValidationError as error:
-        places = {".".join(str(part)[:100] for part in item["loc"]): item["msg"] for item in error.errors()}
-        _refuse("; ".join(f"{place}: {message}" for place, message in list(places.items())[:5]))
-    result: str | list[types.ContentBlock] = await tool.fn(**checked)
-    return result
+        Raises:
+            RefusedError: An argument is invalid, or the tool refuses the call.
+        """
+        known = list(self.model.model_fields)
+        for name in arguments:
+            if name not in known:
+                nearest = nearest_name(name[:100], known)
+                hint = f"did you mean '{nearest}'?" if nearest else f"the arguments are {', '.join(known)}"
+                _refuse(f"'{self.function.__name__}' has no argument '{shorten_text(name, 100)}'; {hint}")
+        # Some clients send lists and objects as texts of JSON.
+        parsed = FuncMetadata(arg_model=self.model).pre_parse_json(arguments)
+        try:
+            call = self.model.model_validate(parsed)
+        except ValidationError as error:
+            places = {
+                ".".join(str(part)[:100] for part in item["loc"]): item["msg"] for item in error.errors()
+            }
+            _refuse("; ".join(f"{place}: {message}" for place, message in list(places.items())[:5]))
+        return await self.function(call)
 
 
 def _refuse(message: str) -> NoReturn:

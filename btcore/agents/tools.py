@@ -7,11 +7,23 @@ from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from itertools import count
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Any, Final
 
 from mcp_types import ContentBlock, ImageContent, TextContent
-from pydantic import Field
 
+from btcore.agents.arguments import (
+    MAX_EPISODES,
+    ExplainFailureArguments,
+    NodesArguments,
+    ProveArguments,
+    ReadLogArguments,
+    RunArguments,
+    ShowArguments,
+    SweepArguments,
+    TreeArguments,
+    ValidateArguments,
+    Value,
+)
 from btcore.agents.command_process import CommandRunner, Finished
 from btcore.agents.result_size import shorten_text, to_bounded_json
 from btcore.agents.served_folder import (
@@ -25,89 +37,13 @@ from btcore.agents.served_folder import (
 from btcore.cli.exit_codes import ExitCode
 from btcore.escaping import escape_controls
 
-MAX_DURATION: Final = 600.0
-"""The maximum duration of a simulated run (s)."""
-MAX_EPISODES: Final = 60
-"""The maximum number of episodes of a sweep."""
 KEPT_RUNS: Final = 20
 """The number of runs whose logs are kept."""
 
-_MAX_LIST: Final = 50
 _TICK_LIMIT_S: Final = 5
 _MESSAGES: Final = 4000
 _OUTLINE: Final = 20_000
 _PROOF_MEMORY_MB: Final = 1000
-_WORLD: Final = r"^[a-z][a-z0-9_]{0,40}(:[0-9]{1,9})?$"
-
-Name = Annotated[str, Field(max_length=500)]
-Names = Annotated[list[Name], Field(max_length=_MAX_LIST)]
-Tree = Annotated[
-    str | None,
-    Field(
-        max_length=500,
-        description="Path of an XML file in the served folder, or the name of a bundled tree such as bumpgo.",
-    ),
-]
-Xml = Annotated[
-    str | None,
-    Field(
-        max_length=MAX_TREE_SIZE,
-        description="The text of the XML file, instead of `tree`. It cannot include other files.",
-    ),
-]
-TreeId = Annotated[
-    str | None, Field(max_length=500, description="ID of a tree in the file; default: its main tree.")
-]
-Models = Annotated[
-    list[Name],
-    Field(
-        max_length=_MAX_LIST,
-        description="TreeNodesModel files in the served folder, which declare leaves without code.",
-    ),
-]
-OwnModels = Annotated[
-    bool,
-    Field(
-        description="Whether the TreeNodesModel in the tree's own file declares leaves without code, too. "
-        "Without models, leaves that are neither built in nor installed are errors."
-    ),
-]
-Given = Annotated[
-    list[Name],
-    Field(max_length=_MAX_LIST, description="Blackboard keys that the program sets before the first tick."),
-]
-World = Annotated[
-    str,
-    Field(
-        pattern=_WORLD,
-        description="Name of a bundled world (arena, arena_boxes …) or a random world: office:3, home:7.",
-    ),
-]
-Duration = Annotated[
-    float,
-    Field(
-        gt=0, le=MAX_DURATION, allow_inf_nan=False, description="Simulated time after which a run ends (s)."
-    ),
-]
-Log = Annotated[
-    str,
-    Field(
-        max_length=500,
-        description="The `log` that `run` returned, such as run-1, or a log file in the served folder: "
-        ".btlog, .db3, .btdb, .mcap or .fbl; FILE.db3#2 for session 2.",
-    ),
-]
-Value = str | int | float | bool
-
-
-class _Source(NamedTuple):
-    """The tree of a call, as the arguments of the tools describe it."""
-
-    tree: str | None
-    xml: str | None
-    tree_id: str | None
-    models: Sequence[str]
-    own_models: bool
 
 
 class Toolbox:
@@ -138,58 +74,32 @@ class Toolbox:
             self.explain_failure,
         )
 
-    async def nodes(
-        self,
-        ids: Annotated[list[Name], Field(max_length=200, description="IDs of nodes.")] = [],  # noqa: B006
-        models: Models = [],  # noqa: B006
-        format: Annotated[Literal[3, 4], Field(description="The XML format.")] = 4,
-    ) -> str:
+    async def nodes(self, call: NodesArguments) -> str:
         """List the nodes that trees can use.
 
         Without `ids`: type, ports and a sentence for each node. With `ids`: everything about these nodes.
         """
-        words = [f"--format={format}", "--json", *self._models(models), "--", *ids]
+        words = [f"--format={call.format}", "--json", *self._models(call.models), "--", *call.ids]
         found = await self._json("nodes", words, all_nodes=True)
-        return to_bounded_json(found if ids else {node: _summary(data) for node, data in found.items()})
+        return to_bounded_json(found if call.ids else {node: _summary(data) for node, data in found.items()})
 
-    async def validate(
-        self,
-        tree: Tree = None,
-        xml: Xml = None,
-        tree_id: TreeId = None,
-        models: Models = [],  # noqa: B006
-        own_models: OwnModels = False,
-        given: Given = [],  # noqa: B006
-    ) -> str:
+    async def validate(self, call: ValidateArguments) -> str:
         """Report all errors and warnings in a tree, each with line, column and a hint."""
-        words = [*_each("given", given), "--json"]
-        source = _Source(tree, xml, tree_id, models, own_models)
-        return to_bounded_json(await self._of_tree("validate", source, words, all_nodes=True))
+        words = [*_each("given", call.given), "--json"]
+        return to_bounded_json(await self._of_tree("validate", call, words, all_nodes=True))
 
-    async def show(
-        self,
-        tree: Tree = None,
-        xml: Xml = None,
-        tree_id: TreeId = None,
-        models: Models = [],  # noqa: B006
-        own_models: OwnModels = False,
-        picture: Annotated[bool, Field(description="Whether to draw a picture.")] = True,
-        data_flow: Annotated[
-            bool, Field(description="Return the nodes that write and read each blackboard entry instead.")
-        ] = False,
-    ) -> list[ContentBlock]:
+    async def show(self, call: ShowArguments) -> list[ContentBlock]:
         """Show a tree with its subtrees as an outline and as a picture, or its data flow."""
-        source = _Source(tree, xml, tree_id, models, own_models)
-        if data_flow:
-            flow = await self._of_tree("show", source, ["--data", "--json"], all_nodes=True)
+        if call.data_flow:
+            flow = await self._of_tree("show", call, ["--data", "--json"], all_nodes=True)
             return [_text(to_bounded_json(flow))]
         with self._runner.temporary_folder() as output:
-            words = self._words(source, output)
+            words = self._words(call, output)
             command = ["show", *self._runner.plugins]
             outline = await self._runner.run([*command, *words], output, all_nodes=True)
             _require_success("show", outline)
             content: list[ContentBlock] = [_text(shorten_text(outline.stdout, _OUTLINE))]
-            if picture:
+            if call.picture:
                 png = output / "tree.png"
                 drawn = await self._runner.run([*command, f"--png={png}", *words], output, all_nodes=True)
                 if drawn.code == ExitCode.SUCCESS:
@@ -199,81 +109,32 @@ class Toolbox:
                     content.append(_text(_message("show", drawn)))
         return content
 
-    async def run(
-        self,
-        tree: Tree = None,
-        xml: Xml = None,
-        tree_id: TreeId = None,
-        models: Models = [],  # noqa: B006
-        own_models: OwnModels = False,
-        plans: Annotated[
-            dict[str, str],
-            Field(
-                max_length=_MAX_LIST,
-                description="Results of leaves from `models`, by name or ID: a letter for each tick, R "
-                "(RUNNING), S, F or K (SKIPPED), and | between two starts, such as RRS|F.",
-            ),
-        ] = {},  # noqa: B006
-        entries: Annotated[
-            dict[str, Value],
-            Field(max_length=_MAX_LIST, description="Blackboard entries before the first tick."),
-        ] = {},  # noqa: B006
-        duration: Duration = 60.0,
-        rate: Annotated[
-            float, Field(gt=0, le=1000, allow_inf_nan=False, description="Ticks per second.")
-        ] = 10.0,
-        until: Annotated[
-            Literal["done", "success", "failure", "never"],
-            Field(
-                description="The result that ends the run; after any other result the tree is ticked again."
-            ),
-        ] = "done",
-        seed: Annotated[int, Field(ge=0, le=2**31)] = 0,
-        world: World = "arena",
-        start: Annotated[
-            str | None,
-            Field(max_length=60, description="The robot's start: 'X,Y,YAW' (m, degrees) or 'random'."),
-        ] = None,
-        battery: Annotated[float, Field(ge=0, le=100, description="Battery level at the start (%).")] = 100.0,
-        noise: Annotated[float, Field(ge=0, le=10, description="Factor of the errors of the sensors.")] = 1.0,
-        people: Annotated[int, Field(ge=0, le=20)] = 0,
-        obstacles: Annotated[int, Field(ge=0, le=50)] = 0,
-        events: Annotated[
-            list[Annotated[str, Field(max_length=60)]],
-            Field(
-                max_length=20, description="Events: 'box:30' drops a box ahead at 30 s; kidnap:30, carry:30."
-            ),
-        ] = [],  # noqa: B006
-        faults: Annotated[
-            list[Annotated[str, Field(max_length=60)]],
-            Field(max_length=20, description="Faults: 'laser:10-20'; laser, odometry, camera or wheel."),
-        ] = [],  # noqa: B006
-    ) -> str:
+    async def run(self, call: RunArguments) -> str:
         """Run a tree in simulated time, and return the results of all nodes.
 
         Leaves of a robot control a simulated robot in `world`. The `log` in the result can be given to
         explain_failure and read_log.
         """
         words = [
-            *_each("plan", [f"{leaf}={letters}" for leaf, letters in plans.items()]),
-            *_each("set", [f"{key}={_value(value)}" for key, value in entries.items()]),
-            f"--duration={duration}",
-            f"--rate={rate}",
-            f"--until={until}",
-            f"--seed={seed}",
+            *_each("plan", [f"{leaf}={letters}" for leaf, letters in call.plans.items()]),
+            *_each("set", [f"{key}={_value(value)}" for key, value in call.entries.items()]),
+            f"--duration={call.duration}",
+            f"--rate={call.rate}",
+            f"--until={call.until}",
+            f"--seed={call.seed}",
             f"--tick-limit={_TICK_LIMIT_S}",
         ]
         # Without the simulator there are no such options, and trees without a robot run nevertheless.
-        options = {"world": (world, "arena"), "start": (start, None), "battery": (battery, 100.0)}
-        options |= {"noise": (noise, 1.0), "people": (people, 0), "obstacles": (obstacles, 0)}
-        words += [f"--{name}={value}" for name, (value, default) in options.items() if value != default]
-        words += [*_each("event", events), *_each("fault", faults)]
-        source = _Source(tree, xml, tree_id, models, own_models)
+        options = call.model_dump(
+            include={"world", "start", "battery", "noise", "people", "obstacles"}, exclude_defaults=True
+        )
+        words += [f"--{name}={value}" for name, value in options.items()]
+        words += [*_each("event", call.events), *_each("fault", call.faults)]
         command = ["run", "--fast", "--json", *self._runner.plugins, *words]
         name = f"run-{next(self._numbers)}"
         with self._runner.temporary_folder() as output:
             log = output / f"{name}.btlog"
-            done = await self._runner.run([*command, f"--log={log}", *self._words(source, output)], output)
+            done = await self._runner.run([*command, f"--log={log}", *self._words(call, output)], output)
             report = _last_json(done)
             if report is None:
                 raise RefusedError(_message("run", done))
@@ -284,53 +145,25 @@ class Toolbox:
         self._keep(name, {"file": kept, **{key: report[key] for key in ("error",) if key in report}, **extra})
         return to_bounded_json({"log": name, "ended": _ending(report, done.code), **report, **extra})
 
-    async def sweep(
-        self,
-        seeds: Annotated[int, Field(ge=1, le=MAX_EPISODES, description="The number of seeds, from 0.")],
-        tree: Tree = None,
-        xml: Xml = None,
-        tree_id: TreeId = None,
-        models: Models = [],  # noqa: B006
-        own_models: OwnModels = False,
-        parameters: Annotated[
-            dict[
-                Annotated[
-                    str, Field(pattern=r"^(bb\.[A-Za-z_]\w{0,60}|noise|battery|people|obstacles|rate)$")
-                ],
-                Annotated[list[Value], Field(min_length=1, max_length=20)],
-            ],
-            Field(
-                max_length=4,
-                description="Values to combine: noise, battery, people, obstacles, rate, or bb.KEY for a "
-                "blackboard entry.",
-            ),
-        ] = {},  # noqa: B006
-        worlds: Annotated[list[World], Field(max_length=20, description="Worlds to run in.")] = [],  # noqa: B006
-        duration: Duration = 60.0,
-        success_if: Annotated[
-            str | None,
-            Field(max_length=500, description="Condition over the columns, such as status == 'SUCCESS'."),
-        ] = None,
-    ) -> str:
+    async def sweep(self, call: SweepArguments) -> str:
         """Run a tree in simulated time with many seeds and parameter values, and return the success rates."""
-        episodes = seeds * max(1, len(worlds))
-        for values in parameters.values():
+        episodes = call.seeds * max(1, len(call.worlds))
+        for values in call.parameters.values():
             episodes *= len(values)
         if episodes > MAX_EPISODES:
             raise RefusedError(f"the sweep has {episodes:,} episodes; at most {MAX_EPISODES} are permitted")
         words = [
-            f"--seeds={seeds}",
-            f"--duration={duration}",
+            f"--seeds={call.seeds}",
+            f"--duration={call.duration}",
             f"--tick-limit={_TICK_LIMIT_S}",
             "--workers=2",
-            *_option("success-if", success_if),
-            *_each("param", [f"{key}={_values(values)}" for key, values in parameters.items()]),
-            *([f"--worlds={','.join(worlds)}"] if worlds else []),
+            *_option("success-if", call.success_if),
+            *_each("param", [f"{key}={_values(values)}" for key, values in call.parameters.items()]),
+            *([f"--worlds={','.join(call.worlds)}"] if call.worlds else []),
         ]
-        source = _Source(tree, xml, tree_id, models, own_models)
         command = ["sweep", "--json", *self._runner.plugins, *words]
         with self._runner.temporary_folder() as output:
-            files = [f"--output={output / 'sweep'}", *self._words(source, output)]
+            files = [f"--output={output / 'sweep'}", *self._words(call, output)]
             done = await self._runner.run([*command, *files], output, loopback=True)
         report = _last_json(done)
         if report is None:
@@ -339,71 +172,46 @@ class Toolbox:
             {key: value for key, value in report.items() if key not in ("table", "report")}
         )
 
-    async def prove(
-        self,
-        tree: Tree = None,
-        xml: Xml = None,
-        tree_id: TreeId = None,
-        models: Models = [],  # noqa: B006
-        own_models: OwnModels = False,
-        never: Annotated[
-            Names, Field(description="Ask whether this never holds, such as 'Forward & Turn'.")
-        ] = [],  # noqa: B006
-        ask: Annotated[
-            Names,
-            Field(description="'never A', 'A leads to B', 'A leads to B within 5 ticks' or 'A before B'."),
-        ] = [],  # noqa: B006
-        given: Given = [],  # noqa: B006
-        ticks: Annotated[
-            int | None, Field(ge=1, le=100_000, description="Search runs of at most this many ticks.")
-        ] = None,
-    ) -> str:
+    async def prove(self, call: ProveArguments) -> str:
         """Prove what holds in every possible run of a tree, whatever its leaves return.
 
         The standard questions are always asked. A refuted question has a counterexample: the result of each
         leaf in each tick.
         """
         words = [
-            *_each("never", never),
-            *_each("ask", ask),
-            *_each("given", given),
-            *_option("ticks", ticks),
+            *_each("never", call.never),
+            *_each("ask", call.ask),
+            *_each("given", call.given),
+            *_option("ticks", call.ticks),
             f"--memory={_PROOF_MEMORY_MB}",
             "--jobs=2",
             "--json",
         ]
-        source = _Source(tree, xml, tree_id, models, own_models)
-        return to_bounded_json(await self._of_tree("prove", source, words))
+        return to_bounded_json(await self._of_tree("prove", call, words))
 
-    async def read_log(
-        self,
-        log: Log,
-        transitions: Annotated[
-            int, Field(ge=0, le=500, description="How many of the last transitions to return.")
-        ] = 50,
-    ) -> str:
+    async def read_log(self, call: ReadLogArguments) -> str:
         """Read a log: statistics of each node, gaps and damage, and the last transitions."""
-        file = self._log(log)
+        file = self._log(call.log)
         statistics = await self._json("stats", ["--json", "--", file])
-        if transitions:
+        if call.transitions:
             # The command belongs to the monitor, which may not be installed.
             with self._runner.temporary_folder() as output:
                 lines = await self._runner.run(["replay", "--text", "--", file], output)
             if lines.code == ExitCode.SUCCESS:
-                statistics["last_transitions"] = lines.stdout.splitlines()[-transitions:]
-        return to_bounded_json(statistics | {"log": log})
+                statistics["last_transitions"] = lines.stdout.splitlines()[-call.transitions :]
+        return to_bounded_json(statistics | {"log": call.log})
 
-    async def explain_failure(self, log: Log) -> str:
+    async def explain_failure(self, call: ExplainFailureArguments) -> str:
         """Explain why a tree failed: the path from the root to the node that made it fail.
 
         `cause` is the lowest node that failed. `path` begins at the root; each step has the results of the
         node's children. `error` is the exception of a leaf, if a leaf of a run raised an exception.
         """
-        statistics = await self._json("stats", ["--json", "--", self._log(log)])
+        statistics = await self._json("stats", ["--json", "--", self._log(call.log)])
         path: list[dict[str, Any]] = statistics["failure"]
         nodes: dict[str, dict[str, Any]] = statistics["nodes"]
-        kept = self._runs.get(log, {})
-        result: dict[str, Any] = {"log": log, "failed": bool(path) or "error" in kept}
+        kept = self._runs.get(call.log, {})
+        result: dict[str, Any] = {"log": call.log, "failed": bool(path) or "error" in kept}
         result |= {key: kept[key] for key in ("error", "messages") if key in kept}
         if path:
             cause = path[-1]
@@ -450,32 +258,32 @@ class Toolbox:
             raise RefusedError(f"'{name}' is refused: after # comes the number of a session")
         return f"{self._folder.find(file, LOGS, MAX_LOG_SIZE)}{mark}{session}"
 
-    def _words(self, source: "_Source", output: Path) -> list[str]:
+    def _words(self, call: TreeArguments, output: Path) -> list[str]:
         """Return the arguments of a command for a tree: a file in the folder, or the text in a new file."""
-        if (source.tree is None) == (source.xml is None):
+        if (call.tree is None) == (call.xml is None):
             raise RefusedError("give either `tree`, a path, or `xml`, a text")
-        if source.tree is not None:
-            file = self._folder.find_tree(source.tree)
+        if call.tree is not None:
+            file = self._folder.find_tree(call.tree)
         else:
-            assert source.xml is not None
-            data = source.xml.encode(errors="replace")
+            assert call.xml is not None
+            data = call.xml.encode(errors="replace")
             if len(data) > MAX_TREE_SIZE:
                 raise RefusedError(f"`xml` is refused: it has more than {MAX_TREE_SIZE:,} bytes")
             file = output / "tree.xml"
             file.write_bytes(data)
-        own = [f"--model={file}"] if source.own_models else []
-        models = [*self._models(source.models), *own]
-        return ["--confined", *models, *_option("tree", source.tree_id), "--", str(file)]
+        own = [f"--model={file}"] if call.own_models else []
+        models = [*self._models(call.models), *own]
+        return ["--confined", *models, *_option("tree", call.tree_id), "--", str(file)]
 
     def _models(self, models: Sequence[str]) -> list[str]:
         return [f"--model={self._folder.find(model, TREES, MAX_TREE_SIZE)}" for model in models]
 
     async def _of_tree(
-        self, command: str, source: "_Source", words: Sequence[str], all_nodes: bool = False
+        self, command: str, call: TreeArguments, words: Sequence[str], all_nodes: bool = False
     ) -> Any:
         """Return the JSON data that a command prints about a tree."""
         with self._runner.temporary_folder() as output:
-            return await self._json(command, [*words, *self._words(source, output)], all_nodes)
+            return await self._json(command, [*words, *self._words(call, output)], all_nodes)
 
     async def palette(self) -> str:
         """Return the available nodes as a TreeNodesModel.
