@@ -29,8 +29,7 @@ _BYTE_ORDER_MARK = "\ufeff".encode()
     help="Write the result to this file instead of stdout.",
 )
 @click.option("--in-place", is_flag=True, help="Overwrite the input file with the result.")
-@node_libraries.plugin_option
-@node_libraries.model_option
+@node_libraries.library_options
 def convert(
     source: str, output: Path | None, in_place: bool, plugins: Sequence[str], models: Sequence[Path]
 ) -> int:

@@ -1,8 +1,9 @@
 """The nodes of a command: built-in, installed, loaded by `--plugin`, and declared by `--model`."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, TypeVar
 
 import click
 
@@ -16,14 +17,16 @@ from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
 from btcore.xml.read.includes import resolve_includes
 
-plugin_option = click.option(
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+_plugin_option = click.option(
     "--plugin",
     "plugins",
     multiple=True,
     metavar="MODULE|FILE.py",
     help="Load a node library, by module name or file path. Repeatable.",
 )
-model_option = click.option(
+_model_option = click.option(
     "--model",
     "models",
     multiple=True,
@@ -32,6 +35,11 @@ model_option = click.option(
     help="Load node declarations from a TreeNodesModel file, such as Groot exports: these nodes need no "
     "code. Repeatable.",
 )
+
+
+def library_options(command: _Command) -> _Command:
+    """Add the options that load node libraries: `--plugin` and `--model`."""
+    return _plugin_option(_model_option(command))
 
 
 @dataclass(slots=True)

@@ -31,8 +31,7 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 
 @click.command(short_help="List the available nodes and their ports.")
 @click.argument("ids", nargs=-1, metavar="[ID]…", shell_complete=complete_node_id)
-@node_libraries.plugin_option
-@node_libraries.model_option
+@node_libraries.library_options
 @format_option("The XML format whose nodes are listed.", default="4")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")

@@ -17,10 +17,8 @@ from btcore.cli.tick_loop import POLL_INTERVAL_S, ending_signals, signal_handler
 from btcore.cli.tree_source import (
     STDIN,
     SaveWatcher,
-    confined_option,
     find_source,
-    format_option,
-    tree_option,
+    tree_options,
 )
 from btcore.preview.live import LiveConnection, LiveError, PreviewExtension
 from btcore.preview.server import PreviewServer
@@ -52,11 +50,7 @@ def _extension(ctx: click.Context) -> PreviewExtension | None:
 
 @click.command(cls=PreviewCommand, short_help="Show a tree in a browser, and watch it run.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@tree_option
-@format_option()
-@confined_option
-@node_libraries.plugin_option
-@node_libraries.model_option
+@tree_options
 @click.option(
     "--http-port",
     type=click.IntRange(0, 65535),

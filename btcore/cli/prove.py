@@ -14,7 +14,7 @@ from rich.text import Text
 from btcore.cli import files, node_libraries, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.exit_codes import ExitCode
-from btcore.cli.tree_source import STDIN, TreeSource, confined_option, find_source, format_option, tree_option
+from btcore.cli.tree_source import STDIN, TreeSource, find_source, given_option, tree_options
 from btcore.logs.formats import open_log
 from btcore.proof.answer_text import lines_of_answer
 from btcore.proof.counterexample import RunTick
@@ -38,11 +38,7 @@ _INTERVAL_S: Final = 0.2
 
 @click.command(short_help="Prove what holds in every run of a tree.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@tree_option
-@format_option()
-@confined_option
-@node_libraries.plugin_option
-@node_libraries.model_option
+@tree_options
 @click.option(
     "--never",
     "never",
@@ -57,13 +53,7 @@ _INTERVAL_S: Final = 0.2
     metavar="QUESTION",
     help="Ask a question: 'never A', 'A leads to B', 'A leads to B within 5 ticks' or 'A before B'.",
 )
-@click.option(
-    "--given",
-    "given",
-    multiple=True,
-    metavar="KEY",
-    help="Assume that the program sets the blackboard key KEY before the first tick. Repeatable.",
-)
+@given_option
 @click.option(
     "--declarations",
     "file",

@@ -18,10 +18,8 @@ from btcore.cli.tree_source import (
     STDIN,
     SaveWatcher,
     TreeSource,
-    confined_option,
     find_source,
-    format_option,
-    tree_option,
+    tree_options,
 )
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.diagnostic_codes import NODE_NOT_CREATED
@@ -96,11 +94,7 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
 
 @click.command(cls=RunCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@tree_option
-@format_option()
-@confined_option
-@node_libraries.plugin_option
-@node_libraries.model_option
+@tree_options
 @stub_plans.plan_option
 @substitute.substitute_option
 @initial_blackboard.set_option

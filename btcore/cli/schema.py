@@ -11,8 +11,7 @@ from btcore.xml.schema import write_schema
 
 
 @click.command(short_help="Print an XML schema (XSD) for XML editors.")
-@node_libraries.plugin_option
-@node_libraries.model_option
+@node_libraries.library_options
 @format_option("The XML format that the schema describes.", default="4")
 def schema(plugins: Sequence[str], models: Sequence[Path], format: int) -> None:
     """Print an XML schema (XSD) of trees and all available nodes.

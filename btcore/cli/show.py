@@ -9,7 +9,7 @@ from rich.text import Text
 
 from btcore.cli import files, node_libraries, terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.tree_source import TreeSource, confined_option, find_source, tree_option
+from btcore.cli.tree_source import TreeSource, find_source, tree_options
 from btcore.tree.drawing import Fragment, draw_branches, is_ascii_only, node_label
 from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow
 from btcore.xml.render.png import MAX_SIDE, svg_to_png
@@ -19,10 +19,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
 @click.command(short_help="Draw a tree, or list its data flow.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@tree_option
-@confined_option
-@node_libraries.plugin_option
-@node_libraries.model_option
+@tree_options
 @click.option("--ports/--no-ports", default=True, help="Show or hide ports and scripts.")
 @click.option("--svg", type=files.OUTPUT_FILE, metavar="FILE", help="Write the drawing to an SVG file.")
 @click.option(
@@ -38,6 +35,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 def show(
     source: str,
     tree: str | None,
+    format: int | None,
     confined: bool,
     plugins: Sequence[str],
     models: Sequence[Path],
@@ -57,7 +55,7 @@ def show(
         raise click.UsageError(f"{picture} and {other} cannot be used together.")
     path = find_source(source)
     libraries = node_libraries.load_libraries(plugins, models, confined)
-    examined, nodes = TreeSource(path, tree, libraries, confined=confined).read()
+    examined, nodes = TreeSource(path, tree, libraries, format, confined).read()
     main, format = examined.main, examined.planner.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if as_table:

@@ -11,7 +11,7 @@ import click
 
 from btcore import bundled_trees
 from btcore.cli.completion import complete_tree_id
-from btcore.cli.node_libraries import NodeLibraries
+from btcore.cli.node_libraries import NodeLibraries, library_options
 from btcore.cli.tick_loop import POLL_INTERVAL_S
 from btcore.errors import TreeError
 from btcore.input_files import read_error, read_stream
@@ -25,14 +25,14 @@ STDIN: Final = Path("-")
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
-tree_option = click.option(
+_tree_option = click.option(
     "--tree",
     metavar="ID",
     help="Use this tree of the file instead of its main tree.",
     shell_complete=complete_tree_id,
 )
 
-confined_option = click.option(
+_confined_option = click.option(
     "--confined",
     is_flag=True,
     help="Reject included files outside of the folder of the tree's file; for trees from strangers.",
@@ -52,6 +52,19 @@ def format_option(
         show_default=True,
         help=help,
     )
+
+
+def tree_options(command: _Command) -> _Command:
+    """Add the options that select a tree of a file, and the nodes that are available to it."""
+    return _tree_option(format_option()(_confined_option(library_options(command))))
+
+
+given_option = click.option(
+    "--given",
+    multiple=True,
+    metavar="KEY",
+    help="Assume that the program sets the blackboard key KEY before the first tick. Repeatable.",
+)
 
 
 def find_source(name: str) -> Path:

@@ -10,34 +10,24 @@ from btcore.blackboard.ports import remapped_key
 from btcore.cli import node_libraries, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.exit_codes import ExitCode
-from btcore.cli.tree_source import confined_option, find_source, format_option, parse_source, tree_option
+from btcore.cli.tree_source import find_source, given_option, parse_source, tree_options
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.xml.lint.validate import validate_document
 
 
 @click.command(short_help="Check trees, and report all errors and warnings.")
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…", shell_complete=complete_tree)
-@node_libraries.plugin_option
-@node_libraries.model_option
-@tree_option
-@format_option()
-@confined_option
-@click.option(
-    "--given",
-    "given",
-    multiple=True,
-    metavar="KEY",
-    help="Assume that the program sets the blackboard key KEY before the first tick. Repeatable.",
-)
+@tree_options
+@given_option
 @click.option("--strict", is_flag=True, help="Treat warnings as errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def validate(
     sources: Sequence[str],
-    plugins: Sequence[str],
-    models: Sequence[Path],
     tree: str | None,
     format: int | None,
     confined: bool,
+    plugins: Sequence[str],
+    models: Sequence[Path],
     given: Sequence[str],
     strict: bool,
     as_json: bool,

@@ -152,6 +152,12 @@ def test_data_of_a_tree_without_entries_is_reported_as_empty(cli: Cli, tmp_path:
     assert json.loads(cli("show", "--data", "--json", file).stdout) == []
 
 
+def test_format_of_a_file_without_it_can_be_given(cli: Cli, file: Path) -> None:
+    file.write_text('<root><BehaviorTree ID="Go"><AlwaysSuccess _skipIf="late"/></BehaviorTree></root>')
+    assert "format 4" in cli("show", file, "--format", "4").stdout
+    assert "E201 <AlwaysSuccess> has no" in cli("show", file).stderr
+
+
 def test_svg_is_written_to_a_file_and_stdout_is_empty(cli: Cli, file: Path, tmp_path: Path) -> None:
     result = cli("show", file, "--svg", "tree.svg")
     assert (result.exit_code, result.stdout) == (0, "")
