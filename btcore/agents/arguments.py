@@ -27,7 +27,8 @@ _World = Annotated[
     str,
     Field(
         pattern=_WORLD,
-        description="Name of a bundled world (arena, arena_boxes …) or a random world: office:3, home:7.",
+        description="A world: arena, arena_boxes, house, aws_house, lobby, or a random world such as "
+        "office:3 or home:7.",
     ),
 ]
 _Duration = Annotated[
@@ -161,9 +162,10 @@ class SweepArguments(TreeArguments):
 class ProveArguments(TreeArguments):
     """The arguments of `prove`."""
 
-    never: _Names = Field([], description="Ask whether this never holds, such as 'Forward & Turn'.")
+    never: _Names = Field([], description="Propositions that never hold, such as 'Forward & Turn'.")
     ask: _Names = Field(
-        [], description="'never A', 'A leads to B', 'A leads to B within 5 ticks' or 'A before B'."
+        [],
+        description="Questions: 'never A', 'A leads to B', 'A leads to B within 5 ticks' or 'A before B'.",
     )
     given: _Given = Field([])
     ticks: int | None = Field(None, ge=1, le=100_000, description="Search runs of at most this many ticks.")
@@ -173,7 +175,7 @@ class ReadLogArguments(Arguments):
     """The arguments of `read_log`."""
 
     log: _Log
-    transitions: int = Field(50, ge=0, le=500, description="How many of the last transitions to return.")
+    changes: int = Field(50, ge=0, le=500, description="How many of the last changes of results to return.")
 
 
 class ExplainFailureArguments(Arguments):

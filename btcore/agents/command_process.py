@@ -119,7 +119,7 @@ class CommandRunner:
 
     def _shorten_paths(self, text: str) -> str:
         """Return *text* with paths relative to the served folder, or to the folder of the call."""
-        text = re.sub(re.escape(str(self.scratch)) + r"[/\\][^/\\]+[/\\]", "", text)
+        text = re.sub(re.escape(str(self.scratch)) + r"[/\\](\w+[/\\])?", "", text)
         return text.replace(str(self.folder.root) + os.sep, "")
 
     def _environment(self, output: Path, loopback: bool, all_nodes: bool) -> dict[str, str]:

@@ -4,7 +4,7 @@ import base64
 import json
 import re
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
@@ -33,6 +33,14 @@ from btcore.agents.served_folder import (
     TREES,
     RefusedError,
     ServedFolder,
+)
+from btcore.agents.summaries import (
+    answer_of,
+    changes_of,
+    counts_of,
+    ending_of,
+    palette_by_type,
+    reason_of,
 )
 from btcore.cli.exit_codes import ExitCode
 from btcore.escaping import escape_controls
@@ -77,16 +85,32 @@ class Toolbox:
     async def nodes(self, call: NodesArguments) -> str:
         """List the nodes that trees can use.
 
-        Without `ids`: type, ports and a sentence for each node. With `ids`: everything about these nodes.
+        Without `ids`: by type, the ports of each node and a sentence. An input with `=` has a default; `=`
+        alone stands for an empty default. `only_on_robots` names the nodes that `run`, `sweep` and `prove` do
+        not have. With `ids`: everything about these nodes, such as the types of their ports.
         """
         words = [f"--format={call.format}", "--json", *self._models(call.models), "--", *call.ids]
         found = await self._json("nodes", words, all_nodes=True)
-        return to_bounded_json(found if call.ids else {node: _summary(data) for node, data in found.items()})
+        if call.ids:
+            return to_bounded_json(found)
+        simulated = await self._json("nodes", words)
+        return to_bounded_json(
+            palette_by_type(found) | {"only_on_robots": [node for node in found if node not in simulated]}
+        )
 
     async def validate(self, call: ValidateArguments) -> str:
-        """Report all errors and warnings in a tree, each with line, column and a hint."""
+        """Report all errors and warnings in a tree, each with line, column and a hint.
+
+        A tree with errors cannot run. `prove` finds what depends on the order of ticks, such as an entry that
+        is read before it is written.
+        """
         words = [*_each("given", call.given), "--json"]
-        return to_bounded_json(await self._of_tree("validate", call, words, all_nodes=True))
+        checked = await self._of_tree("validate", call, words, all_nodes=True)
+        checked["diagnostics"] = [
+            {key: value for key, value in item.items() if key not in ("url", "width")}
+            for item in checked["diagnostics"]
+        ]
+        return to_bounded_json(checked)
 
     async def show(self, call: ShowArguments) -> list[ContentBlock]:
         """Show a tree with its subtrees as an outline and as a picture, or its data flow."""
@@ -112,8 +136,9 @@ class Toolbox:
     async def run(self, call: RunArguments) -> str:
         """Run a tree in simulated time, and return the results of all nodes.
 
-        Leaves of a robot control a simulated robot in `world`. The `log` in the result can be given to
-        explain_failure and read_log.
+        Leaves of a robot control a simulated robot in `world`. For each node the result counts the ticks and
+        the results; zeros are omitted. `robot` has what the simulation knows of the robot (m, rad, s, %).
+        The `log` can be given to explain_failure and read_log.
         """
         words = [
             *_each("plan", [f"{leaf}={letters}" for leaf, letters in call.plans.items()]),
@@ -143,7 +168,9 @@ class Toolbox:
         messages = [line for line in done.stderr.splitlines() if re.match(r"(warning|error|note)", line)]
         extra = {"messages": [shorten_text(line, 500) for line in messages[:30]]} if messages else {}
         self._keep(name, {"file": kept, **{key: report[key] for key in ("error",) if key in report}, **extra})
-        return to_bounded_json({"log": name, "ended": _ending(report, done.code), **report, **extra})
+        report["nodes"] = counts_of(report["nodes"])
+        del report["real_time_factor"]
+        return to_bounded_json({"log": name, **ending_of(report, done.code, name), **report, **extra})
 
     async def sweep(self, call: SweepArguments) -> str:
         """Run a tree in simulated time with many seeds and parameter values, and return the success rates."""
@@ -176,7 +203,12 @@ class Toolbox:
         """Prove what holds in every possible run of a tree, whatever its leaves return.
 
         The standard questions are always asked. A refuted question has a counterexample: the result of each
-        leaf in each tick.
+        leaf in each tick. With `cycle`, it repeats forever from the tick with this number; the first is 0. An
+        answer is unknown if the search was ended early: see its detail.
+
+        Propositions A and B in `never` and `ask` are about a tick: 'Move' (it is RUNNING), 'Move is SUCCESS'
+        (or FAILURE, SKIPPED, RUNNING, IDLE), 'Move ticked', 'Move halted', '{battery} < 20', '!A', 'A & B',
+        'A | B', '(A)'. A node is its name or path, in quotes if it contains spaces.
         """
         words = [
             *_each("never", call.never),
@@ -187,48 +219,58 @@ class Toolbox:
             "--jobs=2",
             "--json",
         ]
-        return to_bounded_json(await self._of_tree("prove", call, words))
+        proved = await self._of_tree("prove", call, words)
+        return to_bounded_json({"questions": [answer_of(question) for question in proved["questions"]]})
 
     async def read_log(self, call: ReadLogArguments) -> str:
-        """Read a log: statistics of each node, gaps and damage, and the last transitions."""
+        """Read a log: statistics of each node, gaps and damage, and the last changes of results.
+
+        For each node: how often it succeeded, failed or was halted; `rate`, the share of successes; `runs`,
+        how often it was RUNNING, and for how long in total, on average and at most (s). Zeros are omitted.
+        """
         file = self._log(call.log)
         statistics = await self._json("stats", ["--json", "--", file])
-        if call.transitions:
+        if call.changes:
             # The command belongs to the monitor, which may not be installed.
             with self._runner.temporary_folder() as output:
                 lines = await self._runner.run(["replay", "--text", "--", file], output)
             if lines.code == ExitCode.SUCCESS:
-                statistics["last_transitions"] = lines.stdout.splitlines()[-call.transitions :]
+                statistics["changes"] = changes_of(lines.stdout.splitlines())[-call.changes :]
+        statistics["nodes"] = counts_of(statistics["nodes"])
         return to_bounded_json(statistics | {"log": call.log})
 
     async def explain_failure(self, call: ExplainFailureArguments) -> str:
         """Explain why a tree failed: the path from the root to the node that made it fail.
 
         `cause` is the lowest node that failed. `path` begins at the root; each step has the results of the
-        node's children. `error` is the exception of a leaf, if a leaf of a run raised an exception.
+        node's children, null for a child that was not ticked or did not complete. `error` is the exception of
+        a leaf, if a leaf of a run raised an exception.
         """
         statistics = await self._json("stats", ["--json", "--", self._log(call.log)])
         path: list[dict[str, Any]] = statistics["failure"]
         nodes: dict[str, dict[str, Any]] = statistics["nodes"]
         kept = self._runs.get(call.log, {})
         result: dict[str, Any] = {"log": call.log, "failed": bool(path) or "error" in kept}
-        result |= {key: kept[key] for key in ("error", "messages") if key in kept}
         if path:
             cause = path[-1]
-            totals = {key: nodes[cause["node"]][key] for key in ("success", "failure", "halted", "max_s")}
-            result |= {"cause": cause["node"], "why": _why(cause), "totals": totals, "path": path}
+            totals = {key: nodes[cause["node"]][key] for key in ("success", "failure", "halted")}
+            why = reason_of(cause, kept.get("messages", []))
+            result |= {"cause": cause["node"], "why": why, "totals": totals, "path": path}
             manual = await self._about(cause["id"])
             result |= {"description": manual} if manual else {}
-        elif "error" in kept:
-            result |= {"cause": kept["error"]["node"], "why": f"it raised {kept['error']['exception']}"}
+        elif error := kept.get("error"):
+            place = f" ({error['at']})" if error["at"] else ""
+            why = f"it raised {error['exception']}: {error['message']}{place}"
+            result |= {"cause": error["node"], "why": why}
         else:
             running = [node for node, row in nodes.items() if row["running"]]
-            result["why"] = "the tree did not fail at its last end, or had no result yet"
+            result["why"] = "the tree did not fail: its last result is not FAILURE, or it has no result yet"
             result |= {"running": running} if running else {}
             often = sorted(nodes, key=lambda node: -int(nodes[node]["failure"]))[:5]
             result["most_failures"] = {
                 node: nodes[node]["failure"] for node in often if nodes[node]["failure"]
             }
+        result |= {key: kept[key] for key in ("error", "messages") if key in kept}
         return to_bounded_json(result)
 
     async def _about(self, node_id: str) -> str | None:
@@ -307,37 +349,6 @@ class Toolbox:
             raise RefusedError(_message(command, done)) from None
 
 
-def _summary(data: Mapping[str, Any]) -> dict[str, object]:
-    """Return the type, the ports and the first sentence of a node."""
-    ports = {}
-    for name, port in data["ports"].items():
-        default = "" if port["default"] is None else f" = {port['default']!r}"
-        ports[name] = f"{port['direction']} {port['type']}{default}"
-    first = " ".join(data["description"].split("\n\n")[0].split()).split(". ")[0]
-    return {"type": data["type"], "ports": ports, "about": first}
-
-
-def _why(cause: Mapping[str, Any]) -> str:
-    """Return a sentence with the reason for which the lowest failed node failed."""
-    ports = ", ".join(f'{name}="{text}"' for name, text in cause["ports"].items())
-    of = f" with {ports}" if ports else ""
-    children = [f"{child} {result or 'had no result'}" for child, result in cause["children"].items()]
-    if not children:
-        return f"the {cause['type'].lower()} <{cause['id']}>{of} returned FAILURE after {cause['time_s']:g} s"
-    return (
-        f"<{cause['id']}>{of} returned FAILURE after {cause['time_s']:g} s although none of its children "
-        f"failed: {', '.join(children)}"
-    )
-
-
-def _ending(report: Mapping[str, Any], code: int) -> str:
-    if code == ExitCode.LEAF_ERROR:
-        return "a leaf raised an exception, or a tick took too long: see error"
-    if report["status"] == "RUNNING":
-        return "the duration ended the run"
-    return f"the tree ended in {report['status']}"
-
-
 def _option(name: str, value: object) -> list[str]:
     return [] if value is None else [f"--{name}={value}"]
 
@@ -372,8 +383,9 @@ def _require_success(command: str, done: Finished) -> None:
 
 
 def _message(command: str, done: Finished) -> str:
-    """Return what a command printed instead of a result."""
+    """Return what a command printed instead of a result, without the hint at its `--help`."""
     text = done.stderr.strip() or done.stdout.strip()
+    text = re.sub(r"\s+Try 'btcore [a-z]+ --help' for help\.$", "", text).removeprefix("error: ")
     if not text:
         return f"'btcore {command}' ended with the exit code {done.code} and without a message"
     return shorten_text(escape_controls(text), _MESSAGES)

@@ -1,10 +1,14 @@
 """The report of a run at its end: the summary on stderr, and the object of `--json`."""
 
+import os
+import traceback
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Final
 
 from rich.text import Text
 
+import btcore
 from btcore.cli import terminal
 from btcore.cli.tick_loop import EndReason
 from btcore.errors import NodeExecutionError
@@ -125,8 +129,19 @@ class RunReport:
                 "while": self.error.doing,
                 "exception": type(self.error.cause).__name__,
                 "message": str(self.error.cause),
+                "at": _place_of(self.error.cause),
             }
         return report
+
+
+def _place_of(error: BaseException) -> str | None:
+    """Return FILE:LINE of the leaf's code that raised *error*, or None if btcore itself raised it."""
+    package = str(Path(btcore.__file__).parent)
+    for frame in traceback.extract_tb(error.__traceback__):
+        # The compiled build has relative names.
+        if not frame.filename.startswith((package + os.sep, f"btcore{os.sep}")):
+            return f"{frame.filename}:{frame.lineno}"
+    return None
 
 
 def print_figures(figures: Mapping[str, object]) -> None:

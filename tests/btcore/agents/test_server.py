@@ -1,5 +1,6 @@
 """`btcore mcp`: an agent mends, proves and simulates a tree; hostile calls are refused."""
 
+import importlib.util
 import json
 import os
 import sys
@@ -28,11 +29,19 @@ FAULTY = """<root BTCPP_format="4" main_tree_to_execute="Ausweichen">
   </BehaviorTree>
 </root>
 """
-FAILING = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+FAILING = """<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence>
   <Sleep name="kurz" msec="100"/>
-  <Fallback><AlwaysFailure name="zu"/><OpenDoor name="Tür"/></Fallback>
+  <SubTree ID="Hinein"/>
 </Sequence></BehaviorTree>
+<BehaviorTree ID="Hinein"><Fallback><AlwaysFailure name="zu"/><OpenDoor name="Tür"/></Fallback></BehaviorTree>
 <TreeNodesModel><Action ID="OpenDoor"/></TreeNodesModel></root>
+"""
+
+LEAVES = """import btcore
+
+@btcore.action
+def grip() -> bool:
+    raise OSError("no gripper")
 """
 
 
@@ -57,7 +66,7 @@ class Agent:
 
 
 def serve(
-    folder: Path, log: Path, work: Callable[[Agent], Coroutine[Any, Any, None]]
+    folder: Path, log: Path, work: Callable[[Agent], Coroutine[Any, Any, None]], *options: str
 ) -> list[dict[str, Any]]:
     """Run *work* with a server, and return the lines of its log."""
 
@@ -65,7 +74,7 @@ def serve(
         environment = {name: os.environ[name] for name in ("PATH", "PYTHONPATH") if name in os.environ}
         server = StdioServerParameters(
             command=sys.executable,
-            args=["-m", "btcore", "mcp", "--log", str(log), str(folder)],
+            args=["-m", "btcore", "mcp", "--log", str(log), *options, str(folder)],
             env=environment,
         )
         async with Client(stdio_client(server)) as client:
@@ -119,20 +128,47 @@ def test_an_agent_learns_why_a_tree_failed(tmp_path: Path) -> None:
         result = await agent("run", xml=FAILING, own_models=True, plans=plans)
         assert result["ended"] == "the tree ended in FAILURE"
         explained = await agent("explain_failure", log=result["log"])
-        assert (explained["failed"], explained["cause"]) == (True, "Tür")
-        assert explained["why"] == "the action <OpenDoor> returned FAILURE after 0.2 s"
-        assert [step["id"] for step in explained["path"]] == ["Sequence", "Fallback", "OpenDoor"]
-        assert explained["path"][1]["children"] == {"zu": "FAILURE", "Tür": "FAILURE"}
-        read = await agent("read_log", log=result["log"], transitions=0)
+        assert (explained["failed"], explained["cause"]) == (True, "Hinein::3/Tür")
+        assert explained["why"] == "the action <OpenDoor> returned FAILURE at 0.2 s"
+        assert [step["id"] for step in explained["path"]] == ["Sequence", "SubTree", "Fallback", "OpenDoor"]
+        assert explained["path"][2]["children"] == {"Hinein::3/zu": "FAILURE", "Hinein::3/Tür": "FAILURE"}
+        assert result["next"] == "explain_failure with the log run-1 explains why"
+        read = await agent("read_log", log=result["log"])
         assert read["nodes"]["kurz"]["success"] == 1
+        if "changes" in read:  # needs the monitor
+            assert read["changes"][1:3] == ["0 s: kurz RUNNING", "0.1 s: kurz SUCCESS"]
         shown = await agent.client.call_tool("show", {"xml": FAILING, "own_models": True})
         assert "Tür  OpenDoor" in shown.content[0].text
-        picture = shown.content[1]
-        assert picture.type == "image" or "<svg" in picture.text
+        can_draw = importlib.util.find_spec("resvg_py") is not None
+        assert shown.content[1].type == ("image" if can_draw else "text")
         assert "did you mean 'duration'?" in await agent.refusal("run", xml=FAILING, durations=3)
         assert "less than or equal to 600" in await agent.refusal("run", xml=FAILING, duration=1e9)
 
     serve(tmp_path, tmp_path / "mcp.log", work)
+
+
+def test_failures_of_other_kinds_are_explained(tmp_path: Path) -> None:
+    plugin = tmp_path / "leaves.py"
+    plugin.write_text(LEAVES, encoding="utf-8")
+
+    async def work(agent: Agent) -> None:
+        async def why(leaf: str) -> str:
+            tree = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{leaf}</BehaviorTree></root>'
+            result = await agent("run", xml=tree)
+            explained = await agent("explain_failure", log=result["log"])
+            assert explained["failed"]
+            return str(explained["why"])
+
+        assert await why('<Timeout msec="300"><Sleep msec="900"/></Timeout>') == (
+            'the decorator <Timeout> with msec="300" returned FAILURE at 0.3 s although none of its children '
+            "failed: Sleep::2 did not complete"
+        )
+        assert await why("<Grip/>") == f"it raised OSError: no gripper (leaves.py:{LEAVES.count(chr(10))})"
+        if importlib.util.find_spec("pybullet"):
+            reason = await why('<Move goal="50;50"/>')
+            assert "it reported: can't go to (50.00, 50.00): GOAL_OUTSIDE_MAP" in reason
+
+    serve(tmp_path, tmp_path / "mcp.log", work, f"--plugin={plugin}")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs symbolic links and named pipes")

@@ -137,6 +137,8 @@ def test_raising_leaf_is_named_with_its_cause_and_the_exit_code_is_3(
     assert "halted while walking" in result.stdout, "the rest of the tree is halted"
     data = last_json(result)
     assert list(data) == [*KEYS, "error"]
+    file, _, line = data["error"].pop("at").rpartition(":")
+    assert "fuse" in Path(file).read_text().splitlines()[int(line) - 1]
     assert data["error"] == {
         "node": "bomb",
         "id": "Explode",

@@ -1,0 +1,126 @@
+"""Shorter forms of what commands print, for agents: without what is empty, repeated or of no use to them."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+from typing import Any, Final
+
+from btcore.cli.exit_codes import ExitCode
+
+_TRANSITION: Final = re.compile(r"\s*([\d.]+)\s+(.*?)\s+([A-Z]+) → ([A-Z]+)")
+
+
+def palette_by_type(nodes: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Return a line for each node, by type: its ports, and the first sentence of its description.
+
+    Args:
+        nodes: The nodes, as `btcore nodes --json` prints them.
+    """
+    types: dict[str, dict[str, str]] = {}
+    for node, data in nodes.items():
+        ports = ", ".join(_port(name, port) for name, port in data["ports"].items())
+        first = " ".join(data["description"].split("\n\n")[0].split()).split(". ")[0]
+        types.setdefault(data["type"], {})[node] = f"({ports}) {first}" if ports else first
+    return types
+
+
+def _port(name: str, port: Mapping[str, Any]) -> str:
+    """Return the name of a port, with the default of an input, or with another direction."""
+    if port["direction"] != "input":
+        return f"{port['direction']} {name}"
+    return name if port["default"] is None else f"{name}={port['default']}"
+
+
+def ending_of(report: Mapping[str, Any], code: int, log: str) -> dict[str, str]:
+    """Return why a run ended, and what can be done next.
+
+    Args:
+        report: The report of `btcore run --json`.
+        code: The exit code of the command.
+        log: The name of the log.
+    """
+    if code == ExitCode.LEAF_ERROR:
+        return {"ended": "a leaf raised an exception, or a tick took too long: see error"}
+    if report["status"] == "RUNNING":
+        return {
+            "ended": "the duration ended the run",
+            "next": "unless the tree is meant to run forever, give a longer duration",
+        }
+    ending = {"ended": f"the tree ended in {report['status']}"}
+    failed = report["status"] == "FAILURE"
+    return ending | ({"next": f"explain_failure with the log {log} explains why"} if failed else {})
+
+
+def counts_of(nodes: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the rows of nodes, in which zeros and missing values are omitted.
+
+    Args:
+        nodes: The rows by node, as in the reports of `btcore run` and `btcore stats`.
+    """
+    return {
+        node: {
+            key: round(value, 3) if isinstance(value, float) else value for key, value in row.items() if value
+        }
+        for node, row in nodes.items()
+    }
+
+
+def answer_of(question: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the answer to a question of `btcore prove --json`, without what is empty."""
+    answer = {key: value for key, value in question.items() if key != "vacuous"}
+    if question["vacuous"]:
+        answer["answer"] = "proved, vacuously: its premise never holds"
+    filled: dict[str, Any] = _without_empty(answer)
+    return filled
+
+
+def _without_empty(data: Any) -> Any:
+    """Return JSON data without null, and without empty texts, lists and objects."""
+    if isinstance(data, list):
+        return [_without_empty(item) for item in data]
+    if isinstance(data, dict):
+        return {key: _without_empty(value) for key, value in data.items() if value not in (None, "", [], {})}
+    return data
+
+
+def changes_of(lines: Iterable[str]) -> list[str]:
+    """Return when the result of a node changed.
+
+    A reactive node ticks its children again in each tick, which repeats their results. These repetitions are
+    omitted.
+
+    Args:
+        lines: The transitions, as `btcore replay --text` prints them.
+    """
+    rows = [match.groups() for line in lines if (match := _TRANSITION.fullmatch(line))]
+    last: dict[str, str] = {}
+    changes = []
+    for time, together in groupby(rows, key=lambda row: row[0]):
+        results: dict[str, str] = {}
+        for _, node, before, after in together:
+            if after != "IDLE":
+                results[node] = after
+            elif before == "RUNNING":
+                results[node] = "halted"
+        for node, result in results.items():
+            if last.get(node) != result:
+                last[node] = result
+                changes.append(f"{float(time):g} s: {node} {result}")
+    return changes
+
+
+def reason_of(cause: Mapping[str, Any], messages: Sequence[str]) -> str:
+    """Return a sentence with the reason for which the lowest failed node failed.
+
+    Args:
+        cause: The last step of the path to the node, as `btcore stats --json` prints it.
+        messages: The messages of the run.
+    """
+    ports = ", ".join(f'{name}="{text}"' for name, text in cause["ports"].items())
+    of = f" with {ports}" if ports else ""
+    reason = f"the {cause['type'].lower()} <{cause['id']}>{of} returned FAILURE at {cause['time_s']:g} s"
+    if cause["children"]:
+        children = [f"{child} {result or 'did not complete'}" for child, result in cause["children"].items()]
+        reason += f" although none of its children failed: {', '.join(children)}"
+    reported = [text for message in messages if (text := message.partition(f": {cause['node']}: ")[2])]
+    return f"{reason}; it reported: {reported[-1]}" if reported else reason
