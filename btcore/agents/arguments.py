@@ -114,7 +114,9 @@ class RunArguments(TreeArguments):
         "F or K (SKIPPED), and | between two starts, such as RRS|F.",
     )
     entries: dict[str, Value] = Field(
-        {}, max_length=_MAX_LIST, description="Blackboard entries before the first tick."
+        {},
+        max_length=_MAX_LIST,
+        description="Blackboard entries before the first tick, such as {'goal': '2;1;0'}.",
     )
     duration: _Duration = 60.0
     rate: float = Field(10.0, gt=0, le=1000, allow_inf_nan=False, description="Ticks per second.")
@@ -155,7 +157,9 @@ class SweepArguments(TreeArguments):
     worlds: list[_World] = Field([], max_length=20, description="Worlds to run in.")
     duration: _Duration = 60.0
     success_if: _Name | None = Field(
-        None, description="Condition over the columns, such as status == 'SUCCESS'."
+        None,
+        description="Condition for a success over the columns of the episodes, such as "
+        "\"status == 'SUCCESS' && robot_collisions == 0\"; also time_s, robot_distance_m, robot_battery_min.",
     )
 
 

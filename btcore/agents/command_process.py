@@ -118,9 +118,11 @@ class CommandRunner:
             )
 
     def _shorten_paths(self, text: str) -> str:
-        """Return *text* with paths relative to the served folder, or to the folder of the call."""
+        """Return *text* with paths relative to the folder of trees, or to the folder of the call."""
         text = re.sub(re.escape(str(self.scratch)) + r"[/\\](\w+[/\\])?", "", text)
-        return text.replace(str(self.folder.root) + os.sep, "")
+        for folder in (self.folder.root, bundled_trees.folder()):
+            text = text.replace(f"{folder}{os.sep}", "")
+        return text
 
     def _environment(self, output: Path, loopback: bool, all_nodes: bool) -> dict[str, str]:
         readable = (str(self.folder.root), str(self.scratch), str(bundled_trees.folder()))

@@ -51,17 +51,21 @@ def ending_of(report: Mapping[str, Any], code: int, log: str) -> dict[str, str]:
     return ending | ({"next": f"explain_failure with the log {log} explains why"} if failed else {})
 
 
-def counts_of(nodes: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the rows of nodes, in which zeros and missing values are omitted.
+def counts_of(nodes: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the rows of nodes without zeros and missing values, and the names of nodes that were not ticked.
 
     Args:
         nodes: The rows by node, as in the reports of `btcore run` and `btcore stats`.
     """
-    return {
+    rows = {
         node: {
             key: round(value, 3) if isinstance(value, float) else value for key, value in row.items() if value
         }
         for node, row in nodes.items()
+    }
+    return {
+        "nodes": {node: row for node, row in rows.items() if row.keys() != {"id"}},
+        "not_ticked": [node for node, row in rows.items() if row.keys() == {"id"}],
     }
 
 

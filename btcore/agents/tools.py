@@ -168,12 +168,18 @@ class Toolbox:
         messages = [line for line in done.stderr.splitlines() if re.match(r"(warning|error|note)", line)]
         extra = {"messages": [shorten_text(line, 500) for line in messages[:30]]} if messages else {}
         self._keep(name, {"file": kept, **{key: report[key] for key in ("error",) if key in report}, **extra})
-        report["nodes"] = counts_of(report["nodes"])
         del report["real_time_factor"]
+        report |= counts_of(report["nodes"])
         return to_bounded_json({"log": name, **ending_of(report, done.code, name), **report, **extra})
 
     async def sweep(self, call: SweepArguments) -> str:
-        """Run a tree in simulated time with many seeds and parameter values, and return the success rates."""
+        """Run a tree in simulated time with many seeds and parameter values, and return the success rates.
+
+        `interval` is the confidence interval of a rate. `by` has the rates for each value. `figures` has the
+        columns of the episodes. `failing` has the nodes that failed: how many episodes they ended, in how
+        many they failed, and how often. `failed` has the first episodes without success: `run` with the same
+        seed and parameters repeats an episode.
+        """
         episodes = call.seeds * max(1, len(call.worlds))
         for values in call.parameters.values():
             episodes *= len(values)
@@ -195,9 +201,12 @@ class Toolbox:
         report = _last_json(done)
         if report is None:
             raise RefusedError(_message("sweep", done))
-        return to_bounded_json(
-            {key: value for key, value in report.items() if key not in ("table", "report")}
-        )
+        # Files that the agent cannot read, and command lines that it cannot use.
+        for key in ("table", "report", "workers"):
+            del report[key]
+        for episode in report["failed"]:
+            del episode["replay"]
+        return to_bounded_json(report)
 
     async def prove(self, call: ProveArguments) -> str:
         """Prove what holds in every possible run of a tree, whatever its leaves return.
@@ -236,8 +245,8 @@ class Toolbox:
                 lines = await self._runner.run(["replay", "--text", "--", file], output)
             if lines.code == ExitCode.SUCCESS:
                 statistics["changes"] = changes_of(lines.stdout.splitlines())[-call.changes :]
-        statistics["nodes"] = counts_of(statistics["nodes"])
-        return to_bounded_json(statistics | {"log": call.log})
+        statistics["failed"] = bool(statistics.pop("failure"))
+        return to_bounded_json(statistics | counts_of(statistics["nodes"]) | {"log": call.log})
 
     async def explain_failure(self, call: ExplainFailureArguments) -> str:
         """Explain why a tree failed: the path from the root to the node that made it fail.
@@ -251,17 +260,17 @@ class Toolbox:
         nodes: dict[str, dict[str, Any]] = statistics["nodes"]
         kept = self._runs.get(call.log, {})
         result: dict[str, Any] = {"log": call.log, "failed": bool(path) or "error" in kept}
-        if path:
+        if error := kept.get("error"):
+            place = f" ({error['at']})" if error["at"] else ""
+            why = f"it raised {error['exception']}: {error['message']}{place}"
+            result |= {"cause": error["node"], "why": why}
+        elif path:
             cause = path[-1]
             totals = {key: nodes[cause["node"]][key] for key in ("success", "failure", "halted")}
             why = reason_of(cause, kept.get("messages", []))
             result |= {"cause": cause["node"], "why": why, "totals": totals, "path": path}
             manual = await self._about(cause["id"])
             result |= {"description": manual} if manual else {}
-        elif error := kept.get("error"):
-            place = f" ({error['at']})" if error["at"] else ""
-            why = f"it raised {error['exception']}: {error['message']}{place}"
-            result |= {"cause": error["node"], "why": why}
         else:
             running = [node for node, row in nodes.items() if row["running"]]
             result["why"] = "the tree did not fail: its last result is not FAILURE, or it has no result yet"
