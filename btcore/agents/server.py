@@ -44,6 +44,10 @@ Behavior trees in the XML of BehaviorTree.CPP 4: write, check, simulate and prov
 Work in a loop: `nodes` lists what trees can use; `validate` reports errors with hints; `prove` finds runs in
 which a tree does something wrong, whatever its leaves return; `run` simulates it; `explain_failure` explains
 why it failed. Paths are relative to the served folder. Runs are simulated: there is no way to a real robot.
+A tree: <root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence name="go there">
+<Move goal="{goal}"/></Sequence></BehaviorTree></root>. {goal} is an entry of the blackboard. A leaf without
+code is declared in the root by <TreeNodesModel><Action ID="OpenDoor"/></TreeNodesModel>, with `own_models`.
+The resource btcore://docs/reference/errors explains the codes of diagnostics.
 """
 _READ_ONLY: Final = types.ToolAnnotations(read_only_hint=True, destructive_hint=False, open_world_hint=False)
 _LONGEST: Final = 4000
