@@ -184,6 +184,7 @@ def contents(folder: Path) -> list[Attack]:
     wide = "<Sequence>" + "<AlwaysSuccess/>" * 60_000 + "</Sequence>"
     parallel = f'<ParallelAll max_failures="1">{endless * 20}</ParallelAll>'
     actions = "".join(f'<Action ID="A{i}"/>' for i in range(14))
+    combined = "a" + "\u0301" * 5000
     names = '<AlwaysSuccess name="\x1b]0;title\x07\u202e\u2028&#10;name"/>'
     return [
         call("include ..", "run", tree="sub/up.xml"),
@@ -229,6 +230,7 @@ def contents(folder: Path) -> list[Attack]:
         call("a port with 1 MB", "validate", None, xml=tree(f'<Sleep msec="{"9" * 1_000_000}"/>')),
         call("a script with 1 MB", "validate", None, xml=tree(f'<Script code="{"(" * 1_000_000}"/>')),
         call("names that control a terminal", "show", None, xml=tree(names)),
+        call("5,000 combining characters", "show", None, xml=tree(f'<AlwaysSuccess name="{combined}"/>')),
         call("2.1 MB of XML", "validate", xml=tree("<AlwaysSuccess/>") + " " * 2_100_000),
         call("no XML", "validate", False, xml="\0\ufffd<<<"),
         call("a timer in a proof", "prove", None, xml=tree('<Sleep msec="4000000000"/>')),
