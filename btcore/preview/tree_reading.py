@@ -155,6 +155,7 @@ def draw(
                 "file": number,
                 "line": 0 if place is None else place.line,
                 "column": 0 if place is None else place.column,
+                "last": 0 if place is None else document.source_map.last_line(element),
                 "hidden": hidden.get(node.uid, 0),
                 "leaf": not node.children,
             }

@@ -3,11 +3,13 @@
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
 import btcore
 from btcore.preview.live import LiveError, LiveState
+from btcore_monitor.keys import ClientKeys, RobotKeys, create_keys
 from btcore_monitor.preview_extension import RobotConnection, RobotPreview
 from btcore_monitor.serve import serve
 
@@ -95,6 +97,41 @@ def test_robot_without_control_is_reported(tree: btcore.Tree) -> None:
         state = connection.poll(0.01)
         assert "does not allow control" in state.problem
         assert not state.breakpoints
+
+
+def test_robot_with_groot1_is_watched_but_has_no_breakpoints(tree: btcore.Tree) -> None:
+    with (
+        serve(tree, groot1=0, scene=False) as publisher,
+        closing(RobotConnection(publisher.address)) as connection,
+    ):
+        until(connection, lambda state: state.nodes)
+        connection.set_breakpoints([3])
+        assert "Groot 1's protocol" in connection.poll(0.01).problem
+        tree.tick_once()
+        assert until(connection, lambda state: len(state.results) == 6).results[6] == 3
+
+
+def test_robot_with_keys_is_watched_and_controlled_by_its_clients_only(
+    tree: btcore.Tree, tmp_path: Path
+) -> None:
+    create_keys(tmp_path / "robot")
+    create_keys(tmp_path / "desk")
+    create_keys(tmp_path / "stranger")
+    allowed = RobotKeys(tmp_path / "robot", [str(tmp_path / "desk.pub")])
+    with serve(tree, groot2=0, allow_control=True, keys=allowed) as publisher:
+
+        def connect(name: str) -> RobotConnection:
+            return RobotConnection(publisher.address, ClientKeys(tmp_path / name, str(tmp_path / "robot.pub")))
+
+        with closing(connect("desk")) as connection:
+            until(connection, lambda state: state.nodes)
+            connection.set_breakpoints([3])
+            state = connection.poll(0.01)
+            assert (state.breakpoints, state.problem) == ({3}, "")
+        with closing(connect("stranger")) as connection, pytest.raises(LiveError, match="does not know this key"):
+            until(connection, lambda state: state.nodes)
+        with closing(RobotConnection(publisher.address)) as connection, pytest.raises(LiveError, match="keys"):
+            until(connection, lambda state: state.nodes)
 
 
 def test_invalid_address_is_an_error() -> None:

@@ -49,6 +49,7 @@ function listen() {
       } else if (data.type === "event") receive(data.name, data.value);
       else if (data.type === "cursor") selectLine(data.file, data.line, false);
       else if (data.type === "tree") { state.tree = data.tree; load(); }
+      else if (data.type === "address") byId("address").placeholder = data.address;
     });
     document.body.classList.add("editor");
     editor.postMessage({ type: "ready" });
@@ -146,7 +147,10 @@ function showNotice() {
   if (live?.connection && live.connection !== "connected") notices.push(live.detail);
   if (live?.connection && state.liveKeys.length && state.drawing?.nodes) {
     const missing = state.liveKeys.filter((key) => !state.keys.has(key)).length;
-    if (missing) notices.push(`${missing} nodes of the running tree are not in this picture: they differ from the file.`);
+    if (missing) {
+      const nodes = missing === 1 ? "1 node of the running tree is" : `${missing} nodes of the running tree are`;
+      notices.push(`The file differs from the running tree: ${nodes} not in this picture.`);
+    }
   }
   byId("notice").textContent = notices.join(" ");
   byId("notice").hidden = !notices.length;
@@ -257,11 +261,11 @@ function addFold(group) {
   const down = group.ownerSVGElement.dataset.direction === "down";
   const place = down ? `${width / 2} ${height}` : `${width} ${height / 2}`;
   const button = draw("g", { class: "fold passing", transform: `translate(${place})` });
-  const label = draw("text", { y: 4 });
+  const label = draw("text", { class: "count", y: 4 });
   label.textContent = "−";
   const hint = draw("title", {});
   hint.textContent = "Hide the nodes below";
-  button.append(hint, draw("rect", { x: -8, y: -8, width: 16, height: 16, rx: 8 }), label);
+  button.append(hint, draw("rect", { class: "pill", x: -8, y: -8, width: 16, height: 16, rx: 8 }), label);
   group.append(button);
 }
 
@@ -442,16 +446,18 @@ function markProblems() {
   for (const row of byId("lines").querySelectorAll(".error, .warning")) row.classList.remove("error", "warning");
   for (const group of canvas.querySelectorAll("g.error, g.warning")) group.classList.remove("error", "warning");
   const shown = sourceFile(state.shownFile)?.name;
-  const places = new Map();
-  for (const item of [...diagnostics].reverse()) {
-    places.set(`${item.line} ${item.file}`, item.severity);
-    if (item.file === shown) rows[item.line - 1]?.classList.add(item.severity);
-  }
+  for (const item of diagnostics) if (item.file === shown) rows[item.line - 1]?.classList.add(item.severity);
   // While the file is broken, its lines and the nodes of the last picture do not match.
   if (!state.document?.drawable || !state.drawing?.nodes) return;
-  for (const node of state.drawing.nodes) {
-    const severity = places.get(`${node.line} ${state.drawing.files[node.file].name}`);
-    if (severity) state.groups.get(node.key)?.classList.add(severity);
+  for (const item of diagnostics) {
+    const file = state.drawing.files.findIndex((other) => other.name === item.file);
+    const isIn = (node) => node.file === file && node.line <= item.line && item.line <= node.last
+      && (node.line < item.line || node.column <= item.column);
+    // Of several nodes in a line, the last that begins before the place. A tree may be called several times.
+    const column = Math.max(...state.drawing.nodes.filter(isIn).map((node) => node.column));
+    for (const node of state.drawing.nodes) {
+      if (isIn(node) && node.column === column) state.groups.get(node.key)?.classList.add(item.severity);
+    }
   }
 }
 

@@ -111,6 +111,10 @@ class SourceMap:
         """Return the line in which the start tag of *element* begins, from 1."""
         return self._line_index.line(self._tags[self._index[element]].start())
 
+    def last_line(self, element: Element) -> int:
+        """Return the line in which the start tag of *element* ends, from 1."""
+        return self._line_index.line(self._tags[self._index[element]].end() - 1)
+
     def text_in(self, element: Element) -> str:
         """Return the text between the start tag of *element* and the next tag."""
         tag = self._tags[self._index[element]]

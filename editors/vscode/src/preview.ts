@@ -103,6 +103,7 @@ class Preview {
   private async receive(message: Message): Promise<void> {
     if (message.type === "ready") {
       if (this.tree !== undefined) this.post({ type: "tree", tree: this.tree });
+      this.post({ type: "address", address: settings().address });
       if (this.document.isDirty) this.sendTextSoon();
       await this.process.listen((name, value) => {
         this.post({ type: "event", name, value });

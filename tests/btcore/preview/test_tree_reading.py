@@ -30,6 +30,7 @@ def test_every_node_has_its_place_in_its_file(tree_file: TreeFile) -> None:
         *visit,
     ]
     assert shown["nodes"][5]["column"] == 15
+    assert shown["nodes"][5]["last"] == 3
     assert shown["nodes"][0]["name"].startswith("Küche <img")
 
 
