@@ -11,6 +11,7 @@ from btcore.diagnostic_codes import (
     BARE_MARKUP,
     FIRST_TICK_REFUSED,
     INCLUDE_FAILED,
+    INCONVERTIBLE_TEXT,
     MISSING_ID,
     MISSING_PORT,
     NOT_A_BOOLEAN,
@@ -24,13 +25,15 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
 )
 from btcore.errors import TreeError
+from btcore.language.descriptions import literals_of
 from btcore.language.diagnostics import Report
-from btcore.language.node_attributes import tree_of
+from btcore.language.node_attributes import file_symbols, node_element, tree_of
 from btcore.language.project import Project, SourceDocument
 from btcore.language.project_symbols import symbols_of
 from btcore.language.scanner import Place, ScannedElement
 from btcore.language.symbols import is_call
 from btcore.names import is_port_name
+from btcore.suggestions import nearest_name
 from btcore.xml.convert.convert import convert
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES, parse_format
@@ -53,6 +56,8 @@ _ASSIGNMENT: Final = re.compile(r"\s*(=)")
 _COMPARISON: Final = re.compile(r"to compare, write \S+ == …")
 _EXPECTED: Final = re.compile(r"expected (</[^>]+>), but found </([^>]+)>")
 _NEVER_CLOSED: Final = re.compile(r"<([^>]+)> is never closed")
+_CUT_OFF: Final = re.compile(r"^the tag <.* is not closed$")
+_CONNECTION: Final = re.compile(r"in the SubTree\w* of '(.*)' in line (\d+) write ([\w.:-]+)=\"(.*)\"$")
 _CHILDREN: Final = re.compile(r"has (no|\d+) child")
 _LIMITS: Final = re.compile(r"(?:exactly|at least|needs) (\d+)(?: or (\d+))?")
 _MISSING_PORTS: Final = re.compile(r"\[(\w+)\]")
@@ -311,6 +316,33 @@ def _fixes_of_unexpected_id(problem: _Problem) -> Iterator[Fix]:
     yield Fix("Remove the ID", [Edit(start, attribute.end, "")])
 
 
+def _fixes_of_text(problem: _Problem) -> Iterator[Fix]:
+    """Suggest the values of an enum or a Boolean, the most similar first."""
+    element, attribute = problem.element, problem.place.attribute
+    if element is None or attribute is None or tree_of(element) is None:
+        return
+    format = file_symbols(problem.project, problem.document).format
+    port = node_element(element, format, problem.project.registry).port(attribute.name)
+    literals = literals_of(port.type) if port is not None else []
+    nearest = nearest_name(attribute.value or "", literals)
+    for value in sorted(literals, key=lambda value: value != nearest):
+        text = quoted(value)[1:-1]
+        yield Fix(f"Write {value}", [Edit(attribute.value_start, attribute.value_end, text)])
+
+
+def _fixes_of_unwritten_key(problem: _Problem) -> Iterator[Fix]:
+    """Connect the key of a tree in the SubTree element that calls the tree."""
+    connection = _CONNECTION.search(problem.report.hint)
+    if connection is None:
+        return
+    id, line, name, value = connection.groups()
+    number = problem.document.positions.line
+    for element in problem.document.scan.elements:
+        if is_call(element) and element.get("ID") == id and number(element.start) == int(line) - 1:
+            fix = _write_attributes(element, {name: value.replace("…", name)})
+            yield fix._replace(title=f"Connect {name} in the SubTree of '{id}'")
+
+
 def _fixes_of_boolean(problem: _Problem) -> Iterator[Fix]:
     for value in ("true", "false"):
         yield Fix(f"Write {value}", [Edit(problem.place.start, problem.place.end, value)])
@@ -474,10 +506,22 @@ def _fixes_of_syntax(problem: _Problem) -> Iterator[Fix]:
         insert = Fix(f"Insert {expected[1]}", [_insert_end_tag(problem, expected[1])])
         # An end tag with a start tag is in its place, and the end tag of an element inside is missing.
         yield from (insert, change) if problem.element is not None else (change, insert)
+    if _CUT_OFF.search(problem.report.message):
+        yield from _close_tag(problem)
     never = _NEVER_CLOSED.search(problem.report.message)
     if never is not None:
         end = len(problem.text.rstrip())
         yield Fix(f"Insert </{never[1]}>", [Edit(end, end, f"{_line_break(problem.text)}</{never[1]}>")])
+
+
+def _close_tag(problem: _Problem) -> Iterator[Fix]:
+    if problem.text.startswith("</", problem.start):
+        yield Fix("Close the tag", [Edit(problem.end, problem.end, ">")])
+    elif problem.element is not None and not problem.element.is_complete:
+        element = problem.element
+        end = element.attributes[-1].end if element.attributes else element.tag_end
+        for ending in ("/>", ">"):
+            yield Fix(f"Close the tag with {ending}", [Edit(end, end, ending)])
 
 
 def _insert_end_tag(problem: _Problem, end_tag: str) -> Edit:
@@ -502,6 +546,7 @@ _FIXES_OF_CODES: Final[dict[str, Callable[[_Problem], Iterator[Fix]]]] = {
     BARE_MARKUP: _fixes_of_bare_markup,
     FIRST_TICK_REFUSED: _fixes_of_children,
     INCLUDE_FAILED: _fixes_of_include,
+    INCONVERTIBLE_TEXT: _fixes_of_text,
     MISSING_ID: _fixes_of_missing_id,
     MISSING_PORT: _fixes_of_missing_port,
     NOT_A_BOOLEAN: _fixes_of_boolean,
@@ -511,6 +556,7 @@ _FIXES_OF_CODES: Final[dict[str, Callable[[_Problem], Iterator[Fix]]]] = {
     UNKNOWN_FORMAT: _fixes_of_format,
     UNKNOWN_NODE: _fixes_of_unknown_node,
     UNKNOWN_TREE: _fixes_of_unknown_tree,
+    UNWRITTEN_KEY: _fixes_of_unwritten_key,
     WRONG_CHILD_COUNT: _fixes_of_children,
 }
 

@@ -254,6 +254,10 @@ class _Parser:
         opening = OPEN_TAG.match(text, at)
         if START_TAG.match(text, at) is None and opening is not None:
             self._refuse_unclosed_tag(opening)
+        tag = _TAG.match(text, at)
+        if tag is not None and tag[1] and text[error_at : error_at + 1] in ("", "<"):
+            message = f"the tag </{tag[2]} is not closed"
+            raise _SyntaxError(at, tag.end() - at, message, f"write </{tag[2]}>")
         attribute = _ATTRIBUTE.match(text, error_at)
         if attribute is None:
             raise _SyntaxError(error_at, 1, "invalid attribute name")
