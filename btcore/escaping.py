@@ -14,6 +14,7 @@ _IN_LINE: Final = re.compile(f"[\\x00-\\x1f{_LATER}]")
 _IN_TEXT: Final = re.compile(f"[\\x00-\\x08\\x0b-\\x1f{_LATER}]")
 # json.dumps escapes C0 itself. In XML, C0 and surrogates are invalid.
 _EXCEPT_C0: Final = re.compile(f"[{_LATER}]")
+_IN_XML: Final = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
 
 
 def escape_controls(text: str, one_line: bool = False) -> str:
@@ -62,6 +63,19 @@ def escape_xml(text: str) -> str:
         '<Sequence name="&#x9b;"/>'
     """
     return _EXCEPT_C0.sub(lambda found: f"&#x{ord(found[0]):x};", text)
+
+
+def escape_text(text: str) -> str:
+    """Return *text* as it is written between two tags of XML.
+
+    `xml.sax.saxutils.escape` does the same, but imports modules for the network.
+
+    Examples:
+        >>> from btcore.escaping import escape_text
+        >>> escape_text("a < b & c")
+        'a &lt; b &amp; c'
+    """
+    return text.translate(_IN_XML)
 
 
 def _escape(found: re.Match[str]) -> str:

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final, NamedTuple
-from xml.sax.saxutils import escape
 
 from btcore.errors import BtcoreError
-from btcore.escaping import escape_controls
+from btcore.escaping import escape_controls, escape_text
 from btcore.proof.counterexample import names_of
 from btcore.proof.exploration import Explorer
 from btcore.proof.prover import Prover
@@ -301,7 +300,7 @@ def _box(item: _Item, fill: str, stroke: str, is_light: bool = False) -> str:
     )
     colour = ' style="fill: #ffffff"' if is_light else ""
     texts = [
-        f'<text x="{item.x:.1f}" y="{y + 5 + _LINE * (number + 0.75):.1f}"{colour}>{escape(line)}</text>'
+        f'<text x="{item.x:.1f}" y="{y + 5 + _LINE * (number + 0.75):.1f}"{colour}>{escape_text(line)}</text>'
         for number, line in enumerate(item.lines)
     ]
     return box + "".join(texts)

@@ -5,6 +5,7 @@ from typing import Final
 
 from btcore.blackboard.ports import Direction, Port
 from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID, TOO_LARGE
+from btcore.escaping import escape_text
 from btcore.names import model_port_name_error
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
@@ -26,16 +27,14 @@ TAG_OF: Final = {
 PORT_TAGS: Final = {f"{direction.value}_port": direction for direction in Direction}
 
 
-# The same escapes as in xml.sax.saxutils, which would import urllib.
-_TEXT_ESCAPES: Final = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
-_ATTRIBUTE_ESCAPES: Final = _TEXT_ESCAPES | str.maketrans(
+_ATTRIBUTE_ESCAPES: Final = str.maketrans(
     {'"': "&quot;", "'": "&apos;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
 )
 
 
 def quoted(text: str) -> str:
     """Return *text* as an attribute's value in quotes, escaped as BehaviorTree.CPP does."""
-    return f'"{text.translate(_ATTRIBUTE_ESCAPES)}"'
+    return f'"{escape_text(text).translate(_ATTRIBUTE_ESCAPES)}"'
 
 
 MAX_MODEL_PORTS: Final = 1_000
@@ -154,7 +153,7 @@ def _model(manifest: Manifest, format: int) -> list[str]:
         if port.default:
             text += f" default={quoted(port.default)}"
         if port.description:
-            text += f">{port.description.translate(_TEXT_ESCAPES)}</{port_tag}>"
+            text += f">{escape_text(port.description)}</{port_tag}>"
         else:
             text += "/>"
         lines.append(text)

@@ -1,8 +1,8 @@
 """Draw one node of a tree as a card with a badge, names, ports and scripts."""
 
 from typing import Final, NamedTuple
-from xml.sax.saxutils import escape
 
+from btcore.escaping import escape_text
 from btcore.status import NodeType
 from btcore.xml.render.tree_drawing import DiagramNode
 
@@ -103,15 +103,15 @@ def card_of(node: DiagramNode) -> Card:
     height = head + (len(lines) * _PORT_LINE + 8 if lines else 0)
     # Cards of conditions have round ends.
     corner = 17 if node.type is NodeType.CONDITION else 7
-    drawing = [f"<title>{escape(_hover(node))}</title>"]
+    drawing = [f"<title>{escape_text(_hover(node))}</title>"]
     size = f'width="{width:.1f}" height="{height:.1f}" rx="{corner}"'
     drawing.append(f'<rect class="card {kind}" {size}/>')
     drawing.append(_badge(node, head / 2))
     baseline = head / 2 + (-1 if second else 4.5)
-    drawing.append(f'<text class="name" x="{_TEXT_AT:g}" y="{baseline:g}">{escape(node.name)}</text>')
+    drawing.append(f'<text class="name" x="{_TEXT_AT:g}" y="{baseline:g}">{escape_text(node.name)}</text>')
     if second:
         drawing.append(
-            f'<text class="id {kind}" x="{_TEXT_AT:g}" y="{baseline + 14:g}">{escape(second)}</text>'
+            f'<text class="id {kind}" x="{_TEXT_AT:g}" y="{baseline + 14:g}">{escape_text(second)}</text>'
         )
     drawing.append(f'<text class="uid" x="{width - 9:.1f}" y="15">{number}</text>')
     if lines:
@@ -157,12 +157,13 @@ def _port_line(name: str, text: str, direction: str) -> tuple[int, str]:
     sign = {"output": "←", "inout": "↔"}.get(direction, "→")
     shown = _shortened(text) or "″″"
     kind = "key" if shown.startswith(("{", "=", "${")) else "value"
-    words = f'<tspan class="dim">{sign} {escape(name)}</tspan>'
-    words += f'<tspan class="{kind}" dx="6">{escape(shown)}</tspan>'
+    words = f'<tspan class="dim">{sign} {escape_text(name)}</tspan>'
+    words += f'<tspan class="{kind}" dx="6">{escape_text(shown)}</tspan>'
     return len(name) + len(shown) + 3, words
 
 
 def _script_line(name: str, text: str) -> tuple[int, str]:
     shown = _shortened(text)
-    words = f'<tspan class="dim">{escape(name)}</tspan><tspan class="script" dx="6">{escape(shown)}</tspan>'
+    words = f'<tspan class="dim">{escape_text(name)}</tspan>'
+    words += f'<tspan class="script" dx="6">{escape_text(shown)}</tspan>'
     return len(name) + len(shown) + 1, words

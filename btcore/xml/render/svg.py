@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
-from xml.sax.saxutils import escape
 
+from btcore.escaping import escape_text
 from btcore.status import NodeType
 from btcore.xml.render.node_card import FAMILY_COLOURS, Card, card_of, text_width
 from btcore.xml.render.tidy_layout import LayoutBox, Spacing, layout_tree
@@ -121,10 +121,10 @@ def _document(
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
         f'viewBox="0 0 {width:.1f} {height:.1f}" role="img" data-direction="{"down" if down else "right"}">',
-        f"<title>{escape(title)}</title>",
+        f"<title>{escape_text(title)}</title>",
         style,
         '<rect class="sheet" width="100%" height="100%" fill="#f7f8fb"/>',
-        f'<text class="title" x="{_MARGIN:g}" y="36">{escape(title)}</text>',
+        f'<text class="title" x="{_MARGIN:g}" y="36">{escape_text(title)}</text>',
         f'<text class="about" {place}>{about}</text>',
         f'<g transform="translate({left:.1f} {_HEAD + 14:g})">',
     ]
