@@ -121,16 +121,24 @@ def test_robot_with_keys_is_watched_and_controlled_by_its_clients_only(
     with serve(tree, groot2=0, allow_control=True, keys=allowed) as publisher:
 
         def connect(name: str) -> RobotConnection:
-            return RobotConnection(publisher.address, ClientKeys(tmp_path / name, str(tmp_path / "robot.pub")))
+            return RobotConnection(
+                publisher.address, ClientKeys(tmp_path / name, str(tmp_path / "robot.pub"))
+            )
 
         with closing(connect("desk")) as connection:
             until(connection, lambda state: state.nodes)
             connection.set_breakpoints([3])
             state = connection.poll(0.01)
             assert (state.breakpoints, state.problem) == ({3}, "")
-        with closing(connect("stranger")) as connection, pytest.raises(LiveError, match="does not know this key"):
+        with (
+            closing(connect("stranger")) as connection,
+            pytest.raises(LiveError, match="does not know this key"),
+        ):
             until(connection, lambda state: state.nodes)
-        with closing(RobotConnection(publisher.address)) as connection, pytest.raises(LiveError, match="keys"):
+        with (
+            closing(RobotConnection(publisher.address)) as connection,
+            pytest.raises(LiveError, match="keys"),
+        ):
             until(connection, lambda state: state.nodes)
 
 

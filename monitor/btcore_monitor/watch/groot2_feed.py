@@ -314,9 +314,7 @@ class Groot2Feed:
         results = {
             uid: record.previous for uid, record in records.items() if record.status == 0 and record.previous
         }
-        events.append(
-            TreeSeen(self.tree, self._seen_up_to, wall, statuses, False, self._source(), results)
-        )
+        events.append(TreeSeen(self.tree, self._seen_up_to, wall, statuses, False, self._source(), results))
         if self._hooks_listed_for != self._tree_id:
             self._hooks_listed_for = self._tree_id
             self._must_list_hooks = True
