@@ -8,6 +8,7 @@ from typing import Any
 
 from btcore.blackboard.ports import Direction, Port, PortRole
 from btcore.errors import RegistrationError
+from btcore.language.descriptions import is_mandatory
 from btcore.registry.manifest import Manifest
 from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
@@ -26,7 +27,7 @@ class PortModel:
         type: The name of the type, as in a TreeNodesModel.
         default: The default as text; None = the port is mandatory.
         description: The description, or "".
-        optional: Whether the port may be absent although it has no default.
+        optional: Whether the node works without the port although it has no default text.
         members: The members of an enum with their numbers.
         role: The name of the PortRole.
     """
@@ -124,7 +125,7 @@ def _model_of(manifest: Manifest, format: int) -> NodeModel:
     return NodeModel(
         manifest.id,
         manifest.type.name,
-        tuple(map(_port_model, manifest.ports.values())),
+        tuple(_port_model(manifest, port) for port in manifest.ports.values()),
         described,
         manifest.distribution,
         file,
@@ -145,14 +146,15 @@ def _source_of(manifest: Manifest) -> tuple[str, int]:
         return "", 0
 
 
-def _port_model(port: Port) -> PortModel:
+def _port_model(manifest: Manifest, port: Port) -> PortModel:
+    is_needed = port.reads if is_stub(manifest.cls) else is_mandatory(manifest, port)
     return PortModel(
         port.name,
         port.direction.value,
         port.type.name,
         port.default,
         port.description,
-        port.optional,
+        port.optional or (port.default is None and not is_needed),
         _members(port.type),
         port.role.name,
     )

@@ -271,7 +271,8 @@ def _written_port(call: ast.Call) -> Iterator[PortModel]:
             {"in": "input", "out": "output"}.get(written, "inout"),
             default=_default_text(given.get("default")),
             description=_text_of(given.get("description")) or "",
-            optional="optional" in given,
+            # The node may check whether a listed output is connected.
+            optional="optional" in given or written == "out",
         )
 
 

@@ -1,11 +1,19 @@
+import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 from lsprotocol import types
 
+import btcore
 from btcore.language.completion import MAX_ITEMS, complete
+from btcore.language.descriptions import is_mandatory
+from btcore.language.diagnostics import check
+from btcore.language.node_models import models_of
 from btcore.language.project import Project
+from btcore.registry.manifest import takes_children
+from btcore.xml.read.document import parse_text
 from tests.btcore.language.conftest import CURSOR, ROOT, OpenAtCursor
 
 HEAD = '<root BTCPP_format="4"><BehaviorTree ID="Größe🤖">'
@@ -248,3 +256,29 @@ def test_everything_in_a_real_file_can_be_typed_again(items: Completer) -> None:
         at = text.index(written) + 1
         label = written.rstrip("} =")
         assert label in items(text[:at] + CURSOR + text[at:]), written
+
+
+def test_snippets_contain_the_ports_that_validate_misses() -> None:
+    @btcore.action
+    def paint(colour: btcore.In[str], level: btcore.Put[float], fast: btcore.In[list[str]] = []) -> bool:  # noqa: B006
+        return True
+
+    nodes = btcore.Registry.standard()
+    nodes.add_plugins()
+    nodes.add(paint)
+    project = Project()
+    project.set_models(models_of(nodes), {}, [])
+    compared = 0
+    for id, manifest in nodes.manifests_of(4).items():
+        content = "<AlwaysSuccess/>" if takes_children(manifest) else ""
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="🤖"><{id}>{content}</{id}></BehaviorTree></root>'
+        found = check(partial(parse_text, text), lambda _: nodes)
+        if any(report.is_error for report in found):
+            continue
+        missed = [
+            name for item in found if item.code == "W202" for name in re.findall(r"'(\w+)'", item.message)
+        ]
+        known = project.registry.manifests[id]
+        assert [port.name for port in known.ports.values() if is_mandatory(known, port)] == missed, id
+        compared += 1
+    assert compared > 80
