@@ -5,12 +5,13 @@ import json
 import logging
 import sys
 from asyncio.subprocess import PIPE, Process
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
 from btcore.language.diagnostics import Report, merge
 from btcore.language.node_models import NodeModel
 from btcore.language.project import PROJECT_SUFFIX, DocumentKey, Project, SourceDocument
@@ -225,13 +226,13 @@ class Checker:
         read = {Path(file) for file in answer["files"]}
         changed = self._read.get(root, set()) ^ read
         self._read[root] = read
-        self._store(root, found, versions)
+        self._store(root, found, versions, changed)
         self._check_parts(root, changed)
 
     def _forget(self, root: DocumentKey, versions: Mapping[DocumentKey, int | None]) -> None:
         """Remove the reports of a document that does not exist, or is checked as a part of a project."""
         read = self._read.pop(root, set())
-        self._store(root, {}, versions)
+        self._store(root, {}, versions, read)
         del self._found[root]
         self._check_parts(root, read)
 
@@ -248,17 +249,37 @@ class Checker:
         root: DocumentKey,
         found: Mapping[DocumentKey, list[Report]],
         versions: Mapping[DocumentKey, int | None],
+        changed: set[Path],
     ) -> None:
-        """Publish the reports of every file that had or has reports by the check of *root*."""
+        """Publish the reports of every file that had or has reports by the check of *root*.
+
+        Args:
+            root: The checked document.
+            found: The reports of each file.
+            versions: The version of each open document.
+            changed: The files that *root* includes now and did not include before, or the reverse.
+        """
         before = self._found.get(root, {})
         self._found[root] = {file: (versions.get(file), reports) for file, reports in found.items()}
-        for file in dict.fromkeys([*found, *before]):
+        for file in dict.fromkeys([*found, *before, *sorted(changed & self._found.keys())]):
             version = versions.get(file)
-            # Reports about an older text have wrong places. They come again when their root is checked.
-            known = [item for results in self._found.values() if (item := results.get(file)) is not None]
-            merged = merge(reports for checked, reports in known if checked == version)
+            merged = merge(self._reports_about(file, version))
             self._project.set_reports(file, version, merged)
             self._publish(file, version, merged)
+
+    def _reports_about(self, file: DocumentKey, version: int | None) -> Iterator[list[Report]]:
+        """Yield the reports of each check about one version of a file.
+
+        Reports about an older text have wrong places. They come again when their root is checked.
+        """
+        is_included = any(file in read for root, read in self._read.items() if root != file)
+        for root, results in self._found.items():
+            checked, reports = results.get(file, (None, []))
+            if checked == version and root == file and is_included:
+                # The file alone does not show which keys its callers connect. Their checks do.
+                yield [report for report in reports if not _is_about_caller(report)]
+            elif checked == version:
+                yield reports
 
     def _show_once(self, message: str) -> None:
         """Show a message, unless it was shown before: while a user types, the same failure occurs again."""
@@ -298,6 +319,12 @@ class Checker:
             self._show_once(problem)
         self._refresh()
         return worker
+
+
+def _is_about_caller(report: Report) -> bool:
+    """Return whether a report is about a key that a calling tree may write."""
+    codes = (UNWRITTEN_KEY, ASSIGNMENT_TO_MISSING_ENTRY)
+    return report.code in codes and "fill the blackboard" in report.hint
 
 
 def _stamps(files: Iterable[Path]) -> dict[Path, int]:

@@ -288,6 +288,31 @@ def test_a_file_is_checked_alone_or_with_the_project_that_includes_it(tmp_path: 
     asyncio.run(use())
 
 
+def test_keys_of_an_included_file_may_be_written_by_its_callers(tmp_path: Path) -> None:
+    tree = '<root BTCPP_format="4"><!-- 🤖 -->{}<BehaviorTree ID="{}">{}</BehaviorTree></root>'
+    nodes = '<SetBlackboard value="{größe}" output_key="x"/><AlwaysSuccess _skipif="1"/>'
+    script = f'<Sequence><Script code="zahl += 1"/>{nodes}</Sequence>'
+    part, main = tmp_path / "küche.xml", tmp_path / "haus.xml"
+    part.write_text(tree.format("", "Küche", script), encoding="utf-8")
+    call = '<SubTree ID="Küche" zahl="1" größe="2"/>'
+    main.write_text(tree.format('<include path="küche.xml"/>', "Haus", call), encoding="utf-8")
+
+    async def use() -> None:
+        checked = Checked(tmp_path, Settings())
+        await checked.until(part, ["W212"])
+        text = tree.format('<include path="küche.xml"/>', "Haus", call.replace("zahl", "anzahl"))
+        checked.checker.changed(checked.project.open(main.as_uri(), text, 1))
+        await checked.until(part, ["W209", "W212"])
+        await checked.until(main, ["W204"])
+        # The file is a program of its own if no other file includes it.
+        text = tree.format("", "Haus", "<AlwaysSuccess/>")
+        checked.checker.changed(checked.project.open(main.as_uri(), text, 2))
+        await checked.until(part, ["W209", "W201", "W212"])
+        await checked.checker.close()
+
+    asyncio.run(use())
+
+
 def test_settings_of_a_wrong_type_are_ignored() -> None:
     wrong = {"btcore": {"trusted": "yes", "plugins": "leaves.py", "models": [1, "", "m.xml"], "given": None}}
     assert Settings.from_client(wrong) == Settings(models=("m.xml",))
