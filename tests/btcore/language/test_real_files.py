@@ -26,7 +26,8 @@ from btcore.registry.registry import Registry
 from btcore.xml.read.document import parse_text
 from tests.btcore.language.conftest import ROOT
 
-FILES = [*sorted((ROOT / "trees").rglob("*.xml")), *sorted((ROOT / "tests/robot_nodes").rglob("*.xml"))]
+FOLDERS = ("trees", "tests/robot_nodes", "tests/monitor/captures")
+FILES = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.xml"))]
 Item = TypeVar("Item")
 WIDE = "<!-- 🤖ä -->"
 
@@ -77,7 +78,8 @@ def test_what_a_file_contains_is_offered_where_it_is_typed(
     for element in chosen(nodes_of(document), document, 4):
         assert element.tag in offered(project, document, element.tag_start + 1)
         # What a call can connect may be written below it.
-        attributes = [] if is_call(element) else element.attributes
+        known = [item for item in element.attributes if item.name not in ("_uid", "_fullpath")]
+        attributes = [] if is_call(element) else known
         for attribute in chosen(attributes, document, 2):
             assert attribute.name in offered(project, document, attribute.start + 1), attribute.name
     calls = [element for element in nodes_of(document) if is_call(element)]
@@ -132,6 +134,9 @@ def test_trees_and_python_leaves_are_found(project: Project, document: SourceDoc
             assert [text_at(document, item.range) for item in found] == [element.get("ID")]
         elif not is_call(element) and project.registry.get(element.tag, 4) is not None:
             (place,) = found
+            if place.uri == document.uri:
+                assert text_at(document, place.range) == element.tag  # its model
+                continue
             path = Path(place.uri.removeprefix("file://"))
             line = path.read_text(encoding="utf-8").splitlines()[place.range.start.line]
             assert re.match(r"(class|(async )?def|@)", line), line
