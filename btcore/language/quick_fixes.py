@@ -35,6 +35,7 @@ from btcore.language.symbols import is_call
 from btcore.names import is_port_name
 from btcore.suggestions import nearest_name
 from btcore.xml.convert.convert import convert
+from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES, parse_format
 
@@ -119,14 +120,16 @@ def code_actions(
         params: The range, and the kinds of actions that the client wants.
     """
     actions: list[types.CodeAction] = []
+    fixes: dict[tuple[Edit, ...], types.CodeAction] = {}  # a change can remove several diagnostics
     if _wants(params, types.CodeActionKind.QuickFix):
         for report in project.reports(document):
             if _overlap(report.range, params.range):
                 for index, fix in enumerate(find_fixes(project, document, report)):
-                    action = _action(document, fix, types.CodeActionKind.QuickFix)
-                    action.diagnostics = [report.diagnostic()]
-                    action.is_preferred = index == 0
-                    actions.append(action)
+                    new = _action(document, fix, types.CodeActionKind.QuickFix)
+                    action = fixes.setdefault(tuple(fix.edits), new)
+                    action.diagnostics = [*(action.diagnostics or ()), report.diagnostic()]
+                    action.is_preferred = index == 0 or action.is_preferred
+        actions += fixes.values()
     if _wants(params, types.CodeActionKind.RefactorRewrite):
         conversion = convert_to_4(project, document)
         if conversion is not None:
@@ -447,6 +450,12 @@ def _fixes_of_children(problem: _Problem) -> Iterator[Fix]:
         return
     count = len(element.children)
     least, most = int(limits[1]), int(limits[2] or limits[1])
+    if tree_of(element) is not None:
+        # More children may be needed at the first tick than to load the tree.
+        format = file_symbols(problem.project, problem.document).format
+        manifest = node_element(element, format, problem.project.registry).manifest
+        if manifest is not None and not is_stub(manifest.cls):
+            least = max(least, manifest.cls.child_count[0])
     if count < least:
         yield _add_children(problem, element, least - count)
     elif count > most and "at least" not in message:

@@ -64,6 +64,7 @@ class Edited:
         ("E104", "<AlwaysSuccess/><AlwaysFailure/>", "Put the children into a <Sequence>",
          "<Sequence><AlwaysSuccess/><AlwaysFailure/></Sequence>"),
         ("E104", '<AlwaysSuccess><Sleep msec="1"/></AlwaysSuccess>', "Remove the children", "<AlwaysSuccess/>"),
+        ("E104", "<IfThenElse/>", "Add 2 children", "<IfThenElse><AlwaysSuccess/><AlwaysSuccess/></IfThenElse>"),
         ("E119", "<IfThenElse><AlwaysFailure/></IfThenElse>", "Add a child",
          "<IfThenElse><AlwaysFailure/><AlwaysSuccess/></IfThenElse>"),
         ("E119", "<IfThenElse><ScriptCondition code='true'/>" + "<AlwaysFailure/>" * 3 + "</IfThenElse>",
@@ -258,6 +259,12 @@ def test_code_actions_are_those_of_the_range(tmp_path: Path) -> None:
     assert titles(types.Range(at, at))[0] == "Change to <Sleep>"
     assert titles(whole)[0] == "Change to <Sequence>"
     assert titles(whole, [types.CodeActionKind.Refactor]) == []
+    # A change that removes two diagnostics is offered once.
+    edited.write(MAIN.format("<IfThenElse/>"))
+    document = edited.document
+    edited.project.set_reports(document.key, 1, edited.reports())
+    assert edited.codes() == ["E104", "E119"]
+    assert titles(document.positions.range(0, len(document.text))) == ["Add 2 children"]
     # Reports about an older text are not fixed.
     newer: SourceDocument = edited.project.open(document.uri, document.text, 2)
     params = types.CodeActionParams(
