@@ -165,6 +165,13 @@ class _Handler(BaseHTTPRequestHandler):
             except (ValueError, RecursionError) as error:
                 self.close_connection = True
                 self._send_json({"error": f"invalid request: {error}"}, HTTPStatus.BAD_REQUEST)
+            except OSError:
+                raise
+            except Exception as error:
+                # Without an answer, the page would report that this process has ended.
+                self.close_connection = True
+                message = f"internal error (please report it): {error!r}"
+                self._send_json({"error": message}, HTTPStatus.INTERNAL_SERVER_ERROR)
         except OSError:
             self.close_connection = True  # the page was closed
 

@@ -142,6 +142,7 @@ function showNotice() {
   else if (state.document && !state.document.drawable && state.drawing?.svg) {
     notices.push("The file has errors. This is the last picture without errors.");
   }
+  if (state.refusal) notices.push(state.refusal);
   const live = state.live;
   if (live?.problem) notices.push(live.problem);
   if (live?.connection && live.connection !== "connected") notices.push(live.detail);
@@ -167,10 +168,12 @@ async function load(anchor = "") {
     // The page has preloaded the first drawing.
     const data = state.drawing || editor ? await post("drawing", { tree: state.tree, folded: [...state.folded] })
       : await (await fetch("drawing")).json();
+    state.refusal = data.error && state.drawing?.svg ? data.error : "";
     if (data.error) {
       if (!state.drawing?.svg) canvas.replaceChildren(make("p", data.error));
       state.drawing ??= {};
     } else show(data, anchor);
+    showNotice();
   } catch {
     state.offline = true;
     showNotice();

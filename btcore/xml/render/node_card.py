@@ -95,7 +95,8 @@ def card_of(node: DiagramNode) -> Card:
         for name, text, direction in node.ports
     ]
     lines += [_script_line(name, text) for name, text in node.scripts.items()]
-    width = _TEXT_AT + text_width(node.name, _NAME_SIZE, bold=True) + number_room
+    name = _shortened(node.name)
+    width = _TEXT_AT + text_width(name, _NAME_SIZE, bold=True) + number_room
     if second:
         width = max(width, _TEXT_AT + text_width(second, _ID_SIZE) + _MARGIN)
     for length, _ in lines:
@@ -108,7 +109,7 @@ def card_of(node: DiagramNode) -> Card:
     drawing.append(f'<rect class="card {kind}" {size}/>')
     drawing.append(_badge(node, head / 2))
     baseline = head / 2 + (-1 if second else 4.5)
-    drawing.append(f'<text class="name" x="{_TEXT_AT:g}" y="{baseline:g}">{escape_text(node.name)}</text>')
+    drawing.append(f'<text class="name" x="{_TEXT_AT:g}" y="{baseline:g}">{escape_text(name)}</text>')
     if second:
         drawing.append(
             f'<text class="id {kind}" x="{_TEXT_AT:g}" y="{baseline + 14:g}">{escape_text(second)}</text>'

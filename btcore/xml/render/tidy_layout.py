@@ -63,7 +63,8 @@ def layout_tree(root: LayoutBox, gaps: Spacing) -> tuple[float, float]:
         for child in box.children:
             child.middle = box.middle + child._offset
         box.top = tops[box.level]
-        if box.framed:
+        # The drawing may omit the children of a call.
+        if box.framed and box.children:
             start, end = box._sides
             below = tops[box._last] + thickness[box._last] + gaps.frame * box._nested
             box.frame = (

@@ -46,6 +46,12 @@ def test_drawing_of_the_tree(server: PreviewServer) -> None:
     assert len(json.loads(data)["nodes"]) == 9
 
 
+def test_internal_error_is_answered(server: PreviewServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server.session, "drawing", lambda *arguments: [][0])
+    status, data, _ = request(server, "POST", f"/{server.token}/drawing", {"folded": []}, JSON)
+    assert (status, "internal error" in json.loads(data)["error"]) == (500, True)
+
+
 @pytest.mark.parametrize(
     "path", ["/", "//drawing", "/x/drawing", "/{token}", "/{token}/../session.py", "/{token}x/"]
 )

@@ -70,6 +70,13 @@ def test_folded_node_hides_its_descendants_only(tree_file: TreeFile) -> None:
     assert "9 nodes" in folded["svg"]
 
 
+def test_every_call_can_be_folded(tree_file: TreeFile) -> None:
+    nodes = drawing(tree_file)["nodes"]
+    folded = drawing(tree_file, None, *(node["key"] for node in nodes if node["calls"]))
+    assert folded["svg"].count("data-uid") == 5
+    assert 'class="frame"' not in folded["svg"]
+
+
 def test_large_tree_is_folded_at_its_deepest_levels(
     tree_file: TreeFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
