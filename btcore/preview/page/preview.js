@@ -368,7 +368,12 @@ function showNode() {
   }
   const about = state.drawing.about[node.id];
   const parts = [title, kind, ...(node.ports.length ? [ports] : []), actions];
-  if (about) parts.push(make("p", about, "about"));
+  if (about) {
+    // Docstrings have code between backquotes.
+    const text = make("p", "", "about");
+    text.append(...about.split("`").map((part, index) => (index % 2 ? make("code", part) : part)));
+    parts.push(text);
+  }
   panel.replaceChildren(...parts);
 }
 

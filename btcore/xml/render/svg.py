@@ -142,8 +142,9 @@ def _document(
 
 def _hidden_badge(count: int, card: Card, down: bool) -> str:
     """Return the badge of a card whose *count* descendants are omitted, at the edge towards them."""
-    x, y = (card.width / 2, card.height) if down else (card.width, card.height / 2)
     width = text_width(f"+{count}", 11, bold=True) + 12
+    # Beside the card, the badge must not cover the ID.
+    x, y = (card.width / 2, card.height) if down else (card.width + width / 2 - 5, card.height / 2)
     pill = f'<rect class="pill" x="{-width / 2:.1f}" y="-8" width="{width:.1f}" height="16" rx="8"/>'
     words = f'<title>{count} hidden</title>{pill}<text class="count" y="4">+{count}</text>'
     return f'<g class="fold" transform="translate({x:.1f} {y:.1f})">{words}</g>'

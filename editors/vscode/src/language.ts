@@ -30,10 +30,25 @@ export function associate(context: vscode.ExtensionContext): void {
 /** The language server: `btcore lsp`. */
 export class Server {
   private client: LanguageClient | undefined;
+  private last: Promise<void> = Promise.resolve();
 
   /** Start the server, or start it again. */
-  async start(): Promise<void> {
-    await this.stop();
+  start(): Promise<void> {
+    return this.next(() => this.startClient());
+  }
+
+  stop(): Promise<void> {
+    return this.next(() => this.stopClient());
+  }
+
+  /** Run an action after all earlier actions: a client that is starting cannot be stopped. */
+  private next(action: () => Promise<void>): Promise<void> {
+    this.last = this.last.then(action);
+    return this.last;
+  }
+
+  private async startClient(): Promise<void> {
+    await this.stopClient();
     const { command } = settings();
     const client = new LanguageClient(
       "btcore",
@@ -64,10 +79,11 @@ export class Server {
     await this.client?.sendNotification("workspace/didChangeConfiguration", { settings: serverSettings() });
   }
 
-  async stop(): Promise<void> {
+  private async stopClient(): Promise<void> {
     const client = this.client;
     this.client = undefined;
-    await client?.stop();
+    // A server that has crashed cannot be stopped.
+    await client?.stop().catch(() => undefined);
   }
 }
 

@@ -166,6 +166,17 @@ test("a preview that cannot start is explained", async () => {
   assert.match(vscode.calls.errors.at(-1), /btcore preview ended: .*ENOENT/);
 });
 
+test("a server that is starting can be restarted", async () => {
+  const before = vscode.calls.clients.length;
+  vscode.configuration.set("command", "missing");
+  const first = call("restart");
+  vscode.configuration.set("command", BTCORE);
+  await Promise.all([first, call("restart")]);
+  const [failed, last] = vscode.calls.clients.slice(before);
+  assert.equal(last?.server.command, BTCORE);
+  assert.ok(failed?.started && last.started && !last.stopped);
+});
+
 test("deactivation stops the server", async () => {
   await extension.deactivate();
   assert.ok(vscode.calls.clients.at(-1).stopped || vscode.calls.clients.at(-2).stopped);

@@ -142,7 +142,14 @@ export async function message(panel, matches, from = 0) {
 // The client of the language server needs the real VS Code: its settings are recorded only.
 export class LanguageClient {
   constructor(id, name, server, client) { Object.assign(this, { server, client, sent: [] }); calls.clients.push(this); }
-  async start() { if (this.server.command === "missing") throw new Error("ENOENT"); }
-  async stop() { this.stopped = true; }
+  async start() {
+    await new Promise((resolve) => setTimeout(resolve, 5));
+    this.started = true;
+    if (this.server.command === "missing") throw new Error("ENOENT");
+  }
+  async stop() {
+    if (!this.started) throw new Error("Client is not running and can't be stopped.");
+    this.stopped = true;
+  }
   async sendNotification(method, value) { this.sent.push([method, value]); }
 }
