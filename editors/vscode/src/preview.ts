@@ -13,6 +13,8 @@ interface PlacedNode {
   key: string;
   file: number;
   line: number;
+  /** The last line of its start tag. */
+  last: number;
 }
 
 interface Drawing {
@@ -159,7 +161,11 @@ class Preview {
         .filter((item): item is vscode.SourceBreakpoint => item instanceof vscode.SourceBreakpoint && item.enabled)
         .map(({ location }) => `${location.range.start.line + 1} ${location.uri.fsPath}`),
     );
-    const chosen = nodes.filter((node) => lines.has(`${node.line} ${files[node.file]?.name}`));
+    const chosen = nodes.filter(({ line, last, file }) =>
+      Array.from({ length: last - line + 1 }, (_, index) => line + index).some((number) =>
+        lines.has(`${number} ${files[file]?.name}`),
+      ),
+    );
     await this.process.post("breakpoints", { keys: chosen.map((node) => node.key) });
   }
 
