@@ -23,6 +23,7 @@ from btcore_ros2.leaves import (
     ros_subscriber,
 )
 from btcore_ros2.session import RosSession
+from tests.ros2.discovery import wait_until_known
 
 S, F, R = Status.SUCCESS, Status.FAILURE, Status.RUNNING
 LIMIT_S = 60
@@ -86,8 +87,9 @@ def server() -> Iterator[ServerProcess]:
 
 
 @pytest.fixture(scope="module")
-def session() -> Iterator[RosSession]:
+def session(server: ServerProcess) -> Iterator[RosSession]:
     with RosSession("leaves") as made:
+        wait_until_known(made, "planned")
         yield made
 
 

@@ -237,6 +237,7 @@ def test_name_that_stands_for_the_default(server: ServerProcess, session: RosSes
 def test_name_is_remapped(server: ServerProcess) -> None:
     with RosSession("remapped", arguments=["-r", "navigate:=planned"]) as session:
         tree = load(session, f'<Planned action_name="navigate" order="{Plan().order}"/>')
+        wait_until_known(session, "planned")
         assert tree.tick_while_running(period=0.01) is S
 
 
@@ -368,6 +369,7 @@ def test_server_that_is_started_again_has_lost_the_goal(session: RosSession) -> 
     with planned_server("/own") as own:
         tag = next(TAGS)
         tree = load(session, OWN.format("own", Plan(end=End.NEVER, tag=tag).order))
+        wait_until_known(session, "/own/planned")
         tick_until(session, tree, lambda: "executing" in own.of(tag))
         own.kill()
         own.start()
@@ -375,6 +377,7 @@ def test_server_that_is_started_again_has_lost_the_goal(session: RosSession) -> 
         leaf = leaf_of(tree)
         assert leaf.errors == [ActionErrorCode.SERVER_UNREACHABLE]
         assert "'/own/planned' disappeared while it worked on the goal" in leaf.error_message
+        wait_until_known(session, "/own/planned")
         assert load(session, OWN.format("own", Plan().order)).tick_while_running(period=0.01) is S
 
 
@@ -406,6 +409,7 @@ def test_clean_shutdown_of_the_server_is_seen_at_once(session: RosSession) -> No
     with planned_server("/clean") as own:
         tag = next(TAGS)
         tree = load(session, OWN.format("clean", Plan(end=End.NEVER, tag=tag).order))
+        wait_until_known(session, "/clean/planned")
         tick_until(session, tree, lambda: "executing" in own.of(tag))
         own.terminate()
         began = time.monotonic()

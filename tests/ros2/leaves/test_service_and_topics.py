@@ -16,6 +16,7 @@ import btcore
 from btcore import In, Out, Registry, Status, Tree
 from btcore_ros2.leaves import RosPublisher, RosService, RosSubscriber, ServiceErrorCode
 from btcore_ros2.session import RosSession
+from tests.ros2.discovery import wait_until_known
 
 S, F, R = Status.SUCCESS, Status.FAILURE, Status.RUNNING
 LIMIT_S = 60
@@ -89,8 +90,9 @@ def server() -> Iterator[ServerProcess]:
 
 
 @pytest.fixture(scope="module")
-def session() -> Iterator[RosSession]:
+def session(server: ServerProcess) -> Iterator[RosSession]:
     with RosSession("leaves") as made:
+        wait_until_known(made, "planned")
         yield made
 
 
@@ -159,6 +161,7 @@ def test_absent_service(server: ServerProcess, session: RosSession) -> None:
 def test_service_that_dies(session: RosSession) -> None:
     with planned_server("/own") as own:
         tree = load(session, '<Increment service_name="/own/planned_service" number="60" delay_ms="30000"/>')
+        wait_until_known(session, "/own/planned")
         leaf = leaf_of(tree)
         leaf.server_timeout = 1000
         assert session.wait_for(lambda: tree.tick_once() is not R or own.of(60), LIMIT_S)
