@@ -13,7 +13,7 @@ export PIP_COMPILE := 0
 PYTHON ?= $(shell for name in python3 python3.13 python3.12 python3.11 python; do \
 	if $$name -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then echo $$name; break; fi; done)
 # The threads of OpenBLAS cost each start of Python with numpy some 0.2 s of processor time. Benchmarks keep them.
-test pure compiled ros2 accept accept-robot accept-engine accept-ros2: export OPENBLAS_NUM_THREADS := 1
+test pure compiled ros2 accept accept-robot accept-engine accept-tools accept-ros2: export OPENBLAS_NUM_THREADS := 1
 CORES ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 # Many tests wait for processes and sockets.
 TEST_PROCESSES = $(shell expr $(CORES) + 1)
@@ -51,7 +51,7 @@ ROS2_RUNS ?=
 MISTAKES ?=
 
 .PHONY: help setup demo test check environments lint lint-and-pure pure compiled ros2 vulkan spin accept \
-	accept-robot accept-engine accept-ros2 docs vscode dist bench clean
+	accept-robot accept-engine accept-tools accept-ros2 docs vscode npm-checks dist bench clean
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
@@ -91,11 +91,14 @@ setup: .venv/ready
 	@.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[bench]"
 	@touch $@
 
+# The tests use the monitor's client, but not its viewer, which is a quarter of .venv.
+FOR_ROS2_TESTS := msgpack pytest-xdist pyzmq ros-test-msgs==2.3.0
+
 # An environment of its own, because ROS 2's wheels restart each Python that starts in their environment.
 .venv-ros/ready: pyproject.toml setup.py $(MESSAGES)
 	@echo '· setting up .venv-ros with ROS 2, and building message packages'
 	@$(PYTHON) -m venv .venv-ros
-	@.venv-ros/bin/python $(PIP) install --editable '.[all,ros2,test]' ros-test-msgs==2.3.0
+	@.venv-ros/bin/python $(PIP) install --editable '.[bags,ros2,sim,testing]' $(FOR_ROS2_TESTS)
 	@.venv-ros/bin/btcore ros2 messages
 	@touch $@
 
@@ -183,7 +186,7 @@ ros2:
 	@echo 'note: PyPI has no wheels of ROS 2 for this platform; its tests are skipped'
 endif
 
-accept: accept-robot accept-engine $(if $(ROS2),accept-ros2,ros2)
+accept: accept-engine accept-tools accept-robot $(if $(ROS2),accept-ros2,ros2)
 
 accept-robot: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
@@ -192,12 +195,14 @@ accept-robot: .venv/ready
 	@.venv/bin/python tests/acceptance/worlds.py $(WORLDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 
-accept-engine: .venv/ready .venv-compiled/ready spin
+accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/installs.py out/wheel/btcore-*.whl
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
+
+accept-tools: .venv/ready spin
 	@.venv/bin/python tests/acceptance/mcp_attacks.py $(MCP_ATTACKS)
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
 	@.venv/bin/python tests/acceptance/preview.py --trials $(PREVIEWS)
@@ -215,6 +220,12 @@ vscode:
 	@cp LICENSE editors/vscode/LICENSE
 	@cd editors/vscode && npm install --loglevel=error --no-audit --no-fund --no-package-lock
 	@cd editors/vscode && npm run --silent package
+
+# Each is skipped if npm cannot bring its tool.
+npm-checks: .venv/ready
+	@.ci/pyright
+	@.ci/workflows
+	@MAKEFLAGS= .ci/vscode
 
 docs: .venv/ready
 	@.venv/bin/python docs/site/build.py
