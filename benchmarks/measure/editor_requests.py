@@ -1,5 +1,8 @@
 """Requests of an editor to the language server, without the protocol between them."""
 
+import gc
+
+from btcore.cli.lsp import GC_THRESHOLD
 from btcore.language.completion import complete
 from btcore.language.hover import hover
 from btcore.language.project import Project
@@ -11,11 +14,14 @@ URI = "untitled:tree.xml"
 def requests_at(text: str, offset: int, expected: str) -> dict[str, Work]:
     """Return functions, by name, that replace the open document by *text*, and then request something.
 
+    The garbage collector of this process is set like that of the server.
+
     Args:
         text: The document.
         offset: The place of the cursor.
         expected: A word that the results contain; it is checked once.
     """
+    gc.set_threshold(GC_THRESHOLD)
     project = Project()
 
     def completion() -> object:

@@ -2,8 +2,16 @@
 
 import gc
 import os
+from typing import Final
 
 import click
+
+GC_THRESHOLD: Final = 100_000
+"""The number of new objects after which the server's garbage collector runs.
+
+A large document has more objects, which live until its next change. With Python's default, the collector
+would take half of the time of each request.
+"""
 
 
 @click.command(short_help="Start the language server for editors.")
@@ -17,9 +25,7 @@ def lsp() -> None:
     """
     from btcore.language.server import create_server
 
-    # A large document has more than 100,000 objects, which live until its next change. With Python's default,
-    # the garbage collector would take half of the time of each request.
-    gc.set_threshold(100_000)
+    gc.set_threshold(GC_THRESHOLD)
     # The server closes its streams. Whatever else is printed must not be among its messages.
     stdin, stdout = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
