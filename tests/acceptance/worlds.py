@@ -150,11 +150,16 @@ def main() -> int:
     parser.add_argument(
         "--duration", type=float, default=PATROL, help="seconds of each patrol (default: 300)"
     )
+    parser.add_argument("--only", default="", metavar="TEXT", help="those with TEXT in their name")
     options = parser.parse_args()
     print(f"{'world':12} {'coll.':>5} {'grazes':>6} {'mapping s':>9} {'waypoints':>9}")
     worlds: list[dict[str, Any]] = []
     with ThreadPoolExecutor(options.jobs) as pool:
-        pending = [pool.submit(attempt, world, options.duration) for world in names(options.worlds)]
+        pending = [
+            pool.submit(attempt, world, options.duration)
+            for world in names(options.worlds)
+            if options.only in world
+        ]
         for one in as_completed(pending):
             worlds.append(one.result())
             print(row(worlds[-1]), flush=True)

@@ -135,10 +135,10 @@ def test_failing_property_prints_the_shrunk_tree(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from btcore.testing import outcomes, trees
 
-@settings(derandomize=True, database=None)
+@settings(derandomize=True, database=None, phases=[Phase.generate, Phase.shrink])
 @given(trees(), outcomes())
 def test_no_tree_has_an_inverter(tree, plan):
     assert not [node for node in tree if node.id == "Inverter"]
