@@ -170,6 +170,8 @@ lint: .venv/ready
 
 pure: .venv/ready vulkan
 	@echo '· every test, on the pure build'
+	@# In a new checkout, each process would compile all tests, at the same time.
+	@test -d tests/__pycache__ || .venv/bin/pytest -q --collect-only >/dev/null || true
 	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(TEST_PROCESSES) --dist worksteal
 
 compiled: .venv-compiled/ready
