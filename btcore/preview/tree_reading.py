@@ -5,7 +5,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from btcore.diagnostic_codes import AMBIGUOUS_MAIN_TREE
+from btcore.diagnostic_codes import (
+    AMBIGUOUS_MAIN_TREE,
+    CONFLICTING_ENTRY_TYPES,
+    INCONVERTIBLE_TEXT,
+    MISSING_PORT,
+    MISSING_SUBTREE_PORT,
+    NOT_A_BOOLEAN,
+    SCRIPT_SYNTAX,
+    UNKNOWN_PORT,
+)
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.input_files import read_file
 from btcore.preview.node_keys import diagram_keys, diagram_nodes
@@ -23,6 +32,21 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
 MAX_CARDS: Final = 5_000
 """Maximum number of nodes in a drawing. In a larger tree the deepest levels are folded."""
+
+
+_DRAWABLE: Final = frozenset(
+    {
+        AMBIGUOUS_MAIN_TREE,
+        CONFLICTING_ENTRY_TYPES,
+        INCONVERTIBLE_TEXT,
+        MISSING_PORT,
+        MISSING_SUBTREE_PORT,
+        NOT_A_BOOLEAN,
+        SCRIPT_SYNTAX,
+        UNKNOWN_PORT,
+    }
+)
+"""Errors in attributes of nodes: the nodes and their order are known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +90,8 @@ class TreeFile:
         drawn = nodes.copy()
         add_undeclared_nodes(drawn, resolve_includes(document, DiagnosticCollector()))
         analysis = analyse_document(document, drawn, self.tree, self.format)
-        errors = [error for error in analysis.diagnostics.errors if error.code != AMBIGUOUS_MAIN_TREE]
-        is_drawable = not errors and bool(analysis.planner.definitions.by_id)
+        is_known = _DRAWABLE.issuperset(error.code for error in analysis.diagnostics.errors)
+        is_drawable = is_known and bool(analysis.planner.definitions.by_id)
         return TreeReading(found, analysis if is_drawable else None, document.text)
 
     def _content(self) -> str:

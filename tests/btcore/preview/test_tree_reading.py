@@ -51,6 +51,23 @@ def test_unknown_node_is_drawn_and_reported(tree_file: TreeFile) -> None:
     assert (rover["kind"], rover["ports"]) == ("action", [["speed", "{tempo}"]])
 
 
+@pytest.mark.parametrize(
+    ("code", "attributes"),
+    [
+        ("E201", 'msecs="5"'),
+        ("E202", 'msec="five"'),
+        ("E206", 'msec="5" _skipIf="1 +"'),
+    ],
+)
+def test_errors_in_attributes_do_not_prevent_the_drawing(
+    tree_file: TreeFile, code: str, attributes: str
+) -> None:
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="A"><Sleep {attributes}/></BehaviorTree></root>'
+    assert code in [item["code"] for item in tree_file.read(text).summary()["diagnostics"]]
+    [node] = drawing(tree_file, text)["nodes"]
+    assert node["id"] == "Sleep"
+
+
 def test_keys_of_nodes_survive_edits_elsewhere(tree_file: TreeFile) -> None:
     before = {node["key"]: node["name"] for node in drawing(tree_file)["nodes"]}
     assert len(before) == 9
