@@ -5,16 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from btcore.diagnostic_codes import (
-    AMBIGUOUS_MAIN_TREE,
-    CONFLICTING_ENTRY_TYPES,
-    INCONVERTIBLE_TEXT,
-    MISSING_PORT,
-    MISSING_SUBTREE_PORT,
-    NOT_A_BOOLEAN,
-    SCRIPT_SYNTAX,
-    UNKNOWN_PORT,
-)
+from btcore import diagnostic_codes
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.input_files import read_file
 from btcore.preview.node_keys import diagram_keys, diagram_nodes
@@ -33,17 +24,16 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 MAX_CARDS: Final = 5_000
 """Maximum number of nodes in a drawing. In a larger tree the deepest levels are folded."""
 
-
 _DRAWABLE: Final = frozenset(
     {
-        AMBIGUOUS_MAIN_TREE,
-        CONFLICTING_ENTRY_TYPES,
-        INCONVERTIBLE_TEXT,
-        MISSING_PORT,
-        MISSING_SUBTREE_PORT,
-        NOT_A_BOOLEAN,
-        SCRIPT_SYNTAX,
-        UNKNOWN_PORT,
+        diagnostic_codes.AMBIGUOUS_MAIN_TREE,
+        diagnostic_codes.CONFLICTING_ENTRY_TYPES,
+        diagnostic_codes.INCONVERTIBLE_TEXT,
+        diagnostic_codes.MISSING_PORT,
+        diagnostic_codes.MISSING_SUBTREE_PORT,
+        diagnostic_codes.NOT_A_BOOLEAN,
+        diagnostic_codes.SCRIPT_SYNTAX,
+        diagnostic_codes.UNKNOWN_PORT,
     }
 )
 """Errors in attributes of nodes: the nodes and their order are known."""
