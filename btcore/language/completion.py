@@ -366,7 +366,7 @@ class _Completion:
         for tree in self.symbols.trees_called(id, self.file.file):
             links = links_of(self.project)
             for key in keys_of(links, tree):
-                if key not in ports and key[:1] not in ("@", "_") and is_port_name(key):
+                if key not in ports and _can_be_connected(key):
                     snippet = self._outer_key_snippet(element.tag, key)
                     yield _Item(key, Kind.Field, 1, self._type_of_key(links, tree, key), snippet=snippet)
         sharing = "__autoremap" if element.tag == "SubTreePlus" else "__shared_blackboard"
@@ -402,7 +402,7 @@ class _Completion:
             known = written | {use.key for use in links if use is not None}
             uses = [use for use in tree.uses if use.reads and use.form is not KeyForm.DEFAULT]
             read |= dict.fromkeys(use.key for use in uses if use.key not in known)
-        return [key for key in read if key[:1] not in ("@", "_") and is_port_name(key)]
+        return [key for key in read if _can_be_connected(key)]
 
     def _type_of_key(self, links: KeyLinks, tree: TreeSymbol, key: str) -> str:
         kind = entry_facts(links, [TreeKey(tree, key)]).type
@@ -475,10 +475,9 @@ class _Completion:
     def _tree_ids(self) -> Iterator[tuple[str, bool]]:
         """Yield the IDs of all trees but the current tree, and whether this file can call the tree."""
         current = self._tree()
-        visible = self.symbols.visible_files(self.file.file)
-        for id, trees in self.symbols.trees.items():
-            if id and (current is None or id != current.id):
-                yield id, any(tree.file in visible for tree in trees)
+        for id, is_visible in self.symbols.tree_ids(self.file.file).items():
+            if current is None or id != current.id:
+                yield id, is_visible
 
     def _tree(self) -> TreeSymbol | None:
         """Return the tree that contains the cursor."""
@@ -539,8 +538,8 @@ class _Completion:
         for number, (key, uses) in enumerate(own.items()):
             # A key that is only being typed at the cursor is no candidate.
             if any(not use.start <= self.offset <= use.end or use.file != self.file.file for use in uses):
-                is_typed = number < MAX_ITEMS  # the search for types takes time
-                type = entry_facts(links, [TreeKey(tree, key)]).type if is_typed else None
+                is_searched = number < MAX_ITEMS  # the search for types takes time
+                type = entry_facts(links, [TreeKey(tree, key)]).type if is_searched else None
                 yield self._key_item(key, type, kind, name)
                 is_known = is_known or key == name
         for key in sorted({key.key for key in links.uses if key.key.startswith("@")} - own.keys()):
@@ -552,9 +551,12 @@ class _Completion:
         self, key: str, entry_type: ValueType | None, kind: ValueType | None, name: str = ""
     ) -> _Item:
         """Return the item of a key, whose rank depends on the wanted type *kind* and the port's *name*."""
-        is_typed = entry_type is not None and kind is not None and kind.strong
-        is_same = entry_type is not None and kind is not None and entry_type.name == kind.name
-        rank = 5 if is_typed and not is_same else 2 if is_same or key == name else 3
+        rank = 2 if key == name else 3
+        if entry_type is not None and kind is not None:
+            if entry_type.name == kind.name:
+                rank = 2
+            elif kind.strong:
+                rank = 5
         detail = type_name(entry_type) if entry_type is not None else ""
         return _Item(_escape(key), Kind.Variable, rank, detail)
 
@@ -589,6 +591,11 @@ class _Completion:
         for name, number in self.registry.types.enums.items():
             yield _Item(name, Kind.EnumMember, 6, f"= {number}")
         yield from (_Item(word, Kind.Keyword, 7) for word in ("true", "false"))
+
+
+def _can_be_connected(key: str) -> bool:
+    """Return whether an attribute of a SubTree element can connect *key* of the called tree."""
+    return key[:1] not in ("@", "_") and is_port_name(key)
 
 
 def _literals(kind: ValueType) -> Iterator[_Item]:

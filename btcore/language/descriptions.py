@@ -73,9 +73,8 @@ def type_name(kind: ValueType) -> str:
 
 def is_mandatory(manifest: Manifest, port: Port) -> bool:
     """Return whether a node of *manifest* cannot be loaded, or raises, without *port*."""
-    if is_stub(manifest.cls):
-        return port.default is None and not port.optional  # as node_models describes it
-    if port.role in LOAD_TIME_ROLES:
+    # In a stub, node_models has marked the ports that the node works without as optional.
+    if port.role in LOAD_TIME_ROLES or is_stub(manifest.cls):
         return port.default is None and not port.optional
     return is_required(manifest, port)
 

@@ -179,6 +179,11 @@ class ProjectSymbols:
         """Return the files whose trees *file* can call in one of the entry files that include it."""
         return {file, *(uri for group in self._groups_of.get(file, ()) for uri in group)}
 
+    def tree_ids(self, file: str) -> dict[str, bool]:
+        """Return the IDs of all trees, and whether *file* can call a tree with this ID."""
+        visible = self.visible_files(file)
+        return {id: any(tree.file in visible for tree in trees) for id, trees in self.trees.items() if id}
+
     def trees_called(self, id: str, file: str) -> list[TreeSymbol]:
         """Return the trees that *id* means in *file*.
 

@@ -291,9 +291,8 @@ def _fixes_of_missing_id(problem: _Problem) -> Iterator[Fix]:
     element = problem.element
     if element is None:
         return
-    symbols = symbols_of(problem.project)
-    visible = symbols.visible_files(problem.document.uri)
-    known = [id for id, trees in symbols.trees.items() if id and any(tree.file in visible for tree in trees)]
+    ids = symbols_of(problem.project).tree_ids(problem.document.uri)
+    known = [id for id, is_visible in ids.items() if is_visible]
     if element.tag == "BehaviorTree":
         number = next(number for number in range(1, len(known) + 2) if f"Tree{number}" not in known)
         names = [f"Tree{number}"]

@@ -133,23 +133,25 @@ class RobotConnection:
             if [node.uid for node in state.nodes] != [node.uid for node in event.tree.nodes]:
                 self._begin(event.tree)
             self._statuses = dict(event.statuses)
-            for uid, status in [*event.results.items(), *event.statuses.items()]:
-                self._take_result(uid, status)
+            self._take_results(event.results)
+            self._take_results(event.statuses)
             self._has_new_status = True
         elif isinstance(event, events.StatusChanged):
             self._statuses[event.uid] = event.status
-            self._take_result(event.uid, event.status)
+            self._take_results({event.uid: event.status})
             self._has_new_status = True
         elif isinstance(event, events.BlackboardSeen):
             self._state = state._replace(entries=_entries(event.boards))
         elif isinstance(event, events.HooksFound) and not state.breakpoints:
             self._state = state._replace(problem=event.warning)
 
-    def _take_result(self, uid: int, status: int) -> None:
+    def _take_results(self, statuses: Mapping[int, int]) -> None:
+        """Keep the statuses that are results, of nodes by their uid."""
         from btcore_monitor import events
 
-        if status not in (events.IDLE, events.RUNNING):
-            self._results[uid] = status
+        for uid, status in statuses.items():
+            if status not in (events.IDLE, events.RUNNING):
+                self._results[uid] = status
 
     def _begin(self, tree: "ObservedTree") -> None:
         nodes = (
