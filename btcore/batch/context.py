@@ -28,6 +28,7 @@ class BatchContext:
 
     Attributes:
         columns: The columns of the blackboard.
+        tick_start: The time (ns) at which the present tick began, by which its timers are judged.
         resources: The objects that leaves can get by type.
         raised: The agents for which a node has raised in this tick. They take no further part in it, and are
             halted at its end.
@@ -40,6 +41,7 @@ class BatchContext:
     def __init__(self, columns: ColumnTable, clock: Clock, resources: Sequence[object]) -> None:
         self.agent_sets = columns.agent_sets
         self.clock = clock
+        self.tick_start = clock.now()
         self.columns = columns
         self.resources = resources
         self.raised = 0

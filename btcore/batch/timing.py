@@ -32,7 +32,7 @@ class Timeout(TimedDecorator):
 
     def tick(self, agents: int) -> Results:
         """Tick the child, unless the time has passed."""
-        clock, timer = self.context.clock, self._timer
+        context, timer = self.context, self._timer
         late = active = 0
         for allowed, group in self.msec.groups(agents):
             starting = group ^ (group & self._started)
@@ -40,10 +40,10 @@ class Timeout(TimedDecorator):
                 self.set_running(starting)
                 self._started |= starting
                 if allowed > 0:
-                    timer.start(starting, clock.now(), allowed)
+                    timer.start(starting, context.clock.now(), allowed)
             active |= group
             going = group ^ starting
-            due = timer.due(going, clock.now()) if going else 0
+            due = timer.due(going, context.tick_start) if going else 0
             if due:
                 # BehaviorTree.CPP's timer fires once, and has no effect if the child is not RUNNING then.
                 timer.forget(due)
@@ -76,16 +76,16 @@ class Delay(TimedDecorator):
 
     def tick(self, agents: int) -> Results:
         """Wait, then tick the child."""
-        clock, timer = self.context.clock, self._timer
+        context, timer = self.context, self._timer
         waiting = active = 0
         for delay, group in self.delay_msec.groups(agents):
             # An agent that waits for no deadline has not started.
             starting = group ^ (group & timer.waiting)
             going = group ^ starting
-            due = timer.due(going, clock.now()) if going else 0
+            due = timer.due(going, context.tick_start) if going else 0
             if starting:
                 self.set_running(starting)
-                timer.start(starting, clock.now(), delay)
+                timer.start(starting, context.clock.now(), delay)
             waiting |= group ^ due
             active |= due
         if not active:
@@ -109,13 +109,13 @@ class Sleep(BatchNode):
 
     def tick(self, agents: int) -> Results:
         """Start the timer, or check it."""
-        clock, timer = self.context.clock, self._timer
+        context, timer = self.context, self._timer
         going = self.running & agents
         # Agents that have completed and were not reset keep their result.
         success, failure = self.success & agents, self.failure & agents
         running = 0
         if going:
-            due = timer.due(going, clock.now())
+            due = timer.due(going, context.tick_start)
             success |= due
             running = going ^ due
         starting = agents ^ self.not_idle(agents)
@@ -124,7 +124,7 @@ class Sleep(BatchNode):
                 if duration <= 0:
                     success |= group
                 else:
-                    timer.start(group, clock.now(), duration)
+                    timer.start(group, context.clock.now(), duration)
                     running |= group
         return success, failure, running, 0
 

@@ -239,6 +239,7 @@ class BatchTree:
         self.ticks += 1
         self.columns.refresh()
         context = self.context
+        context.tick_start = context.clock.now()
         context.raised = 0
         context.errors = {}
         success, failure, running, skipped = self.root.execute(agents)

@@ -51,6 +51,9 @@ class TreeContext:
         watches_ticks: Whether nodes that repeat others call `must_end_tick` after each repetition.
         has_timed_out: Whether the limit of `limit_tick` ended the tick.
         stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
+        uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
+        tick_start: The time (ns) at which the present tick began, by which its timers are judged; -1 = not
+            known.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -66,6 +69,8 @@ class TreeContext:
         self.watches_ticks = False
         self.has_timed_out = False
         self.stopped_ns = 0
+        self.uses_time = False  # most trees without timers never read the clock, which takes time
+        self.tick_start = -1
         self._tick_end = 0  # ns of real time, 0 = no limit
 
     @property

@@ -95,7 +95,7 @@ class CoroutineAction(StatefulAction):
 
     def on_running(self) -> object:
         """Resume the body, unless it still sleeps or awaits a future that is not done."""
-        if self._until and self.now() < self._until:
+        if self._until and not self.has_passed(self._until):
             return RUNNING
         if self._future is not None and not self._future.done():
             return RUNNING

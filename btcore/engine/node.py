@@ -360,8 +360,19 @@ class TreeNode:
         self.config.output(name).write(value)
 
     def now(self) -> int:
-        """Return the time (ns) of the tree's clock."""
-        return self._context.clock.now()
+        """Return the time (ns) of the tree's clock. To check a deadline, use `has_passed`."""
+        context = self._context
+        context.uses_time = True
+        return context.clock.now()
+
+    def has_passed(self, moment: int) -> bool:
+        """Return whether *moment* (ns, tree's clock) had passed when the present tick began.
+
+        All nodes of a tick judge their deadlines by the same time, however long the tick takes. Set a
+        deadline by `now`, so that no duration is shorter than requested.
+        """
+        start = self._context.tick_start
+        return (start if start >= 0 else self.now()) >= moment
 
     def wake_up(self) -> None:
         """Request another tick of the tree as soon as possible. Thread-safe."""

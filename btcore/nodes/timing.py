@@ -53,7 +53,7 @@ class Timeout(DecoratorNode):
             self._deadline = self.now() + allowed * NS_PER_MS if allowed > 0 else 0
             if allowed > 0:
                 self.wake_at(self._deadline)
-        elif self._deadline > 0 and self.now() >= self._deadline:
+        elif self._deadline > 0 and self.has_passed(self._deadline):
             if self.child._status is RUNNING:
                 self._stop()
                 self.halt_child()
@@ -115,7 +115,7 @@ class Delay(DecoratorNode):
             self.wake_at(self._deadline)
             # Even for 0 ms: BehaviorTree.CPP's timer fires in its own thread, usually after this tick.
             return RUNNING
-        if self.now() < self._deadline:
+        if not self.has_passed(self._deadline):
             return RUNNING
         status = execute_tick(self.child)
         # In format 4, a skipped child does not end the delay: the next tick continues without a new delay.
@@ -172,7 +172,7 @@ class Sleep(StatefulAction):
 
     def on_running(self) -> Status:
         """Return SUCCESS when the time has passed."""
-        return SUCCESS if self.now() >= self._deadline else RUNNING
+        return SUCCESS if self.has_passed(self._deadline) else RUNNING
 
     def on_halted(self) -> None:
         """Cancel the wake-up."""

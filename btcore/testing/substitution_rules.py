@@ -112,7 +112,7 @@ class TestNode(StatefulAction):
 
     def on_running(self) -> Status:
         """Complete when the delay has elapsed."""
-        return RUNNING if self.now() < self.until else self._complete()
+        return self._complete() if self.has_passed(self.until) else RUNNING
 
     def on_halted(self) -> None:
         """Cancel the delay."""

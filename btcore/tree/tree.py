@@ -263,17 +263,19 @@ class Tree:
                 "can tick it during a tick; to request another tick, call wake()"
             )
         self.ticks += 1
-        observers = self.context.observers
+        context = self.context
+        observers = context.observers
         root = self.root
         try:
             self._in_tick = True
+            if context.uses_time:
+                context.tick_start = context.clock.now()
             if observers is None:
                 status = execute_tick(root)
                 if status is SUCCESS or status is FAILURE:
                     reset_status(root)
             else:
                 observers.begin(self.ticks)
-                context = self.context
                 context.stopped_ns = 0
                 start = time.perf_counter_ns()
                 status = execute_tick(root)
@@ -285,6 +287,7 @@ class Tree:
             raise
         finally:
             self._in_tick = False
+            context.tick_start = -1
         return status
 
     def _halt_after(self, error: NodeExecutionError) -> None:

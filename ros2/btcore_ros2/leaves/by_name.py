@@ -352,7 +352,7 @@ class RosTopicRead(_ByName, StatefulAction):
                 self.write("message", newest.message, "field")
                 self.write_error("")
                 return Status.SUCCESS
-        if self.now() < self._deadline:
+        if self.timeout > 0 and not self.has_passed(self._deadline):
             newest.waiting.add(self)
             self.wake_at(self._deadline)
             return Status.RUNNING

@@ -92,7 +92,7 @@ class ServerLeaf(StatefulAction):
         settling = self._endpoint.settling_time(is_visible=is_ready)
         if not is_ready:
             limit = self._endpoint.created + self.wait_for_server_timeout * NS_PER_MS
-            if now < limit:
+            if self.wait_for_server_timeout > 0 and not self.has_passed(limit):
                 self.wake_at(limit)
                 return Status.RUNNING
             return self._fail(*self._unreachable(self._endpoint.name))
@@ -107,7 +107,7 @@ class ServerLeaf(StatefulAction):
 
     def _is_late(self) -> bool:
         """Return whether the server's time to answer is over."""
-        return self.now() - self._sent > self.server_timeout * NS_PER_MS
+        return self.has_passed(self._sent + self.server_timeout * NS_PER_MS + 1)
 
     def _fail(self, code: enum.Enum, message: str) -> Status:
         """Log *message* unless it was logged last, and return the result of `on_failure`."""

@@ -1,10 +1,10 @@
-"""Sleep, Delay and Timeout: they follow the tree's clock, which they read when the tree is ticked."""
+"""Sleep, Delay and Timeout: they follow the tree's clock, which the tree reads when a tick begins."""
 
 from collections.abc import Callable
 
 import pytest
 
-from btcore import NodeExecutionError, SimClock, Status, Tree, TreeError
+from btcore import NodeExecutionError, SimClock, Status, Tree, TreeError, action, sleep
 from btcore.testing.plan_leaves import CallLog
 
 Grow = Callable[..., Tree]
@@ -224,3 +224,35 @@ def test_both_formats_have_delay_and_timeout(format: int, make_tree: Grow, clock
     body = '<Timeout msec="100"><Delay delay_msec="30"><PlanAction plan="RRRR"/></Delay></Timeout>'
     tree = make_tree(body, format=format)
     assert after(tree, clock, 0, 30, 69, 1) == [R, R, R, F]
+
+
+# --- leaves that take time
+
+
+@pytest.mark.parametrize(
+    ("timer", "result"),
+    [
+        ('<Sleep msec="1000"/>', S),
+        ("<Wait/>", S),
+        ('<Delay delay_msec="1000"><AlwaysSuccess/></Delay>', S),
+        ('<Timeout msec="1000"><PlanAction plan="R"/></Timeout>', F),
+    ],
+)
+def test_a_timer_counts_from_its_start_and_is_judged_by_the_time_at_the_start_of_a_tick(
+    make_tree: Grow, clock: SimClock, timer: str, result: Status
+) -> None:
+    @action
+    def slow() -> bool:
+        clock.advance(0.3)
+        return True
+
+    @action
+    async def wait() -> bool:
+        await sleep(1.0)
+        return True
+
+    tree = make_tree(f"<ReactiveSequence><Slow/>{timer}</ReactiveSequence>", slow, wait)
+    assert tree.tick_exactly_once() is R  # the timer starts at 0.3 s
+    assert clock.now() == 300 * MS
+    assert after(tree, clock, 999.999999) == [R]  # it begins at 1.299999999 s, and the leaf takes 0.3 s
+    assert after(tree, clock, 0) == [result]

@@ -134,7 +134,7 @@ class BtActionNode(StatefulAction):
     def acceptance_timed_out(self) -> bool:
         """Return whether the server's time to accept the goal is over."""
         discovery_ns = self.handle.discovery_ns if self.handle is not None else 0
-        return self.now() - self.sent > server_timeout_ns(self) + discovery_ns
+        return self.has_passed(self.sent + server_timeout_ns(self) + discovery_ns + 1)
 
 
 class BtServiceNode(StatefulAction):
@@ -186,7 +186,7 @@ class BtServiceNode(StatefulAction):
         if handle is None:
             return Status.FAILURE
         if not handle.done:
-            if self.now() - self.sent <= server_timeout_ns(self) + handle.discovery_ns:
+            if not self.has_passed(self.sent + server_timeout_ns(self) + handle.discovery_ns + 1):
                 return Status.RUNNING
             handle.cancel()
             return self.fail(handle.missing_acceptance)

@@ -191,21 +191,19 @@ class TimeExpired(Condition):
 
     seconds: Annotated[In[float], "Time (s)."] = 1.0
 
-    state_fields = ("since",)
+    state_fields = ("due",)
+    time_fields = ("due",)
 
     def __init__(self) -> None:
-        self.since = 0
+        self.due = 0
 
     def tick(self) -> bool:
         """Compare the elapsed time."""
-        now = self.now()
-        if is_first_tick(self):
-            self.since = now
+        first = is_first_tick(self)
+        if not (first or self.has_passed(self.due)):
             return False
-        if now - self.since < self.seconds * NS_PER_S:
-            return False
-        self.since = now
-        return True
+        self.due = self.now() + math.ceil(self.seconds * NS_PER_S)
+        return not first
 
 
 class PathExpiringTimer(Condition):
@@ -215,22 +213,22 @@ class PathExpiringTimer(Condition):
 
     provided_ports = path_port("Path whose age counts.")
 
-    state_fields = ("known", "since")
+    state_fields = ("due", "known")
+    time_fields = ("due",)
 
     def __init__(self) -> None:
-        self.since: int | None = None
+        self.due = -1
         self.known: NavPath | None = None
 
     def tick(self) -> bool:
         """Compare the path and the elapsed time."""
-        now, path = self.now(), path_input(self, "path")
-        if self.since is None or path != self.known:
-            self.since, self.known = now, path
+        path = path_input(self, "path")
+        is_new = self.due < 0 or path != self.known
+        if not (is_new or self.has_passed(self.due)):
             return False
-        if now - self.since < self.seconds * NS_PER_S:
-            return False
-        self.since = now
-        return True
+        self.known = path
+        self.due = self.now() + math.ceil(self.seconds * NS_PER_S)
+        return not is_new
 
 
 class TransformAvailable(Condition):

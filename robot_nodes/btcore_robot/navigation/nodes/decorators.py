@@ -49,7 +49,7 @@ class RateController(DecoratorNode):
         if first:
             self.due = self.period_end()
         self.set_status(RUNNING)
-        if not (first or self.child.status is RUNNING or self.now() >= self.due):
+        if not (first or self.child.status is RUNNING or self.has_passed(self.due)):
             return RUNNING
         status = self.child.execute_tick()
         if status is SUCCESS:
@@ -108,12 +108,12 @@ class SpeedController(DecoratorNode):
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
 
-    state_fields = ("goal_changed", "period", "previous_goals", "since", "speeds")
+    state_fields = ("due", "goal_changed", "previous_goals", "speeds")
+    time_fields = ("due",)
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
-        self.since = 0
-        self.period = 0.0
+        self.due = 0
         self.previous_goals: Goals = (None, ())
         self.goal_changed = True
         self.speeds: deque[tuple[int, float]] = deque()
@@ -124,21 +124,25 @@ class SpeedController(DecoratorNode):
         Raises:
             NodeError: A rate is not above 0.
         """
-        now, goals = self.now(), goal_inputs(self)
+        goals = goal_inputs(self)
         speed = self.speed()
         if is_first_tick(self) or goals != self.previous_goals:
             if min(self.min_rate, self.max_rate) <= 0.0:
                 raise NodeError("<SpeedController> needs rates above 0 in min_rate and max_rate")
-            self.previous_goals, self.since, self.goal_changed = goals, now, True
-            self.period = 1.0 / self.max_rate
+            self.previous_goals, self.goal_changed = goals, True
+            self.due = self.period_end(self.max_rate)
         self.set_status(RUNNING)
-        due = now - self.since >= self.period * NS_PER_S
-        if not (self.goal_changed or due or self.child.status is RUNNING):
+        is_due = self.has_passed(self.due)
+        if not (self.goal_changed or is_due or self.child.status is RUNNING):
             return RUNNING
         self.goal_changed = False
-        if due:
-            self.since, self.period = now, 1.0 / self.rate(speed)
+        if is_due:
+            self.due = self.period_end(self.rate(speed))
         return self.child.execute_tick()
+
+    def period_end(self, rate: float) -> int:
+        """Return the end (ns) of a period that begins now, at *rate* (Hz)."""
+        return self.now() + math.ceil(NS_PER_S / rate)
 
     def speed(self) -> float:
         """Return the mean speed (m/s) that odometry reported over the last *filter_duration*."""

@@ -164,8 +164,8 @@ class CheckStopStatus(StatefulAction):
         twist = odometry.twist
         if max(abs(twist.v), abs(twist.w)) > self.velocity_threshold:
             return Status.FAILURE
-        stood = self.now() - self.since
-        return Status.SUCCESS if stood >= self.duration_stopped * NS_PER_MS else Status.RUNNING
+        end = self.since + self.duration_stopped * NS_PER_MS
+        return Status.SUCCESS if self.has_passed(end) else Status.RUNNING
 
 
 class _Selector(SyncAction):
