@@ -62,6 +62,12 @@ _INTERVAL_S: Final = 0.2
     help="Read models of leaves, domains of entries and questions from FILE instead of TREE.proof.toml.",
 )
 @click.option(
+    "--instant-leaves",
+    is_flag=True,
+    help="Assume that leaves take no time. By default, any time may pass within a tick, so that timers of a "
+    "tick may start at different times.",
+)
+@click.option(
     "--ticks", type=click.IntRange(1), metavar="N", help="Search runs of at most N ticks. Default: no limit."
 )
 @click.option(
@@ -104,6 +110,7 @@ def prove(
     asked: Sequence[str],
     given: Sequence[str],
     file: Path | None,
+    instant_leaves: bool,
     ticks: int | None,
     memory: int,
     jobs: int | None,
@@ -134,7 +141,8 @@ def prove(
     examined, nodes = TreeSource(path, tree, libraries, format, confined).read(
         lambda nodes: with_model_leaves(nodes, declared.leaves)
     )
-    prover = prover_of(examined, nodes, [*(f"never {text}" for text in never), *asked], declared, given)
+    questions = [*(f"never {text}" for text in never), *asked]
+    prover = prover_of(examined, nodes, questions, declared, given, instant_leaves)
     with _Progress() as progress:
         report = prover.answer(ticks, memory << 20, progress, jobs or _default_jobs())
     if save is not None:
@@ -277,6 +285,7 @@ def _tick_as_data(tick: RunTick) -> dict[str, object]:
     ]
     return {
         "time": tick.time,
+        "until": tick.times[-1],
         "leaves": leaves,
         "halted": tick.halted,
         "running": tick.running,

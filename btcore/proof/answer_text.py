@@ -85,5 +85,7 @@ def _lines_of_tick(number: int, tick: RunTick, names: Mapping[str, str]) -> list
         line.append((f"{', ' if tick.leaves else ''}{halted} halted", ""))
     if tick.result is not None:
         line.append((f"  → {tick.result.name}", ""))
+    if len(tick.times) > 1:
+        line.append((f"  (the tick takes {tick.times[-1] - tick.time:.3g} s)", "dim"))
     error = escape_controls(tick.error).splitlines()
     return [line, *([("           ", ""), (text, "red")] for text in error)]

@@ -9,8 +9,7 @@ from btcore.errors import NodeExecutionError
 from btcore.proof.exploration import Explorer
 from btcore.proof.model_leaves import Choices, UnknownValue
 from btcore.proof.state_graph import Moment
-from btcore.proof.tick_times import Deadline, tick_times
-from btcore.proof.tree_state import NOW, PENDING
+from btcore.proof.tick_times import NOW, PENDING, READING, Deadline, TickClock, tick_times
 from btcore.status import Status
 from btcore.tree.drawing import Fragment
 from btcore.tree.tree import Tree
@@ -39,7 +38,8 @@ class RunTick(NamedTuple):
     """One tick of a run.
 
     Attributes:
-        time: The time of the tick (s) since the first tick.
+        times: The time of the tick (s) since the first tick. If time passes within the tick: the time of each
+            reading of the clock, of which the first begins the tick.
         leaves: The ticks of the leaves that follow models, in order.
         halted: The paths of the leaves that were halted while RUNNING.
         running: The paths of all nodes that are RUNNING after the tick.
@@ -47,12 +47,17 @@ class RunTick(NamedTuple):
         error: The message of the exception, or "".
     """
 
-    time: float
+    times: Sequence[float]
     leaves: list[LeafTick]
     halted: list[str]
     running: list[str]
     result: Status | None
     error: str
+
+    @property
+    def time(self) -> float:
+        """The time (s) at which the tick begins, since the first tick."""
+        return self.times[0]
 
 
 class Counterexample(NamedTuple):
@@ -74,18 +79,19 @@ class Counterexample(NamedTuple):
     drawing: Sequence[Sequence[Fragment]] = ()
 
 
-def times_of(explorer: Explorer, moments: Sequence[Moment]) -> list[int] | None:
-    """Return times (ns) of ticks at which the timers expire as in these ticks, or None."""
+def times_of(explorer: Explorer, moments: Sequence[Moment]) -> list[list[int]] | None:
+    """Return times (ns) at which the timers expire as in these ticks, as `tick_times` does, or None."""
     keeper, table = explorer.keeper, explorer.table
     open_timers: list[int] = []
-    deadlines: list[list[int | None]] = []  # set in, duration, expired in, last pending
+    deadlines: list[Deadline] = []
     for number, moment in enumerate(moments):
         advance = keeper.advances(table.state(moment.state))[moment.advance]
         for index in advance.expired:
-            deadlines[open_timers[index]][2] = number
+            timer = open_timers[index]
+            deadlines[timer] = deadlines[timer]._replace(expired_in=number)
         kept = [timer for index, timer in enumerate(open_timers) if index not in advance.expired]
         for timer in kept:
-            deadlines[timer][3] = number
+            deadlines[timer] = deadlines[timer]._replace(last_pending=number)
         explorer.run_moment(moment)
         open_timers = []
         for value in keeper.deadlines():
@@ -93,15 +99,14 @@ def times_of(explorer: Explorer, moments: Sequence[Moment]) -> list[int] | None:
                 open_timers.append(kept[value - PENDING])
             else:
                 open_timers.append(len(deadlines))
-                deadlines.append([number, value - NOW, None, number])
-    found = [Deadline(first or 0, length or 0, end, last or 0) for first, length, end, last in deadlines]
-    return tick_times(len(moments), found)
+                deadlines.append(Deadline(number, *divmod(value - NOW, READING), None, number))
+    return tick_times(len(moments), deadlines)
 
 
 def replay(
     make: TreeMaker,
     choices_of_ticks: Sequence[Sequence[int]],
-    times: Sequence[int],
+    times: Sequence[Sequence[int]],
     domains: Mapping[str, tuple[str, ...]],
     attach: Callable[[Tree], object] | None = None,
 ) -> list[RunTick]:
@@ -110,7 +115,7 @@ def replay(
     Args:
         make: Loads the tree.
         choices_of_ticks: The choices of each tick.
-        times: The times of the ticks (ns).
+        times: The times of the ticks (ns), from `times_of`.
         domains: The declared values of entries.
         attach: Called with the tree before its first tick, for example to record a log.
     """
@@ -119,10 +124,11 @@ def replay(
     tree = make(choices, clock)
     if attach is not None:
         attach(tree)
+    tick_clock = TickClock(tree, clock)
     names = names_of(tree)
     ticks: list[RunTick] = []
-    for given, time in zip(choices_of_ticks, times, strict=True):
-        clock.advance((time - clock.now()) / NS_PER_S)
+    for given, readings in zip(choices_of_ticks, times, strict=True):
+        tick_clock.begin(readings)
         choices.begin(given)
         error = ""
         result: Status | None = None
@@ -142,7 +148,9 @@ def replay(
         ]
         halted = [leaf.path for leaf in choices.halted]
         running = [node.path for node in tree.nodes if node.status is Status.RUNNING]
-        ticks.append(RunTick(time / NS_PER_S, leaves, halted, running, result, error))
+        shown = readings if readings[0] != readings[-1] else readings[:1]
+        seconds = [time / NS_PER_S for time in shown]
+        ticks.append(RunTick(seconds, leaves, halted, running, result, error))
     tree.flush_observers()
     return ticks
 

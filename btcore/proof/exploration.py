@@ -5,7 +5,7 @@ Within a tick, the search stops at each decision of a leaf: moments with the sam
 
 import re
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Final
 
 from btcore.clock import SimClock
@@ -31,8 +31,9 @@ from btcore.proof.state_graph import (
 )
 from btcore.proof.tick_progress import TickProgress
 from btcore.proof.tick_runner import Check, Tick, TickRunner
+from btcore.proof.tick_times import NOW
 from btcore.proof.timer_order import Advance
-from btcore.proof.tree_state import NOW, StateKeeper, TreeState
+from btcore.proof.tree_state import StateKeeper, TreeState
 from btcore.status import RUNNING, SKIPPED
 from btcore.tree.tree import Tree
 
@@ -58,6 +59,7 @@ class Explorer:
         state_checks: The checks that depend only on the tree after a tick, by name.
         propositions: Functions that return whether a proposition holds in a tick.
         watched: The nodes whose results and halts the checks or propositions need.
+        instant: Whether ticks take no time.
 
     Attributes:
         graph: The result of the search so far.
@@ -74,11 +76,12 @@ class Explorer:
         state_checks: dict[str, Check],
         propositions: Sequence[Callable[[Tick], bool]] = (),
         watched: Sequence[TreeNode] = (),
+        instant: bool = False,
     ) -> None:
         self.tree = tree
         self.choices = choices
         self.graph = StateGraph()
-        self.keeper = StateKeeper(tree)
+        self.keeper = StateKeeper(tree, instant)
         self.table = StateTable()
         self._runner = TickRunner(tree, choices, watched)
         self._progress = TickProgress(tree, self.keeper)
@@ -188,7 +191,10 @@ class Explorer:
         keeper, graph, choices = self.keeper, self.graph, self.choices
         made = tuple([chosen for chosen, _ in choices.made])
         moment = self._moment._replace(choices=made)
-        timers = (keeper.kept_timers(), *keeper.deadlines()) if keeper.timer_slots else ()
+        timers: Hashable = ()
+        if keeper.timer_slots:
+            # A node may set a deadline later by a reading of the clock that it has made already.
+            timers = (keeper.clock.readings, keeper.kept_timers(), *keeper.deadlines())
         rest = (
             self._progress.moment(leaf) or moment,
             self._runner.so_far(),
@@ -272,5 +278,5 @@ def _what_is_unknown(error: NodeExecutionError, tree: Tree) -> str | None:
 
 
 def clock_for_search() -> SimClock:
-    """Return a clock that shows the time of every tick of a search."""
+    """Return a clock that shows the time at which every tick of a search begins."""
     return SimClock(NOW)

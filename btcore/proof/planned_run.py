@@ -11,6 +11,7 @@ from btcore.proof.model_leaves import Choices, Outcome, Writer, model_leaf_model
 from btcore.proof.propositions import parse_proposition, parse_question
 from btcore.proof.standard_questions import ENDS, LEAVES, STANDARD_QUESTIONS, state_checks, tick_checks
 from btcore.proof.tick_runner import Tick, TickRunner
+from btcore.proof.tick_times import TickClock
 from btcore.status import RUNNING, Status
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
@@ -20,8 +21,11 @@ CYCLES: Final = 100
 
 PlannedResult = str | tuple[str, Mapping[str, str]]
 """The result of a leaf, such as "SUCCESS"; or the result, and the values that it writes, by port."""
-PlannedTick = tuple[float, Mapping[str, PlannedResult | Sequence[PlannedResult]]]
-"""The time of a tick (s), and the result of each leaf by its name or path; a list if it is ticked again."""
+PlannedTick = tuple[float | Sequence[float], Mapping[str, PlannedResult | Sequence[PlannedResult]]]
+"""The time of a tick (s), and the result of each leaf by its name or path; a list if it is ticked again.
+
+If time passes within the tick, there are several times: one of each reading of the clock.
+"""
 _Planned = tuple[str, Mapping[str, str]]
 
 
@@ -36,7 +40,8 @@ def planned_ticks(run: Counterexample) -> list[PlannedTick]:
         leaves: dict[str, list[PlannedResult]] = {}
         for leaf in tick.leaves:
             leaves.setdefault(leaf.name, []).append(_planned_result(leaf))
-        plan.append((tick.time, {name: many if many[1:] else many[0] for name, many in leaves.items()}))
+        times = tick.times if len(tick.times) > 1 else tick.time
+        plan.append((times, {name: many if many[1:] else many[0] for name, many in leaves.items()}))
     return plan
 
 
@@ -192,9 +197,10 @@ def run_plan(
     runner = TickRunner(tree, choices, fault.watched)
     if attach is not None:
         attach(tree)
+    tick_clock = TickClock(tree, clock)
     try:
-        for time in _times(plan, cycle, cycles):
-            clock.advance((time - clock.now()) / NS_PER_S)
+        for times in _times(plan, cycle, cycles):
+            tick_clock.begin(times)
             tick = runner.run(())
             message = fault.after(tick)
             if message is not None or tick.result is not RUNNING:
@@ -204,15 +210,17 @@ def run_plan(
         tree.flush_observers()
 
 
-def _times(plan: Sequence[PlannedTick], cycle: tuple[int, float] | None, cycles: int) -> list[int]:
+def _times(plan: Sequence[PlannedTick], cycle: tuple[int, float] | None, cycles: int) -> list[list[int]]:
     """Return the times (ns) of all ticks."""
-    times = [round(time * NS_PER_S) for time, _ in plan]
+    planned = [times if isinstance(times, Sequence) else [times] for times, _ in plan]
+    ticks = [[round(time * NS_PER_S) for time in times] for times in planned]
     if cycle is not None:
         start, duration = cycle
-        repeated = times[start:]
+        repeated = ticks[start:]
         for number in range(1, cycles):
-            times += [time + round(number * duration * NS_PER_S) for time in repeated]
-    return times
+            later = round(number * duration * NS_PER_S)
+            ticks += [[time + later for time in times] for times in repeated]
+    return ticks
 
 
 class _Fault:

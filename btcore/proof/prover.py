@@ -95,6 +95,7 @@ class Prover:
         make: Loads the tree with model leaves for these choices and this clock.
         domains: The declared values of entries, as texts, by key.
         given: The keys that the program sets before the first tick.
+        instant_leaves: Whether leaves take no time, so that all deadlines of a tick are set at the same time.
 
     Attributes:
         explorer: The search.
@@ -107,6 +108,7 @@ class Prover:
         questions: Sequence[Question] = (),
         domains: Mapping[str, tuple[str, ...]] | None = None,
         given: Sequence[str] = (),
+        instant_leaves: bool = False,
     ) -> None:
         texts = " ".join([*given, *(question.text for question in questions)])
 
@@ -143,6 +145,11 @@ class Prover:
             state_checks(tree),
             [*(each.holds for each in parsed), *map(_runs, self._endless), self._runs_endless_node],
             list(watched.values()),
+            instant_leaves,
+        )
+        # Without timers, it does not matter how long leaves take.
+        self._assumed = (
+            "if leaves take no time" if instant_leaves and self.explorer.keeper.timer_slots else ""
         )
         self._cyclic_parts: list[Part] = []
         self._beginnings: list[dict[str, object]] = []
@@ -376,7 +383,7 @@ class Prover:
         bounds = self.explorer.graph.bounds
         if bounds:
             return self._answer(question, UNKNOWN_ANSWER, "; ".join(bounds))
-        return self._answer(question, PROVED, detail)
+        return self._answer(question, PROVED, ", ".join(filter(None, [self._assumed, detail])))
 
     def _refuted(
         self,

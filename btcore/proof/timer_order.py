@@ -1,9 +1,9 @@
 """What is known about the times that remain until deadlines: a difference-bound matrix.
 
-The time between two ticks is any time of at least 0. A deadline that was set for 1 s ends before one of 5 s
-that was set in the same tick, but the order of deadlines of different ticks is often open. The bounds of the
-differences between all remaining times describe exactly what may follow (D. Dill, "Timing Assumptions and
-Verification of Finite-State Concurrent Systems", 1989).
+The time between two ticks is any time of at least 0, and so is the time between two moments of a tick. A
+deadline that was set for 1 s ends before one of 5 s that was set later in the same tick, but the order of
+other deadlines is often open. The bounds of the differences between all remaining times describe exactly what
+may follow (D. Dill, "Timing Assumptions and Verification of Finite-State Concurrent Systems", 1989).
 """
 
 from collections.abc import Sequence
@@ -38,10 +38,8 @@ def advances(bounds: Bounds) -> list[Advance]:
     count = len(bounds) - 1
     if not count:
         return [Advance((), bounds)]
-    # Time passes: the remaining times decrease alike, so that only their lower bounds are lost.
-    elapsed = ((_AT_MOST_0, *[UNBOUNDED] * count), *bounds[1:])
     found: list[Advance] = []
-    pending: list[tuple[int, tuple[int, ...], Bounds]] = [(0, (), elapsed)]
+    pending: list[tuple[int, tuple[int, ...], Bounds]] = [(0, (), after_any_time(bounds))]
     while pending:
         index, expired, known = pending.pop()
         if index == count:
@@ -57,8 +55,14 @@ def advances(bounds: Bounds) -> list[Advance]:
     return sorted(found, key=lambda advance: len(advance.expired))
 
 
+def after_any_time(bounds: Bounds) -> Bounds:
+    """Return *bounds* after any time of at least 0; remaining times may be negative then."""
+    # The remaining times decrease alike, so that only their lower bounds are lost.
+    return ((_AT_MOST_0, *[UNBOUNDED] * (len(bounds) - 1)), *bounds[1:])
+
+
 def with_timer(bounds: Bounds, duration: int) -> Bounds:
-    """Return *bounds* with a further timer that was set to *duration* (ns) in this tick."""
+    """Return *bounds* with a further timer that is set to *duration* (ns) at this moment."""
     first = bounds[0]
     above = 2 * duration + 1
     below = -2 * duration + 1

@@ -40,6 +40,7 @@ def prove(
     ticks: int | None = None,
     memory: int = MEMORY_MB,
     jobs: int = 1,
+    instant_leaves: bool = False,
 ) -> Report:
     """Answer the standard questions, and others, about all possible runs of a tree.
 
@@ -58,6 +59,8 @@ def prove(
         ticks: The greatest number of ticks of a run; default no limit.
         memory: The memory (MB) at which the search ends.
         jobs: The number of processes of a long search; without effect on other systems than Linux.
+        instant_leaves: Whether leaves take no time. By default any time may pass within a tick, so that a
+            deadline of a tick may be set any time later than another one of this tick.
 
     Returns:
         The answers. Each is `proved`, `refuted` or `unknown`.
@@ -85,7 +88,8 @@ def prove(
     """
     declared = declarations_of(Path(file), declarations)
     analysis, leaves = _analysed(file, nodes, models, tree, format, declared)
-    return prover_of(analysis, leaves, questions, declared, given).answer(ticks, memory << 20, None, jobs)
+    prover = prover_of(analysis, leaves, questions, declared, given, instant_leaves)
+    return prover.answer(ticks, memory << 20, None, jobs)
 
 
 def assert_proved(
@@ -100,6 +104,7 @@ def assert_proved(
     ticks: int | None = None,
     memory: int = MEMORY_MB,
     jobs: int = 1,
+    instant_leaves: bool = False,
 ) -> None:
     """Assert that the standard questions, and others, are proved for a tree.
 
@@ -115,6 +120,7 @@ def assert_proved(
         ticks: As in `prove`.
         memory: As in `prove`.
         jobs: As in `prove`.
+        instant_leaves: As in `prove`.
 
     Raises:
         AssertionError: A question is refuted or unknown; the message contains the counterexamples.
@@ -144,6 +150,7 @@ def assert_proved(
         ticks=ticks,
         memory=memory,
         jobs=jobs,
+        instant_leaves=instant_leaves,
     )
     open_answers = [answer for answer in report.answers if answer.answer != PROVED]
     if open_answers:
@@ -175,7 +182,8 @@ def assert_holds_in_run(
         question: The question, as in `prove`; or a standard question.
         plan: For each tick its time (s) and the results of the leaves, by name or path: a status such as
             "SUCCESS"; a pair of a status and the values that the leaf writes, by port; or a list of these
-            for a leaf that is ticked several times.
+            for a leaf that is ticked several times. If time passes within the tick, a list of times: one for
+            the start of the tick, and one for each later reading of the clock by a node.
         cycle: The index of the tick from which the plan is repeated, and the duration of the cycle (s).
         set_before: The values of the entries that the program sets before the first tick, as texts; `?` is
             a value that is not known.
@@ -227,6 +235,7 @@ def prover_of(
     questions: Sequence[str],
     declared: Declarations,
     given: Sequence[str] = (),
+    instant_leaves: bool = False,
 ) -> Prover:
     """Return the prover for a tree.
 
@@ -236,6 +245,7 @@ def prover_of(
         questions: The questions, in addition to the declared ones.
         declared: The declarations.
         given: The keys that the program sets before the first tick, in addition to the declared ones.
+        instant_leaves: As in `prove`.
 
     Raises:
         ModelError: A declaration is invalid.
@@ -244,7 +254,7 @@ def prover_of(
     """
     parsed = [parse_question(text) for text in [*questions, *declared.questions.values()]]
     keys = [*dict.fromkeys([*declared.given, *given])]
-    return Prover(_maker(analysis, leaves, {}), parsed, declared.entries, keys)
+    return Prover(_maker(analysis, leaves, {}), parsed, declared.entries, keys, instant_leaves)
 
 
 def fault_in_run(

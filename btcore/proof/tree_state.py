@@ -5,7 +5,7 @@ grow, such as counts of writes, are numbered anew, and times are replaced by wha
 """
 
 from collections import deque
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Sequence
 from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard, Entry
@@ -13,16 +13,21 @@ from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
 from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
 from btcore.nodes.repeat import RepeatedNode
-from btcore.proof.timer_order import NO_TIMERS, Advance, Bounds, advances, with_timer, without_timers
+from btcore.proof.tick_times import NOW, PENDING, READING, TickClock
+from btcore.proof.timer_order import (
+    NO_TIMERS,
+    Advance,
+    Bounds,
+    advances,
+    after_any_time,
+    with_timer,
+    without_timers,
+)
 from btcore.status import Status
 from btcore.tree.saved_state import blackboards_of, check_state_declaration, state_fields_of
 from btcore.tree.tree import Tree
 
-NOW: Final = 10**18
-"""The time (ns) at which every tick of a search happens."""
 _EXPIRED: Final = NOW
-PENDING: Final = 10**30
-"""The first deadline (ns) of timers that were pending before a tick: later than a node can set one."""
 
 
 class TreeState(NamedTuple):
@@ -78,16 +83,20 @@ class StateKeeper:
 
     Args:
         tree: The tree, whose clock must stand at `NOW`.
+        instant: Whether ticks take no time.
 
     Attributes:
+        clock: The clock of the tree's nodes.
         timer_slots: The nodes with time fields, and the names of these fields.
 
     Raises:
         NodeError: The state of a node of the tree cannot be saved.
     """
 
-    def __init__(self, tree: Tree) -> None:
+    def __init__(self, tree: Tree, instant: bool = False) -> None:
         self._tree = tree
+        self._instant = instant
+        self.clock = TickClock(tree)
         self._boards: list[Blackboard] = blackboards_of(tree)
         self._nodes = list(tree.nodes)
         self._with_fields: list[tuple[TreeNode, list[str], frozenset[str]]] = []
@@ -146,6 +155,7 @@ class StateKeeper:
         context.deadlines.clear()
         if context.is_woken:
             context.take_wake_up()
+        self.clock.begin_in_search(self._instant)
 
     def _restore_entries(self, state: TreeState, objects: list[Any]) -> None:
         entries: list[Entry] = []
@@ -310,19 +320,23 @@ class StateKeeper:
             rows[index][fields.index("_seen")] = number
 
 
-def _timer_bounds(timers: Bounds, deadlines: Iterable[int]) -> Bounds:
+def _timer_bounds(timers: Bounds, deadlines: Sequence[int]) -> Bounds:
     """Return the bounds of the pending timers, given the values of their deadlines.
 
-    A deadline from `PENDING` on is that of a timer that was pending in this tick; any other is new.
+    A deadline from `PENDING` on is that of a timer that was pending in this tick; any other is new, and tells
+    at which reading of the clock it was set.
     """
     bounds = timers
-    order: list[int] = []
-    for deadline in deadlines:
-        if deadline >= PENDING:
-            order.append(deadline - PENDING)
-        else:
-            bounds = with_timer(bounds, deadline - NOW)
-            order.append(len(bounds) - 2)
+    places: dict[int, int] = {}
+    last_reading = 0
+    for deadline in sorted(deadline for deadline in deadlines if deadline < PENDING):
+        reading, duration = divmod(deadline - NOW, READING)
+        if reading > last_reading:
+            bounds = after_any_time(bounds)
+            last_reading = reading
+        bounds = with_timer(bounds, duration)
+        places[deadline] = len(bounds) - 2
+    order = [places.get(deadline, deadline - PENDING) for deadline in deadlines]
     return without_timers(bounds, order)
 
 

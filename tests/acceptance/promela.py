@@ -8,7 +8,7 @@ one step.
 - A model leaf chooses its result, and the values that it writes, nondeterministically.
 - The values of entries are numbers: each text of the tree is represented by a number from `FIRST_TEXT` on.
 - The time between two ticks is any number of steps. A step is so small that each order of the timers that is
-  possible in real time is possible in steps.
+  possible in real time is possible in steps. A tick takes no time, as with `--instant-leaves`.
 - Fairness is a premise of the formulas of temporal logic. If each condition of fairness, "if A happens again
   and again, then B too", were written into the formula, spin's automata would grow exponentially. Instead the
   process chooses at its start which of these A cease at some time. `ceased` is true in a tick in which such

@@ -1,18 +1,21 @@
 """A plain enumeration of the runs of a tree, which shares no code with `btcore.proof`.
 
 Every run is made from the start, on a tree that is loaded anew, on the ordinary engine: a script gives the
-results of the leaves, and the times of the ticks. Nothing is ever restored.
+results of the leaves, the times of the ticks, and the time that passes within a tick before a timer is set.
+Nothing is ever restored.
 
 Times. All durations are multiples of a unit. Which timers have expired at which of *t* ticks is a system of
 conditions `time j - time i >= n units` and `time j - time i < n units`. Such a system can be met if no
 cycle of its conditions has a negative sum, where a cycle with a strict condition needs a positive sum,
-which is at least a unit. A cycle passes each tick once, so that it has at most t strict conditions: if each
-of them is replaced by `<= n units - unit / t`, the sum remains at least 0, and the shortest paths are times
-on a grid of unit / t. So it is complete to try all multiples of unit / t, up to the greatest remaining time
-of a timer: after this time, nothing further expires.
+which is at least a unit. A strict condition has to do with the beginning of a tick, when timers are judged,
+and a cycle passes each of these once, so that it has at most t strict conditions: if each of them is replaced
+by `<= n units - unit / t`, the sum remains at least 0, and the shortest paths are times on a grid of
+unit / t. So it is complete to try all multiples of unit / t, up to the greatest remaining time of a timer:
+after this time, nothing further expires.
 """
 
 import pickle
+import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import ClassVar, NamedTuple
 
@@ -259,6 +262,35 @@ class End(NamedTuple):
     longest: int
 
 
+class SlowClock:
+    """The clock of the nodes of a tree: time may pass before each reading, which a node makes to set a timer.
+
+    Args:
+        clock: The clock of the run.
+        pass_time: Lets time pass.
+    """
+
+    def __init__(self, clock: SimClock, pass_time: Callable[[], None]) -> None:
+        self._clock = clock
+        self._pass_time = pass_time
+        self._is_beginning = False
+
+    def begin(self) -> None:
+        """Begin a tick, which makes the first reading."""
+        self._is_beginning = True
+
+    def now(self) -> int:
+        """Return the time (ns), after some time unless the tick begins."""
+        if not self._is_beginning:
+            self._pass_time()
+        self._is_beginning = False
+        return self._clock.now()
+
+    def wait_until(self, deadline: int, wake: threading.Event) -> bool:
+        """Do not wait."""
+        return wake.is_set()
+
+
 class Runner:
     """Runs a random tree from the start."""
 
@@ -287,24 +319,34 @@ class Runner:
         tree = TreeInstantiator(self._analysis, SCRIPTED_NODES, board, resources, clock).instantiate()
         results: dict[str, list[Status]] = {}
 
+        def pass_time() -> None:
+            steps = self.steps_of(self._longest_timer(tree, clock.now()))
+            if len(steps) > 1 and not self.tree.is_instant:
+                clock.advance(steps[leaves.choose(len(steps))] / 1e9)
+
         def record(node: LeafNode, status: Status) -> Status:
             results.setdefault(node.name, []).append(status)
             return status
 
+        tree.context.clock = slow_clock = SlowClock(clock, pass_time)
+        tree.context.uses_time = True
         for elapsed, given in script[:-1]:
             clock.advance(elapsed / 1e9)
             leaves.begin(given)
+            slow_clock.begin()
             tree.tick_exactly_once()
         elapsed, given = script[-1]
         clock.advance(elapsed / 1e9)
         leaves.begin(given)
+        slow_clock.begin()
         for node in tree.nodes:
             node.set_post_tick_function(record)
-        seen = self._tick(tree, leaves, results)
-        state = b"" if seen.has_ended else self.state(tree)
-        return End(seen, leaves.following(), tuple(leaves.given), state, self._longest_timer(tree))
+        seen = self._tick(tree, leaves, results, clock.now())
+        state = b"" if seen.has_ended else self.state(tree, clock.now())
+        longest = self._longest_timer(tree, clock.now())
+        return End(seen, leaves.following(), tuple(leaves.given), state, longest)
 
-    def _tick(self, tree: Tree, leaves: LeafScript, results: dict[str, list[Status]]) -> Seen:
+    def _tick(self, tree: Tree, leaves: LeafScript, results: dict[str, list[Status]], now: int) -> Seen:
         before = frozenset(node.name for node in tree.nodes if node.status is RUNNING)
         deadlines = self._deadlines(tree)
         result: Status | None = None
@@ -317,7 +359,6 @@ class Runner:
             unwritten = "is not on the blackboard" in str(error) or "never been written" in str(error)
         board = tree.blackboard
         pairs = [(parent, child) for parent in tree.nodes for child in parent.children]
-        now = tree.clock.now()
         after = self._deadlines(tree)
         return Seen(
             before,
@@ -343,19 +384,17 @@ class Runner:
     def _deadlines(tree: Tree) -> dict[str, int]:
         return {node.name: node._deadline for node in tree.nodes if node.id in _TIMED}
 
-    def _longest_timer(self, tree: Tree) -> int:
-        """Return the greatest remaining time (ns) of a timer."""
-        now = tree.clock.now()
+    def _longest_timer(self, tree: Tree, now: int) -> int:
+        """Return the greatest remaining time (ns) of a timer at the time *now* (ns)."""
         return max((end - now for end in self._deadlines(tree).values() if end > now), default=0)
 
     def steps_of(self, longest: int) -> range:
         """Return the times (ns) until the next tick that must be tried."""
         return range(0, longest + self.grid, self.grid) if longest else range(1)
 
-    def state(self, tree: Tree) -> bytes:
-        """Return all that decides the future of *tree*, as the engine saves it, with relative times."""
+    def state(self, tree: Tree, now: int) -> bytes:
+        """Return all that decides the future of *tree*, with times relative to *now* (ns)."""
         saved = save_state(tree)
-        now = tree.clock.now()
         rows: list[object] = []
         for node, values in zip(tree.nodes, saved.values, strict=False):
             assert isinstance(values, dict)

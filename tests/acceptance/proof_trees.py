@@ -257,6 +257,7 @@ class RandomTree(NamedTuple):
         tags: The tag of each node, by the node's name.
         attributes: The attributes of each node, by the node's name.
         questions: Random questions about the tree.
+        is_instant: Whether its leaves take no time.
     """
 
     format: int
@@ -264,6 +265,7 @@ class RandomTree(NamedTuple):
     tags: dict[str, str]
     attributes: dict[str, Attributes]
     questions: list[RandomQuestion]
+    is_instant: bool = False
 
     @property
     def leaves(self) -> list[str]:
@@ -283,6 +285,7 @@ class _Writer:
         self.tags: dict[str, str] = {}
         self.attributes: dict[str, Attributes] = {}
         self.subtrees: list[str] = []
+        self.racers: list[str] = []
 
     def element(self, leaves: int, depth: int = 0) -> str:
         """Return a random element with at most *leaves* leaves that are not built in."""
@@ -353,6 +356,21 @@ class _Writer:
         ports = {} if LEAVES[tag].port is None else {"value": "{" + LEAVES[tag].key + "}"}
         return f"<{self.head(self.start(tag, ports))}/>"
 
+    def race(self) -> str:
+        """Return a Parallel of two delayed actions, of which the second delay begins after a leaf."""
+        known = NODES[self.format]
+        parallel = self.start("Parallel", known["Parallel"].attributes(self.chance, 2))
+        delays = [self.start("Delay", known["Delay"].attributes(self.chance, 1)) for _ in range(2)]
+        self.racers = [self.start("Move", {}), self.start("Move", {})]
+        first, second = (
+            f"<{self.head(delay)}><{self.head(racer)}/></Delay>"
+            for delay, racer in zip(delays, self.racers, strict=True)
+        )
+        sequence, always = self.start("Sequence", {}), self.start("ForceSuccess", {})
+        check = self.start("Check", {})
+        slow = f"<{self.head(always)}><{self.head(check)}/></ForceSuccess>"
+        return f"<{self.head(parallel)}>{first}<{self.head(sequence)}>{slow}{second}</Sequence></Parallel>"
+
     def filler(self) -> str:
         """Return a leaf without a choice."""
         return f"<{self.head(self.start(self.chance.choice(_FILLERS), {}))}/>"
@@ -379,13 +397,21 @@ def random_tree(seed: str) -> RandomTree:
     chance = random.Random(seed)
     format = chance.choice([4, 4, 3])
     writer = _Writer(chance, format)
-    body = writer.element(chance.choice([1, 2, 3, 3, MOST_LEAVES, MOST_LEAVES]))
+    if writer.timers and chance.random() < 0.3:
+        body = writer.race()
+    else:
+        body = writer.element(chance.choice([1, 2, 3, 3, MOST_LEAVES, MOST_LEAVES]))
     trees = f'<BehaviorTree ID="Main">{body}</BehaviorTree>' + "".join(writer.subtrees)
     xml = f'<root BTCPP_format="{format}" main_tree_to_execute="Main">{trees}</root>'
     tree = RandomTree(format, xml, writer.tags, writer.attributes, [])
     if tree.leaves:
         tree.questions.extend(_random_questions(chance, tree))
-    return tree
+    if writer.racers:
+        first, second = (Atom("ticked", racer, "") for racer in writer.racers)
+        tree.questions.extend(
+            [RandomQuestion("before", first, second), RandomQuestion("before", second, first)]
+        )
+    return tree._replace(is_instant=chance.random() < 0.3)
 
 
 def _random_questions(chance: random.Random, tree: RandomTree) -> list[RandomQuestion]:

@@ -91,7 +91,12 @@ def prover_of(tree: RandomTree) -> Prover:
         board = first_blackboard(tree.format, clock)
         return TreeInstantiator(analysis, MODEL_NODES, board, resources, clock).instantiate()
 
-    return Prover(make, [parse_question(str(question)) for question in tree.questions], _domains(tree))
+    return Prover(
+        make,
+        [parse_question(str(question)) for question in tree.questions],
+        _domains(tree),
+        instant_leaves=tree.is_instant,
+    )
 
 
 def _domains(tree: RandomTree) -> dict[str, tuple[str, ...]]:

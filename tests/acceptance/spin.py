@@ -67,7 +67,17 @@ def answers_of_btcore(folder: Path, xml: str, models: str, declarations: str) ->
     (folder / "tree.xml").write_text(xml)
     (folder / "models.xml").write_text(models)
     (folder / "tree.proof.toml").write_text(declarations)
-    command = (sys.executable, "-m", "btcore", "prove", "tree.xml", "--model", "models.xml", "--json")
+    command = (
+        sys.executable,
+        "-m",
+        "btcore",
+        "prove",
+        "tree.xml",
+        "--model",
+        "models.xml",
+        "--instant-leaves",
+        "--json",
+    )
     printed = json.loads(execute(folder, *command, codes=(0, 1, 4)))
     return {answer["question"]: answer["answer"] for answer in printed["questions"]}
 

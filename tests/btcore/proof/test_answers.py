@@ -36,7 +36,7 @@ class Use(btcore.SyncAction):
         raise NotImplementedError
 
 
-def answers(body: str, *questions: str, format: int = 4) -> dict[str, Answer]:
+def answers(body: str, *questions: str, format: int = 4, instant_leaves: bool = False) -> dict[str, Answer]:
     """Return the answers about the tree *body*, by question."""
     nodes = btcore.Registry.standard()
     for leaf in (Check, Act, Move, Turn, Use):
@@ -48,7 +48,8 @@ def answers(body: str, *questions: str, format: int = 4) -> dict[str, Answer]:
         resources = [choices, ModelPrompt(choices)]
         return btcore.loads(xml, nodes=models, resources=resources, clock=clock)
 
-    report = Prover(make, [parse_question(question) for question in questions]).answer()
+    parsed = [parse_question(question) for question in questions]
+    report = Prover(make, parsed, instant_leaves=instant_leaves).answer()
     return {answer.question: answer for answer in report.answers}
 
 
@@ -109,3 +110,32 @@ def test_a_tree_goes_on_if_a_node_that_runs_forever_alternates_with_another() ->
     ends = answers(body)[ENDS]
     assert ends.answer == PROVED
     assert ends.detail == "unless 'patrol' runs forever or 'Check::2' changes its result forever"
+
+
+def test_time_passes_between_the_deadlines_that_a_tick_sets() -> None:
+    tree = """<Parallel success_count="2">
+        <Sequence> <Sleep msec="1001"/> <Act name="right"/> </Sequence>
+        <Sequence> <ForceSuccess> <Check/> </ForceSuccess> <Sleep msec="1000"/> <Act name="left"/> </Sequence>
+    </Parallel>"""
+    question = "left before right"
+    refuted = answers(tree, question)[question]
+    assert refuted.answer == REFUTED
+    assert refuted.counterexample is not None
+    # The check takes so long that the second sleep ends after the first.
+    assert refuted.counterexample.ticks[0].times[-1] > 0.001
+    assumed = answers(tree, question, instant_leaves=True)[question]
+    assert (assumed.answer, assumed.detail) == (PROVED, "if leaves take no time")
+    # Deadlines are ordered as they were set.
+    shorter_first = tree.replace("1001", "999")
+    proved = answers(shorter_first, "right before left")["right before left"]
+    assert (proved.answer, proved.detail) == (PROVED, "")
+
+
+def test_a_deadline_that_was_pending_ends_before_a_longer_one_that_is_set_later() -> None:
+    # However long the tick takes that sets the second deadline.
+    tree = """<Parallel success_count="2">
+        <Sequence> <Sleep msec="1000"/> <Act name="first"/> </Sequence>
+        <Sequence> <Act name="slow"/> <Sleep msec="1000"/> <Act name="second"/> </Sequence>
+    </Parallel>"""
+    found = answers(tree, "first before second")
+    assert found["first before second"].answer == PROVED

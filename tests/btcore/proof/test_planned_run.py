@@ -126,3 +126,19 @@ def test_assert_proved_shows_the_counterexample(file: Path) -> None:
     ]
     with pytest.raises(AssertionError, match="unknown: runs of more than 1 ticks were not searched"):
         assert_proved(file, models=[file], ticks=1)
+
+
+def test_plan_repeats_the_time_that_passes_within_a_tick(file: Path) -> None:
+    tree = """<root BTCPP_format="4"> <BehaviorTree ID="T"> <Parallel success_count="2">
+        <Sequence> <Sleep msec="{first}"/> <Action ID="Right"/> </Sequence>
+        <Sequence> <Condition ID="Ready"/> <Sleep msec="1000"/> <Action ID="Left"/> </Sequence>
+    </Parallel> </BehaviorTree> </root>"""
+    file.write_text(tree.format(first=1001))
+    question = "never Right & !Left"
+    run = prove(file, question, models=[file]).answers[-1].counterexample
+    assert run is not None
+    plan = planned_ticks(run)
+    with pytest.raises(AssertionError, match="holds"):
+        assert_holds_in_run(file, question, plan, models=[file])
+    file.write_text(tree.format(first=2001))
+    assert_holds_in_run(file, question, plan, models=[file])

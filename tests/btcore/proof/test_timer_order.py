@@ -2,42 +2,58 @@
 
 import random
 from collections.abc import Iterator, Sequence
+from functools import cache
 
 import pytest
 
-from btcore.proof.timer_order import NO_TIMERS, Bounds, advances, with_timer, without_timers
+from btcore.proof.timer_order import NO_TIMERS, Bounds, advances, after_any_time, with_timer, without_timers
 
-TICKS = 4
-"""The grid is a unit divided by the number of ticks, on which all orders of ends that are possible appear."""
+GRID = 6
+"""The grid is a unit divided by the number of moments: every order of ends that is possible appears on it."""
 Timers = tuple[tuple[int, int], ...]
 """The number and the remaining time of each pending timer."""
 Script = Sequence[Sequence[int]]
 """For each tick, the durations of the timers that it sets, in units."""
+Ends = tuple[tuple[int, ...], ...]
+"""For each tick, the numbers of the timers that have expired since the tick before."""
 
 
-def concrete_ends(script: Script) -> set[tuple[tuple[int, ...], ...]]:
-    """Return which timers may have expired by each tick, by trying all times between the ticks."""
-    found: set[tuple[tuple[int, ...], ...]] = set()
+def concrete_ends(script: Script, instant: bool) -> set[Ends]:
+    """Return which timers may have expired by each tick, by trying all times between the moments."""
 
-    def go(tick: int, timers: Timers, ends: tuple[tuple[int, ...], ...]) -> None:
+    @cache
+    def ends_from(tick: int, timers: Timers) -> set[Ends]:
         if tick == len(script):
-            found.add(ends)
-            return
-        longest = max((left for _, left in timers), default=0)
-        for elapsed in range(longest + 1):
-            expired = tuple(number for number, left in timers if left <= elapsed)
-            kept = tuple((number, left - elapsed) for number, left in timers if left > elapsed)
-            first = sum(map(len, script[:tick]))
-            new = tuple((first + n, duration * TICKS) for n, duration in enumerate(script[tick]))
-            go(tick + 1, (*kept, *new), (*ends, expired))
+            return {()}
+        found: set[Ends] = set()
+        for later in passed(timers):
+            expired = tuple(number for number, left in later if left <= 0)
+            kept = tuple((number, left) for number, left in later if left > 0)
+            for timers_after in after_setting(tick, 0, kept):
+                found |= {(expired, *more) for more in ends_from(tick + 1, timers_after)}
+        return found
 
-    go(0, (), ())
-    return found
+    @cache
+    def after_setting(tick: int, done: int, timers: Timers) -> set[Timers]:
+        """Return the timers after the tick, of which the first *done* timers are set."""
+        if done == len(script[tick]):
+            return {timers}
+        new = (sum(map(len, script[:tick])) + done, script[tick][done] * GRID)
+        moments = [timers] if instant else passed(timers)
+        return {after for then in moments for after in after_setting(tick, done + 1, (*then, new))}
+
+    return ends_from(0, ())
 
 
-def symbolic_ends(script: Script) -> Iterator[tuple[tuple[int, ...], ...]]:
+def passed(timers: Timers) -> list[Timers]:
+    """Return the timers after each time up to the end of the last timer."""
+    longest = max((left for _, left in timers), default=0)
+    return [tuple((number, left - time) for number, left in timers) for time in range(max(longest, 0) + 1)]
+
+
+def symbolic_ends(script: Script, instant: bool) -> Iterator[Ends]:
     """Return which timers may have expired by each tick, by the bounds."""
-    pending: list[tuple[int, Bounds, list[int], tuple[tuple[int, ...], ...]]] = [(0, NO_TIMERS, [], ())]
+    pending: list[tuple[int, Bounds, list[int], Ends]] = [(0, NO_TIMERS, [], ())]
     while pending:
         tick, bounds, numbers, ends = pending.pop()
         if tick == len(script):
@@ -48,19 +64,21 @@ def symbolic_ends(script: Script) -> Iterator[tuple[tuple[int, ...], ...]]:
             kept = [number for index, number in enumerate(numbers) if index not in advance.expired]
             later = advance.bounds
             for duration in script[tick]:
-                later = with_timer(later, duration)
+                later = with_timer(later if instant else after_any_time(later), duration)
             first = sum(map(len, script[:tick]))
             new = range(first, first + len(script[tick]))
             pending.append((tick + 1, later, [*kept, *new], (*ends, expired)))
 
 
-@pytest.mark.parametrize("seed", range(25))
-def test_the_timers_end_in_every_order_that_is_possible_and_in_no_other(seed: int) -> None:
+@pytest.mark.parametrize("instant", [True, False])
+@pytest.mark.parametrize("seed", range(12))
+def test_the_timers_end_in_every_order_that_is_possible_and_in_no_other(seed: int, instant: bool) -> None:
     chance = random.Random(seed)
-    script = [[chance.randint(1, 3) for _ in range(chance.choice([0, 1, 1, 2]))] for _ in range(TICKS)]
-    found = list(symbolic_ends(script))
+    counts = chance.choice([(1, 0, 2, 0), (2, 1, 0, 0), (1, 1, 1, 0), (3, 0, 0), (1, 2, 0), (0, 1, 2, 0)])
+    script = [[chance.randint(1, 3) for _ in range(count)] for count in counts]
+    found = list(symbolic_ends(script, instant))
     assert len(found) == len(set(found))
-    assert set(found) == concrete_ends(script)
+    assert set(found) == concrete_ends(script, instant)
 
 
 def test_a_shorter_timer_of_the_same_tick_ends_first() -> None:
