@@ -11,7 +11,7 @@ from btcore.cli import entry_points, terminal
 from btcore.cli.entry_points import UnavailableEntryPoint, distribution_of
 from btcore.diagnostic_codes import UNKNOWN_NODE
 from btcore.errors import Diagnostic, RegistrationError
-from btcore.registry.registry import ENTRY_POINTS, Registry
+from btcore.registry.registry import ENTRY_POINTS, Registry, library_of
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
@@ -131,6 +131,11 @@ def load_libraries(
     for installed, own in libraries.nodes.overridden_nodes:
         terminal.print_warning(
             f"<{own.id}> of {own.distribution} overrides <{own.id}> of {installed.distribution}"
+        )
+    for library_type, own_type in libraries.nodes.types.overridden:
+        terminal.print_warning(
+            f"the type {own_type.name} of {library_of(own_type.python_type)} overrides the type "
+            f"{own_type.name} of {library_of(library_type.python_type)}"
         )
     libraries.add_models(models, confined)
     return libraries

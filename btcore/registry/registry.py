@@ -146,7 +146,7 @@ class Registry:
         if format not in (None, 3, 4):
             raise RegistrationError(f"format={format!r} is not supported: use 3 or 4")
         for thing in things:
-            self._add(thing, ID, names, _distribution_of(thing), format)
+            self._add(thing, ID, names, library_of(thing), format)
 
     def replace(self, **nodes: Any) -> None:
         """Register `ID=thing` in place of the node that is registered as *ID*.
@@ -161,7 +161,7 @@ class Registry:
             before = [table[ID] for table in tables]
             self.remove(ID)
             try:
-                self._add(thing, ID, names, _distribution_of(thing))
+                self._add(thing, ID, names, library_of(thing))
             except RegistrationError:
                 for table, manifest in zip(tables, before, strict=True):
                     table[ID] = manifest
@@ -256,7 +256,7 @@ class Registry:
         if callable(offered):
             by = offered()
         elif not isinstance(by, str):
-            by = self._manifest_of(by, None, _names_of_caller(), _distribution_of(by))
+            by = self._manifest_of(by, None, _names_of_caller(), library_of(by))
         self.substitutions[filter] = SubstitutionRule(filter, by)
 
     def apply_substitutions(self, config: NodeConfig, manifest: Manifest, children: int) -> Manifest:
@@ -353,7 +353,8 @@ class Registry:
     def add_installed(self, library: str, name: str) -> None:
         """Register a library of an installed package like `add_plugin`, but as overridable.
 
-        A node that is registered later under the same ID replaces the library's node.
+        A node that is registered later under the same ID replaces the library's node. A type that is
+        registered later takes the name of the library's type; the ports of the library keep their type.
 
         Args:
             library: `module` or `module:function`.
@@ -362,11 +363,11 @@ class Registry:
         Raises:
             RegistrationError: The library cannot be imported or registered.
         """
-        self._installing = True
+        self._installing = self.types.installing = True
         try:
             self.add_plugin(library, name)
         finally:
-            self._installing = False
+            self._installing = self.types.installing = False
 
     def add_plugin(self, library: str | Path | ModuleType, name: str | None = None) -> None:
         """Register a node library.
@@ -481,7 +482,8 @@ def _plugin_error(library: str, error: BaseException, doing: str = "it was impor
     )
 
 
-def _distribution_of(thing: Any) -> str:
+def library_of(thing: Any) -> str:
+    """Return the name of the library or program that defines the class or function *thing*."""
     module = getattr(thing, "__module__", None) or "?"
     return module.removeprefix(PLUGIN_FILE_PREFIX).partition(".")[0]
 

@@ -68,6 +68,9 @@ class TypeRegistry:
 
     Attributes:
         enums: The enum names that scripts and enum ports may use, with their numbers.
+        installing: Whether the types that are added now belong to an installed library. Such a type gives its
+            name to a type of the user that is called the same.
+        overridden: Pairs of types: a type of an installed library, and the user's type that has its name now.
 
     Examples:
         >>> from btcore import values
@@ -80,6 +83,9 @@ class TypeRegistry:
         self.enums: dict[str, int] = {}
         self._by_class: dict[object, ValueType] = dict(_OF_CLASS)
         self._by_name: dict[str, ValueType] = {kind.name: kind for kind in BUILTIN_TYPES}
+        self._of_libraries: set[str] = set()  # the names of types of installed libraries
+        self.installing = False
+        self.overridden: list[tuple[ValueType, ValueType]] = []
 
     def of(self, annotation: object) -> ValueType:
         """Return the type of *annotation*.
@@ -103,7 +109,10 @@ class TypeRegistry:
             return self._union(get_args(annotation))
         if origin is list and len(get_args(annotation)) == 1:
             item = self.of(get_args(annotation)[0])
-            return self._keep(annotation, self.named(f"std::vector<{item.name}>") or VectorType(item))
+            known = self.named(f"std::vector<{item.name}>")
+            if not isinstance(known, VectorType) or known.item is not item:  # another class of this name
+                known = VectorType(item)
+            return self._keep(annotation, known)
         # dict[str, int] is dict, for which BehaviorTree.CPP has no type.
         if isinstance(origin, type):
             return self.of(origin)
@@ -132,11 +141,13 @@ class TypeRegistry:
             RegistrationError: The class has a text form already, or another type has this name.
         """
         known = self._by_class.get(python_type)
-        if python_type in _OF_CLASS or (known is not None and known.has_converters and from_text is not None):
+        is_overridable = known is not None and known.name in self._of_libraries and not self.installing
+        has_text = known is not None and known.has_converters and not is_overridable
+        if python_type in _OF_CLASS or (has_text and from_text is not None):
             raise RegistrationError(f"{python_type.__qualname__} has a text form already")
         name = name or python_type.__qualname__
         other = self._by_name.get(name)
-        if other is not None and other is not known:
+        if other is not None and other is not known and not (self.installing or name in self._of_libraries):
             owner = next((cls for cls, kind in self._by_class.items() if kind is other), None)
             of = f", for {owner.__module__}.{owner.__qualname__}" if isinstance(owner, type) else ""
             raise RegistrationError(
@@ -148,14 +159,9 @@ class TypeRegistry:
             if from_text is not None or to_text is not None:
                 known.set_converters(from_text, to_text)
             return known
-        kind: ValueType
         if issubclass(python_type, Enum):
-            kind = EnumType(python_type, name, self.enums, from_text, to_text)
-        else:
-            kind = UserType(python_type, name, from_text, to_text)
-        self._by_class[python_type] = kind
-        self._by_name[name] = kind
-        return kind
+            return self._keep(python_type, EnumType(python_type, name, self.enums, from_text, to_text))
+        return self._keep(python_type, UserType(python_type, name, from_text, to_text))
 
     def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None:
         """Register an enum, whose names scripts and ports may then use.
@@ -195,7 +201,15 @@ class TypeRegistry:
 
     def _keep(self, annotation: object, kind: ValueType) -> ValueType:
         self._by_class[annotation] = kind
-        self._by_name.setdefault(kind.name, kind)
+        known = self._by_name.setdefault(kind.name, kind)
+        if known is kind:
+            if self.installing:
+                self._of_libraries.add(kind.name)
+        elif not self.installing and kind.name in self._of_libraries:
+            self._of_libraries.remove(kind.name)
+            self._by_name[kind.name] = kind
+            if not isinstance(kind, VectorType):
+                self.overridden.append((known, kind))
         return kind
 
 

@@ -26,7 +26,7 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, Diagnostic, NodeError, ScriptError
 from btcore.registry.manifest import Manifest, Resources, takes_children
-from btcore.registry.registry import Registry
+from btcore.registry.registry import Registry, library_of
 from btcore.tree.tree import Subtree, Tree
 from btcore.values import parse_constant, type_of
 from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document, script_diagnostic
@@ -241,7 +241,11 @@ class TreeInstantiator:
         """Return the diagnostic for a port whose type differs from the declared type of its entry."""
         if entry is None or entry.declared.same(port.type):
             return document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, port.name)
-        types = f"has the type {port.type.name}, but its entry has the type {entry.declared.name}"
+        own, declared = port.type.name, entry.declared.name
+        if own == declared:
+            own += f" of {library_of(port.type.python_type)}"
+            declared += f" of {library_of(entry.declared.python_type)}"
+        types = f"has the type {own}, but its entry has the type {declared}"
         message = f"the port '{port.name}' of <{plan.id}> {types}"
         first = self.declared_by(entry)
         origin = f"declared by {first}" if first else "it was on the blackboard before the tree was built"

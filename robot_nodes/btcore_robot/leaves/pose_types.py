@@ -13,8 +13,8 @@ NAV2_PARTS: Final = 9
 
 
 def register_pose_type(nodes: Registry) -> None:
-    """Register `Pose2D` as a port type in *nodes*, unless another library has registered it."""
-    if nodes.types.named(Pose2D.__name__) is None:
+    """Register `Pose2D` as a port type in *nodes*, unless it is registered already."""
+    if not nodes.types.of(Pose2D).has_converters:
         nodes.add_type(Pose2D, pose_from_text, to_text=pose_to_text)
 
 

@@ -150,6 +150,22 @@ def test_missing_plugin_is_refused(cli: Cli, tree_file: TreeFile) -> None:
     assert_refused(cli("run", tree, "--plugin", "missing/things.py"), "missing/things.py")
 
 
+def test_type_of_a_plugin_that_has_the_name_of_an_installed_type_is_used_with_a_warning(
+    cli: Cli, tree_file: TreeFile, tmp_path: Path
+) -> None:
+    pytest.importorskip("btcore_robot", reason="it registers a type Pose2D")
+    (tmp_path / "poses.py").write_text(
+        "from btcore import In, action\n"
+        "class Pose2D(complex): ...\n"
+        "@action\ndef go(goal: In[Pose2D]) -> bool:\n    return goal == 1 + 2j\n"
+        "def register(nodes):\n    nodes.add_type(Pose2D, Pose2D)\n    nodes.add(go)\n"
+    )
+    result = cli("run", tree_file('<Go goal="1+2j"/>'), "--plugin", "poses.py")
+    assert result.exit_code == 0
+    expected = "warning: the type Pose2D of poses overrides the type Pose2D of btcore_robot\n"
+    assert result.stderr.endswith(expected)
+
+
 def test_plugin_without_a_name_is_refused(cli: Cli, tree_file: TreeFile) -> None:
     assert_refused(
         cli("run", tree_file("<AlwaysSuccess/>"), "--plugin", ""),

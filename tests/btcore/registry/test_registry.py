@@ -5,7 +5,8 @@ import importlib
 import json
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -572,6 +573,56 @@ def test_two_types_with_the_same_name_are_refused() -> None:
         f'give {__name__}.Pose another name: add_type(Pose, …, name="…")'
     )
     nodes.add_type(second, name="OtherPose")
+
+
+def test_a_type_of_the_user_overrides_the_type_of_an_installed_library(library: Path) -> None:
+    library.write_text(
+        "from dataclasses import dataclass\nfrom btcore import In, action\n"
+        "@dataclass\nclass Pose2D:\n    x: float\n"
+        "@action\ndef turn(goal: In[Pose2D], via: In[list[Pose2D]] = []) -> bool:\n    return goal.x == 1\n"
+        "def register(nodes):\n"
+        "    nodes.add_type(Pose2D, lambda text: Pose2D(float(text)))\n    nodes.add(turn)\n"
+    )
+
+    def install(nodes: Registry) -> None:
+        nodes.add_installed("gestures", "polite-robot")
+
+    @dataclass
+    class Pose2D:
+        x: float
+        y: float
+
+    @action
+    def go(goal: In[Pose2D], via: In[list[Pose2D]]) -> bool:
+        return goal == Pose2D(1, 2) and via == [Pose2D(1, 2), Pose2D(3, 4)]
+
+    def parse(text: str) -> Pose2D:
+        return Pose2D(*map(float, text.split(",")))
+
+    def nodes_of(*steps: Callable[[Registry], object]) -> Registry:
+        nodes = Registry.standard()
+        for step in steps:
+            step(nodes)
+        return nodes
+
+    def add(nodes: Registry) -> None:
+        nodes.add_type(Pose2D, parse, name="Pose2D")
+        nodes.add(go)
+
+    text = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence><Turn goal="1"/>
+        <Go goal="1,2" via="1,2;3,4"/></Sequence></BehaviorTree></root>"""
+    for nodes in (nodes_of(install, add), nodes_of(add, install)):
+        assert btcore.loads(text, nodes=nodes).tick_once() is Status.SUCCESS
+        known = nodes.types.named("Pose2D")
+        assert known is not None
+        assert known.python_type is Pose2D
+    installed_first = nodes_of(install, add).types
+    pairs = [(old.python_type.__module__, new.python_type) for old, new in installed_first.overridden]
+    assert pairs == [("gestures", Pose2D)]
+    mixed = text.replace('"1,2"', '"{g}"').replace('"1"', '"{g}"')
+    own, installed = f"Pose2D of {__name__.partition('.')[0]}", "Pose2D of gestures"
+    with pytest.raises(btcore.TreeError, match=f"has the type {own}, but its entry has the type {installed}"):
+        btcore.loads(mixed, nodes=nodes)
 
 
 def test_subtree_may_have_the_name_of_an_installed_node(library: Path) -> None:
