@@ -194,6 +194,10 @@ class TypeRegistry:
         """Return the type with the C++ name *cpp_name*, or None."""
         return self._by_name.get(cpp_name)
 
+    def is_of_library(self, kind: ValueType) -> bool:
+        """Return whether an installed library registered *kind*: a type of the user may have its name, too."""
+        return kind.name in self._of_libraries
+
     def _union(self, members: Iterable[object]) -> ValueType:
         # T | None is T: None means that the entry has no value. Any other union accepts all values.
         others = [member for member in members if member is not type(None)]

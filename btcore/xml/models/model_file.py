@@ -207,7 +207,12 @@ def _type(nodes: Registry, name: str) -> ValueType:
     if not name:
         return ANY
     known = nodes.types.named(_ALIASES.get(name, name))
-    return known if known is not None else ValueType(name, object, converts=False)
+    if known is None:
+        return ValueType(name, object, converts=False)
+    if nodes.types.is_of_library(known):
+        # The C++ class of this name may have another text form: accept any text.
+        return ValueType(name, known.python_type, converts=False)
+    return known
 
 
 def _add(

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 from btcore.blackboard.ports import SCRIPT_ROLES, PortRole
-from btcore.diagnostic_codes import SCRIPT_SYNTAX
+from btcore.diagnostic_codes import SCRIPT_SYNTAX, UNKNOWN_FORMAT
 from btcore.errors import Diagnostic, ScriptError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
@@ -16,7 +16,7 @@ from btcore.xml.plan.plan import NodePlan, TreePlan, TreePlanner
 from btcore.xml.plan.structure_checks import StructureChecker
 from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions, select_dialect
 from btcore.xml.read.diagnostics import DiagnosticCollector
-from btcore.xml.read.dialect import PRECONDITION_ATTRIBUTES
+from btcore.xml.read.dialect import DIALECTS, PRECONDITION_ATTRIBUTES, Dialect
 from btcore.xml.read.document import Document
 from btcore.xml.read.includes import PackageResolver, resolve_includes
 
@@ -66,6 +66,29 @@ def analyse_document(
         for warning in parsed.warnings:
             diagnostics.add(warning)
     dialect = select_dialect(documents, format, diagnostics)
+    as_format_4 = DiagnosticCollector(comparisons=0)
+    as_format_4.errors += diagnostics.errors  # of the includes
+    analysis = _analyse(documents, dialect, registry, tree, libraries, diagnostics)
+    if diagnostics.errors and format is None and document.root.get("BTCPP_format") is None:
+        _analyse(documents, DIALECTS[4], registry, tree, libraries, as_format_4)
+        avoided = len(diagnostics.errors) - len(as_format_4.errors)
+        if avoided > 0:
+            errors = "1 error" if avoided == 1 else f"{avoided} errors"
+            message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {errors}"
+            hint = 'write <root BTCPP_format="4">'
+            diagnostics.put_first(document.diagnostic(UNKNOWN_FORMAT, message, document.root, hint=hint))
+    return analysis
+
+
+def _analyse(
+    documents: list[Document],
+    dialect: Dialect,
+    registry: Registry,
+    tree: str | None,
+    libraries: Sequence[Document],
+    diagnostics: DiagnosticCollector,
+) -> DocumentAnalysis:
+    """Check and plan the trees of *documents* by the rules of *dialect*."""
     definitions = TreeDefinitions(documents, dialect, diagnostics, libraries)
     palette = NodePalette(registry, dialect.format)
     outlines = StructureChecker(definitions, palette, diagnostics).check()

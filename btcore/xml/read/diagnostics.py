@@ -15,14 +15,18 @@ MAX_PER_CODE: Final = 50_000
 
 
 class DiagnosticCollector:
-    """The diagnostics found so far: *errors* prevent loading the tree, *warnings* don't."""
+    """The diagnostics found so far: *errors* prevent loading the tree, *warnings* don't.
 
-    def __init__(self) -> None:
+    Args:
+        comparisons: The number of comparisons with known names, to suggest a similar name in hints.
+    """
+
+    def __init__(self, comparisons: int = MAX_COMPARISONS) -> None:
         self.errors: list[Diagnostic] = []
         self.warnings: list[Diagnostic] = []
         self._added: set[Diagnostic] = set()
         self._counts: Counter[str] = Counter()
-        self._comparisons = MAX_COMPARISONS
+        self._comparisons = comparisons
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Add *diagnostic*, unless an equal diagnostic, or MAX_PER_CODE with its code, were added before."""
@@ -31,6 +35,10 @@ class DiagnosticCollector:
             self._added.add(diagnostic)
             (self.errors if diagnostic.is_error else self.warnings).append(diagnostic)
 
+    def put_first(self, error: Diagnostic) -> None:
+        """Add *error*, the cause of other errors, before all errors."""
+        self.errors.insert(0, error)
+
     def is_full(self, code: DiagnosticCode) -> bool:
         """Return whether no further diagnostics with *code* are collected."""
         return self._counts[code] >= MAX_PER_CODE
@@ -38,7 +46,7 @@ class DiagnosticCollector:
     def has_time_for_hint(self, names: Sized) -> bool:
         """Return whether there is time to search *names* for a similar name, which a hint suggests.
 
-        After MAX_COMPARISONS comparisons the result is False: of thousands of mistakes, only the first get
+        After *comparisons* comparisons the result is False: of thousands of mistakes, only the first get
         hints.
         """
         if len(names) > self._comparisons:

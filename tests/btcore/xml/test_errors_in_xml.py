@@ -55,12 +55,26 @@ CASES = {
     ),
     "a node of format 4 in format 3": (
         ('<Script code="a := 1"/>', {}, 'main_tree_to_execute="Main"'),
-        UnknownNodeError,
+        TreeError,
         """
+        t.xml:1:1: E009 missing BTCPP_format: the document is read as format 3; format 4 avoids 1 error
+           1 |  <root main_tree_to_execute="Main">
+             |  ^^^^^
+              write <root BTCPP_format="4">
         t.xml:3:5: E101 unknown node <Script>
            3 |      <Script code="a := 1"/>
              |      ^^^^^^^
               <Script> belongs to format 4: write <root BTCPP_format="4">
+        """,
+    ),
+    "a mistake in a tree of format 3": (
+        ('<Sequense _skipIf="true"/>', {}, ""),
+        UnknownNodeError,
+        """
+        t.xml:3:5: E101 unknown node <Sequense>
+           3 |      <Sequense _skipIf="true"/>
+             |      ^^^^^^^^^
+              did you mean <Sequence>?   SEARCHED
         """,
     ),
     "a node that only a model declares": (

@@ -75,6 +75,22 @@ def test_names_and_defaults_that_only_cpp_understands_are_accepted(tmp_path: Pat
     assert btcore.loads(f"<root>{body}</root>", nodes=nodes).tick_once() is Status.SUCCESS
 
 
+def test_type_of_a_model_is_not_the_type_of_an_installed_library_with_the_same_name(tmp_path: Path) -> None:
+    (tmp_path / "positions.py").write_text(
+        "from btcore import In, action\nclass Position(complex): ...\n"
+        "@action\ndef go(to: In[Position]) -> bool:\n    return True\n"
+        "def register(nodes):\n    nodes.add_type(Position, Position)\n    nodes.add(go)\n"
+    )
+    model = '<Action ID="Fly"><input_port name="to" type="Position"/></Action>'
+    (tmp_path / "palette.xml").write_text(f"<root><TreeNodesModel>{model}</TreeNodesModel></root>")
+    nodes = Registry.standard()
+    nodes.add_installed(str(tmp_path / "positions.py"), "positions")
+    add_models(nodes, tmp_path / "palette.xml")
+    body = '<Sequence><Fly to="12 North"/><Fly to="{p}"/><Go to="{p}"/></Sequence>'
+    document = parse_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>')
+    assert validate_document(document, nodes=nodes, given=["p"]) == []
+
+
 def test_an_explicit_tag_of_format_3_may_have_any_port() -> None:
     nodes = Registry.standard()
     body = '<BehaviorTree ID="Main"><Action ID="Scan" laser.range="{r}"/></BehaviorTree>'
