@@ -1,6 +1,12 @@
 """Parts of messages: the name nearest to a mistyped name, and enumerations of names."""
 
 from collections.abc import Iterable
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+MAX_FILES: Final = 500
+"""The maximum number of files of a folder whose names are compared."""
 
 
 def nearest_name(word: str, names: Iterable[str]) -> str | None:
@@ -34,6 +40,18 @@ def did_you_mean(word: str, names: Iterable[str]) -> str:
     """Return the end of an error message, `; did you mean 'name'?`, or "" if no name is near *word*."""
     nearest = nearest_name(word, names)
     return "" if nearest is None else f"; did you mean '{nearest}'?"
+
+
+def similar_file(path: Path, suffix: str) -> str | None:
+    """Return the path of the file whose name is most similar to that of *path*, in the same folder, or None.
+
+    Args:
+        path: The path of a file that does not exist.
+        suffix: The suffix of the files to compare, such as ".py".
+    """
+    files = islice(path.parent.glob(f"*{suffix}"), MAX_FILES)
+    nearest = nearest_name(path.name, [file.name for file in files])
+    return None if nearest is None else str(path.with_name(nearest))
 
 
 def join_names(names: Iterable[str], conjunction: str = "and", most: int = 8) -> str:

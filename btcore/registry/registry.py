@@ -17,7 +17,7 @@ from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
 from btcore.registry.substitution import SubstitutionRule, first_matching_rule
-from btcore.suggestions import did_you_mean
+from btcore.suggestions import did_you_mean, similar_file
 from btcore.values import TypeRegistry
 from btcore.xml.read.document import Document, parse_file, parse_text
 
@@ -442,7 +442,7 @@ def _import(library: str, name: str | None) -> ModuleType:
         if error.name is not None and (library == error.name or library.startswith(error.name + ".")):
             raise RegistrationError(
                 f"plugin '{title}' is not found: give the name of a module that can be imported, "
-                "or a file ending in .py"
+                f"or a file ending in .py{_file_hint(Path(library))}"
             ) from error
         raise _plugin_error(title, error) from error
     except (Exception, SystemExit) as error:
@@ -451,7 +451,7 @@ def _import(library: str, name: str | None) -> ModuleType:
 
 def _import_file(path: Path) -> ModuleType:
     if not path.is_file():
-        raise RegistrationError(f"plugin '{path}' is not found: there is no such file")
+        raise RegistrationError(f"plugin '{path}' is not found: there is no such file{_file_hint(path)}")
     from importlib.util import module_from_spec, spec_from_file_location
 
     name = f"{PLUGIN_FILE_PREFIX}{path.stem}"
@@ -467,6 +467,11 @@ def _import_file(path: Path) -> ModuleType:
         del sys.modules[name]
         raise
     return module
+
+
+def _file_hint(path: Path) -> str:
+    near = similar_file(path, ".py")
+    return "" if near is None else f"; did you mean '{near}'?"
 
 
 def _plugin_error(library: str, error: BaseException, doing: str = "it was imported") -> RegistrationError:

@@ -195,7 +195,7 @@ class TypeRegistry:
         return self._by_name.get(cpp_name)
 
     def is_of_library(self, kind: ValueType) -> bool:
-        """Return whether an installed library registered *kind*: a type of the user may have its name, too."""
+        """Return whether an installed library registered *kind*, whose name a user may use, too."""
         return kind.name in self._of_libraries
 
     def _union(self, members: Iterable[object]) -> ValueType:

@@ -1,19 +1,23 @@
 """The worlds by their names: bundled worlds, world files, maps, and random worlds."""
 
+import itertools
 import re
 from pathlib import Path
 
+from btcore_robot.field_reader import did_you_mean
 from btcore_robot.navigation.occupancy_map import MapError
 from btcore_robot.navigation.waypoint_file import load_waypoints
 from btcore_sim.errors import SimError
 from btcore_sim.map_world import load_map_world, with_waypoints
 from btcore_sim.random_world_kinds import KINDS
 from btcore_sim.random_worlds import random_world
-from btcore_sim.scene import Scene, load_scene
+from btcore_sim.scene import Scene, load_scene, scene_names
 
 __all__ = ["load_world"]
 
 _RANDOM = re.compile(rf"({'|'.join(KINDS)}):(\d{{1,9}})")
+_SUFFIXES = (".json", ".yaml", ".yml")
+"""The suffixes of world files and of maps."""
 
 
 def load_world(name: str, *, seed: int = 0, radius: float = 0.3, waypoints: Path | None = None) -> Scene:
@@ -41,8 +45,35 @@ def load_world(name: str, *, seed: int = 0, radius: float = 0.3, waypoints: Path
         places = load_waypoints(waypoints) if waypoints is not None else None
     except MapError as error:
         raise SimError(str(error)) from error
-    if Path(name).suffix in (".yaml", ".yml"):
+    if _is_path(name) and not Path(name).exists():
+        hint = did_you_mean(Path(name).name, _files_beside(Path(name))).strip()
+        raise SimError(f"{name}: no such file" + (f"; {hint}" if hint else ""))
+    if Path(name).suffix in _SUFFIXES[1:]:
         return load_map_world(Path(name), seed, radius, places)
     match = _RANDOM.fullmatch(name)
+    if match is None and not _is_path(name) and name not in scene_names():
+        raise SimError(_unknown_world(name))
     scene = random_world(match[1], int(match[2])) if match else load_scene(name)
     return scene if places is None else with_waypoints(scene, places)
+
+
+def _is_path(name: str) -> bool:
+    return Path(name).suffix in _SUFFIXES or Path(name).name != name
+
+
+def _files_beside(path: Path) -> list[str]:
+    """Return the names of the world files and maps in the folder of *path*, at most 500."""
+    files = (file.name for file in path.parent.glob("*.*") if file.suffix in _SUFFIXES)
+    return list(itertools.islice(files, 500))
+
+
+def _unknown_world(name: str) -> str:
+    """Return the message for a name that is neither a world nor a path."""
+    seed = name.partition(":")[2]
+    random_worlds = [f"{kind}:{seed if seed.isdecimal() else 1}" for kind in KINDS]
+    hint = did_you_mean(name, [*scene_names(), *random_worlds, *_files_beside(Path(name))])
+    known = ", ".join([*scene_names(), *(f"{kind}:N" for kind in KINDS)])
+    return (
+        f"there is no world '{name}': {hint}worlds are {known} (random; N is a number); "
+        "or use the path of a world file (JSON) or of a map (YAML)"
+    )

@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+import re
 from pathlib import Path
 
 import click
@@ -15,6 +16,7 @@ from btcore.sweep.command import sweep
 from btcore.sweep.definition import create_definition
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.commands import world_command
+from btcore_sim.errors import SimError
 from btcore_sim.laser import RayCaster
 from btcore_sim.random_world_kinds import KINDS
 from btcore_sim.random_worlds import AROUND_WAYPOINT, DOORS, WAY, random_world, random_world_json
@@ -112,3 +114,25 @@ def test_a_sweep_varies_the_world():
         result = CliRunner().invoke(main, ["sweep", *words, *wrong])
         assert result.exit_code == 2
         assert "cannot be used together" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("ofice", "no world 'ofice': did you mean 'office:1'? worlds are arena, "),
+        ("hom:12", "did you mean 'home:12'?"),
+        ("hous", "did you mean 'house'?"),
+        ("flat", "did you mean 'flat.json'?"),
+        ("xyz", "lobby, office:N, home:N (random; N is a number); or use the path of a world file"),
+        ("flaat.json", "flaat.json: no such file; did you mean 'flat.json'?"),
+        ("plam.yaml", "plam.yaml: no such file; did you mean 'plan.yaml'?"),
+    ],
+)
+def test_similar_names_of_worlds_and_files_are_suggested(
+    name: str, hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for file in ("flat.json", "plan.yaml"):
+        Path(file).touch()
+    with pytest.raises(SimError, match=re.escape(hint)):
+        load_world(name)

@@ -18,6 +18,7 @@ class NodePalette:
         self._format = format
         # Cached, because every node of a document is looked up several times.
         self.get: Final[Callable[[str], Manifest | None]] = cache(partial(registry.get, format=format))
+        self._plugin_suggested = False
 
     @cached_property
     def names(self) -> Mapping[str, Manifest]:
@@ -27,7 +28,7 @@ class NodePalette:
     def unknown_node_hint(
         self, name: str, trees: Mapping[str, object], declared_in: str | None = None
     ) -> str:
-        """Return a hint for an unknown node.
+        """Return a hint for an unknown node; the first of the hints suggests to load a plugin.
 
         Args:
             name: The unknown name.
@@ -52,9 +53,11 @@ class NodePalette:
             return "the registry is empty: start with Registry.standard(), which has the built-in nodes"
         searched = "searched: " + ", ".join(self.distributions())
         near = nearest_name(name, [*self.names, *EXPLICIT_TAGS])
-        if near is None:
-            return f"{searched}; load a plugin that provides it (--plugin, or nodes.add_plugin)"
-        return f"did you mean <{near}>?   {searched}"
+        hint = searched if near is None else f"did you mean <{near}>?   {searched}"
+        if not self._plugin_suggested:
+            self._plugin_suggested = True
+            hint += "; load a plugin that provides it (--plugin, or nodes.add_plugin)"
+        return hint
 
     def distributions(self) -> list[str]:
         """Return the names of the Python distributions that provide the nodes, btcore first."""

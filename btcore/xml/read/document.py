@@ -6,7 +6,6 @@ Invalid XML is reported with file, line and column. A `<!DOCTYPE …>` with cont
 import os
 import re
 from collections.abc import Mapping, Sequence
-from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
@@ -22,7 +21,7 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import Diagnostic, XmlSyntaxError
 from btcore.input_files import read_error, read_file, real_path
-from btcore.suggestions import nearest_name
+from btcore.suggestions import similar_file
 from btcore.xml.read.element import EXAMPLE, Element, ElementPart, encoded, parse_with_expat
 
 if TYPE_CHECKING:
@@ -256,9 +255,9 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
             hint = "did you mean a file in it: " + ", ".join(names) + "?"
     elif isinstance(error, FileNotFoundError):
         message = "no such file"
-        near = nearest_name(path.name, [file.name for file in islice(path.parent.glob("*.xml"), 500)])
+        near = similar_file(path, ".xml")
         if near is not None:
-            hint = f"did you mean {path.with_name(near)}?"
+            hint = f"did you mean {near}?"
     else:
         message = f"can't be read: {read_error(error)}"
     return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint)

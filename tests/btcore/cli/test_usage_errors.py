@@ -150,6 +150,14 @@ def test_missing_plugin_is_refused(cli: Cli, tree_file: TreeFile) -> None:
     assert_refused(cli("run", tree, "--plugin", "missing/things.py"), "missing/things.py")
 
 
+@pytest.mark.parametrize("plugin", ["./robot_thigns.py", "robot_thing"])
+def test_similar_file_is_suggested_for_a_missing_plugin(
+    cli: Cli, tree_file: TreeFile, library: Path, plugin: str
+) -> None:
+    result = cli("run", tree_file("<AlwaysSuccess/>"), "--plugin", plugin)
+    assert_refused(result, "did you mean 'robot_things.py'?")
+
+
 def test_type_of_a_plugin_that_has_the_name_of_an_installed_type_is_used_with_a_warning(
     cli: Cli, tree_file: TreeFile, tmp_path: Path
 ) -> None:

@@ -22,6 +22,9 @@ def searched(nodes: Registry) -> str:
     return "searched: " + ", ".join(["btcore", *others])
 
 
+PLUGIN = "; load a plugin that provides it (--plugin, or nodes.add_plugin)"
+
+
 CASES = {
     "an unknown node": (
         ("<ReactiveSeqence><AlwaysSuccess/></ReactiveSeqence>",),
@@ -30,7 +33,7 @@ CASES = {
         t.xml:3:5: E101 unknown node <ReactiveSeqence>
            3 |      <ReactiveSeqence><AlwaysSuccess/></ReactiveSeqence>
              |      ^^^^^^^^^^^^^^^^^
-              did you mean <ReactiveSequence>?   SEARCHED
+              did you mean <ReactiveSequence>?   SEARCHED; PLUGIN
         """,
     ),
     "an unknown node by its explicit tag": (
@@ -40,7 +43,21 @@ CASES = {
         t.xml:3:17: E101 unknown node 'Drvie'
            3 |      <Action ID="Drvie" speed="1"/>
              |                  ^^^^^
-              did you mean <Drive>?   SEARCHED
+              did you mean <Drive>?   SEARCHED; PLUGIN
+        """,
+    ),
+    "several unknown nodes": (
+        ("<Sequence><Driven/><Wxyz/></Sequence>",),
+        UnknownNodeError,
+        """
+        t.xml:3:15: E101 unknown node <Driven>
+           3 |      <Sequence><Driven/><Wxyz/></Sequence>
+             |                ^^^^^^^
+              did you mean <Drive>?   SEARCHED; PLUGIN
+        t.xml:3:24: E101 unknown node <Wxyz>
+           3 |      <Sequence><Driven/><Wxyz/></Sequence>
+             |                         ^^^^^
+              SEARCHED
         """,
     ),
     "a node of format 3 in format 4": (
@@ -74,7 +91,7 @@ CASES = {
         t.xml:3:5: E101 unknown node <Sequense>
            3 |      <Sequense _skipIf="true"/>
              |      ^^^^^^^^^
-              did you mean <Sequence>?   SEARCHED
+              did you mean <Sequence>?   SEARCHED; PLUGIN
         """,
     ),
     "a node that only a model declares": (
@@ -312,7 +329,9 @@ CASES = {
 def test_error_message(case: str, nodes: Registry, tree_error: Refused) -> None:
     source, kind, said = CASES[case]
     fault = tree_error(source)
-    assert str(fault) == dedent(said).strip("\n").replace("SEARCHED", searched(nodes))
+    assert str(fault) == dedent(said).strip("\n").replace("SEARCHED", searched(nodes)).replace(
+        "; PLUGIN", PLUGIN
+    )
     assert type(fault) is kind
 
 
