@@ -262,7 +262,13 @@ class NodeError(BtcoreError):
 
 
 class BlackboardError(BtcoreError):
-    """A blackboard entry is missing, was never written, or has another type."""
+    """A blackboard entry is missing, was never written, or has another type.
+
+    Attributes:
+        unwritten_key: The key of an entry that is missing or was never written; "" for another problem.
+    """
+
+    unwritten_key: str = ""
 
 
 class MissingEntryError(BlackboardError, KeyError):
@@ -287,6 +293,7 @@ class ScriptError(BtcoreError):
         text: The script.
         column: The place of the error in *text*, counted in characters from 1; 0 = unknown.
         width: The number of invalid characters.
+        unwritten_key: The key of an entry that is missing or was never written; "" for another problem.
 
     Examples:
         >>> import btcore
@@ -296,6 +303,8 @@ class ScriptError(BtcoreError):
         ...     print(error.column)
         10
     """
+
+    unwritten_key: str = ""
 
     def __init__(self, message: str, text: str = "", column: int = 0, width: int = 1) -> None:
         self.message = message

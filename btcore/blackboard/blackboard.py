@@ -355,9 +355,12 @@ class Blackboard:
 
     def _missing(self, key: str, entry: Entry | None) -> MissingEntryError:
         """Return the error for a key without a value."""
+        problem = f"the entry '{key}' is declared but was never written"
         if entry is None:
-            return MissingEntryError(f"there is no entry '{key}' on the blackboard{self.hint(key)}")
-        return MissingEntryError(f"the entry '{key}' is declared but was never written")
+            problem = f"there is no entry '{key}' on the blackboard{self.hint(key)}"
+        error = MissingEntryError(problem)
+        error.unwritten_key = key
+        return error
 
     def _known(self, key: str) -> Entry | None:
         """Return the entry whose type must agree with a new declaration of *key*, or None."""

@@ -259,7 +259,9 @@ class Input(Binding):
 
     def _unreadable(self, entry: Entry | None) -> BlackboardError:
         problem = "is not on the blackboard" if entry is None else "has never been written"
-        return BlackboardError(f"port [{self.name}] reads {{{self.key}}}, which {problem}")
+        error = BlackboardError(f"port [{self.name}] reads {{{self.key}}}, which {problem}")
+        error.unwritten_key = self.key or ""
+        return error
 
 
 class Output:

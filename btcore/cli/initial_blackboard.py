@@ -6,12 +6,14 @@ import click
 
 from btcore.blackboard.ports import remapped_key
 from btcore.cli import terminal
-from btcore.errors import BlackboardError, ConversionError
+from btcore.errors import BlackboardError, ConversionError, NodeExecutionError
 from btcore.json_text import too_deep_at
-from btcore.suggestions import nearest_name
+from btcore.registry.registry import Registry
+from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.values import ValueType
 from btcore.values.numbers import read_json
+from btcore.xml.plan.document_checks import DocumentAnalysis
 
 
 def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
@@ -71,29 +73,57 @@ def _value_of(text: str, kind: ValueType | None, format: int) -> object:
     return text if value is None else value
 
 
-def write(tree: Tree, entries: Mapping[str, str]) -> None:
+def write(tree: Tree, entries: Mapping[str, str], examined: DocumentAnalysis, nodes: Registry) -> None:
     """Write entries to the blackboard of a tree, before its first tick.
 
-    A key that no port uses is written too; if it resembles a key that a port uses, a warning is printed.
+    A key that no port or script uses is written too, with a warning.
 
     Args:
         tree: The tree.
         entries: The texts of the values, by key.
+        examined: The checked document of the tree.
+        nodes: The nodes that the document was checked with.
 
     Raises:
         click.UsageError: A text is not a value of its key's type.
     """
     board = tree.blackboard
+    without_port = [key for key in entries if board.find(key) is None]
+    if without_port:
+        _warn_unused(without_port, examined, nodes)
     for key, text in entries.items():
         entry = board.find(key)
-        if entry is None:
-            nearest = nearest_name(key, (other for other in board.visible_keys() if other not in entries))
-            if nearest is not None:
-                terminal.print_warning(
-                    f"--set {key}: no port of the tree uses '{key}'; did you mean '{nearest}'?"
-                )
         kind = entry.declared if entry is not None and entry.declared.strong else None
         try:
             board.set(key, _value_of(text, kind, tree.format), kind)
         except (BlackboardError, ConversionError) as error:
             raise click.UsageError(f"--set {key}={text}: {error}.") from error
+
+
+def _warn_unused(keys: Iterable[str], examined: DocumentAnalysis, nodes: Registry) -> None:
+    """Print a warning for each of *keys* that neither a port nor a script of the tree uses."""
+    from btcore.xml.lint.dry_run import DryRun  # most runs do not need it
+
+    assert examined.main is not None
+    dry_run = DryRun(examined.planner, examined.main, nodes)
+    dry_run.run()
+    board = dry_run.blackboard
+    for key in keys:
+        hint = did_you_mean(key, board.visible_keys())
+        # A leaf that takes the whole blackboard may use any key.
+        if board.find(key) is None and (hint or not dry_run.has_untracked_access):
+            terminal.print_warning(f"--set {key}: no port or script of the tree uses '{key}'{hint}")
+
+
+def unwritten_entry_hint(tree: Tree, error: NodeExecutionError) -> str:
+    """Return how to set the entry that a node of *tree* needed, but that was never written; "" otherwise."""
+    key = getattr(error.cause, "unwritten_key", "")
+    board = next((node.blackboard for node in tree.nodes if node.path == error.path), None)
+    if not key or board is None:
+        return ""
+    if board is not tree.blackboard:
+        # The key in the main tree may be another key.
+        entry = board.find(key)
+        entries = tree.blackboard.local_entries().items()
+        key = next((outer for outer, other in entries if other is entry), "")
+    return f"to set the entry before the first tick, use --set {key}=VALUE" if key else ""

@@ -221,7 +221,7 @@ def create_session(
                 "btcore.TreeState, or write an extension that provides the object: see 'Your robot'"
             )
         raise
-    initial_blackboard.write(tree, settings["entries"])
+    initial_blackboard.write(tree, settings["entries"], examined, nodes)
     terminal.print_diagnostics(examined.diagnostics.warnings)
     substitute.warn_unused_rules(tree)
     warn_unused_options(ctx, idle)

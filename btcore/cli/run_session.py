@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any, cast
 
-from btcore.cli import terminal
+from btcore.cli import initial_blackboard, terminal
 from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import merge_reports
 from btcore.cli.progress import Progress, log_to_console
@@ -68,7 +68,7 @@ class RunSession:
         outcome = self.outcome
         outcome.print_summary(self.tree, ending, figures)
         if outcome.error is not None and outcome.error is not self._printed_error:
-            terminal.print_error(str(outcome.error))
+            self._print_execution_error(outcome.error)
         if self.settings["as_json"]:
             terminal.print_json(outcome.report(self.tree, figures))
         return code
@@ -158,7 +158,7 @@ class RunSession:
             except NodeExecutionError as error:
                 self.outcome.error = self._printed_error = error
                 with progress.suspend():
-                    terminal.print_error(str(error))
+                    self._print_execution_error(error)
                 ending = "done"
             if ending == "done":
                 waiting = True
@@ -172,6 +172,11 @@ class RunSession:
                         waiting = False
             else:
                 return ending
+
+    def _print_execution_error(self, error: NodeExecutionError) -> None:
+        terminal.print_error(str(error))
+        hint = initial_blackboard.unwritten_entry_hint(self.tree, error)
+        terminal.print_notes([hint] if hint else [])
 
     def _reload(self) -> bool:
         """Replace the tree by the tree in the saved file; on errors, print them and return False."""

@@ -82,8 +82,27 @@ class Name(Expression):
         entry = board.find(self.name)
         if entry is None:
             hint = did_you_mean(self.name, [*board.visible_keys(), *self.enums])
-            raise self.fault(f"there is no variable '{self.name}' on the blackboard{hint}")
+            error = self.fault(f"there is no variable '{self.name}' on the blackboard{hint}")
+            error.unwritten_key = self.name
+            raise error
         return entry.value
+
+
+def no_value_error(operand: Expression, place: str, text: str, column: int, width: int) -> ScriptError:
+    """Return the error for an operand without a value.
+
+    Args:
+        operand: The operand.
+        place: The place of the operand in the script, such as `before '<'`.
+        text: The script.
+        column: The column of the operator.
+        width: The number of characters to mark.
+    """
+    name = operand.name if isinstance(operand, Name) else ""
+    entry = f"the entry '{name}'" if name else "the entry"
+    error = ScriptError(f"the operand {place} has no value: {entry} was never written", text, column, width)
+    error.unwritten_key = name
+    return error
 
 
 class UnaryOperation(Expression):
@@ -101,6 +120,9 @@ class UnaryOperation(Expression):
             for sign in reversed(self.signs):
                 value = negated(sign, value)
         except ConversionError as error:
+            if value is None:
+                place = f"after '{self.signs[-1]}'"
+                raise no_value_error(self.operand, place, self.text, self.column, self.width) from None
             raise self.fault(str(error)) from None
         return value
 
@@ -118,6 +140,24 @@ class Chain(Expression):
         """Append an operator and its right operand."""
         self.operands.append(operand)
         self.tokens.append(token)
+
+    def operation_error(self, index: int, left: object, right: object, error: ConversionError) -> ScriptError:
+        """Return the error of the operator with number *index*, at its position.
+
+        Args:
+            index: The number of the operator, from 0.
+            left: The value before the operator.
+            right: The value after the operator.
+            error: The error of the operation.
+        """
+        token = self.tokens[index]
+        if left is None:
+            operand = self.operands[index - 1] if index else self.first
+            return no_value_error(operand, f"before '{token.text}'", self.text, token.start + 1, token.width)
+        if right is None:
+            operand = self.operands[index]
+            return no_value_error(operand, f"after '{token.text}'", self.text, token.start + 1, token.width)
+        return ScriptError(str(error), self.text, token.start + 1, token.width)
 
 
 class OperatorChain(Chain):
@@ -152,8 +192,7 @@ class OperatorChain(Chain):
             try:
                 left = operate(operator, left, right)
             except ConversionError as error:
-                token = self.tokens[index]
-                raise ScriptError(str(error), self.text, token.start + 1, token.width) from None
+                raise self.operation_error(index, left, right, error) from None
         return left
 
 
@@ -177,7 +216,7 @@ class Comparison(Chain):
                 if not compare(token.kind, left, right, self.enums):
                     return 0.0
             except ConversionError as error:
-                raise ScriptError(str(error), self.text, token.start + 1, token.width) from None
+                raise self.operation_error(index, left, right, error) from None
             left = right
         return 1.0
 
@@ -208,6 +247,9 @@ class ConditionalExpression(Expression):
                     raise ConversionError(f"the condition before '?' is {description(value)}, not a number")
                 chosen = as_double(number) != 0.0
         except ConversionError as error:
+            if value is None:
+                place = "before '?'"
+                raise no_value_error(self.condition, place, self.text, self.column, self.width) from None
             raise self.fault(str(error)) from None
         return self.then.evaluate(board) if chosen else self.other.evaluate(board)
 
@@ -238,14 +280,18 @@ class Assignment(Expression):
             entry = self._create(board, target)
         value = self.value.evaluate(board)
         if value is None:
-            raise self.fault(f"the operand after '{self.operator}' has no value")
+            place = f"after '{self.operator}'"
+            raise no_value_error(self.value, place, self.text, self.column, self.width)
         try:
             if self.operator == ":=" or self.operator == "=":
                 stored = self._assigned(entry, value)
             else:
                 stored = compound_assigned_value(self.operator, entry.value, value, entry.declared)
         except ConversionError as error:
-            raise self.fault(f"cannot assign to '{target.name}': {error}") from None
+            fault = self.fault(f"cannot assign to '{target.name}': {error}")
+            if entry.value is None:
+                fault.unwritten_key = target.name
+            raise fault from None
         entry.put(stored, board.now())
         return stored
 

@@ -125,8 +125,8 @@ def is_declaration(use: EntryUse) -> bool:
 
 
 def fill_example(key: str) -> str:
-    """Return the Python statement that sets the entry *key*."""
-    return f'tree.blackboard["{key}"] = …'
+    """Return the Python statement and the option that set the entry *key*."""
+    return f'tree.blackboard["{key}"] = …, or btcore run --set {key}=VALUE'
 
 
 def _may_be_an_enum(uses: Sequence[EntryUse]) -> bool:

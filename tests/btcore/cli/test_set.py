@@ -67,7 +67,44 @@ def test_key_may_be_in_braces_and_an_unused_key_is_reported(
     tree = tree_file('<Walk steps="{far}"/>')
     assert cli("run", tree, "--plugin", library, "--fast", "--set", "{far}=2").exit_code == 0
     mistyped = cli("run", tree, "--plugin", library, "--fast", "--set", "fat=2")
-    assert "no port of the tree uses 'fat'; did you mean 'far'?" in mistyped.stderr
+    assert "no port or script of the tree uses 'fat'; did you mean 'far'?" in mistyped.stderr
+
+
+def test_a_key_that_only_scripts_use_is_known(cli: Cli, tree_file: TreeFile) -> None:
+    tree = tree_file('<ScriptCondition code="battery &lt; 0.2"/>')
+    known = cli("run", tree, "--fast", "--set", "battery=0.1")
+    assert (known.exit_code, "warning" in known.stderr) == (0, False)
+    unknown = cli("run", tree, "--fast", "--set", "batery=0.1", "--set", "zzz=0")
+    assert (
+        "--set batery: no port or script of the tree uses 'batery'; did you mean 'battery'?" in unknown.stderr
+    )
+    assert "--set zzz: no port or script of the tree uses 'zzz'\n" in unknown.stderr
+    assert "note: to set the entry before the first tick, use --set battery=VALUE" in unknown.stderr
+
+
+def test_a_leaf_with_the_whole_blackboard_may_use_any_key(
+    cli: Cli, tree_file: TreeFile, tmp_path: Path
+) -> None:
+    (tmp_path / "boards.py").write_text(
+        "from btcore import Blackboard, condition\n"
+        "@condition\ndef has_key(board: Blackboard) -> bool:\n    return 'zzz' in board\n"
+    )
+    result = cli("run", tree_file("<HasKey/>"), "--plugin", "boards.py", "--set", "zzz=0")
+    assert (result.exit_code, "warning" in result.stderr) == (0, False)
+
+
+@pytest.mark.parametrize(
+    ("call", "note"),
+    [('<SubTree ID="Rest" pause="{time}"/>', "use --set time=VALUE"), ('<SubTree ID="Rest"/>', "")],
+)
+def test_a_read_of_an_entry_that_was_never_written_suggests_to_set_it(
+    cli: Cli, tree_file: TreeFile, call: str, note: str
+) -> None:
+    inner = '<BehaviorTree ID="Rest"><Sleep msec="{pause}"/>'
+    result = cli("run", tree_file(f"{call}</BehaviorTree>{inner}"), "--fast")
+    assert "reads {pause}, which has never been written" in result.stderr
+    assert result.stderr.count("note: ") == bool(note)
+    assert note in result.stderr
 
 
 @pytest.mark.parametrize(

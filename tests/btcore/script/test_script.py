@@ -364,6 +364,23 @@ class TestAssignment:
         board.create("k", INT)
         assert "has no value" in error_of("k += 1", board).message
 
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            ("k < 3", "the operand before '<' has no value: the entry 'k' was never written"),
+            ("1 < 2 < k", "the operand after '<' has no value: the entry 'k' was never written"),
+            ("1 + k * 2", "the operand before '*' has no value: the entry 'k' was never written"),
+            ("x := k", "the operand after ':=' has no value: the entry 'k' was never written"),
+            ("!-k", "the operand after '-' has no value: the entry 'k' was never written"),
+            ("k ? 1 : 2", "the operand before '?' has no value: the entry 'k' was never written"),
+            ("(1 ? k : 2) + 1", "the operand before '+' has no value: the entry was never written"),
+        ],
+    )
+    def test_operand_without_a_value_names_its_entry(self, board, text, message):
+        board.create("k", INT)
+        error = error_of(text, board)
+        assert (error.message, error.unwritten_key) == (message, "k" if "'k'" in message else "")
+
     def test_an_enum_entry_keeps_its_enum(self, board):
         board["c"] = Colour.RED
         assert run("c == RED", board) == 1.0

@@ -37,8 +37,8 @@ CASES = {
         t.xml:3:16: W201 the port 'text' of <Say> reads {goal}, which is never written
            3 |      <Say text="{goal}"/>
              |                 ^^^^^^
-              write it first, or fill the blackboard before the first tick: tree.blackboard["goal"] = …
-        """,
+              write it first, or fill the blackboard before the first tick: tree.blackboard["goal"] = …, or btcore run --set goal=VALUE
+        """,  # noqa: E501 - a hint is one line
     ),
     "a typing mistake": (
         children('<Script code="goal := 1"/>', '<Say text="{gaol}"/>', '<Say text="{gaol}"/>'),
@@ -67,8 +67,8 @@ CASES = {
         t.xml:3:36: W201 the script in '_skipIf' of <AlwaysSuccess> reads 'done', which is never written
            3 |      <AlwaysSuccess _skipIf="1 &lt; done"/>
              |                                     ^^^^
-              write it first, or fill the blackboard before the first tick: tree.blackboard["done"] = …
-        """,
+              write it first, or fill the blackboard before the first tick: tree.blackboard["done"] = …, or btcore run --set done=VALUE
+        """,  # noqa: E501 - a hint is one line
     ),
     "a possible enum member": (
         children('<Script code="state := READY"/>'),
@@ -77,7 +77,7 @@ CASES = {
         t.xml:4:30: W201 the script in 'code' of <Script> reads 'READY', which is never written
            4 |        <Script code="state := READY"/>
              |                               ^^^^^
-              if it is the name of an enum member, register the enum with nodes.add_enum(…); else write it first, or fill the blackboard before the first tick: tree.blackboard["READY"] = …
+              if it is the name of an enum member, register the enum with nodes.add_enum(…); else write it first, or fill the blackboard before the first tick: tree.blackboard["READY"] = …, or btcore run --set READY=VALUE
         """,  # noqa: E501 - a hint is one line
     ),
     "known only to the calling tree": (
@@ -107,7 +107,7 @@ CASES = {
         t.xml:3:19: W209 the script in 'code' of <Script> assigns to the entry 'x', which is never created
            3 |      <Script code="x += 1"/>
              |                    ^
-              to create it, write x := …; or fill the blackboard before the first tick: tree.blackboard["x"] = …
+              to create it, write x := …; or fill the blackboard before the first tick: tree.blackboard["x"] = …, or btcore run --set x=VALUE
         """,  # noqa: E501 - a message is one line
     ),
     "passed without effect": (
