@@ -8,13 +8,17 @@ A plan has a letter for each tick:
 """
 
 import re
-from collections.abc import Sequence
-from typing import Any, ClassVar, Final
+from collections.abc import Iterable, Mapping
+from random import Random
+from typing import ClassVar, Final
 
+from btcore.blackboard.ports import Port
 from btcore.engine.leaf import Condition, StatefulAction
 from btcore.engine.node import TreeNode
 from btcore.registry.registry import Registry
-from btcore.status import NodeType, Status
+from btcore.status import SUCCESS, NodeType, Status
+from btcore.suggestions import did_you_mean
+from btcore.testing.output_values import draw_value
 from btcore.testing.plan_leaves import status_of
 from btcore.tree.tree import Tree
 
@@ -29,8 +33,14 @@ class Outcomes:
     for each tick in which an action is RUNNING. A condition uses only the last letter of its entry, and
     returns FAILURE for K, because several control nodes raise an exception if their condition is skipped.
 
+    A leaf that succeeds writes its output ports, see `with_mock_leaves`. Equal plans draw equal values.
+
     Args:
         entries: The entries of the plan, such as "S", "F" and "RRS".
+
+    Attributes:
+        entries: The entries of the plan.
+        source: The source of the random values of output ports.
 
     Raises:
         ValueError: There is no entry, or an entry is invalid.
@@ -51,7 +61,7 @@ class Outcomes:
             value = repr(invalid[0]) if invalid else "nothing"
             raise ValueError(f"a plan has entries such as 'S', 'F' and 'RRS', not {value}")
         self.entries = entries
-        self._next = 0
+        self._restart()
 
     def __repr__(self) -> str:
         return f"Outcomes({', '.join(map(repr, self.entries))})"
@@ -61,6 +71,10 @@ class Outcomes:
 
     def __hash__(self) -> int:
         return hash(self.entries)
+
+    def _restart(self) -> None:
+        self._next = 0
+        self.source = Random(" ".join(self.entries))
 
     def next_entry(self) -> str:
         """Return the entry for the next start of a leaf."""
@@ -72,18 +86,20 @@ class Outcomes:
         """Make the mock leaves of *tree* follow this plan, beginning with its first entry.
 
         Raises:
-            ValueError: The tree has leaves that are not built in, but no mock leaves.
+            ValueError: The tree has leaves that are not built in, but no mock leaves; or the *outputs* of the
+                mock leaves name a leaf that is not in the tree, or a port that a leaf does not have.
         """
-        leaves: Sequence[Any] = [*tree.find(MockAction), *tree.find(MockCondition)]
+        leaves: list[MockAction | MockCondition] = [*tree.find(MockAction), *tree.find(MockCondition)]
         own = [node.path for node in tree if not node.children and not _is_built_in(node, tree.registry)]
         if own and not leaves:
             raise ValueError(
                 f"the tree '{tree.id}' has no mock leaves ('{own[0]}' is an ordinary leaf); "
                 "load it with nodes=with_mock_leaves(nodes)"
             )
-        self._next = 0
         for leaf in leaves:
+            _check_outputs(leaf.given_outputs, leaves, tree)
             leaf.outcomes = self
+        self._restart()
 
     def drive(self, tree: Tree, ticks: int = 10, period: float = 0.01) -> list[Status]:
         """Attach this plan to a tree, tick it, and return the results of the root.
@@ -110,15 +126,52 @@ def _is_built_in(node: TreeNode, nodes: Registry) -> bool:
     return manifest is not None and manifest.distribution == "btcore"
 
 
+GivenOutputs = Mapping[str, Mapping[str, object]]
+"""The values that mock leaves write: by the name or the ID of the leaf, then by the name of the port."""
+
+
+def _check_outputs(given: GivenOutputs, leaves: Iterable[TreeNode], tree: Tree) -> None:
+    """Raise ValueError if *given* names a leaf that is not in *leaves*, or a port that the leaf lacks."""
+    known = {name: leaf for leaf in leaves for name in (leaf.id, leaf.name)} if given else {}
+    for name, values in given.items():
+        leaf = known.get(name)
+        if leaf is None:
+            raise ValueError(f"outputs: the tree has no mock leaf '{name}'{did_you_mean(name, known)}")
+        manifest = tree.registry.get(leaf.id, leaf.config.format)
+        _check_ports(name, values, manifest.ports if manifest is not None else {})
+
+
+def _check_ports(name: str, values: Mapping[str, object], ports: Mapping[str, Port]) -> None:
+    """Raise ValueError if *values* has a key that is no output of the leaf *name*."""
+    outputs = [port.name for port in ports.values() if port.writes]
+    for port in values:
+        if port not in outputs:
+            hint = did_you_mean(port, outputs)
+            raise ValueError(f"outputs: '{name}' has no output port '{port}'{hint}")
+
+
+def _write_outputs(leaf: TreeNode, given: GivenOutputs, source: Random) -> None:
+    """Write the connected output ports of *leaf*: given values, else values that are drawn."""
+    values = {**given.get(leaf.id, {}), **given.get(leaf.name, {})}
+    for name, output in leaf.config.outputs.items():
+        if output.key is None:
+            continue
+        value = values[name] if name in values else draw_value(output.type, source)
+        if value is not None:
+            output.write(value)
+
+
 class MockAction(StatefulAction):
     """An action that follows the `Outcomes` that are attached to the tree; by default it succeeds.
 
     Attributes:
+        given_outputs: The values that the action writes when it succeeds; others are drawn.
         outcomes: The plan that the action follows.
         left: The results that remain of the current start.
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes", "left")
+    given_outputs: ClassVar[GivenOutputs] = {}
 
     def __init__(self) -> None:
         self.outcomes = Outcomes("S")
@@ -133,32 +186,52 @@ class MockAction(StatefulAction):
         """Return the result of the entry's next letter; the last letter is repeated."""
         # After the last letter, the rest of the entry is empty: keep the letter for the next tick.
         letter, self.left = self.left[0], self.left[1:] or self.left
-        return status_of(letter)
+        status = status_of(letter)
+        if status is SUCCESS:
+            _write_outputs(self, self.given_outputs, self.outcomes.source)
+        return status
 
 
 class MockCondition(Condition):
     """A condition that follows the `Outcomes` that are attached to the tree.
 
     Attributes:
+        given_outputs: The values that the condition writes when it succeeds; others are drawn.
         outcomes: The plan that the condition follows.
     """
 
     state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes",)
+    given_outputs: ClassVar[GivenOutputs] = {}
 
     def __init__(self) -> None:
         self.outcomes = Outcomes("S")
 
     def tick(self) -> Status:
         """Take the next entry of the plan, and return the result of its last letter."""
-        return status_of(self.outcomes.next_entry()[-1].replace("K", "F"))
+        status = status_of(self.outcomes.next_entry()[-1].replace("K", "F"))
+        if status is SUCCESS:
+            _write_outputs(self, self.given_outputs, self.outcomes.source)
+        return status
 
 
-def with_mock_leaves(nodes: Registry) -> Registry:
+def with_mock_leaves(nodes: Registry, outputs: GivenOutputs | None = None) -> Registry:
     """Return a copy of a registry in which mock leaves replace all leaves except btcore's own.
 
     The copy also has the mock action `<Act>` and the mock condition `<Ask>`. Mock leaves succeed until an
     `Outcomes` is attached to the tree, which they then follow. The resources of replaced
-    leaves are not required, and their output ports are not written.
+    leaves are not required.
+
+    A mock leaf that succeeds writes its output ports to the blackboard: the values in *outputs*, else random
+    values of the port's type (bool, numbers, texts, enums, and lists, dataclasses and named tuples of
+    these). An output of another type is only written if its value is given.
+
+    Args:
+        nodes: The registry.
+        outputs: The values to write, by the name or the ID of the leaf, then by the name of the port. A name
+            takes precedence.
+
+    Raises:
+        ValueError: *outputs* names a port that the leaf does not have.
 
     Examples:
         >>> import btcore
@@ -176,7 +249,14 @@ def with_mock_leaves(nodes: Registry) -> Registry:
     for ID, leaf in (("Act", MockAction), ("Ask", MockCondition)):
         if ID not in copy:
             copy.add(leaf, ID=ID)
-    mocks = {NodeType.ACTION: MockAction, NodeType.CONDITION: MockCondition}
+    mocks: dict[NodeType, type[TreeNode]] = {NodeType.ACTION: MockAction, NodeType.CONDITION: MockCondition}
+    if outputs:
+        given = {"given_outputs": outputs}
+        mocks = {kind: type(mock.__name__, (mock,), given) for kind, mock in mocks.items()}
+        for ID, values in outputs.items():
+            manifest = nodes.get(ID) or nodes.get(ID, 3)
+            if manifest is not None:
+                _check_ports(ID, values, manifest.ports)
     for format in (3, 4):
         for ID, manifest in copy.manifests_of(format).items():
             mock = mocks.get(manifest.type)

@@ -1,12 +1,17 @@
 """A plan for all leaves of a tree."""
 
+import enum
+import re
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import pytest
 
 import btcore
-from btcore import In, NodeExecutionError, Registry, SimClock, Status, Tree, action, condition
+from btcore import In, NodeExecutionError, Put, Registry, SimClock, Status, Tree, action, condition
 from btcore.testing import Harness, LeafPlanError, MockAction, MockCondition, Outcomes, with_mock_leaves
+from btcore.testing.mock_leaves import GivenOutputs
 
 Patrol = Callable[..., Harness]
 
@@ -110,6 +115,81 @@ def test_leaves_of_a_registry_follow_the_plan_and_need_no_resources() -> None:
     assert Outcomes("F", "RS").drive(tree, ticks=2) == [Status.RUNNING, Status.SUCCESS]
     assert "Act" not in nodes
     assert nodes.substitutions == {}
+
+
+class Colour(enum.Enum):
+    RED = 1
+    GREEN = 2
+
+
+@dataclass
+class Position:
+    x: float
+    colour: Colour = Colour.RED
+
+
+class Found(NamedTuple):
+    at: Position
+    ids: list[int]
+
+
+@action
+def detect(
+    count: Put[int], text: Put[str], ok: Put[bool], found: Put[Found], arm: Put[Arm], unused: Put[float]
+) -> bool:
+    raise AssertionError("the real leaf is ticked")
+
+
+PORTS = 'count="{count}" text="{text}" ok="{ok}" found="{found}" arm="{arm}"'
+
+
+def detected(outputs: GivenOutputs | None = None, *entries: str) -> dict[str, object]:
+    """Return the blackboard after two mock leaves have succeeded."""
+    nodes = Registry.standard()
+    nodes.add(detect)
+    tree = btcore.loads(
+        f"""<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+        <Detect name="first" {PORTS}/><Detect count="{{again}}"/></Sequence></BehaviorTree></root>""",
+        nodes=with_mock_leaves(nodes, outputs),
+        clock=SimClock(),
+    )
+    Outcomes(*entries or "S").drive(tree, ticks=1)
+    return dict(tree.blackboard.items())
+
+
+def test_leaves_that_succeed_write_values_of_the_types_of_their_outputs() -> None:
+    board = detected()
+    assert {key: type(value) for key, value in board.items()} == {
+        "count": int, "text": str, "ok": bool, "found": Found, "again": int
+    }  # fmt: skip
+    found = board["found"]
+    assert isinstance(found, Found)
+    assert isinstance(found.at, Position)
+    assert isinstance(found.at.colour, Colour)
+    assert all(type(id) is int for id in found.ids)
+    assert detected() == board
+    assert len({detected(None, "S", *"S" * repeats)["count"] for repeats in range(9)}) > 1
+    assert detected(None, "F") == {}
+    assert detected(None, "RS") == {}
+
+
+def test_given_outputs_are_written_and_a_name_takes_precedence_over_an_id() -> None:
+    arm = Arm()
+    board = detected({"Detect": {"count": 7, "arm": arm}, "first": {"count": 8}})
+    assert (board["count"], board["again"], board["arm"]) == (8, 7, arm)
+
+
+@pytest.mark.parametrize(
+    ("outputs", "message"),
+    [
+        ({"Detekt": {}}, "outputs: the tree has no mock leaf 'Detekt'; did you mean 'Detect'?"),
+        ({"Detect": {"coutn": 1}}, "outputs: 'Detect' has no output port 'coutn'; did you mean 'count'?"),
+        ({"first": {"zzz": 1}}, "outputs: 'first' has no output port 'zzz'"),
+    ],
+)
+def test_unknown_names_in_given_outputs_are_refused(outputs: GivenOutputs, message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        detected(outputs)
 
 
 def test_existing_substitution_rule_is_kept() -> None:
