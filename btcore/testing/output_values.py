@@ -59,9 +59,9 @@ def _record(cls: type[Any], source: Random, depth: int) -> object:
             for field in fields(cls)
             if field.init
         }
-    elif issubclass(cls, tuple):  # a named tuple has the attributes; any other tuple has no fields
+    elif names := getattr(cls, "_fields", ()):  # a named tuple
         defaults: Mapping[str, object] = getattr(cls, "_field_defaults", {})
-        required = {name: name not in defaults for name in getattr(cls, "_fields", ())}
+        required = {name: name not in defaults for name in names}
     else:
         return None
     types = TypeRegistry()
