@@ -235,5 +235,7 @@ def print_click_error(exception: click.ClickException) -> None:
         message = message[:1].lower() + message[1:]
     print_error(message)
     context = getattr(exception, "ctx", None)
+    if isinstance(exception, click.MissingParameter) and context is not None and context.params.get("tree"):
+        print_notes(["--tree takes the ID of a tree in a file; the file is an argument of its own"])
     if isinstance(exception, click.UsageError) and context is not None:
         stderr_console().print(f"       Try '{context.command_path} --help' for help.", style="dim")

@@ -495,6 +495,10 @@ def _as_status(node: TreeNode, result: object) -> Status:
     if result is IDLE and node.config.format == 3 and node.children:
         return IDLE
     text = "IDLE" if result is IDLE else repr(result)
+    # The name of a status, or the status of another library, such as py_trees.
+    name = result if isinstance(result, str) else getattr(result, "name", None)
+    if isinstance(name, str) and name.upper() in ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED"):
+        text += f"; write btcore.Status.{name.upper()}"
     raise NodeError(f"a tick must return RUNNING, SUCCESS (True), FAILURE (False) or SKIPPED, not {text}")
 
 

@@ -129,6 +129,8 @@ _ENGINE: Final = frozenset(
     {"btcore.engine.node", "btcore.engine.control", "btcore.engine.leaf", "btcore.engine.coroutine"}
 )
 
+_ANNOTATE: Final = "annotate a port with In[…] or Put[…], or a resource with its type"
+
 
 class Parameter:
     """One parameter of a leaf: a *port*, or a resource of type *resource_type*.
@@ -247,7 +249,7 @@ def function_parameters(
         if parameter.name not in hints:
             raise RegistrationError(
                 f"parameter '{parameter.name}' of {function_name} has no annotation: "
-                "annotate a port with In[…] or Put[…], or a resource with its type"
+                + ((skip_first and name_or_config_hint(parameter.name)) or _ANNOTATE)
             )
         annotation = hints[parameter.name]
         default = UNSET if parameter.default is parameter.empty else parameter.default
@@ -257,6 +259,16 @@ def function_parameters(
         keyword = parameter.kind is parameter.KEYWORD_ONLY
         parameters.append(Parameter(parameter.name, keyword, port, annotation, default))
     return parameters
+
+
+def name_or_config_hint(name: str) -> str:
+    """Return a hint for a parameter of `__init__` that BehaviorTree.CPP or py_trees requires, or ""."""
+    if name not in ("name", "config"):
+        return ""
+    return (
+        "remove 'name' and 'config', also from super().__init__(): a node has self.name and self.config "
+        "before __init__ is called"
+    )
 
 
 def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> list[Port]:
@@ -275,12 +287,25 @@ def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> lis
     if provided is not None:
         for port in provided():
             listed[port.name] = port
-    for name, annotation in _resolve(cls, cls.__qualname__, names).items():
+    for name, annotation in class_annotations(cls, names).items():
         port = port_from_annotation(name, annotation, types.of, _default_in(cls, name))
         if port is not None:
             _check_not_hidden(cls, name)
             listed[name] = port if name not in listed else _redeclared(listed[name], port)
     return list(listed.values())
+
+
+def class_annotations(cls: type, names: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the annotations of a class and its base classes, by the names of the attributes.
+
+    Args:
+        cls: The class.
+        names: Local names, for resolving annotations that are strings.
+
+    Raises:
+        RegistrationError: An annotation is invalid.
+    """
+    return _resolve(cls, cls.__qualname__, names)
 
 
 def _redeclared(provided: Port, port: Port) -> Port:

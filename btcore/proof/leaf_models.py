@@ -115,8 +115,8 @@ def _ordered(results: set[Status]) -> tuple[Status, ...]:
 
 
 def resources_of(manifest: Manifest) -> frozenset[str]:
-    """Return the names of the types of the resources that a leaf gets as parameters."""
-    types = [parameter.resource_type for parameter in manifest.parameters if parameter.port is None]
+    """Return the names of the types of the resources that a leaf gets."""
+    types = [parameter.resource_type for parameter in manifest.resources]
     return frozenset(
         kind.__name__
         for kind in types

@@ -22,7 +22,13 @@ from btcore.engine.functions import (
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NO_INPUTS, NodeConfig
 from btcore.engine.port_attributes import PORT_PLACEHOLDER
-from btcore.engine.signature import Parameter, bind_class, class_ports, function_parameters
+from btcore.engine.signature import (
+    Parameter,
+    bind_class,
+    class_ports,
+    function_parameters,
+    name_or_config_hint,
+)
 from btcore.errors import NodeError, RegistrationError
 from btcore.registry.forgotten_awaits import check_awaits
 from btcore.registry.registration_checks import (
@@ -32,6 +38,7 @@ from btcore.registry.registration_checks import (
     check_outputs_are_called,
     check_ports,
 )
+from btcore.registry.resource_attributes import bind_resources, class_resources
 from btcore.status import NodeType
 from btcore.values import TypeRegistry
 
@@ -47,6 +54,7 @@ class Manifest:
         cls: The class of the nodes.
         ports: The ports by name, in the order of their declaration.
         parameters: The parameters of the function or of `__init__`.
+        attributes: The attributes of a class that are filled with resources.
         distribution: The package that registered the node.
         function: The function that the nodes call; None for a node class.
         metadata: Texts by name for other tools, such as an editor. They are written to the TreeNodesModel.
@@ -64,11 +72,13 @@ class Manifest:
         parameters: Sequence[Parameter],
         distribution: str,
         function: Callable[..., object] | None = None,
+        attributes: Sequence[Parameter] = (),
     ) -> None:
         self.id = id
         self.cls = cls
         self.ports = {port.name: port for port in ports}
         self.parameters = list(parameters)
+        self.attributes = list(attributes)
         self.distribution = distribution
         self.function = function
         self.metadata = _class_metadata(cls)
@@ -89,13 +99,17 @@ class Manifest:
         return inspect.cleandoc(self.cls.__doc__ or builds.written_docstring(self.cls))
 
     @property
+    def resources(self) -> list[Parameter]:
+        """The parameters and the attributes that are filled with resources."""
+        return [*(parameter for parameter in self.parameters if parameter.port is None), *self.attributes]
+
+    @property
     def required_resources(self) -> list[Any]:
         """The types of the resources that the caller of load() must pass for a node."""
         return [
             parameter.resource_type
-            for parameter in self.parameters
-            if parameter.port is None
-            and parameter.default is UNSET
+            for parameter in self.resources
+            if parameter.default is UNSET
             and parameter.resource_type not in (Clock, Blackboard)
             and not is_tree_state(parameter.resource_type)
         ]
@@ -142,6 +156,10 @@ class Manifest:
         if self._adopts:
             assert isinstance(node, (ControlNode, DecoratorNode))
             node.set_children(children)
+        for attribute in self.attributes:
+            value = self._resource(attribute, node, context, resources)
+            if value is not UNSET:
+                setattr(node, attribute.name, value)
         if self.function is not None:
             call = BoundFunction(self.function, *self._arguments(node, context, resources))
             if isinstance(node, (FunctionAction, FunctionCondition, FunctionCoroutineAction)):
@@ -191,24 +209,31 @@ class Manifest:
                     return port.value
                 return _MissingInput(port, node)
             return bound
+        value = self._resource(parameter, node, context, resources)
+        if value is UNSET:
+            message = f"<{self.id}> needs a {parameter.type_name} for its parameter '{parameter.name}': "
+            name_hint = name_or_config_hint(parameter.name) if self.function is None else ""
+            message += name_hint or resources.namesake_hint(parameter) or "pass it in resources=[…]"
+            if parameter.looks_like_port and not name_hint:
+                message += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
+            raise NodeError(message)
+        return value
+
+    def _resource(
+        self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: "Resources"
+    ) -> object:
+        """Return the resource for a parameter or an attribute, its default, or UNSET."""
         if parameter.resource_type is Clock:
             return context.clock
         if parameter.resource_type is Blackboard:
             return node.blackboard
         try:
-            value = resources.of(parameter, self.id)
+            return resources.of(parameter, self.id)
         except TypeError:
             raise NodeError(
                 f"the parameter '{parameter.name}' of <{self.id}> has the type {parameter.type_name}, which "
                 "isinstance() does not support: use a class, or a Protocol marked @runtime_checkable"
             ) from None
-        if value is UNSET:
-            message = f"<{self.id}> needs a {parameter.type_name} for its parameter '{parameter.name}': "
-            message += resources.namesake_hint(parameter) or "pass it in resources=[…]"
-            if parameter.looks_like_port:
-                message += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
-            raise NodeError(message)
-        return value
 
 
 class Resources(list[object]):
@@ -341,12 +366,14 @@ def create_manifest(
         check_ports(ID, ports, format)
         check_class(ID, thing)
         check_methods(ID, thing)
+        attributes = class_resources(thing, names)
         # After all checks, because it changes the class.
         bind_class(thing, ports)
+        bind_resources(thing, attributes)
         parameters = []
         if _has_own_init(thing):
             parameters = function_parameters(_initialiser(thing), types, names, skip_first=True)
-        return Manifest(ID, thing, ports, parameters, distribution)
+        return Manifest(ID, thing, ports, parameters, distribution, attributes=attributes)
     if inspect.isasyncgenfunction(thing):
         raise RegistrationError(
             f"{thing.__qualname__} is an async def that yields; await running() instead of the yield, "

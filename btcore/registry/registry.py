@@ -317,6 +317,12 @@ class Registry:
                     "Condition, ControlNode or DecoratorNode"
                 )
             ID = ID or thing.__name__
+        elif isinstance(thing, TreeNode):
+            name = type(thing).__name__
+            raise RegistrationError(
+                f"an object of the class {name} is given: register the class, nodes.add({name}); a tree "
+                "creates an object for each of its nodes"
+            )
         elif callable(thing):
             mark = getattr(thing, MARK, None)
             ID = ID or (mark.ID if mark else None) or camel_case(getattr(thing, "__name__", ""))

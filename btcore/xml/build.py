@@ -282,7 +282,10 @@ class TreeInstantiator:
             raise  # an error of the program, not of the document
         except Exception as error:
             message = f"<{plan.id}> raised while it was created: {type(error).__name__}: {error}"
-            self._diagnostics.add(document.diagnostic(LEAF_INIT_RAISED, message, plan.element))
+            hint = ""
+            if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
+                hint = "call super().__init__() without arguments: a node has its name and config already"
+            self._diagnostics.add(document.diagnostic(LEAF_INIT_RAISED, message, plan.element, hint=hint))
         return None
 
     def _substituted(self, plan: NodePlan, config: NodeConfig, document: Document) -> Manifest | None:

@@ -199,10 +199,8 @@ def has_writer(uses: Sequence[EntryUse]) -> bool:
 
 
 def uses_whole_blackboard(manifest: Manifest) -> bool:
-    """Return whether a parameter of the leaf is the blackboard itself, so that it may use any entry."""
+    """Return whether the leaf gets the blackboard itself as a resource, so that it may use any entry."""
     return any(
-        parameter.port is None
-        and isinstance(parameter.resource_type, type)
-        and issubclass(parameter.resource_type, Blackboard)
-        for parameter in manifest.parameters
+        isinstance(parameter.resource_type, type) and issubclass(parameter.resource_type, Blackboard)
+        for parameter in manifest.resources
     )

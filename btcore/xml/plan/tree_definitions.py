@@ -122,6 +122,8 @@ class TreeDefinitions:
         if requested is not None:
             if requested not in self.by_id and self.complete:
                 hint = tree_hint(requested, self.by_id)
+                if not hint.startswith("did you mean"):
+                    hint = f"--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; {hint}"
                 message = f"unknown main tree '{requested}'"
                 diagnostics.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, document.root, hint=hint))
             return self.by_id.get(requested)

@@ -123,6 +123,11 @@ def test_unknown_tree_id_is_refused(cli: Cli, tree_file: TreeFile) -> None:
     assert_refused(cli("run", tree_file("<AlwaysSuccess/>"), "--tree", "Mian"), "Mian", "Main")
 
 
+def test_tree_option_without_a_file_is_explained(cli: Cli) -> None:
+    result = cli("run", "--tree", "patrol.xml")
+    assert_refused(result, "missing argument 'TREE'", "note: --tree takes the ID of a tree in a file")
+
+
 def test_plugin_that_raises_on_import_is_reported_with_exception_and_line(
     cli: Cli, tree_file: TreeFile, tmp_path: Path
 ) -> None:
