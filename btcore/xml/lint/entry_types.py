@@ -1,20 +1,27 @@
 """Check the values that are written and read against the types of entries.
 
-The codes are W206 (value that doesn't convert), W213 (text for an entry without a type) and W214 (object of a
-base class).
+The codes are E202 (constant that a port rejects), W206 (value that doesn't convert), W213 (text for an entry
+without a type) and W214 (object of a base class).
 """
 
 from collections.abc import Collection, Mapping
 
 from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import Port, PortRole
-from btcore.diagnostic_codes import BASE_CLASS_READ, REFUSED_ENTRY_VALUE, TEXT_FOR_UNTYPED_ENTRY
+from btcore.diagnostic_codes import (
+    BASE_CLASS_READ,
+    INCONVERTIBLE_TEXT,
+    REFUSED_ENTRY_VALUE,
+    TEXT_FOR_UNTYPED_ENTRY,
+)
 from btcore.engine.control import ControlNode
 from btcore.errors import BtcoreError, ConversionError, ScriptError
+from btcore.registry.manifest import Manifest
 from btcore.script.expressions import Assignment, Name
 from btcore.status import SUCCESS
 from btcore.values import STRING
 from btcore.xml.lint.dry_run import DryRun, EntryUse
+from btcore.xml.lint.ports import conversion_error, valid_literals
 from btcore.xml.lint.reporter import LintReporter, line_of, node_label
 from btcore.xml.lint.scripts import WRITING, AccessKind, is_constant, parse_statements
 from btcore.xml.lint.unwritten_keys import is_declaration
@@ -30,7 +37,7 @@ ChildPlace = tuple[NodePlan, int]
 def check_value_types(
     dry_run: DryRun, is_main: bool, given: Collection[str], enums: dict[str, int], reporter: LintReporter
 ) -> None:
-    """Warn about writes that always raise, and about constants that the reading ports can't convert.
+    """Warn about writes that always raise, and report constants that the reading ports reject.
 
     Also warn about texts that a SetBlackboard writes to entries without a type, which BehaviorTree.CPP
     handles differently, and about ports that read objects of a base class of their type.
@@ -56,7 +63,7 @@ def check_value_types(
                 if text not in scripts:
                     scripts[text] = _assignments_of(text, enums)
                 _check_script(dry_run, entry, use, scripts[text].get(use.within), enums, reporter)
-        _check_constant(uses, entry, reporter)
+        _check_constant(dry_run, uses, entry, reporter)
 
 
 def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, reporter: LintReporter) -> None:
@@ -250,25 +257,40 @@ def _check_script(
         entry.value = None
 
 
-def _check_constant(uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> None:
-    """Warn if a port of an inner tree can't convert the constant that the SubTree element passes."""
+def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> None:
+    """Report a constant of a SubTree element that a port of the inner tree rejects.
+
+    This is an error (E202), as for a literal of the port, unless a leaf with the whole blackboard may replace
+    the value, or the code of the leaf is unknown.
+    """
     writers = [use for use in uses if use.access in WRITING]
     constants = [use for use in writers if use.node.call is not None and not use.within]
     if len(constants) != 1 or len(writers) != 1 or not isinstance(entry.value, str):
         return
-    use = constants[0]
+    use, text = constants[0], entry.value
     for reader in uses:
-        if reader.access is not AccessKind.READS or reader.port is None:
+        manifest = reader.node.manifest
+        if reader.access is not AccessKind.READS or reader.port is None or manifest is None:
             continue
-        kind = reader.port.type
-        if not kind.strong or not kind.converts:
+        reason = _rejection(reader, reader.port, manifest, text, dry_run.format)
+        if not reason:
             continue
-        try:
-            kind.from_text(entry.value)
-        except ConversionError as error:
-            message = f"'{use.key}' of {node_label(use.node)} is the text '{entry.value}': {error}"
-            hint = f"the port '{reader.attribute}' of {node_label(reader.node)} reads it as {kind.name}"
-            if entry.value.isidentifier():
-                hint += f"; to pass the entry, write {{{entry.value}}}"
-            reporter.warn(REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint)
-            return
+        is_certain = not (dry_run.has_untracked_access or is_stub(manifest.cls))
+        code = INCONVERTIBLE_TEXT if is_certain else REFUSED_ENTRY_VALUE
+        message = f"'{use.key}' of {node_label(use.node)} is the text '{text}': {reason}"
+        hint = (
+            f"the port '{reader.attribute}' of {node_label(reader.node)} reads it as {reader.port.type.name}"
+        )
+        if text.isidentifier():
+            hint += f"; to pass the entry, write {{{text}}}"
+        reporter.warn(code, message, use.document, use.node, use.attribute, hint)
+        return
+
+
+def _rejection(reader: EntryUse, port: Port, manifest: Manifest, text: str, format: int) -> str:
+    """Return why the node of *reader* rejects *text* as the value of *port*, or ""."""
+    error = conversion_error(port, text, format)
+    if error is not None:
+        return str(error)
+    problems = manifest.cls.check_literals({**valid_literals(reader.node), port.name: text})
+    return next((one.message for one in problems if one.port == port.name and not one.is_unchecked), "")

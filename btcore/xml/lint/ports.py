@@ -121,7 +121,7 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
             continue
         label = f"port '{port.name}' of {node_label(node)}"
         intended = intended_key(text)
-        error = _conversion_error(port, text, format)
+        error = conversion_error(port, text, format)
         if error is not None:
             # The planner reports it in format 4, except for statuses; in format 3 it accepts every literal.
             reported = format == 4 and port.checks_text
@@ -155,12 +155,7 @@ def check_literals_of_class(node: NodePlan, document: Document, reporter: LintRe
     """Report the problems that the class of *node* finds in literals; see `TreeNode.check_literals`."""
     if node.manifest is None or node.call is not None:
         return
-    literals = {
-        bound.name: bound.text
-        for bound in node.bindings
-        if bound.key is None and not bound.error and bound.port.reads
-    }
-    for problem in node.manifest.cls.check_literals(literals):
+    for problem in node.manifest.cls.check_literals(valid_literals(node)):
         code = UNCHECKED_LITERAL if problem.is_unchecked else INCONVERTIBLE_TEXT
         message = f"the port '{problem.port}' of {node_label(node)}: {problem.message}"
         reporter.warn(
@@ -175,8 +170,23 @@ def check_literals_of_class(node: NodePlan, document: Document, reporter: LintRe
         )
 
 
-def _conversion_error(port: Port, text: str, format: int) -> ConversionError | None:
-    """Return why the literal *text* doesn't convert to the type of *port*, or None if it need not convert."""
+def valid_literals(node: NodePlan) -> dict[str, str]:
+    """Return the texts of the input ports of *node* that are literals of the right type, by port."""
+    return {
+        bound.name: bound.text
+        for bound in node.bindings
+        if bound.key is None and not bound.error and bound.port.reads
+    }
+
+
+def conversion_error(port: Port, text: str, format: int) -> ConversionError | None:
+    """Return why the literal *text* doesn't convert to the type of *port*, or None if it need not convert.
+
+    Args:
+        port: The port.
+        text: The literal.
+        format: The XML format, 3 or 4, whose rules apply.
+    """
     try:
         port.type.from_text(text, format)
     except ConversionError as error:

@@ -188,7 +188,7 @@ CASES = {
         '<SubTree ID="Inner" n="soon"/>',
         tree("Inner", REPEAT),
         """
-        t.xml:3:28: W206 'n' of <SubTree ID="Inner"> is the text 'soon': 'soon' is not an integer
+        t.xml:3:28: E202 'n' of <SubTree ID="Inner"> is the text 'soon': 'soon' is not an integer
            3 |      <SubTree ID="Inner" n="soon"/>
              |                             ^^^^
               the port 'num_cycles' of <Repeat> reads it as int; to pass the entry, write {soon}

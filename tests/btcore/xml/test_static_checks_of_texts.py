@@ -1,13 +1,16 @@
 """Warnings about texts: missing ports, numbers read in part, missing braces, scripts that raise."""
 
+import enum
 from collections.abc import Callable, Iterator, Mapping
 from textwrap import dedent
 
 import pytest
 
 import btcore
-from btcore import NodeExecutionError, Registry
+from btcore import NodeExecutionError, NodeType, Port, Registry
 from btcore.clock import SimClock
+from btcore.values import INT
+from btcore.xml.models.stand_ins import make_stub_class
 
 Check = Callable[..., str]
 
@@ -355,3 +358,44 @@ def test_literal_that_cannot_be_checked_is_a_warning(check: Check, palette: Regi
 def test_entries_are_not_literals(check: Check, palette: Registry, body: str) -> None:
     palette.add(Fetch)
     assert check(body, given=["room", "item?"]) == ""
+
+
+# --- constants of SubTree elements
+
+
+class Gear(enum.Enum):
+    DRIVE = 1
+
+
+@btcore.action
+def shift(gear: btcore.In[Gear]) -> bool:
+    return gear is Gear.DRIVE
+
+
+@pytest.mark.parametrize(
+    ("value", "body", "format", "codes"),
+    [
+        ("soon", '<Sleep msec="{n}"/>', 4, ["E202"]),
+        ("5", '<Sleep msec="{n}"/>', 4, []),
+        ("DRIV", '<Shift gear="{n}"/>', 4, ["E202"]),
+        ("DRIVE", '<Shift gear="{n}"/>', 4, []),
+        ("??", '<Fetch item="{n}"/>', 4, ["E202"]),
+        ("cup", '<Fetch item="{n}"/>', 4, []),
+        ("soon", '<SubTree ID="Inner2" n="{n}"/>', 4, ["E202"]),
+        # A value that may be replaced, or read by code that is unknown:
+        ("soon", '<Sequence><Tidy/><Sleep msec="{n}"/></Sequence>', 4, ["W206"]),
+        ("soon", '<Fly speed="{n}"/>', 4, ["W206"]),
+        ("soon", '<Sequence><Script code="n := \'5\'"/><Sleep msec="{n}"/></Sequence>', 4, []),
+        # Format 3 reads a number with a plus sign.
+        ("+5", '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>', 3, []),
+    ],
+)
+def test_constant_that_a_leaf_certainly_rejects_is_an_error(
+    check: Check, palette: Registry, value: str, body: str, format: int, codes: list[str]
+) -> None:
+    palette.add(Fetch, shift)
+    palette.add(make_stub_class("Fly", NodeType.ACTION, [Port("speed", type=INT)], "", "models"), ID="Fly")
+    call = f'<SubTree{"Plus" if format == 3 else ""} ID="Inner" n="{value}"/>'
+    inner2 = '<BehaviorTree ID="Inner2"><Sleep msec="{n}"/></BehaviorTree>' if "Inner2" in body else ""
+    more = f'<BehaviorTree ID="Inner">{body}</BehaviorTree>{inner2}'
+    assert [line.split()[1] for line in check(call, more, format).splitlines() if "t.xml:3:" in line] == codes
