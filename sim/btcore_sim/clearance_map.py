@@ -14,6 +14,12 @@ from btcore_sim.scene import Scene, SceneObject
 
 Point = tuple[float, float]
 
+BESIDE_HULL = 0.05
+"""The clearance (m) beside a robot's hull on a way that its planner can use.
+
+The planner keeps 3 cm, and the cells of its map are exact to half a cell.
+"""
+
 _NEIGHBOURS = [step for step in itertools.product((-1, 0, 1), repeat=2) if step != (0, 0)]
 _DRAWS = 400  # attempts of a random search before it gives up
 

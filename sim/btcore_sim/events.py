@@ -14,9 +14,9 @@ from typing import Protocol
 from btcore_robot.field_reader import did_you_mean
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import NS_PER_S, Phase, Pose2D
-from btcore_sim.clearance_map import ClearanceMap, Point
+from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap, Point
 from btcore_sim.errors import SimError
-from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE, passable
+from btcore_sim.obstacles import FROM_WAYPOINTS, passable
 from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.world import World
 
@@ -35,6 +35,9 @@ AHEAD = 1.5
 
 SIDE = 0.5
 """Side length (m) of a dropped box."""
+
+PASSAGE = 0.9
+"""Width (m) of the passage that stays free beside a dropped box, and distance (m) of the box from people."""
 
 CLEAR = 0.5
 """Clearance (m) around the hull at the place to which the robot is moved."""
@@ -369,8 +372,8 @@ class EventRunner:
             and floor.clearance_along((pose.x, pose.y), (x, y)) > 0.0
             and all(box.distance(*point) >= FROM_WAYPOINTS for point in points)
             and all(box.distance(*place) >= PASSAGE for place in self._people())
-            and passable(floor, box, pose.yaw)
-            and floor.with_obstacle(box).connected([*points, (pose.x, pose.y)], self._radius + 0.05)
+            and passable(floor, box, PASSAGE / 2, pose.yaw)
+            and floor.with_obstacle(box).connected([*points, (pose.x, pose.y)], self._radius + BESIDE_HULL)
         )
 
     def _move_door(self, event: Event) -> dict[str, object]:

@@ -5,12 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.scene import Scene, SceneObject
-
-PASSAGE = 0.9
-"""Width (m) of the passage that stays free on at least one side of every box, so that a robot can pass."""
 
 FROM_WAYPOINTS = 1.0
 """Smallest distance (m) between a box and any waypoint or the robot's fixed start."""
@@ -20,23 +17,24 @@ _COLOR = (122, 132, 70, 255)
 _TRIES = 300  # attempts to place a box
 
 
-def with_obstacles(scene: Scene, count: int, random: np.random.Generator) -> Scene:
+def with_obstacles(scene: Scene, count: int, random: np.random.Generator, radius: float) -> Scene:
     """Return the scene with additional boxes at random places on its free floor.
 
-    The boxes are 0.3–0.5 m long and wide, and block no way: a robot that needs a passage of width `PASSAGE`
-    can still drive between all waypoints and past each box.
+    The boxes are 0.3–0.5 m long and wide, and block no way: the robot can still drive between all waypoints
+    and past each box.
 
     Args:
         scene: The world without the boxes.
         count: The number of boxes.
         random: The source of the random sizes and poses.
+        radius: The radius (m) of the robot.
 
     Raises:
         SimError: There is not enough room for *count* boxes.
     """
     for number in range(count):
         floor = ClearanceMap.of(scene)
-        box = _draw(scene, floor, f"obstacle_{number}", random)
+        box = _draw(scene, floor, f"obstacle_{number}", random, radius + BESIDE_HULL)
         if box is None:
             raise SimError(
                 f"world '{scene.name}': there is no room for {count} obstacles that block no way, "
@@ -46,7 +44,10 @@ def with_obstacles(scene: Scene, count: int, random: np.random.Generator) -> Sce
     return scene
 
 
-def _draw(scene: Scene, floor: ClearanceMap, name: str, random: np.random.Generator) -> SceneObject | None:
+def _draw(
+    scene: Scene, floor: ClearanceMap, name: str, random: np.random.Generator, room: float
+) -> SceneObject | None:
+    """Draw a box that leaves ways with the clearance *room* (m); None if there is no place for it."""
     points = list(scene.waypoints.values())
     if scene.pose is not None:
         points.append((scene.pose.x, scene.pose.y))
@@ -61,17 +62,18 @@ def _draw(scene: Scene, floor: ClearanceMap, name: str, random: np.random.Genera
             continue
         if any(other.is_kinematic and other.distance(*place) < 1.0 for other in scene.things):
             continue
-        if passable(floor, box) and floor.with_obstacle(box).connected(points, PASSAGE / 2):
+        if passable(floor, box, room) and floor.with_obstacle(box).connected(points, room):
             return box
     return None
 
 
-def passable(floor: ClearanceMap, box: SceneObject, course: float | None = None) -> bool:
-    """Return whether a passage of width `PASSAGE` is free on at least one side of a box.
+def passable(floor: ClearanceMap, box: SceneObject, room: float, course: float | None = None) -> bool:
+    """Return whether a straight passage is free on at least one side of a box.
 
     Args:
         floor: The clearance map without the box.
         box: The box at its planned pose.
+        room: The clearance (m) on the middle line of the passage: half its width.
         course: The direction (rad) in which a robot drives past the box. With None, a passage along either of
             the box's own axes is enough.
     """
@@ -82,11 +84,11 @@ def passable(floor: ClearanceMap, box: SceneObject, course: float | None = None)
         half_along = (abs(math.cos(turn)) * length + abs(math.sin(turn)) * width) / 2
         half_across = (abs(math.sin(turn)) * length + abs(math.cos(turn)) * width) / 2
         x, y, _ = box.position
-        reach = half_along + PASSAGE / 2
+        reach = half_along + room
         for side in (1.0, -1.0):
-            aside = side * (half_across + PASSAGE / 2)
+            aside = side * (half_across + room)
             start = (x - sin * aside - cos * reach, y + cos * aside - sin * reach)
             end = (x - sin * aside + cos * reach, y + cos * aside + sin * reach)
-            if floor.clearance_along(start, end) >= PASSAGE / 2:
+            if floor.clearance_along(start, end) >= room:
                 return True
     return False

@@ -297,14 +297,15 @@ def _scene(settings: Mapping[str, Any]) -> "Scene":
     from btcore_sim.worlds import load_world
 
     seed = settings.get("seed", 0)
+    radius = load_description(settings.get("robot") or TIAGO).base.radius
     scene = load_world(
         settings.get("world", "arena"),
         seed=seed,
-        radius=load_description(settings.get("robot") or TIAGO).base.radius,
+        radius=radius,
         waypoints=settings.get("waypoints"),
     )
     start = settings.get("start")
-    return scene if start is None else with_start(scene, start, random_generator(seed, "start"))
+    return scene if start is None else with_start(scene, start, random_generator(seed, "start"), radius)
 
 
 def _map(scene: "Scene") -> object:
@@ -336,7 +337,7 @@ def _make(scene: "Scene", settings: Mapping[str, Any]) -> "tuple[SimulatedRobot,
     )
     seed = settings.get("seed", 0)
     check_events(events, scene, settings.get("duration"))
-    scene = scenario.scene(scene, seed)
+    scene = scenario.scene(scene, seed, description.base.radius)
     world = World(scene, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
     level = settings.get("battery", 100.0)
     if math.isnan(level):

@@ -8,10 +8,10 @@ import numpy as np
 
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
-from btcore_sim.clearance_map import ClearanceMap, Point
+from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap, Point
 from btcore_sim.errors import SimError
 from btcore_sim.events import Event, EventRunner, EventTarget, with_boxes
-from btcore_sim.obstacles import PASSAGE, with_obstacles
+from btcore_sim.obstacles import with_obstacles
 from btcore_sim.people import PeopleSimulation, with_people
 from btcore_sim.scene import Scene
 from btcore_sim.world import World, random_generator
@@ -31,18 +31,19 @@ class Scenario:
     events: Sequence[Event] = ()
     spare_boxes: int = 0
 
-    def scene(self, scene: Scene, seed: int) -> Scene:
+    def scene(self, scene: Scene, seed: int, radius: float) -> Scene:
         """Return the scene with people, obstacles and the boxes that events will drop.
 
         Args:
             scene: The world without these additions.
             seed: The seed of the random places.
+            radius: The radius (m) of the robot, which obstacles leave room to pass.
 
         Raises:
             SimError: There is not enough room.
         """
         if self.obstacles:
-            scene = with_obstacles(scene, self.obstacles, random_generator(seed, "obstacles"))
+            scene = with_obstacles(scene, self.obstacles, random_generator(seed, "obstacles"), radius)
         if self.people:
             scene = with_people(scene, self.people, random_generator(seed, "people"))
         return with_boxes(scene, self.events, self.spare_boxes) if self.events or self.spare_boxes else scene
@@ -65,37 +66,38 @@ class Scenario:
         return EventRunner(world, robot, radius, self.events, floor, people.places)
 
 
-def with_start(scene: Scene, text: str, random: np.random.Generator) -> Scene:
+def with_start(scene: Scene, text: str, random: np.random.Generator, radius: float) -> Scene:
     """Return the scene with another start pose.
 
-    With `random` or `unknown` the start is a free place that is connected with all waypoints by ways of width
-    `PASSAGE`, with a random heading; a world with its own rule for random starts keeps that rule.
+    With `random` or `unknown` the start is a free place from which the robot can drive to all waypoints, with
+    a random heading; a world with its own rule for random starts keeps that rule.
 
     Args:
         scene: The world with its own rule for the start.
         text: `random`, `unknown`, `X,Y` (m) or `X,Y,YAW` (m, degrees).
         random: The source of the random pose.
+        radius: The radius (m) of the robot.
 
     Raises:
         SimError: *text* has another form, or the world has no free place.
     """
     if text in ("random", "unknown"):
-        return scene if scene.pose is None else replace(scene, pose=_drawn(scene, text, random))
+        return scene if scene.pose is None else replace(scene, pose=_drawn(scene, text, random, radius))
     return replace(scene, pose=_parsed(text))
 
 
-def _drawn(scene: Scene, text: str, random: np.random.Generator) -> Pose2D:
-    floor = ClearanceMap.of(scene)
+def _drawn(scene: Scene, text: str, random: np.random.Generator, radius: float) -> Pose2D:
+    floor, room = ClearanceMap.of(scene), radius + BESIDE_HULL
     points: list[Point] = list(scene.waypoints.values())
     # The clearance map has no doors.
     leaves = [thing for thing in scene.things if thing.name in scene.doors]
     for _ in range(_TRIES):
-        place = floor.random_point(random, PASSAGE / 2)
+        place = floor.random_point(random, room)
         if place is None:
             break
         yaw = random.uniform(-math.pi, math.pi)
-        in_door = any(leaf.distance(*place) < PASSAGE / 2 for leaf in leaves)
-        if not in_door and floor.connected([*points, place], PASSAGE / 2):
+        in_door = any(leaf.distance(*place) < room for leaf in leaves)
+        if not in_door and floor.connected([*points, place], room):
             return Pose2D(*place, yaw)
     raise SimError(f"--start {text}: world '{scene.name}' has no free place with a way to all its waypoints")
 

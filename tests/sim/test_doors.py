@@ -167,9 +167,9 @@ def test_robots_are_not_put_into_doors(tmp_path: Path):
     """A door in the middle of a room of 6 m by 6 m; on the map of the room this is free floor."""
     corners = [[-2, -3], [4, -3], [4, 3], [-2, 3]]
     room = load(tmp_path, {"kind": "wall", "closed": True, "points": corners, "height": 2}, HINGED)
-    starts = [with_start(room, "random", random_generator(seed, "start")).pose for seed in range(60)]
+    starts = [with_start(room, "random", random_generator(seed, "start"), 0.27).pose for seed in range(60)]
     world, robot = World(room, seed=1), CarriedRobot()
-    assert all(world.door_distance(pose.x, pose.y) > 0.4 for pose in starts)
+    assert all(world.door_distance(pose.x, pose.y) > 0.3 for pose in starts)
     events = [parse_event(f"kidnap:{second}") for second in range(1, 31)]
     EventRunner(world, robot, 0.27, events, ClearanceMap.of(room), list)
     run(world, 31.0)

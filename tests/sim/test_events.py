@@ -18,6 +18,7 @@ from btcore_sim.events import (
     CARRYING_SPEED,
     CLEAR,
     FAR,
+    PASSAGE,
     SIDE,
     Event,
     EventRunner,
@@ -26,7 +27,7 @@ from btcore_sim.events import (
     parse_event,
 )
 from btcore_sim.faults import parse_fault
-from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE
+from btcore_sim.obstacles import FROM_WAYPOINTS
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scenario import Scenario
 from btcore_sim.scene import load_scene
@@ -98,7 +99,7 @@ def meet():
         name: str, *events: str, seed: int = 1, people: int = 0, spare_boxes: int = 0, faults: str = ""
     ) -> tuple[SimulatedRobot, EventRunner]:
         scenario = Scenario(people, 0, [parse_event(text) for text in events], spare_boxes)
-        worlds.append(World(scenario.scene(load_scene(name), seed), seed=seed))
+        worlds.append(World(scenario.scene(load_scene(name), seed, 0.27), seed=seed))
         body = SimulatedRobot(worlds[-1], faults=[parse_fault(faults)] if faults else [])
         begun = scenario.begin(worlds[-1], body, body.base.radius)
         assert begun is not None
@@ -383,7 +384,7 @@ def test_a_door_opens_and_closes_at_its_times(tmp_path: Path):
     path = tmp_path / "flat.json"
     path.write_text(json.dumps({"start": {"pose": [0, 0, 0]}, "objects": [door]}), encoding="utf-8")
     scenario = Scenario(0, 0, [parse_event(f"door:kitchen:{one}") for one in ("close@5", "open@0.5")])
-    world = World(scenario.scene(load_scene(str(path)), 1), seed=1)
+    world = World(scenario.scene(load_scene(str(path)), 1, 0.27), seed=1)
     body = SimulatedRobot(world)
     events = scenario.begin(world, body, body.base.radius)
     go(body, 4.8, 0.0)

@@ -4,20 +4,24 @@ import math
 
 import pytest
 
-from btcore_sim.clearance_map import ClearanceMap
+from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.obstacles import FROM_WAYPOINTS, PASSAGE, passable, with_obstacles
+from btcore_sim.obstacles import FROM_WAYPOINTS, passable, with_obstacles
 from btcore_sim.scenario import Scenario
 from btcore_sim.scene import SceneObject, load_scene
 from btcore_sim.world import random_generator
+from btcore_sim.worlds import load_world
+
+RADIUS = 0.27
+ROOM = RADIUS + BESIDE_HULL
 
 
-@pytest.mark.parametrize("name", ["house", "aws_house"])
 @pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("name", ["house", "aws_house", "office:3", "home:3"])
 def test_boxes_leave_a_passage_and_keep_away_from_waypoints(name: str, seed: int):
-    bare = load_scene(name)
-    scene = Scenario(obstacles=6).scene(bare, seed)
+    bare = load_world(name)
+    scene = Scenario(obstacles=6).scene(bare, seed, RADIUS)
     boxes = [thing for thing in scene.things if thing not in bare.things]
     assert len(boxes) == 6
     points = list(scene.waypoints.values())
@@ -26,19 +30,19 @@ def test_boxes_leave_a_passage_and_keep_away_from_waypoints(name: str, seed: int
         assert 0.3 <= min(box.size[:2]) <= max(box.size[:2]) <= 0.5
         assert min(box.distance(*point) for point in points) >= FROM_WAYPOINTS
         assert bare.clearance_at(*box.position[:2]) >= math.hypot(*box.size[:2]) / 2
-    assert ClearanceMap.of(scene).connected(points, PASSAGE / 2)
+    assert ClearanceMap.of(scene).connected(points, ROOM)
     assert (rasterise(scene).cells == rasterise(bare).cells).all()
 
 
 def test_the_same_seed_puts_boxes_in_the_same_places():
     house = load_scene("house")
-    assert Scenario(obstacles=4).scene(house, 3) == Scenario(obstacles=4).scene(house, 3)
-    assert Scenario(obstacles=4).scene(house, 3) != Scenario(obstacles=4).scene(house, 4)
+    assert Scenario(obstacles=4).scene(house, 3, RADIUS) == Scenario(obstacles=4).scene(house, 3, RADIUS)
+    assert Scenario(obstacles=4).scene(house, 3, RADIUS) != Scenario(obstacles=4).scene(house, 4, RADIUS)
 
 
 def test_more_boxes_than_fit_are_refused():
     with pytest.raises(SimError, match=r"no room for 60 obstacles that block no way, only for \d+"):
-        with_obstacles(load_scene("arena"), 60, random_generator(1, "obstacles"))
+        with_obstacles(load_scene("arena"), 60, random_generator(1, "obstacles"), RADIUS)
 
 
 def test_a_box_can_be_passed_where_there_is_room_on_one_side(box):
@@ -48,8 +52,9 @@ def test_a_box_can_be_passed_where_there_is_room_on_one_side(box):
     def at(y: float, width: float) -> SceneObject:
         return box(0.0, y, (0.5, width, 0.5))
 
-    assert passable(floor, at(0.0, 0.5), course)
-    assert passable(floor, at(0.0, 4.0), course)
-    assert not passable(floor, at(0.0, 4.4), course)
-    assert passable(floor, at(0.5, 4.4), course)
-    assert passable(floor, at(0.0, 4.0), math.pi / 2)
+    assert passable(floor, at(0.0, 0.5), 0.45, course)
+    assert passable(floor, at(0.0, 4.0), 0.45, course)
+    assert not passable(floor, at(0.0, 4.4), 0.45, course)
+    assert passable(floor, at(0.0, 4.4), ROOM, course)
+    assert passable(floor, at(0.5, 4.4), 0.45, course)
+    assert passable(floor, at(0.0, 4.0), 0.45, math.pi / 2)

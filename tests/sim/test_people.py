@@ -32,7 +32,7 @@ def stroll():
     def make(
         name: str, count: int, seed: int = 1, robot: Callable[[], Pose2D] = lambda: NOWHERE
     ) -> tuple[World, PeopleSimulation]:
-        scene = Scenario(people=count).scene(load_scene(name), seed)
+        scene = Scenario(people=count).scene(load_scene(name), seed, ROBOT)
         worlds.append(World(scene, seed=seed))
         return worlds[-1], PeopleSimulation(worlds[-1], ClearanceMap.of(scene), robot, ROBOT)
 

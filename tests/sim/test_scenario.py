@@ -24,7 +24,7 @@ SETTINGS: dict[str, Any] = {"world": "house", "seed": 3, "fast": True, "camera":
 def trace(seed: int, seconds: int = 12) -> str:
     """Return a digest of every scan and true pose of a run with people, obstacles and events."""
     scenario = Scenario(3, 2, [parse_event("box:2-12"), parse_event("carry:8")])
-    world = World(scenario.scene(load_scene("aws_house"), seed), seed=seed)
+    world = World(scenario.scene(load_scene("aws_house"), seed, 0.27), seed=seed)
     body = SimulatedRobot(world)
     events = scenario.begin(world, body, body.base.radius)
     seen = sha256()
@@ -45,7 +45,7 @@ def test_the_same_seed_gives_the_same_bytes():
 
 def test_an_empty_scenario_does_not_change_the_world():
     house = load_scene("house")
-    assert Scenario().scene(house, 1) is house
+    assert Scenario().scene(house, 1, 0.27) is house
 
 
 def test_options_reach_the_world_and_events_the_report():

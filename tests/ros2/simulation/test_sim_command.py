@@ -78,7 +78,7 @@ def test_a_door_past_which_the_robot_is_carried_refuses_to_move(session: RosSess
     path = tmp_path / "door.json"
     path.write_text(json.dumps({"start": {"pose": [-1, 0, 0]}, "objects": [hatch]}), encoding="utf-8")
     scenario = Scenario(0, 0, [], spare_boxes=1)
-    world = World(scenario.scene(load_scene(str(path)), 1))
+    world = World(scenario.scene(load_scene(str(path)), 1, 0.27))
     robot = SimulatedRobot(world)
     events = scenario.begin(world, robot, robot.base.radius)
     assert events is not None
