@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from btcore_robot.field_reader import did_you_mean
+from btcore_robot.robot import NS_PER_S
 from btcore_sim.errors import SimError
 
 __all__ = ["Fault", "parse_fault"]
@@ -29,6 +30,11 @@ class Fault:
     start: float
     end: float
 
+    def __str__(self) -> str:
+        """Return the fault in the form of the option `--fault`."""
+        end = "" if math.isinf(self.end) else f"{self.end / NS_PER_S:g}"
+        return f"{self.part}:{self.start / NS_PER_S:g}-{end}"
+
 
 class FaultSchedule:
     """The failures of a run: which part has failed at which time."""
@@ -44,6 +50,10 @@ class FaultSchedule:
             now: The simulated time (ns).
         """
         return any(fault.part == part and fault.start <= now < fault.end for fault in self._faults)
+
+    def begun(self, now: int) -> list[Fault]:
+        """Return the failures that began before *now* (ns), also those that have ended."""
+        return [fault for fault in self._faults if fault.start < now]
 
 
 def parse_fault(text: str) -> Fault:
@@ -71,8 +81,8 @@ def parse_fault(text: str) -> Fault:
         raise SimError(
             f"fault '{text}': unknown part '{part}': {did_you_mean(part, PARTS)}parts are {', '.join(PARTS)}"
         )
-    start = float(match["start"]) * 1e9
-    end = float(match["end"]) * 1e9 if match["end"] else math.inf
+    start = float(match["start"]) * NS_PER_S
+    end = float(match["end"]) * NS_PER_S if match["end"] else math.inf
     if end <= start:
         raise SimError(f"fault '{text}': it ends before it starts")
     return Fault(part, start, end)

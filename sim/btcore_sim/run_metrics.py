@@ -8,8 +8,8 @@ from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import NS_PER_S, GoalOutcome, NavigationReporter, Phase, Pose2D
 from btcore_sim.simulated_robot import SimulatedRobot
 
-WARMED_UP = 10.0
-"""Distance (m) driven before the localisation error is measured."""
+FIRST_MEASUREMENT = NS_PER_S
+"""Time (ns) of the first measurement: until then every navigator waits for its first scans."""
 
 RELOCALISED_ERROR = 0.3
 """Localisation error (m) up to which a robot counts as relocalised after it was carried away."""
@@ -87,12 +87,14 @@ class RunMetrics:
         """Return the measures of the run, for its report.
 
         `battery_min` (percent) and `odometry_error_m` are always present, the other values only with a
-        navigator. `localization_error_m` has `median` and `max`, `localization_yaw_error_rad` has
-        `max`; they are None without measurements. `unlocalized_s` is the time during which the navigator
-        had no pose estimate. `waypoints_visited` lists the names of the waypoints that the robot reached,
-        except `recharge`. `recharges` and `goals_failed` are numbers. `failed_goals` has an entry for each
-        failed goal: the name of the waypoint as `goal` (None at any other place), its position `x`, `y` (m),
-        the time `time_s` (s) at which navigation gave up, and its reason as `cause`.
+        navigator. If a part of the robot failed, `faults` lists the failures that began in the run, like
+        `wheel:20-30`. The localisation is measured from 1 s on. `localization_error_m` has `median` and
+        `max`, `localization_yaw_error_rad` has `max`; they are None without measurements. `unlocalized_s` is
+        the time during which the navigator had no pose estimate. `waypoints_visited` lists the names of the
+        waypoints that the robot reached, except `recharge`. `recharges` and `goals_failed` are numbers.
+        `failed_goals` has an entry for each failed goal: the name of the waypoint as `goal` (None at any
+        other place), its position `x`, `y` (m), the time `time_s` (s) at which navigation gave up, and its
+        reason as `cause`.
 
         If the robot was carried to another place, `carried` has an entry for each time: `t` (s) is the
         time at which it was carried, `noticed_s` the duration until the navigator noticed it, `found_s`
@@ -104,6 +106,9 @@ class RunMetrics:
             "battery_min": round(body.cells.lowest, 4),
             "odometry_error_m": round(odometry_error(body), 4),
         }
+        faults = [str(fault) for fault in body.faults.begun(body.world.now())]
+        if faults:
+            figures["faults"] = faults
         if self._navigator is None:
             return figures
         self._evaluate(self._navigator.outcomes())
@@ -132,7 +137,7 @@ class RunMetrics:
             self._recoveries.append(KidnapRecovery(began, body.distance))
         if self._recoveries:
             self._recoveries[-1].watch(now, body.distance, off, body.is_carried)
-        if body.distance < WARMED_UP:
+        if now < FIRST_MEASUREMENT:
             return
         if estimate is None or off is None:
             self._unknown += 1

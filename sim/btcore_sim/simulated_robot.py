@@ -108,8 +108,8 @@ class SimulatedRobot(Robot):
         contacts: The counter of collisions.
 
     Raises:
-        SimError: The description does not fit the URDF, the scene has no room for a start pose, or the robot
-            would touch an object there.
+        SimError: The description does not fit the URDF, the scene has no room for a start pose, the robot
+            would touch an object there, or the world already has a robot.
     """
 
     def __init__(
@@ -121,9 +121,11 @@ class SimulatedRobot(Robot):
         faults: Sequence[Fault] = (),
         battery: float = FULL,
     ) -> None:
+        world.add_robot()
         self.world = world
         self.description = description if description is not None else load_description()
-        self._faults = FaultSchedule(faults)
+        self.faults = FaultSchedule(faults)
+        """The parts that fail, with the periods."""
         self.cells = BatteryModel(battery)
         """The model of the battery."""
         self._empty = False
@@ -306,7 +308,7 @@ class SimulatedRobot(Robot):
         if self._camera is None:
             return None
         now = self.world.now()
-        return self._camera.picture(self.model, self._camera_link, now, self._faults.dead("camera", now))
+        return self._camera.picture(self.model, self._camera_link, now, self.faults.dead("camera", now))
 
     def sonars(self) -> tuple[SonarReading, ...]:
         """Return the newest reading of every sonar that has arrived."""
@@ -433,7 +435,7 @@ class SimulatedRobot(Robot):
         seconds = 1.0 / self.world.rate
         self._base.step(now, seconds, obeys=not self.cells.empty and self._journey is None)
         left, right = self._base.wheel_rates() if self._journey is None else (0.0, 0.0)
-        if self._faults.dead("wheel", now):
+        if self.faults.dead("wheel", now):
             left = 0.0
         if (left, right) != self._rates:
             # Only changes are sent to the engine: its motors keep their targets.
@@ -441,7 +443,7 @@ class SimulatedRobot(Robot):
             self.model.spin(self._wheels, self._rates, self.description.wheels.torque)
 
     def _sense_laser(self, now: int) -> None:
-        if self._faults.dead("laser", now):
+        if self.faults.dead("laser", now):
             return
         place, turned = self.model.link_place(self._laser_link)
         origin, turned = pybullet.multiplyTransforms(
@@ -453,7 +455,7 @@ class SimulatedRobot(Robot):
         self._arrived_scans.add(self._scan, now)
 
     def _sense_wheels(self, now: int) -> None:
-        if not self._faults.dead("odometry", now):
+        if not self.faults.dead("odometry", now):
             self._odometry = self._dead_reckoning.update(self.model.joint_positions(self._wheels), now)
             self._arrived_odometry.add(self._odometry, now)
 

@@ -97,6 +97,7 @@ class World:
         self.movable = tuple(body for body, thing in self.bodies.items() if not thing.still)
         """PyBullet's IDs of the bodies that can move: by a push, or by `move_kinematic_body`."""
         self._doors = MovingDoors(self.client, scene.doors, self.bodies, self.rate)
+        self._has_robot = False
         self.schedule.every(self.rate, Phase.PHYSICS, self._step)
 
     def now(self) -> int:
@@ -134,6 +135,20 @@ class World:
         """
         self._before.append(before)
         self._after.append(after)
+
+    def add_robot(self) -> None:
+        """Record that a robot is in the world.
+
+        Raises:
+            SimError: The world has a robot already. The sensors and the contacts of two robots would not
+                notice the other robot.
+        """
+        if self._has_robot:
+            raise SimError(
+                f"world '{self.scene.name}' has a robot already, and robots would not notice each other: "
+                "make another World for each robot"
+            )
+        self._has_robot = True
 
     def settle(self, seconds: float) -> None:
         """Run *seconds* (s) of physics without advancing the clock, so that bodies come to rest."""

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from btcore_robot.robot import GoalOutcome, NavigationReporter, Odometry, Pose2D
+from btcore_sim.faults import parse_fault
 from btcore_sim.robot_description import load_description
 from btcore_sim.run_metrics import RunMetrics, navigator_among, odometry_error
 from btcore_sim.scene import load_scene
@@ -62,12 +63,12 @@ def test_the_odometry_error_is_measured_from_the_true_start(
     assert odometry_error(body) == pytest.approx(2.0, abs=0.04)
 
 
-def test_localisation_errors_are_measured_from_ten_metres_on(body: Any, steer: Any):
+def test_localisation_errors_are_measured_from_the_first_second_on_also_at_rest(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(3.0, 4.0, -0.2))
     metrics = RunMetrics(body, navigator)
-    steer(body, 9.0, (1.0, 0.5))
+    steer(body, 0.9, None)
     assert metrics.figures()["localization_error_m"] == {"median": None, "max": None}
-    steer(body, 3.0, (1.0, 0.5))
+    steer(body, 1.0, None)
     navigator.error = Pose2D(0.0, 6.0, 0.1)
     steer(body, 0.1, (1.0, 0.5))
     figures = metrics.figures()
@@ -78,10 +79,19 @@ def test_localisation_errors_are_measured_from_ten_metres_on(body: Any, steer: A
 
 def test_time_without_a_pose_is_counted_and_is_not_an_error(body: Any, steer: Any):
     metrics = RunMetrics(body, Navigator(body))
-    steer(body, 12.5, (1.0, 0.5))
+    steer(body, 3.0, None)
     figures = metrics.figures()
     assert figures["localization_error_m"] == {"median": None, "max": None}
-    assert figures["unlocalized_s"] == pytest.approx(2.0, abs=0.2)
+    assert figures["unlocalized_s"] == pytest.approx(2.0, abs=0.11)
+
+
+def test_failures_that_have_begun_are_reported(robot_at: Any, steer: Any):
+    faults = [parse_fault(text) for text in ("wheel:0.5-1.5", "laser:0.7-", "camera:60-70")]
+    body = robot_at(faults=faults)
+    metrics = RunMetrics(body, None)
+    assert "faults" not in metrics.figures()
+    steer(body, 2.0, (0.3, 0.0))
+    assert metrics.figures()["faults"] == ["wheel:0.5-1.5", "laser:0.7-"]
 
 
 def test_goals_are_reported_by_their_results_and_the_robots_places(body: Any, steer: Any):

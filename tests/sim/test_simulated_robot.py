@@ -29,6 +29,12 @@ def test_the_simulated_robot_is_a_robot(robot_at):
     assert isinstance(robot_at(), Robot)
 
 
+def test_a_world_has_at_most_one_robot(robot_at):
+    body = robot_at()
+    with pytest.raises(SimError, match="'test' has a robot already"):
+        SimulatedRobot(body.world)
+
+
 def test_commands_that_are_not_numbers_are_refused(robot_at):
     with pytest.raises(ValueError, match="v=nan m/s"):
         robot_at().drive(math.nan, 0.0)

@@ -37,6 +37,16 @@ class Explorer(Protocol):
         Its pose is not known, a sensor has no readings, or the battery is empty.
         """
 
+    def give_up_reason(self, began: int) -> tuple[int, str] | None:
+        """Return why waiting has no purpose, or None if the robot may still be able to drive later.
+
+        Args:
+            began: The time (ns) at which the wait began.
+
+        Returns:
+            An error code of Nav2, and a message.
+        """
+
     def estimate(self) -> Pose2D | None:
         """Return the robot's pose in the frame `map`, or None while it is not known."""
 
@@ -72,8 +82,9 @@ class Explore(StatefulAction):
     """Drive to all borders of the known floor, one after another: RUNNING, then SUCCESS if no border is left.
 
     Goals that cannot be reached, or from which no unknown area becomes visible, are excluded. FAILURE when a
-    goal fails because the robot cannot drive at all, for example with an empty battery. A halt cancels the
-    drive; the next start continues the exploration and keeps *start*.
+    goal fails because the robot cannot drive at all, for example with an empty battery, and when the robot
+    has waited for its pose or its sensors for too long. A halt cancels the drive; the next start continues
+    the exploration and keeps *start*.
     """
 
     start: Annotated[
@@ -92,6 +103,7 @@ class Explore(StatefulAction):
         self.clock = robot.clock
         self.handle: GoalHandle[object, object, object] | None = None
         self.last_check = 0
+        self.waits_since: int | None = None
         self.arrived: int | None = None
         self.goal: Pose2D | None = None
         self.failed_goal: Pose2D | None = None
@@ -141,9 +153,16 @@ class Explore(StatefulAction):
 
     def send_next_goal(self) -> Status:
         """Send the next goal, or return SUCCESS if there is no goal left."""
-        self.last_check, self.arrived = self.clock.now(), None
+        now = self.clock.now()
+        self.last_check, self.arrived = now, None
         if self.explorer.must_wait():
-            return Status.RUNNING
+            self.waits_since = now if self.waits_since is None else self.waits_since
+            reason = self.explorer.give_up_reason(self.waits_since)
+            if reason is None:
+                return Status.RUNNING
+            log.warning("%s: the exploration ends: %s", self.path, reason[1])
+            return self.end(Status.FAILURE)
+        self.waits_since = None
         if not self.is_start_written and "start" in self.config.outputs:
             self.start = self.explorer.estimate()
         self.is_start_written = True
@@ -157,6 +176,7 @@ class Explore(StatefulAction):
         """Cancel the drive, so that the next start begins a new exploration, and return *status*."""
         self.on_halted()
         self.is_start_written = False
+        self.waits_since = None
         return status
 
 

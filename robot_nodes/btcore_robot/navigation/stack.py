@@ -185,7 +185,8 @@ class Navigation:
         self._scan_seen = {ODOM_FRAME: -1, MAP_FRAME: -1}
         self._processed_scans = 0
         self._was_confident = self._was_searching = False
-        self._search_began = 0
+        self._searched = 0
+        """The time (ns) of the present search, without outages of sensors."""
         self._gave_up: int | None = None
         self._odometry_was_missing = False
         self._wire(frames)
@@ -271,7 +272,7 @@ class Navigation:
             return None
         if began <= self._gave_up:
             return Nav2ErrorCode.NAVIGATE_TF_ERROR, _LOST
-        self._gave_up, self._search_began = None, began
+        self._gave_up, self._searched = None, 0
         return None
 
     def _wire(self, frames: FrameBroadcaster) -> None:
@@ -299,14 +300,7 @@ class Navigation:
         confident = not self.must_wait()
         self._odometry_was_missing |= self.sensors.odometry_outage(now) is not None
         if self.localiser.searching:
-            if not self._was_searching:
-                log.warning("the robot's pose is unknown: the robot stops and looks around")
-                self._search_began = now
-            if self._gave_up is None and now - self._search_began > SEARCH_PATIENCE * NS_PER_S:
-                log.warning("the robot stops looking around: %s", _LOST)
-                self._gave_up = now
-            if self._gave_up is None and self.sensors.outage(now) is None:
-                self.robot.drive(0.0, SEARCH_TURN, priority=SEARCH_PRIORITY)
+            self._look_around(now)
         else:
             self._gave_up = None
         if confident and not self._was_confident:
@@ -321,6 +315,20 @@ class Navigation:
             self.navigate_through_poses.restart_goal()
         self._was_searching = self.localiser.searching
         self._was_confident = confident
+
+    def _look_around(self, now: int) -> None:
+        """Turn the robot while its pose is searched for; give up after `SEARCH_PATIENCE` with readings."""
+        if not self._was_searching:
+            log.warning("the robot's pose is unknown: the robot stops and looks around")
+            self._searched = 0
+        if self._gave_up is not None or self.sensors.outage(now) is not None:
+            return
+        self._searched += round(NS_PER_S / self.robot.laser.rate)
+        if self._searched > SEARCH_PATIENCE * NS_PER_S:
+            log.warning("the robot stops looking around: %s", _LOST)
+            self._gave_up = now
+        else:
+            self.robot.drive(0.0, SEARCH_TURN, priority=SEARCH_PRIORITY)
 
     def _update_local(self, now: int) -> None:
         self._observe(self.local_costmap, ODOM_FRAME)

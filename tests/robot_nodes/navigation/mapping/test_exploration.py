@@ -150,6 +150,17 @@ def test_an_exploration_with_an_empty_battery_fails_with_this_cause(
     assert f"cause {cause}" in result.stderr
 
 
+def test_an_exploration_without_a_laser_from_the_start_fails_with_this_cause(
+    flat: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    more = ("--fault", "laser:0-", "--duration", "90")
+    told = json.loads(explore(flat, "blind.yaml", *more, tree=str(flat / "explore.xml")).stdout)
+    assert (told["status"], told["robot"]["faults"]) == ("FAILURE", ["laser:0-"])
+    assert 60.0 <= told["time_s"] <= 61.0
+    assert told["robot"]["unlocalized_s"] == pytest.approx(59.0, abs=0.5)
+    assert "Explore::1: the exploration ends: no laser scan for 60 s" in caplog.text
+
+
 def test_a_missing_folder_is_reported_as_a_usage_error(flat: Path) -> None:
     result = explore(flat, "nowhere/made.yaml")
     assert result.exit_code == 2
