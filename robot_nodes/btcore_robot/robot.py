@@ -246,8 +246,9 @@ class LaserInfo:
     """The properties of a laser that do not change.
 
     *angle_min* and *angle_increment* (rad), *range_min* and *range_max* (m) and *frame* are those of every
-    `LaserScan`. *rays* is the number of rays of a scan, *rate* (Hz) the rate of scans, and *sigma* (m) the
-    standard deviation of the noise of a range.
+    `LaserScan`. *rays* is the number of rays of a scan, *rate* (Hz) the rate of scans. A range has two
+    independent errors: *sigma* (m) is the standard deviation of the error that is the same at all ranges, and
+    *range_noise* that of the error that grows with the range, as a fraction of the range.
     """
 
     rays: int
@@ -258,6 +259,12 @@ class LaserInfo:
     rate: float
     sigma: float
     frame: str
+    range_noise: float = 0.0
+
+    def deviation(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the standard deviation (m) of each of *ranges* (m)."""
+        deviations: NDArray[np.float64] = np.hypot(self.sigma, self.range_noise * ranges)
+        return deviations
 
 
 @dataclass(frozen=True, slots=True)

@@ -273,8 +273,7 @@ class MovableObstacles:
 class Laser:
     """Measures scans with the geometry *facts*, and adds noise from *random*.
 
-    *still* contains the objects that never move, *moved* the movable objects. *errors* adds noise that grows
-    with the range, and outliers.
+    *still* contains the objects that never move, *moved* the movable objects. *errors* adds outliers.
     """
 
     def __init__(
@@ -307,10 +306,7 @@ class Laser:
         ranges = self.distances(x, y, z, yaw)
         # Noise is drawn for every ray, hit or not, so that an additional hit does not change all later scans.
         noise = self._random.normal(0.0, 1.0, len(ranges))
-        spread: float | Floats = self.facts.sigma
-        if self._errors.range_noise:
-            finite = np.where(np.isinf(ranges), 0.0, ranges)
-            spread = np.hypot(spread, self._errors.range_noise * finite)
+        spread = self.facts.deviation(np.where(np.isinf(ranges), 0.0, ranges))
         if self._errors.has_outliers:
             ranges = self._with_outliers(ranges)
         ranges += spread * noise

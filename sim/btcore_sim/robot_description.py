@@ -50,20 +50,17 @@ class Wheels:
 
 @dataclass(frozen=True, slots=True)
 class LaserErrors:
-    """The errors of a laser besides the noise `LaserInfo.sigma`, which is the same at all ranges.
+    """The errors of a laser besides the noise of its ranges, which `LaserInfo` has.
 
     *missed*, *short* and *edge* are the outliers: shares of rays, from 0 to 1.
 
     Attributes:
-        range_noise: The standard deviation of a range as a fraction of the range; it is independent of
-            `sigma`, so their squares add up.
         missed: The share of rays that return no echo, for example from a dark or a shiny surface.
         short: The share of rays that return an echo at a random distance before the object, from dust.
         edge: The share of the rays beside an edge that hit both objects and return a range between them.
         latency: The time between the measurement of a scan and its arrival (s).
     """
 
-    range_noise: float = 0.0
     missed: float = 0.0
     short: float = 0.0
     edge: float = 0.0
@@ -77,7 +74,6 @@ class LaserErrors:
     def scaled(self, factor: float) -> "LaserErrors":
         """Return the errors multiplied by *factor*; a share is limited to 1."""
         return LaserErrors(
-            range_noise=factor * self.range_noise,
             missed=min(1.0, factor * self.missed),
             short=min(1.0, factor * self.short),
             edge=min(1.0, factor * self.edge),
@@ -264,7 +260,8 @@ class RobotDescription:
 
     def with_noise(self, factor: float) -> "RobotDescription":
         """Return the same robot with the errors and latencies of its sensors multiplied by *factor*."""
-        facts = replace(self.laser.facts, sigma=factor * self.laser.facts.sigma)
+        facts = self.laser.facts
+        facts = replace(facts, sigma=factor * facts.sigma, range_noise=factor * facts.range_noise)
         laser = replace(self.laser, facts=facts, errors=self.laser.errors.scaled(factor))
         # All fields after the rate are errors.
         rate, *errors = astuple(self.odometry)
@@ -360,13 +357,13 @@ def _laser(record: JsonRecord) -> LaserMount:
         rate=record.number("rate", over=0.0),
         sigma=record.number("sigma", 0.0),
         frame=record.text("frame"),
+        range_noise=record.number("range_noise", 0.0),
     )
     errors = LaserErrors(
-        record.number("range_noise", 0.0),
         *(record.nested("outliers", _outliers) if record.has("outliers") else (0.0, 0.0, 0.0)),
         latency=_latency(record),
     )
-    if min(facts.sigma, errors.range_noise) < 0.0:
+    if min(facts.sigma, facts.range_noise) < 0.0:
         raise record.error("'sigma' and 'range_noise' are standard deviations and have to be at least 0")
     return LaserMount(facts, record.text("link"), _point(record, "position"), errors)
 

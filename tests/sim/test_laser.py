@@ -100,16 +100,18 @@ def test_noise_has_the_sigma_of_the_description():
     assert np.mean(errors) == pytest.approx(0.0, abs=0.01)
 
 
-def repeated(outlines: RayCaster, errors: LaserErrors, sigma: float = 0.0) -> np.ndarray:
+def repeated(outlines: RayCaster, errors: LaserErrors, **noise: float) -> np.ndarray:
     """Return 1000 scans of the same place, shape `(1000, rays)`."""
-    laser = Laser(replace(FACTS, sigma=sigma), outlines, np.random.default_rng(1), errors=errors)
+    laser = Laser(
+        replace(FACTS, **{"sigma": 0.0, **noise}), outlines, np.random.default_rng(1), errors=errors
+    )
     return np.array([laser.sweep(0.0, 0.0, HEIGHT, 0.0, 7).ranges for _ in range(1000)])
 
 
 @pytest.mark.parametrize("distance", [2.0, 20.0])
 def test_noise_grows_with_the_range(box, distance: float):
     wall = RayCaster.of([box(distance + 0.05, 0.0, (0.1, 100.0, 1.0))])
-    ahead = repeated(wall, LaserErrors(range_noise=0.01), sigma=0.06)[:, FACTS.rays // 2]
+    ahead = repeated(wall, LaserErrors(), sigma=0.06, range_noise=0.01)[:, FACTS.rays // 2]
     assert np.std(ahead) == pytest.approx(math.hypot(0.06, 0.01 * distance), rel=0.07)
     assert np.mean(ahead) == pytest.approx(distance, abs=0.02)
 

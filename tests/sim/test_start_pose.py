@@ -190,6 +190,6 @@ def test_noise_is_a_factor_on_the_errors_of_all_sensors():
     assert twice.laser.facts.sigma == 2 * tiago.laser.facts.sigma
     assert twice.odometry.slip_sigma == 2 * tiago.odometry.slip_sigma
     assert perfect.laser.errors == LaserErrors()
-    assert twice.laser.errors.range_noise == 2 * tiago.laser.errors.range_noise
+    assert twice.laser.facts.range_noise == 2 * tiago.laser.facts.range_noise
     assert twice.laser.errors.latency == 2 * tiago.laser.errors.latency
     assert tiago.with_noise(1000.0).laser.errors.edge == 1.0

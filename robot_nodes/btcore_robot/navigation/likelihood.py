@@ -7,9 +7,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.robot import LaserScan
+from btcore_robot.robot import LaserInfo, LaserScan
 
 FloatImage = NDArray[np.float32]
+
+SURFACE_TOLERANCE = 0.2
+"""A beam that ends nearer (m) than this to a surface fits it, if the laser's noise is small at its range."""
+NOISE_FACTOR = 3.0
+"""A beam also fits a surface if it ends nearer than this multiple of the standard deviation of its range."""
+
+
+def surface_tolerances(ranges: NDArray[np.float64], laser: LaserInfo | None) -> NDArray[np.float64]:
+    """Return the distance (m) from a surface up to which each beam fits it, by the noise of the laser.
+
+    Args:
+        ranges: The ranges of the beams (m).
+        laser: The laser; None for a laser whose noise is small at all ranges.
+    """
+    if laser is None:
+        return np.full(ranges.shape, SURFACE_TOLERANCE)
+    tolerances: NDArray[np.float64] = np.maximum(SURFACE_TOLERANCE, NOISE_FACTOR * laser.deviation(ranges))
+    return tolerances
+
+
+def with_margin(field_map: OccupancyMap, margin: float) -> OccupancyMap:
+    """Return the map with unknown cells up to *margin* (m) around it.
+
+    The outer walls of a building are at the edge of its map, and noise lets beams end behind them.
+    """
+    cells = math.ceil(margin / field_map.resolution)
+    x, y = field_map.origin
+    border = cells * field_map.resolution
+    unknown = np.pad(field_map.cells, cells, constant_values=-1)
+    return OccupancyMap(unknown, field_map.resolution, (x - border, y - border))
 
 
 def obstacle_distances(field_map: OccupancyMap, cap: float = math.inf) -> FloatImage:

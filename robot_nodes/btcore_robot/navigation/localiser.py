@@ -119,8 +119,8 @@ class Localiser:
             max_distance=settings.laser_likelihood_max_dist,
             range_max=self._most_range,
         )
-        self._surfaces = SignedDistanceField(field_map)
-        self._visibility = RayCaster(field_map, self._most_range)
+        self._visibility = RayCaster(field_map, self._most_range, robot.laser)
+        self._surfaces = SignedDistanceField(field_map, robot.laser, self._visibility)
         self._validator = PoseValidator(self._surfaces, self._visibility)
         self._relocaliser = Relocaliser(SearchSpace(field_map), self._surfaces, self._visibility)
         self._alphas = (settings.alpha1, settings.alpha2, settings.alpha3, settings.alpha4)

@@ -7,22 +7,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.likelihood import obstacle_distances
+from btcore_robot.navigation.likelihood import obstacle_distances, surface_tolerances, with_margin
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.robot import Pose2D
+from btcore_robot.robot import LaserInfo, Pose2D
 
 Floats = NDArray[np.float64]
 
-WITHIN = 0.25
-"""A beam that ends at most this far (m) from an occupied cell has hit that cell."""
+CELL_MARGIN = 0.05
+"""A beam has hit an occupied cell if it ends at most this far (m) outside the tolerance of a surface.
+
+The distance is measured to the centre of the cell.
+"""
 SHORT, SHORT_A_METRE = 0.25, 0.05
 """Limits for beams that end before the first occupied cell in their direction.
 
 A beam that is at least SHORT (m) plus SHORT_A_METRE times its length too short has hit something that is not
 on the map. SHORT_A_METRE tolerates an error of the heading of about 0.05 rad.
 """
-BEYOND = 0.4
-"""A beam that ends this far (m) behind the first occupied cell in its direction went through that cell."""
+BEYOND = 0.2
+"""A beam went through the first occupied cell in its direction if it ends behind the cell.
+
+It ends behind the cell by at least this distance (m) more than the tolerance of a surface.
+"""
+_OUTSIDE = 1.0  # m around the map in which the ends of beams are compared with it
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +52,14 @@ class ScanAgreement:
 
 
 class RayCaster:
-    """Ray casting on an occupancy map. *reach* (m) is the longest step along a ray."""
+    """Ray casting on an occupancy map. *reach* (m) is the longest step along a ray.
 
-    def __init__(self, field_map: OccupancyMap, reach: float = 25.0) -> None:
+    *laser* is the laser whose beams are compared with the map.
+    """
+
+    def __init__(self, field_map: OccupancyMap, reach: float = 25.0, laser: LaserInfo | None = None) -> None:
+        self._laser = laser
+        field_map = with_margin(field_map, _OUTSIDE)
         self._distance = np.pad(obstacle_distances(field_map, reach), 1, constant_values=reach)
         # Beyond the map nothing is in the way: a ray that gets there takes a step of the full range.
         self._flat = self._distance.ravel()
@@ -142,7 +154,8 @@ class RayCaster:
         if not len(points) or not poses:
             return [ScanAgreement(0.0, 0.0) for _ in poses]
         lengths, visible, end_x, end_y = self._cast(poses, laser, points)
-        through = lengths - visible > BEYOND
-        hits = (self._at(end_x, end_y) <= WITHIN) & ~through
+        tolerances = surface_tolerances(lengths, self._laser)
+        through = lengths - visible > tolerances + BEYOND
+        hits = (self._at(end_x, end_y) <= tolerances + CELL_MARGIN) & ~through
         shares = np.stack((hits.mean(axis=1), through.mean(axis=1)), axis=1).tolist()
         return [ScanAgreement(hit_share, through_share) for hit_share, through_share in shares]

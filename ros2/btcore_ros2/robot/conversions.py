@@ -45,6 +45,7 @@ class ScanConverter:
         mount: The pose of the laser's frame in the frame of the base.
         rate: The rate of scans (Hz).
         sigma: The standard deviation of the noise (m).
+        range_noise: The standard deviation of the noise that grows with the range, as a fraction of it.
 
     Attributes:
         info: The properties of the converted scans.
@@ -54,7 +55,9 @@ class ScanConverter:
         RosError: The scan has no rays, or the laser is not horizontal.
     """
 
-    def __init__(self, first: Any, mount: Transform, rate: float, sigma: float) -> None:
+    def __init__(
+        self, first: Any, mount: Transform, rate: float, sigma: float, range_noise: float = 0.0
+    ) -> None:
         count, increment = len(first.ranges), first.angle_increment
         name = first.header.frame_id.lstrip("/")
         if not count or not increment or not math.isfinite(first.angle_min + increment):
@@ -100,6 +103,7 @@ class ScanConverter:
             rate=rate,
             sigma=sigma,
             frame=self.frame.child if self.frame is not None else name,
+            range_noise=range_noise,
         )
 
     def convert(self, message: Any, stamp: int) -> LaserScan:

@@ -36,11 +36,15 @@ class TopicSource:
 
 @dataclass(frozen=True, slots=True)
 class ScanSource:
-    """The laser: its *source*, and the *rate* (Hz) and noise *sigma* (m), which no message contains."""
+    """The laser: its *source*, and the *rate* (Hz) and noise, which no message contains.
+
+    *sigma* (m) and *range_noise* are the standard deviations of `LaserInfo`.
+    """
 
     source: TopicSource
     rate: float
     sigma: float
+    range_noise: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,6 +248,7 @@ def _scan(entries: YamlMap) -> ScanSource:
         source=_watched(entries),
         rate=entries.number("rate", over=0.0),
         sigma=entries.number("sigma", 0.0),
+        range_noise=entries.number("range_noise", 0.0),
     )
 
 

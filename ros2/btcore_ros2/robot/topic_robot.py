@@ -408,7 +408,7 @@ class TopicRobot(Robot):
         message, stamp = self._raw_scan
         facts = self.description.scan
         try:
-            self._scans = ScanConverter(message, mount, facts.rate, facts.sigma)
+            self._scans = ScanConverter(message, mount, facts.rate, facts.sigma, facts.range_noise)
         except RosError as error:
             raise RosError(f"{facts.source.topic}: {error}") from None
         self._scan = self._scans.convert(message, stamp)

@@ -21,20 +21,25 @@ WALLS = (  # x and y from, to (m): a flat of 12 m × 8 m
     (1.0, 1.0, 2.2, 1.6), (0.2, 5.5, 1.2, 7.0), (7.5, 1.5, 8.3, 2.3), (10.8, 2.0, 11.8, 3.4),
     (6.0, 7.0, 7.5, 7.8),
 )  # fmt: skip
+HALL = (  # a hall of 34 m with thin walls, at the edge of its map
+    (0.0, 0.0, 34.0, 0.1), (0.0, 33.9, 34.0, 34.0), (0.0, 0.0, 0.1, 34.0), (33.9, 0.0, 34.0, 34.0),
+    (31.0, 31.0, 33.0, 32.0), (2.0, 2.0, 3.0, 5.0),
+)  # fmt: skip
 START = Pose2D(3.0, 4.0, 0.0)
 
 
 class Wanderer:
-    """A robot among WALLS whose odometry has errors (left wheel 2 %, turns 5 %) and whose laser has noise."""
+    """A robot among *walls* whose odometry has errors (left wheel 2 %, turns 5 %) and whose laser has noise."""
 
-    def __init__(self, seed=0):
+    def __init__(self, seed=0, walls=WALLS, start=START, range_noise=0.0):
+        self.walls = walls
         self.random = np.random.default_rng(seed)
         self.time = 0
-        self.true = [START.x, START.y, START.yaw]
+        self.true = [start.x, start.y, start.yaw]
         self.reported = [0.0, 0.0, 0.0]
         self.people = []
         step = math.radians(220.0) / 665
-        self.laser = LaserInfo(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, 0.06, "base_laser_link")
+        self.laser = LaserInfo(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, 0.06, "laser", range_noise)
         self.newest = None
 
     def odometry(self):
@@ -43,7 +48,7 @@ class Wanderer:
     def frames(self):
         still = (0.0, 0.0, 0.0, 1.0)
         return [
-            TransformStamped("base_laser_link", "base_footprint", (LASER_AHEAD, 0.0, 0.1), still, self.time)
+            TransformStamped("laser", "base_footprint", (LASER_AHEAD, 0.0, 0.1), still, self.time)
         ]
 
     moving_frames = frames
@@ -65,7 +70,7 @@ class Wanderer:
         facts = self.laser
         angles = yaw + facts.angle_min + facts.angle_increment * np.arange(facts.rays)
         x, y = x + LASER_AHEAD * math.cos(yaw), y + LASER_AHEAD * math.sin(yaw)
-        boxes = np.array([*WALLS, *((a - 0.25, b - 0.25, a + 0.25, b + 0.25) for a, b in self.people)])
+        boxes = np.array([*self.walls, *((a - 0.25, b - 0.25, a + 0.25, b + 0.25) for a, b in self.people)])
         with np.errstate(divide="ignore"):
             across, along = 1.0 / np.cos(angles), 1.0 / np.sin(angles)
         low_x, high_x = (boxes[:, 0, None] - x) * across, (boxes[:, 2, None] - x) * across
@@ -73,8 +78,10 @@ class Wanderer:
         near = np.maximum(np.minimum(low_x, high_x), np.minimum(low_y, high_y))
         far = np.minimum(np.maximum(low_x, high_x), np.maximum(low_y, high_y))
         near[(near > far) | (near < 0.0)] = np.inf
-        ranges = near.min(axis=0) + self.random.normal(0.0, facts.sigma, facts.rays)
+        ranges = near.min(axis=0)
+        ranges += self.random.normal(0.0, 1.0, facts.rays) * facts.deviation(ranges)
         ranges[ranges < facts.range_min] = -np.inf
+        ranges[ranges > facts.range_max] = np.inf
         self.newest = LaserScan(
             ranges.astype(np.float32),
             self.time,
@@ -86,26 +93,26 @@ class Wanderer:
         )
 
 
-def flat():
-    cells = np.zeros((160, 240), dtype=np.uint8)
-    for box in WALLS:
+def drawn(walls, length, width):
+    cells = np.zeros((round(width / 0.05), round(length / 0.05)), dtype=np.uint8)
+    for box in walls:
         low, high = (round(box[0] / 0.05), round(box[1] / 0.05)), (round(box[2] / 0.05), round(box[3] / 0.05))
         cv2.rectangle(cells, low, (high[0] - 1, high[1] - 1), 100, -1)
     return OccupancyMap(cells.astype(np.int8), 0.05, (0.0, 0.0))
 
 
-FLAT = flat()
+FLAT = drawn(WALLS, 12.0, 8.0)
 AT_START = AmclParameters(initial_pose_x=START.x, initial_pose_y=START.y)
 
 
 class Walk:
     """A driving robot and its localiser, stepped at 10 Hz."""
 
-    def __init__(self, parameters=AT_START, seed=0):
-        self.robot = Wanderer(seed)
+    def __init__(self, parameters=AT_START, seed=0, field_map=FLAT, **robot):
+        self.robot = Wanderer(seed, **robot)
         self.tree = TransformTree()
         self.frames = FrameBroadcaster(self.robot, self.tree)
-        self.localiser = Localiser(self.robot, FLAT, self.tree, np.random.default_rng([seed, 1]), parameters)
+        self.localiser = Localiser(self.robot, field_map, self.tree, np.random.default_rng([seed, 1]), parameters)
 
     def go(self, v, w, seconds):
         """Drive with a velocity; return the error (m, rad) after each step."""
@@ -147,6 +154,29 @@ class Walk:
             if self.localiser.confident:
                 return step / 10
         return math.inf
+
+
+def test_a_robot_in_a_large_hall_knows_its_pose_although_noise_grows_with_the_range():
+    """At 17 m the noise has a standard deviation of 18 cm, more than the thickness of the walls."""
+    start = Pose2D(17.0, 17.0, 0.0)
+    parameters = AmclParameters(initial_pose_x=start.x, initial_pose_y=start.y)
+    hall = drawn(HALL, 34.0, 34.0)
+    walk = Walk(parameters, field_map=hall, walls=HALL, start=start, range_noise=0.01)
+    errors, confident, fits = [], [], []
+    for v, w, seconds in ((0.3, 0.0, 5.0), (0.0, 0.5, 3.0), (0.3, 0.0, 3.0)):
+        for _ in range(round(seconds * 10)):
+            walk.step(v, w)
+            errors.append(walk.error()[0])
+            confident.append(walk.localiser.confident)
+            fits.append(walk.localiser._validator.fit)
+    assert all(confident)
+    assert min(fits) > 0.97
+    assert np.mean(errors) < 0.08
+    assert max(errors) < 0.15
+    walk.robot.true[:2] = 24.0, 20.0  # carried to another place
+    for _ in range(20):
+        walk.step(0.0, 0.0)
+    assert not walk.localiser.confident
 
 
 def test_the_pose_is_accurate_to_centimetres_while_odometry_drifts():
