@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from btcore.escaping import escape_controls
 from btcore.program_runner import FiniteRange, RunCommand, print_json, require_resources, run_program
 from btcore_robot.control.keyboard import (
     HELP,
@@ -118,5 +120,10 @@ def _save(mapper: "Mapper", path: Path) -> dict[str, object]:
         f"{path}: {map.width} x {map.height} cells of {map.resolution:g} m, "
         f"made of {len(mapper.scans)} scans and {mapper.loops_closed} loops"
     )
-    numbers = {"scans": len(mapper.scans), "loops": mapper.loops_closed}
-    return {**numbers, "width": map.width, "height": map.height}
+    numbers = {"scans": len(mapper.scans), "width": map.width, "height": map.height}
+    quality = mapper.quality()
+    if quality is None:
+        return {**numbers, "loops": 0}
+    if quality.warning():
+        click.echo(f"warning: {escape_controls(str(path))}: {quality.warning()}", err=True)
+    return {**numbers, **asdict(quality)}

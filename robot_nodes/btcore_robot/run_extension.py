@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -131,6 +131,14 @@ class NavigationExtension(RunExtension):
                     component.shutdown()
             if self._exploration is not None and self._file.path is not None and not self._file.saved:
                 _save(self._exploration, self._file.path)
+
+    def report(self) -> Mapping[str, object]:
+        """Return `{"map": {"fit", "residual_m", "through_walls", "loops", "loop_error_m"}}` of a saved map.
+
+        `MapQuality` documents the values. Without a saved map the report is empty.
+        """
+        quality = self._exploration.saved_quality if self._exploration is not None else None
+        return {} if quality is None else {"map": asdict(quality)}
 
 
 def _required_features(wanted: Sequence[type]) -> tuple[bool, bool, bool]:

@@ -29,7 +29,7 @@ START = Pose2D(3.0, 4.0, 0.0)
 
 
 class Wanderer:
-    """A robot among *walls* whose odometry has errors (left wheel 2 %, turns 5 %) and whose laser has noise."""
+    """A robot among *walls* whose odometry has errors (left wheel 2 %, turns 5 %) and a laser with noise."""
 
     def __init__(self, seed=0, walls=WALLS, start=START, range_noise=0.0):
         self.walls = walls
@@ -47,9 +47,7 @@ class Wanderer:
 
     def frames(self):
         still = (0.0, 0.0, 0.0, 1.0)
-        return [
-            TransformStamped("laser", "base_footprint", (LASER_AHEAD, 0.0, 0.1), still, self.time)
-        ]
+        return [TransformStamped("laser", "base_footprint", (LASER_AHEAD, 0.0, 0.1), still, self.time)]
 
     moving_frames = frames
 
@@ -112,7 +110,9 @@ class Walk:
         self.robot = Wanderer(seed, **robot)
         self.tree = TransformTree()
         self.frames = FrameBroadcaster(self.robot, self.tree)
-        self.localiser = Localiser(self.robot, field_map, self.tree, np.random.default_rng([seed, 1]), parameters)
+        self.localiser = Localiser(
+            self.robot, field_map, self.tree, np.random.default_rng([seed, 1]), parameters
+        )
 
     def go(self, v, w, seconds):
         """Drive with a velocity; return the error (m, rad) after each step."""

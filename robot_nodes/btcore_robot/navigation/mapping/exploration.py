@@ -1,5 +1,6 @@
 """Navigation on a map that is being made: the robot drives over known floor only and explores the rest."""
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,12 +9,15 @@ import numpy as np
 from btcore_robot.navigation.costmap import INSCRIBED, GlobalCostmap
 from btcore_robot.navigation.costmap_layers import static_costs
 from btcore_robot.navigation.mapping.frontiers import Frontier, find_frontiers, is_unknown_nearby
+from btcore_robot.navigation.mapping.map_quality import MapQuality
 from btcore_robot.navigation.mapping.mapper import Mapper
 from btcore_robot.navigation.occupancy_map import OccupancyMap, Rectangle, save_map
 from btcore_robot.navigation.parameters import NavigationParameters
 from btcore_robot.navigation.servers import PoseSource
 from btcore_robot.navigation.stack import Navigation, costmap_arguments
 from btcore_robot.robot import NS_PER_S, Pose2D, Robot
+
+log = logging.getLogger(__name__)
 
 REMEMBERED = 30 * NS_PER_S
 """The time (ns) for which an observed obstacle stays in the costmap although the map does not have it.
@@ -80,6 +84,8 @@ class Exploration(Navigation):
         self._drawn_version = -1
         self._excluded: list[tuple[float, float]] = []
         self._frontier: Frontier | None = None
+        self.saved_quality: MapQuality | None = None
+        """The quality of the map that was saved last; None before."""
 
     @property
     def mapper(self) -> Mapper:
@@ -117,10 +123,16 @@ class Exploration(Navigation):
     def save(self, path: Path) -> None:
         """Write the current map to the YAML file *path* and the files beside it; see `save_map`.
 
+        A warning in the log reports a poor map.
+
         Raises:
             MapError: The files cannot be written.
         """
         save_map(self.mapper.map(), path)
+        self.saved_quality = self.mapper.quality()
+        warning = self.saved_quality.warning() if self.saved_quality is not None else ""
+        if warning:
+            log.warning("%s: %s", path, warning)
 
     def _make_localiser(self, random: np.random.Generator) -> PoseSource:
         amcl = self.parameters.amcl

@@ -13,6 +13,7 @@ from btcore_robot.navigation.mapping.correlative_matcher import (
 from btcore_robot.navigation.mapping.key_scan import KeyScan, LocalisedScan, are_far_apart, key_scan
 from btcore_robot.navigation.mapping.log_odds_grid import LogOddsGrid, trim_map
 from btcore_robot.navigation.mapping.loop_closure import LoopClosureDetector, relative_edge
+from btcore_robot.navigation.mapping.map_quality import MapQuality, map_quality
 from btcore_robot.navigation.mapping.pose_arrays import (
     Floats,
     compose,
@@ -157,6 +158,10 @@ class Mapper:
                 unknown, self._grid.resolution, (float(self._start[0]), float(self._start[1]))
             )
         return trim_map(self._grid.map())
+
+    def quality(self) -> MapQuality | None:
+        """Return the quality of the map so far, or None before the first key scan."""
+        return None if self.graph is None else map_quality(self.map(), self.scans, self.graph)
 
     def step(self, now: int) -> None:
         """Process the newest scan whose transforms are available, unless it was processed before.

@@ -228,7 +228,7 @@ def _onward(pose: Pose2D, way: float, angle: float) -> Pose2D:
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def survey() -> type[MappingRig]:
     """`survey(boxes, start, stretch=…, slip=…, loops=…).along((x, y), …)`."""
     return MappingRig

@@ -10,6 +10,7 @@ from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
 from btcore_robot.navigation.likelihood import obstacle_distances
+from btcore_robot.navigation.mapping import map_quality
 from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import load_scene
@@ -83,6 +84,25 @@ def test_exploration_ends_by_itself_without_collisions(flat: Path) -> None:
     robot = told["robot"]
     assert (robot["collisions"], robot["grazes"]) == (0, 0)
     assert robot["localization_error_m"]["max"] is None or robot["localization_error_m"]["max"] < 0.1
+
+
+def test_the_quality_of_the_saved_map_is_reported(flat: Path) -> None:
+    quality = json.loads((flat / "told.json").read_text(encoding="utf-8"))["map"]
+    assert quality["fit"] > 0.99
+    assert quality["residual_m"] < 0.04
+    assert quality["through_walls"] < 0.05
+    assert quality["loops"] >= 0
+    assert quality["loop_error_m"] < 0.1
+
+
+def test_a_poor_map_is_saved_with_a_warning(
+    flat: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(map_quality, "MIN_FIT", 1.01)
+    result = explore(flat, "poor.yaml", "--duration", "5")
+    share = json.loads(result.stdout.splitlines()[-1])["map"]["fit"]
+    assert f"the map is poor: only {share:.1%} of the laser's rays end on its walls" in caplog.text
+    assert load_map(flat / "poor.yaml").free.any()
 
 
 def test_the_map_is_like_the_true_map(flat: Path) -> None:
