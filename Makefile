@@ -40,6 +40,7 @@ INPUTS ?= 100000
 EPISODES ?= 1000
 RECORDED ?= 600
 ATTACKS ?= --pairs 3 --seconds 10
+STARVED ?= 20
 MCP_ATTACKS ?=
 KILLS ?= 100
 PROOFS ?= 1000
@@ -202,6 +203,7 @@ accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
+	@.venv/bin/python tests/acceptance/attacks.py --starved $(STARVED) --seconds 3
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 
 accept-tools: .venv/ready spin

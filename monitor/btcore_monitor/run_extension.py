@@ -176,6 +176,7 @@ class MonitorExtension(RunExtension):
             return
         # Imported here, because most runs publish nothing, and the import takes a tenth of a second.
         from btcore_monitor.serve import ServeError, serve
+        from btcore_monitor.serve.publisher import INTERRUPTED_GRACE
 
         port, groot1 = _ports(settings)
         with ExitStack() as stack:
@@ -235,6 +236,8 @@ class MonitorExtension(RunExtension):
                 # Before waiting: a monitor process ends when it has received the end of the stream.
                 publisher.finish()
                 failures += filter(None, [monitor.finish(self._interrupted) for monitor in monitors])
+                if self._interrupted:
+                    publisher.close(INTERRUPTED_GRACE)
             if failures:
                 raise OutputError("; ".join(failures))
 

@@ -4,11 +4,16 @@
 all of its ports, by clients that connect again at once and for ever. For each attack the script prints the
 growth of the robot's memory, the lost ticks and the lateness of ticks beside those of the other robot, and
 the unanswered requests and lost transitions of another client. It exits with 1 if a value is not permitted.
+
+``--starved RUNS`` instead attacks robots on a starved machine: robot, client and attackers share one
+processor with programs that never wait and have a higher priority. The client must not lose a transition.
 """
 
 import argparse
 import contextlib
+import itertools
 import json
+import os
 import resource
 import socket
 import statistics
@@ -16,7 +21,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,6 +34,8 @@ LIMIT = 200  # MB that the robot's process may allocate in addition; then alloca
 PICTURE = 200_000  # bytes of a camera's picture; the robot has 30 pictures a second
 LATENESS = 5.0  # ms, permitted in addition to 1.5 times the lateness of the robot that is not attacked
 JUDGED_FROM = 3  # pairs; the ticks of fewer are printed only, because other work on the computer delays them
+BUSY = 3  # programs that never wait, on a starved machine
+END_WITHIN = 60.0  # s, for the client to receive the end of a run
 LOST = 0.01  # of the ticks, permitted in addition to the lost ticks of the robot that is not attacked
 GREETING = b"\xff" + b"\0" * 8 + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + b"\0" * 32
 READY = b"\x04\x19\x05READY\x0bSocket-Type\0\0\0\x03"
@@ -217,7 +224,10 @@ def run_robot(seconds: float) -> None:
 
 @dataclass
 class Outcome:
-    """What was measured of a robot; *died* if its process ended early."""
+    """What was measured of a robot; *died* if its process ended early.
+
+    *received* counts the transitions that the client received in order, each once.
+    """
 
     died: bool = False
     ticks: int = 0
@@ -250,12 +260,13 @@ class Robot:
         self.ports: list[int] = []
         self._connected = threading.Event()
         self._ended = threading.Event()
-        self._client = threading.Thread(target=self._watch)
+        self._threads = [threading.Thread(target=each) for each in (self._watch, self._request)]
 
     def connect(self) -> None:
         """Wait until the client is connected."""
         self.ports = json.loads(self._line())
-        self._client.start()
+        for thread in self._threads:
+            thread.start()
         assert self._connected.wait(120), "the robot can't be watched"
 
     def _line(self) -> str:
@@ -272,7 +283,8 @@ class Robot:
         """Wait for the end of the run."""
         line, outcome = self._line(), self.outcome
         self._ended.set()
-        self._client.join()
+        for thread in self._threads:
+            thread.join()
         self._process.communicate()
         if line:
             outcome.ticks, outcome.lost_ticks, outcome.transitions, outcome.growth, outcome.lateness = (
@@ -284,28 +296,39 @@ class Robot:
 
     def _watch(self) -> None:
         from btcore_monitor.events import ConnectionChanged, StatusChanged, TreeSeen
-        from btcore_monitor.watch.address import parse_address
         from btcore_monitor.watch.feed import Feed
-        from btcore_monitor.watch.groot2_client import Groot2Client
-        from btcore_monitor.watch.request_client import NoReplyError
-        from btcore_monitor.wire.groot2 import Request
 
-        address = f"tcp://127.0.0.1:{self.ports[0]}"
-        with Feed(address) as feed, Groot2Client(parse_address(address), timeout=REPLY_WITHIN) as requests:
-            while not self._ended.is_set():
+        give_up_at = float("inf")
+        with Feed(f"tcp://127.0.0.1:{self.ports[0]}") as feed:
+            while time.monotonic() < give_up_at:
                 for event in feed.poll(0.1):
                     if isinstance(event, TreeSeen):
                         self._connected.set()
                     elif isinstance(event, StatusChanged):
-                        self.outcome.received += 1
+                        self.outcome.received += event.number == self.outcome.received + 1
                     elif isinstance(event, ConnectionChanged):
                         self.outcome.disconnected += event.state == "lost"
                         if event.state == "ended":
                             return
-                try:
-                    requests.request(Request.STATUS)
-                except NoReplyError:
-                    self.outcome.unanswered += not self._ended.is_set()
+                # What the robot sent before its end may still wait in this process.
+                if self._ended.is_set():
+                    give_up_at = min(give_up_at, time.monotonic() + END_WITHIN)
+
+    def _request(self) -> None:
+        from btcore_monitor.watch.address import parse_address
+        from btcore_monitor.watch.groot2_client import Groot2Client
+        from btcore_monitor.watch.request_client import NoReplyError
+        from btcore_monitor.wire.groot2 import Request
+
+        address = parse_address(f"tcp://127.0.0.1:{self.ports[0]}")
+        with Groot2Client(address, timeout=REPLY_WITHIN) as client:
+            while not self._ended.wait(0.1):
+                client.begin_request(Request.STATUS)
+                with contextlib.suppress(NoReplyError):
+                    while client.finish_request() is None and not self._ended.is_set():
+                        client.wait(0.1)
+                    continue
+                self.outcome.unanswered += not self._ended.is_set()
 
 
 @contextlib.contextmanager
@@ -335,6 +358,44 @@ def run_pair(names: Sequence[str], seconds: float) -> tuple[Outcome, Outcome]:
         attacked.start()
         alone.start()
         return attacked.end(), alone.end()
+
+
+@contextlib.contextmanager
+def starved_machine(priority: int) -> Iterator[None]:
+    """Return a context in which this process and its children get little of one processor.
+
+    *priority* is the number of "nice" steps between them and the programs that never wait.
+    """
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(BUSY)]
+    os.nice(priority)
+    try:
+        yield
+    finally:
+        for one in busy:
+            one.kill()
+            one.wait()
+
+
+def run_starved(names: Sequence[str], runs: int, seconds: float, priority: int) -> Iterator[str]:
+    """Attack *runs* robots on a starved machine, with one of *names* each, and yield violations."""
+    print(f"{'attack':24}{'ticks':>8}{'lost ticks':>12}{'transitions':>13}{'missing':>9}{'duration':>11}")
+    with starved_machine(priority):
+        for name in itertools.islice(itertools.cycle(names), runs):
+            begin = time.monotonic()
+            robot = Robot(seconds)
+            robot.connect()
+            with attacks_on(robot.ports, [name]):
+                robot.start()
+                found = robot.end()
+            missing = found.transitions - found.received
+            print(
+                f"{name:24}{found.ticks:8}{found.lost_ticks:12}{found.transitions:13}{missing:9}"
+                f"{time.monotonic() - begin:9.1f} s",
+                flush=True,
+            )
+            if found.died or missing or not found.transitions:
+                yield f"{name}: the other client missed {missing} of {found.transitions} transitions"
 
 
 # --- the report
@@ -377,6 +438,10 @@ def main() -> int:
     parser.add_argument("--pairs", type=int, default=3, help="pairs of robots per attack")
     parser.add_argument("--seconds", type=float, default=10.0, help="duration of a run")
     parser.add_argument("--attacks", nargs="+", choices=[one.__name__ for one in ATTACKS])
+    parser.add_argument(
+        "--starved", type=int, help="attack this number of robots on a starved machine instead"
+    )
+    parser.add_argument("--priority", type=int, default=5, help="how far below the programs that never wait")
     parser.add_argument("--robot", type=float, help=argparse.SUPPRESS)
     parser.add_argument("--attack", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -386,6 +451,9 @@ def main() -> int:
     if options.attack is not None:
         name, port, kind = options.attack
         attack_for_ever(name, int(port), kind)
+    names = options.attacks or [one.__name__ for one in ATTACKS]
+    if options.starved is not None:
+        return print_violations(run_starved(names, options.starved, options.seconds, options.priority))
     from btcore_monitor.watch import feed
 
     feed.SILENT_AFTER = REPLY_WITHIN  # a busy machine is silent for seconds, too
@@ -393,12 +461,18 @@ def main() -> int:
         f"{'attack':24}{'growth':>21} {'lost ticks':>13} {'late (95 %)':>22} {'missing':>8} {'no reply':>8}"
     )
     found: list[str] = []
-    for name in options.attacks or [one.__name__ for one in ATTACKS]:
+    for name in names:
         pairs = [run_pair([name], options.seconds) for _ in range(options.pairs)]
         found += violations(name, pairs)
-    for violation in found:
+    return print_violations(found)
+
+
+def print_violations(found: Iterable[str]) -> int:
+    """Print what is not permitted, and return the exit code."""
+    violations = list(found)
+    for violation in violations:
         print(f"✗ {violation}")
-    return 1 if found else 0
+    return 1 if violations else 0
 
 
 if __name__ == "__main__":

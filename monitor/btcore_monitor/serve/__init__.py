@@ -9,7 +9,7 @@ from typing import Final
 from btcore.tree.tree import Tree
 from btcore_monitor.keys import RobotKeys
 from btcore_monitor.serve.hook_controller import MAX_HEARTBEAT_DELAY
-from btcore_monitor.serve.publisher import Publisher
+from btcore_monitor.serve.publisher import GRACE, Publisher
 from btcore_monitor.serve.tcp_ports import PortInUseError, ServeError
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
@@ -26,7 +26,7 @@ def serve(
     bind: str = "127.0.0.1",
     scene: bool = True,
     resources: Sequence[object] = (),
-    grace: float = 2.0,
+    grace: float = GRACE,
     *,
     groot1: int | None = None,
     allow_control: bool = False,
@@ -52,7 +52,8 @@ def serve(
         bind: The interface (`*`: all interfaces).
         scene: Whether to publish the scene channel.
         resources: Objects of the robot. Those with `scene_static` and `scene_moving` are shown in 3D.
-        grace: Maximum time in s (wall clock) that closing waits for clients that still read.
+        grace: Maximum time in s (wall clock) that closing waits for clients that have not received the end of
+            the run yet. After an exception or Ctrl-C it waits for 2 s at most.
         groot1: The port for Groot 1's updates: usually 1666, or 2666 if Groot 2 is served too. 0 chooses a
             free port; see `Publisher.groot1`. The next port answers requests. Without Groot 2, the scene
             channel is two ports above these requests.

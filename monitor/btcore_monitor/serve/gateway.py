@@ -31,7 +31,7 @@ _HANDSHAKE_MS: Final = 5_000
 
 _HAS_UNIX_SOCKETS: Final = sys.platform != "win32"
 
-_CLOSING: Final = 2.0
+_CLOSING: Final = 2 * gateway_process.FLUSHING
 """Maximum seconds (wall clock) for the process to end."""
 
 _log = logging.getLogger("monitor")

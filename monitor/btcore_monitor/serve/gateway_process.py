@@ -66,8 +66,8 @@ PATIENCE = 10.0
 GREETING = 5.0
 """Maximum seconds until the first bytes of a connection. libzmq limits the rest of the handshake."""
 
-FLUSHING = 0.5
-"""Maximum seconds for bytes that wait at the end."""
+FLUSHING = 5.0
+"""Maximum seconds for bytes that wait at the end. Clients that read need so long on a busy machine only."""
 
 KEEPALIVE = (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3))
 """A connection to a vanished machine ends after 10 + 3 * 5 = 25 s."""

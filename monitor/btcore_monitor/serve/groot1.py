@@ -43,9 +43,10 @@ class Groot1Server:
         offset: The uids on the wire start at this number plus 1. Groot 1 has no tree IDs and detects a new
             tree only by unknown uids, so each tree of a robot gets new uids.
         rate: Maximum updates per second.
+        ending: Bytes after the tree in each reply.
     """
 
-    def __init__(self, tree: Tree, offset: int = 0, rate: float = groot1.RATE) -> None:
+    def __init__(self, tree: Tree, offset: int = 0, rate: float = groot1.RATE, ending: bytes = b"") -> None:
         # A uid has 16 bits on the wire; the numbers start again when there are not enough left.
         self.offset = offset if offset + len(tree.nodes) <= MAX_NODES else 0
         self.end = self.offset + len(tree.nodes)
@@ -54,7 +55,7 @@ class Groot1Server:
         self._statuses = {self.offset + node.uid: groot1.status_code(int(node.status)) for node in tree.nodes}
         # The statuses at the last update; the next update begins with them.
         self._before = dict(self._statuses)
-        self._tree = bytearray(encode_tree(WireTree(tuple(self._nodes(tree)), _models(tree))))
+        self._tree = bytearray(encode_tree(WireTree(tuple(self._nodes(tree)), _models(tree))) + ending)
         self._places = dict(zip(self._statuses, status_places(bytes(self._tree)), strict=True))
         self._waiting: list[WireChange] = []
         self._due = 0.0

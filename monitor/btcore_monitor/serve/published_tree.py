@@ -21,6 +21,7 @@ from btcore_monitor.serve.queueing_observer import (
 )
 from btcore_monitor.serve.scene import SceneServer
 from btcore_monitor.wire.msgpack_values import Boards, encode_boards
+from btcore_monitor.wire.scene_channel import ANNOUNCEMENT
 from btcore_scene import SceneSource, StaticScene
 
 _SECONDS_A_TURN: Final = 0.02
@@ -59,11 +60,12 @@ class PublishedTree:
         self._tracker = BlackboardTracker(tree)
         self._boards: Boards | None = None
         self._observer = QueueingObserver(self._tracker, self._sources)
-        xml = tree_to_xml(tree).encode()
+        ending = ANNOUNCEMENT if scene else b""
+        xml = tree_to_xml(tree).encode() + ending
         statuses = statuses_of(tree)
         hooks = None if control is None else HookController(tree, control)
         self.groot2 = Groot2Server(tree, xml, self._answer_boards, identity, hooks)
-        self.groot1 = None if groot1 is None else Groot1Server(tree, groot1)
+        self.groot1 = None if groot1 is None else Groot1Server(tree, groot1, ending=ending)
         self.scene: SceneServer | None = None
         if scene:
             parts = [source.scene_static() for source in self._sources]

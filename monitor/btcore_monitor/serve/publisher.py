@@ -40,6 +40,17 @@ _SUBSCRIPTION_AT_MOST: Final = 1 << 10
 _LIVE_AT_MOST: Final = 2_000
 """Maximum queued messages of a slow client; the client requests further messages again later."""
 
+GRACE: Final = 30.0
+"""Default maximum time (s, wall clock) that closing waits for clients that have not received the end.
+
+A client that reads gets the end at once. On a busy machine it may need many seconds."""
+
+INTERRUPTED_GRACE: Final = 2.0
+"""The same (s) after an exception or Ctrl-C."""
+
+_ANNOUNCE_AFTER: Final = 2.0
+"""Time (s, wall clock) of waiting after which a warning explains the wait."""
+
 _log = logging.getLogger("monitor")
 
 
@@ -52,7 +63,7 @@ class Publisher(Closeable):
         bind: The interface (`*`: all interfaces).
         scene: Whether to publish the scene channel.
         resources: Objects of the robot; those with `scene_static` and `scene_moving` are shown in 3D.
-        grace: Maximum time (s, wall clock) that closing waits for clients that still read.
+        grace: Maximum time (s, wall clock) that closing waits for clients that have not received the end.
         groot1: The port for Groot 1's updates; 0 = a free port, None = no support for Groot 1.
         control: The time (s) without requests after which hooks are disabled; None = clients cannot set
             hooks.
@@ -261,18 +272,32 @@ class Publisher(Closeable):
     def close(self, grace: float | None = None) -> None:
         """Send all queued messages and the end of the stream, then stop.
 
-        *grace* is the maximum time in s (wall clock) for clients that still read (default: as given to
-        `serve`).
+        *grace* is the maximum time in s (wall clock) for clients that have not received the end of the run
+        yet (default: as given to `serve`).
         """
         if self._stop.is_set():
             return
         self.finish()
         try:
             if self._scene and self._thread.is_alive():
-                self.wait_for_clients(0, self._grace if grace is None else grace)
+                self._wait_for_readers(self._grace if grace is None else grace)
         finally:
             self._stop.set()
             self._thread.join()
+
+    def __exit__(self, *error: object) -> None:
+        self.close(min(self._grace, INTERRUPTED_GRACE) if any(error) else None)
+
+    def _wait_for_readers(self, grace: float) -> None:
+        """Wait until all clients have received the end, or disconnected, for at most *grace* s."""
+        if grace > _ANNOUNCE_AFTER and not self.wait_for_clients(0, _ANNOUNCE_AFTER):
+            grace -= _ANNOUNCE_AFTER
+            _log.warning(
+                "waiting up to %g s until %d clients have received the end of the run; Ctrl-C ends the wait",
+                grace,
+                self._clients,
+            )
+        self.wait_for_clients(0, grace)
 
     # The following methods run on the publisher's thread.
 

@@ -44,7 +44,15 @@ from btcore_monitor.wire.fulltree import read_fulltree
 __all__ = ["Feed"]
 
 SCENE_FIRST: Final = 0.7
-"""Time (s, wall clock) to wait for the scene channel of a robot that replies to Groot's requests."""
+"""Time (s, wall clock) to wait for the scene channel of a robot that replies to Groot's requests.
+
+Robots of earlier versions have a scene channel, but do not announce it."""
+
+ANNOUNCED_SCENE_FIRST: Final = 20.0
+"""Time (s, wall clock) to wait for the scene channel of a robot that announces it.
+
+On a busy machine the first message takes seconds. It takes longer only if the scene channel is not reachable,
+for example because of a firewall."""
 
 SILENT_AFTER: Final = 3.0
 """Seconds (wall clock) without a heartbeat after which a btcore robot counts as lost."""
@@ -112,6 +120,8 @@ class Feed(Closeable):
         self._state: ConnectionState | None = None
         self._by_scene = False
         self._answered_at = 0.0
+        self._scene_announced = False
+        self._without_scene = ""
         self._number: int | None = None
         self._latest = (0, 0)
         self._reported_errors = 0
@@ -185,8 +195,11 @@ class Feed(Closeable):
             self._by_scene = False
             self._sampled.forget()
             self._answered_at = 0.0
+            self._scene_announced = False
             if self._state == "connected":
                 self._link(events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER:g} s")
+        elif self._awaits_scene(now):
+            pass
         elif self._groot1 is not None:
             self._from_groot1(self._groot1, now, events)
         else:
@@ -249,17 +262,39 @@ class Feed(Closeable):
         if message.ended:
             events.append(Ticked(message.tick, message.stamp, message.wall, message.duration, message.status))
 
+    def _found_groot(self, reply: bytes, now: float) -> None:
+        """Note that the robot replied to a request of Groot with its tree, *reply*."""
+        self._answered_at = now
+        self._scene_announced = reply.endswith(wire.ANNOUNCEMENT)
+        self._without_scene = ""
+
+    def _awaits_scene(self, now: float) -> bool:
+        """Return whether the robot has announced a scene channel that may still connect."""
+        if not self._scene_announced:
+            return False
+        if now - self._answered_at < ANNOUNCED_SCENE_FIRST:
+            return True
+        self._scene_announced = False
+        port = self.address.at(wire.PORT_OFFSET)
+        self._without_scene = f", because there is no reply from its scene channel, {port}"
+        # If the scene channel connects later, it begins with the tree.
+        self._scene.forget()
+        return False
+
     def _from_groot2(self, now: float, events: list[Event]) -> None:
         """Send requests of Groot 2, and return events only after the scene channel had time to connect."""
+        if not self._answered_at and self._sampled.tree is not None:
+            self._found_groot(self._sampled.tree.xml, now)
+            if self._scene_announced:
+                return
         # At least a round trip: over a slow network the scene channel needs longer than SCENE_FIRST.
-        self._answered_at = self._answered_at or (now if self._sampled.tree is not None else 0.0)
         chance = max(SCENE_FIRST, self._groot2.round_trip)
         too_early = not self._answered_at or now - self._answered_at < chance
         try:
             sampled = self._sampled.step(tree_only=too_early)
         except Groot1DetectedError as detected:
             self._sampled.forget()
-            self._answered_at = now
+            self._found_groot(detected.reply, now)
             self._groot1 = Groot1Feed(self.address, MAX_REPLY_TIMEOUT, self._keys)
             if self._state == "connected":
                 self._link(events, "lost", str(detected))
@@ -273,7 +308,7 @@ class Feed(Closeable):
                 self._link(events, "lost", str(error))
             return
         if self._sampled.following:
-            self._link(events, "connected", f"{self.address}, by Groot 2's protocol")
+            self._link(events, "connected", f"{self.address}, by Groot 2's protocol{self._without_scene}")
         events.extend(sampled)
 
     def _from_groot1(self, robot: Groot1Feed, now: float, events: list[Event]) -> None:
@@ -290,7 +325,7 @@ class Feed(Closeable):
         if now - self._answered_at < SCENE_FIRST:
             return
         if self._early or robot.is_back:
-            self._link(events, "connected", str(robot))
+            self._link(events, "connected", f"{robot}{self._without_scene}")
         events += self._early
         self._early = []
 
@@ -304,7 +339,9 @@ class Feed(Closeable):
     def _wait(self, seconds: float) -> None:
         poller = zmq.Poller()
         poller.register(self._scene.socket, zmq.POLLIN)
-        if self._groot1 is not None:
+        if self._scene_announced:
+            pass
+        elif self._groot1 is not None:
             for socket in self._groot1.sockets:
                 poller.register(socket, zmq.POLLIN)
             seconds = min(seconds, _LOOK_EVERY)

@@ -25,7 +25,14 @@ _LAST_REQUEST_MS: Final = 200
 
 
 class Groot1DetectedError(ProtocolError):
-    """The robot replies in Groot 1's protocol."""
+    """The robot replies in Groot 1's protocol.
+
+    *reply* is the robot's reply, which contains its tree.
+    """
+
+    def __init__(self, message: str, reply: bytes) -> None:
+        super().__init__(message)
+        self.reply = reply
 
 
 class Groot2Client(RequestClient):
@@ -95,7 +102,8 @@ class Groot2Client(RequestClient):
                 raise
             raise Groot1DetectedError(
                 f"{self.address} uses Groot 1's protocol (BehaviorTree.CPP 3), which supports only the tree "
-                "and its statuses"
+                "and its statuses",
+                frames[0],
             ) from None
         if reply.kind != request or reply.unique_id != self._unique_id:
             raise ProtocolError(

@@ -36,6 +36,10 @@ _MESSAGE_AT_MOST: Final = 32 << 20
 """Maximum bytes of a message, because the other program may not be a robot."""
 
 _TREE_REQUESTS_AT_MOST: Final = 8
+_REQUESTS_AT_MOST: Final = 8
+"""Maximum requests for missing messages at a time. Their replies may be late: on a busy machine, or because
+other clients of the robot send requests, too."""
+
 _ASK_AGAIN_AFTER: Final = 2.0
 _FRAMES_A_TURN: Final = 500
 _BYTES_A_TURN: Final = 2 << 20
@@ -64,7 +68,7 @@ class SceneClient:
         # Pieces that arrived too early, by their first number.
         self._early: dict[int, PieceMessage] = {}
         self._early_bytes = 0
-        self._request_topic = b""
+        self._request_topics: list[bytes] = []
         self._requested_at = 0.0
         self._presence_topic = b""
         self._tree_topics: list[bytes] = []
@@ -112,6 +116,13 @@ class SceneClient:
         self._request_missing()
         return received
 
+    def forget(self) -> None:
+        """Forget the tree and request it again. The stream then begins with the oldest message."""
+        self.tree_id = ""
+        self._early.clear()
+        self._early_bytes = 0
+        self._request_tree()
+
     def close(self) -> None:
         """Free the socket."""
         self._context.destroy()
@@ -158,7 +169,7 @@ class SceneClient:
             if message.first > self._next:
                 self._store(message)
                 return
-            self._end_request()
+            self._end_requests()
             self._read_piece(message, received)
             while (first := min(self._early, default=self._next + 1)) <= self._next:
                 piece = self._early.pop(first)
@@ -171,7 +182,7 @@ class SceneClient:
         self._latest = message.latest
         self._early.clear()
         self._early_bytes = 0
-        self._end_request()
+        self._end_requests()
         self._register()
         for topic in self._tree_topics[:-1]:
             self.socket.unsubscribe(topic)
@@ -212,17 +223,19 @@ class SceneClient:
         if not self.tree_id or self._next > self._latest:
             return
         now = time.monotonic()
-        if self._request_topic and now - self._requested_at < _ASK_AGAIN_AFTER:
+        if self._request_topics and now - self._requested_at < _ASK_AGAIN_AFTER:
             return
-        self._end_request()
-        self._request_topic = b"again/%d/%s" % (self._next, _token())
+        # Earlier requests stay, because a reply without a subscription would be discarded.
+        if len(self._request_topics) >= _REQUESTS_AT_MOST:
+            self.socket.unsubscribe(self._request_topics.pop(0))
+        self._request_topics.append(b"again/%d/%s" % (self._next, _token()))
         self._requested_at = now
-        self.socket.subscribe(self._request_topic)
+        self.socket.subscribe(self._request_topics[-1])
 
-    def _end_request(self) -> None:
-        if self._request_topic:
-            self.socket.unsubscribe(self._request_topic)
-            self._request_topic = b""
+    def _end_requests(self) -> None:
+        for topic in self._request_topics:
+            self.socket.unsubscribe(topic)
+        self._request_topics.clear()
 
 
 def _size(piece: PieceMessage) -> int:

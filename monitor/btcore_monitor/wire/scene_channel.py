@@ -59,6 +59,13 @@ STREAM: Final = b"stream"
 ALIVE: Final = b"alive"
 """The topic of heartbeats."""
 
+ANNOUNCEMENT: Final = b"<!-- scene channel -->"
+"""The end of the tree that a robot with a scene channel sends by the protocols of Groot 2 and Groot 1.
+
+Readers of XML ignore a comment, and readers of flatbuffers ignore what follows. A client that does not know
+whether there is a scene channel would switch to it in the middle of a run, if the machine is busy.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Message:

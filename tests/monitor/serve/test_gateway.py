@@ -7,7 +7,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -188,11 +190,12 @@ def test_requests_and_subscriptions_of_the_maximum_size_are_forwarded(endless, n
 
 @pytest.fixture
 def stream():
-    """``stream(**options)``: a robot's XPUB socket, and the port of the gateway in front of it."""
+    """``stream(**options)``: a robot's XPUB socket, and port and close() of the gateway in front of it."""
     with contextlib.ExitStack() as stack:
 
-        def made(**options: int) -> tuple[zmq.Socket[bytes], int]:
-            robot = stack.enter_context(stack.enter_context(zmq.Context()).socket(zmq.XPUB))
+        def made(**options: int) -> tuple[zmq.Socket[bytes], int, Callable[[], None]]:
+            context = stack.enter_context(zmq.Context())
+            robot = context.socket(zmq.XPUB)
             for name, value in options.items():
                 setattr(robot, name, value)
             robot.linger = 0
@@ -204,7 +207,8 @@ def stream():
             between.add(listener, robot)
             between.start()
             stack.callback(between.close)
-            return robot, port
+            stack.callback(robot.close)  # first, as a publisher does
+            return robot, port, between.close
 
         yield made
 
@@ -221,7 +225,7 @@ def subscriber(port: int, *topics: bytes):
 
 def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream):
     # The robot's socket holds 2 messages per client at most, and then it waits.
-    robot, port = stream(sndhwm=2, xpub_nodrop=1)
+    robot, port, _ = stream(sndhwm=2, xpub_nodrop=1)
     picture = frame(bytes(1 << 20))
     with subscriber(port, b"") as slow:
         assert robot.recv() == b"\1"
@@ -245,7 +249,7 @@ def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream):
 def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(stream, monkeypatch):
     monkeypatch.setattr(gateway_process, "PATIENCE", 60.0)
     monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT", 60.0)
-    robot, port = stream()
+    robot, port, _ = stream()
     with contextlib.ExitStack() as clients:
         names = [b"%d" % number for number in range(gateway_process.PIECES_AT_ONCE)]
         for name in names:
@@ -267,7 +271,7 @@ def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(st
     monkeypatch.setattr(gateway_process, "PATIENCE", 60.0)
     monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT", 0.0)
     monkeypatch.setattr(gateway_process, "_SWEEP", 0.05)
-    robot, port = stream()
+    robot, port, _ = stream()
     with subscriber(port, b"again/invalid", b"again/1/token", b"stream"):
         assert [robot.recv() for _ in range(3)] == [b"\1again/invalid", b"\1again/1/token", b"\1stream"]
 
@@ -307,6 +311,7 @@ def test_encrypted_clients_are_forwarded_and_limited():
                     ends += [one for one in (robot.recv(),) if one[1:] == b"topic"]
                 assert time.monotonic() < deadline
         finally:
+            robot.close()
             between.close()
 
 
@@ -447,3 +452,19 @@ def test_a_closed_publisher_sends_its_last_messages_first(endless, no_threads_le
         while b"kind\xa3end" not in data:
             assert client.poll(60_000)
             data = client.recv_multipart()[1]
+
+
+def test_bytes_for_a_client_that_pauses_are_forwarded_at_the_end(stream):
+    robot, port, close = stream(sndhwm=2, xpub_nodrop=1)
+    picture = frame(bytes(1 << 20))
+    with subscriber(port, b"") as client:
+        assert robot.recv() == b"\1"
+        for _ in range(20):
+            robot.send(picture[9:])
+        robot.close(linger=60_000)
+        closing = threading.Thread(target=close)
+        closing.start()
+        closing.join(0.6)
+        for _ in range(20):
+            assert receive(client, len(picture)) == picture
+        closing.join()

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 
 import pytest
@@ -23,7 +24,9 @@ from btcore_monitor.events import (
     TransitionsLost,
     TreeSeen,
 )
-from btcore_monitor.serve import serve
+from btcore_monitor.serve import Publisher, serve
+from btcore_monitor.serve.gateway_process import CONNECTIONS
+from btcore_monitor.watch import feed, scene
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.feed import Feed
 from btcore_monitor.watch.groot2_client import Groot2Client
@@ -160,6 +163,115 @@ def test_a_viewer_that_starts_before_the_robot_sees_everything(sample, watch, un
     assert early.of(BlackboardSeen)[-1].boards["Sub::6"]["mode"] == "fast"
     assert [link.state for link in early.of(ConnectionChanged)] == ["waiting", "connected", "ended"]
     assert not early.of(TransitionsLost)
+
+
+@contextmanager
+def strangers(publisher: Publisher, count: int) -> Iterator[Callable[[], None]]:
+    """*count* other clients of the scene channel, until the function is called or the context ends."""
+    with zmq.Context() as context, ExitStack() as clients:
+        for number in range(count):
+            client = clients.enter_context(context.socket(zmq.SUB))
+            client.subscribe(b"here/%d" % number)
+            client.connect(f"tcp://127.0.0.1:{publisher.port + wire.PORT_OFFSET}")
+        assert publisher.wait_for_clients(count, 60)
+        yield clients.close
+
+
+@pytest.mark.parametrize(("protocol", "is_late"), [("groot2", True), ("groot1", True), ("groot2", False)])
+def test_a_robot_with_a_scene_channel_is_not_sampled_meanwhile(endless, monkeypatch, protocol, is_late):
+    """On a busy machine, the scene channel may be later than Groot's replies, or silent for seconds."""
+    monkeypatch.setattr(feed, "SCENE_FIRST", 0.0)
+    if not is_late:
+        monkeypatch.setattr(feed, "SILENT_AFTER", 0.0)
+    events: list[Event] = []
+    with ExitStack() as stack:
+        publisher = stack.enter_context(serve(endless, **{protocol: 0}))
+        leave = stack.enter_context(strangers(publisher, CONNECTIONS if is_late else 0))
+        viewer = stack.enter_context(Feed(publisher.address))
+        deadline = time.monotonic() + 60
+        while not viewer._answered_at and time.monotonic() < deadline:
+            events += viewer.poll(0.01)
+        for _ in range(20):
+            endless.tick_exactly_once()
+            events += viewer.poll(0.01)
+        leave()
+        publisher.finish()
+        events += viewer.events(until_end=True)
+        publisher.close()
+    assert len([event for event in events if isinstance(event, TreeSeen)]) == 1
+    found = [event.number for event in events if isinstance(event, StatusChanged)]
+    assert found == list(range(1, len(found) + 1))
+    assert [event.tick for event in events if isinstance(event, Ticked)] == list(range(1, 21))
+
+
+def test_a_robot_whose_scene_channel_is_not_reachable_is_sampled(endless, monkeypatch):
+    monkeypatch.setattr(feed, "ANNOUNCED_SCENE_FIRST", 0.0)
+    with ExitStack() as stack:
+        publisher = stack.enter_context(serve(endless, groot2=0))
+        leave = stack.enter_context(strangers(publisher, CONNECTIONS))
+        viewer = stack.enter_context(Feed(publisher.address))
+        connected = next(
+            event for event in viewer if isinstance(event, ConnectionChanged) and event.state == "connected"
+        )
+        port = publisher.port
+        assert connected.detail == (
+            f"tcp://127.0.0.1:{port}, by Groot 2's protocol, because there is no reply from its scene "
+            f"channel, tcp://127.0.0.1:{port + 2}"
+        )
+        assert not next(event for event in viewer if isinstance(event, TreeSeen)).numbered
+        leave()
+        # A scene channel that can be reached again begins with the tree.
+        assert next(event for event in viewer if isinstance(event, TreeSeen)).numbered
+
+
+def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, until):
+    """With many clients or on a busy machine, a reply takes longer than the pause between two requests."""
+    monkeypatch.setattr(scene, "_ASK_AGAIN_AFTER", 0.0)
+    context: zmq.Context = zmq.Context()
+    with context.socket(zmq.XPUB) as robot:
+        address = parse_address(f":{robot.bind_to_random_port('tcp://127.0.0.1') - wire.PORT_OFFSET}")
+        client = SceneClient(address)
+        topics: list[bytes] = []
+
+        def asked(topic: bytes) -> bool:
+            client.read()
+            while robot.poll(0):
+                topics.append(robot.recv())
+            return any(one.startswith(b"\x01" + topic) for one in topics)
+
+        try:
+            until(lambda: asked(b"again/tree/"), "the request for the tree")
+            (topic,) = (one[1:] for one in topics if one.startswith(b"\x01again/tree/"))
+            robot.send_multipart([topic, wire.encode(wire.TreeMessage("a", 0, 0, b"<root/>", 1, 1, {}))])
+            until(lambda: asked(b"again/1/"), "the request for the first message")
+            topic = next(one[1:] for one in topics if one.startswith(b"\x01again/1/"))
+            client.read()
+            ticks = wire.encode(wire.TicksMessage("a", 1, 0, 0, 1, 0, 1, True, 1, []))
+            robot.send_multipart([topic, wire.encode(wire.PieceMessage("a", 1, 1, 1, [ticks]))])
+            received: list[wire.Message] = []
+            until(lambda: received.extend(client.read()) or received, "the message")
+            assert [message.seq for message in received if isinstance(message, wire.TicksMessage)] == [1]
+        finally:
+            client.close()
+    context.term()
+
+
+def test_closing_waits_for_a_client_that_does_not_read_for_some_time(endless, monkeypatch, caplog, until):
+    monkeypatch.setattr("btcore_monitor.serve.publisher._ANNOUNCE_AFTER", 0.01, raising=False)
+    with serve(endless, groot2=0) as publisher, Feed(publisher.address) as viewer:
+        events: list[Event] = []
+        until(lambda: events.extend(viewer.poll(0.01)) or publisher.clients, "the client")
+        for _ in range(20):
+            endless.tick_exactly_once()
+        closing = threading.Thread(target=publisher.close)
+        closing.start()
+        until(lambda: caplog.messages or not closing.is_alive(), "a warning")
+        assert caplog.messages == [
+            "waiting up to 29.99 s until 1 clients have received the end of the run; Ctrl-C ends the wait"
+        ]
+        events += viewer.events(until_end=True)
+        closing.join()
+    assert [event.tick for event in events if isinstance(event, Ticked)] == list(range(1, 21))
 
 
 def test_a_viewer_that_connects_during_a_run_gets_the_earlier_events(endless, watch, until):
