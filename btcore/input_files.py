@@ -12,6 +12,11 @@ SIZE_VARIABLE: Final = "BTCORE_MAX_FILE_SIZE"
 """The environment variable with the maximum size of a file, such as `1GB`."""
 DEFAULT_MAX_SIZE: Final = "256MB"
 
+ENLARGE: Final = (
+    "to read it, use 'btcore --max-file-size SIZE …' or set the environment variable " + SIZE_VARIABLE
+)
+"""The end of an error message about a file that is too large."""
+
 _UNITS: Final = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9}
 _KINDS: Final = {
     stat.S_IFIFO: "a named pipe",
@@ -76,11 +81,7 @@ def max_size() -> int:
 
 
 def _too_large(limit: int, name: str) -> OSError:
-    message = (
-        f"it is larger than {_format_size(limit)}; to read it, use 'btcore --max-file-size SIZE …' "
-        f"or set the environment variable {SIZE_VARIABLE}"
-    )
-    return OSError(errno.EFBIG, message, name)
+    return OSError(errno.EFBIG, f"it is larger than {format_size(limit)}; {ENLARGE}", name)
 
 
 def real_path(path: str | os.PathLike[str]) -> Path:
@@ -113,7 +114,8 @@ def parse_size(text: str) -> int:
     return int(float(match[1]) * _UNITS.get(match[2], 1))
 
 
-def _format_size(size: int) -> str:
+def format_size(size: int) -> str:
+    """Return a number of bytes as text, in the largest unit of at least 1."""
     for name, unit in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
         if size >= unit:
             return f"{size / unit:g} {name}"

@@ -38,6 +38,7 @@ LAYERS = (
         "json_text",
         "output_files",
         "process_group",
+        "process_limits",
     },
     {"values"},
     {"blackboard"},

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from btcore.process_limits import limit_process
+
 VARIABLE: Final = "BTCORE_CONFINEMENT"
 """The environment variable with the limits, as JSON."""
 
@@ -73,24 +75,14 @@ def confine_process() -> None:
     if not text:
         return
     limits = Confinement(**json.loads(text))
-    _limit_resources(limits)
+    # Windows has no such limits; the time limit of the call remains.
+    limit_process(
+        RLIMIT_CORE=0,
+        RLIMIT_CPU=limits.cpu_seconds,
+        RLIMIT_DATA=limits.memory,
+        RLIMIT_FSIZE=limits.file_size,
+    )
     sys.addaudithook(_check_of(limits))
-
-
-def _limit_resources(limits: Confinement) -> None:
-    if sys.platform == "win32":
-        return  # Windows has no such limits; the time limit of the call remains
-    import resource
-
-    for kind, value in (
-        (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_CPU, limits.cpu_seconds),
-        (resource.RLIMIT_DATA, limits.memory),
-        (resource.RLIMIT_FSIZE, limits.file_size),
-    ):
-        _, highest = resource.getrlimit(kind)
-        least = value if highest == resource.RLIM_INFINITY else min(value, highest)
-        resource.setrlimit(kind, (least, least))
 
 
 def _check_of(limits: Confinement) -> Callable[[str, tuple[Any, ...]], None]:

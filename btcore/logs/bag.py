@@ -19,6 +19,7 @@ from typing import Any, Final
 from lxml import etree
 
 from btcore.clock import NS_PER_S, NS_PER_US
+from btcore.input_files import ENLARGE, format_size, max_size
 from btcore.logs.bag_reader import BagReader
 from btcore.logs.files import LogError, create, expect_extension, read_bytes, write_whole
 from btcore.logs.log import Log
@@ -243,8 +244,15 @@ def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
         if len(logs) > 1:
             topics = ", ".join(sorted(logs))
             raise LogError(f"{path}: this bag contains the logs of several trees: {topics}")
+        size = 0
         texts = [topic for topic in (TREE_TOPIC, GAP_TOPIC) if reader.topics.get(topic) == _TEXT_TYPE]
         for topic, stamp, data in reader.messages((*logs, *texts)):
+            size += len(data)
+            if size > max_size():
+                limit = format_size(max_size())
+                raise LogError(
+                    f"{path}: cannot read this log: its messages are larger than {limit}; {ENLARGE}"
+                )
             yield _LOG_TYPE if topic in logs else topic, stamp, reader.decode(topic, data)
 
 

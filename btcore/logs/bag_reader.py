@@ -1,30 +1,33 @@
 """Reading messages from bags of ROS 2 with the package rosbags.
 
-Bags may come from elsewhere, so a damaged or hostile file raises a LogError, and needs little memory. A bag
-contains the definitions of its messages. They are used, because a few differ between releases of ROS 2, but
-only after a check that each field is the known one.
+Bags may come from elsewhere, so a damaged or hostile file raises a LogError. The file is read in a process
+with limits (bag_process.py), unless this process has limits itself. A bag contains the definitions of its
+messages; the messages are decoded by the known definitions of ROS 2, if both agree.
 """
 
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import threading
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+from btcore.logs import bag_process
+from btcore.logs.bag_process import ANSWER, RECORD, BagError, BagSource, Message
 from btcore.logs.files import LogError, read_bytes
+from btcore.process_limits import is_limited
 
-MAX_CHUNK: Final = 1 << 28
-"""The greatest size (bytes) of a chunk of a bag after decompression."""
+MAX_MEMORY: Final = 1 << 30
+"""The greatest size (bytes) of the data of the process that reads a bag."""
 
-OPTIONAL: Final = (
-    ("nav2_msgs/msg/BehaviorTreeStatusChange", "uid"),
-    ("sensor_msgs/msg/Range", "variance"),
-)
-"""The fields that older releases of ROS 2 lack, as (type, field)."""
+MAX_CPU_S: Final = 60
+"""The longest processor time (s) of that process for opening the bag, and then for 1 MB of messages."""
 
 _BIG_ENDIAN, _LITTLE_ENDIAN = b"\x00\x00", b"\x00\x01"
-
-_MAX_REASON: Final = 200
-"""The greatest length of an error message of rosbags that is quoted."""
 
 
 class BagReader:
@@ -45,30 +48,30 @@ class BagReader:
     def __init__(self, path: Path, definitions: Mapping[str, str] | None = None) -> None:
         self.path = path
         read_bytes(path, 1)  # explains why a file cannot be read
+        definitions = definitions or {}
         try:
-            from rosbags.highlevel import AnyReader
             from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+            self._source = _open(path, definitions)
+            self._types: Any = get_typestore(Stores.ROS2_KILTED)
         except ModuleNotFoundError as missing:
             raise LogError(
                 f"{path}: reading a bag needs the package {missing.name}: pip install 'btcore[bags]'"
             ) from None
-        _limit_chunks()
-        known = get_typestore(Stores.ROS2_KILTED)
-        for name, definition in (definitions or {}).items():
-            known.register(get_types_from_msg(definition, name))
-        self._known = known.fielddefs
-        self._checked: set[str] = set()
-        with self._explained():
-            self._reader = AnyReader([path], default_typestore=known)
-            self._reader.open()
-        self.topics: dict[str, str] = {}
-        for connection in self._reader.connections:
-            kind = self.topics.setdefault(connection.topic, connection.msgtype)
-            if kind != connection.msgtype:
-                types = f"{kind} and {connection.msgtype}"
-                raise LogError(f"{path}: the topic {connection.topic} has two types: {types}")
+        except BagError as error:
+            raise LogError(f"{path}: {error}") from None
+        added = {}
+        for name, definition in definitions.items():
+            added.update(get_types_from_msg(definition, name))
+        # Types of older releases are registered without the fields that they lack.
+        for kind in {kind for kind, _ in self._source.absent}:
+            constants, fields = added.get(kind) or self._types.fielddefs.pop(kind)
+            present = [field for field in fields if (kind, field[0]) not in self._source.absent]
+            added[kind] = (constants, present)
+        self._types.register(added)
+        self.topics = self._source.topics
 
-    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """Yield the messages on *topics* in the order of their stamps: topic, stamp (ns), and content.
 
         Args:
@@ -77,12 +80,10 @@ class BagReader:
         Raises:
             LogError: The file is damaged.
         """
-        connections = [each for each in self._reader.connections if each.topic in topics]
-        if not connections:
-            return
-        with self._explained():
-            for connection, stamp, data in self._reader.messages(connections=connections):
-                yield connection.topic, stamp, data
+        try:
+            yield from self._source.messages(topics)
+        except BagError as error:
+            raise LogError(f"{self.path}: {error}") from None
 
     def decode(self, topic: str, data: bytes) -> Any:
         """Return a message.
@@ -95,21 +96,23 @@ class BagReader:
             LogError: The message is damaged, or its definition is not that of ROS 2.
         """
         kind = self.topics[topic]
-        with self._explained():
-            self._check_definition(kind)
-            types = self._reader.typestore
-            if data[:2] not in (_BIG_ENDIAN, _LITTLE_ENDIAN):
-                raise LogError(f"{self.path}: a message on {topic} is not in the encoding CDR")
+        if kind in self._source.problems:
+            raise LogError(f"{self.path}: {self._source.problems[kind]}")
+        if data[:2] not in (_BIG_ENDIAN, _LITTLE_ENDIAN):
+            raise LogError(f"{self.path}: a message on {topic} is not in the encoding CDR")
+        try:
             # Typestore.deserialize_cdr refuses the bytes that rclpy's serialize_message may add at the end.
-            definition = types.get_msgdef(kind)
+            definition = self._types.get_msgdef(kind)
             is_little = data[:2] == _LITTLE_ENDIAN
             read = definition.deserialize_cdr_le if is_little else definition.deserialize_cdr_be
-            message, _ = read(data[4:], 0, definition.cls, types)
-            return message
+            message, _ = read(data[4:], 0, definition.cls, self._types)
+        except Exception as error:  # for a damaged message, rosbags raises exceptions of many classes
+            raise LogError(f"{self.path}: {bag_process.explain(error)}") from None
+        return message
 
     def close(self) -> None:
         """Close the file."""
-        self._reader.close()
+        self._source.close()
 
     def __enter__(self) -> "BagReader":
         return self
@@ -117,59 +120,99 @@ class BagReader:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @contextmanager
-    def _explained(self) -> Iterator[None]:
-        """Return a context in which an error of rosbags becomes a LogError."""
+
+class _BagProcess:
+    """A `BagSource` in a process with limits."""
+
+    def __init__(self, path: Path, definitions: Mapping[str, str]) -> None:
+        self._iterations = 0
+        self._process = subprocess.Popen(
+            # -P: a module beside the script must not replace one of the standard library.
+            [sys.executable, "-P", bag_process.__file__],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            # The threads of OpenBLAS would need memory.
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        )
+        settings = {
+            "path": str(path.absolute()),
+            "definitions": dict(definitions),
+            "memory": MAX_MEMORY,
+            "cpu_seconds": MAX_CPU_S,
+        }
         try:
-            yield
-        except LogError:
+            facts = json.loads(self._request(settings))
+        except BaseException:
+            self.close()
             raise
-        except Exception as error:  # for a damaged file, rosbags raises exceptions of many classes
-            reason = (str(error) or type(error).__name__).splitlines()[0][:_MAX_REASON]
-            raise LogError(f"{self.path}: not a complete bag of ROS 2: {reason}") from None
+        self.topics: dict[str, str] = facts["topics"]
+        self.problems: dict[str, str] = facts["problems"]
+        self.absent = {(kind, field) for kind, field in facts["absent"]}
 
-    def _check_definition(self, kind: str) -> None:
-        """Check that a message type, and the types within, have the known fields with the known types."""
-        if kind in self._checked:
-            return
-        self._checked.add(kind)
-        if kind not in self._known:
-            raise LogError(f"{self.path}: unknown message type {kind}")
-        known, found = dict(self._known[kind][1]), dict(self._reader.typestore.fielddefs[kind][1])
-        for field in (*known, *found):
-            is_absent = field not in found and (kind, field) in OPTIONAL
-            if known.get(field) != found.get(field) and not is_absent:
-                raise LogError(
-                    f"{self.path}: the field '{field}' of {kind} is defined otherwise than in ROS 2"
-                )
-        for description in found.values():
-            for name in _types_within(description):
-                self._check_definition(name)
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        self._iterations += 1
+        request = [self._iterations, list(topics)]
+        names = list(self.topics)
+        while batch := self._request(request):
+            at = 0
+            while at < len(batch):
+                number, stamp, size = RECORD.unpack_from(batch, at)
+                at += RECORD.size + size
+                yield names[number], stamp, batch[at - size : at]
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            pipe.close()
+
+    def _request(self, request: object) -> bytes:
+        """Send a request, and return the answer.
+
+        Raises:
+            BagError: The bag is damaged, or cannot be read within the limits.
+            ModuleNotFoundError: A package is missing.
+        """
+        requests, answers = self._process.stdin, self._process.stdout
+        assert requests is not None
+        assert answers is not None
+        # Windows cannot limit the processor time of a process.
+        timer = threading.Timer(MAX_CPU_S, self._process.kill)
+        if sys.platform == "win32":
+            timer.start()
+        try:
+            requests.write(json.dumps(request).encode() + b"\n")
+            requests.flush()
+            kind, size = ANSWER.unpack(answers.read(ANSWER.size))
+            data = answers.read(size)
+        except (OSError, struct.error):
+            raise BagError(self._end_reason()) from None
+        finally:
+            timer.cancel()
+        if len(data) < size:
+            raise BagError(self._end_reason())
+        if kind == b"J":
+            found = json.loads(data)
+            if "missing" in found:
+                raise ModuleNotFoundError(name=found["missing"])
+            if "error" in found:
+                raise BagError(found["error"])
+        return data
+
+    def _end_reason(self) -> str:
+        """Return the reason why the process has ended."""
+        code = self._process.wait()
+        if code == -getattr(signal, "SIGXCPU", 0) or (sys.platform == "win32" and code == 1):
+            return f"reading this bag needs more than {MAX_CPU_S} s of processor time"
+        return f"the process that reads this bag ended with code {code}"
 
 
-def _types_within(description: Any) -> Iterator[str]:
-    """Yield the message types in the description of a field."""
-    from rosbags.interfaces import Nodetype
-
-    kind, content = description
-    if kind == Nodetype.NAME:
-        yield content
-    elif kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-        yield from _types_within(content[0])
-
-
-def _limit_chunks() -> None:
-    """Let rosbags decompress a chunk only up to the size that the file declares, and up to `MAX_CHUNK`.
-
-    rosbags 0.11 compares the sizes afterwards, when a small chunk may already fill the memory.
-    """
-    from rosbags.rosbag2 import storage_mcap
-
-    zstd: Any = vars(storage_mcap)["zstd"]  # of the standard library from Python 3.14
-
-    def decompress(data: bytes, size: int) -> bytes:
-        if size > MAX_CHUNK:
-            raise ValueError(f"a chunk of {size} bytes is larger than {MAX_CHUNK}")
-        return bytes(zstd.ZstdDecompressor().decompress(data, max_length=size))
-
-    storage_mcap.DECOMPRESSORS["zstd"] = decompress
+def _open(path: Path, definitions: Mapping[str, str]) -> BagSource | _BagProcess:
+    """Open a bag in a process with limits."""
+    # A program that contains Python cannot start its interpreter.
+    if is_limited() or getattr(sys, "frozen", False):
+        return BagSource(path, definitions)
+    return _BagProcess(path, definitions)

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 pytest.importorskip("rosbags")
 
+from lz4.frame import LZ4FrameCompressor
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import zstd
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -19,7 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import btcore
 from btcore.cli.main import main
 from btcore.clock import NS_PER_S
-from btcore.logs import LogError, open_log, read_log
+from btcore.logs import LogError, bag_reader, open_log, read_log
 from btcore.logs.bag import BagWriter
 
 STATUS_CHANGE = """builtin_interfaces/Time timestamp
@@ -172,7 +173,10 @@ def test_a_truncated_bag_is_an_error(tmp_path: Path) -> None:
             read_log(path)
 
 
-def test_random_damage_is_an_error_of_one_line(tmp_path: Path) -> None:
+def test_random_damage_is_an_error_of_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        bag_reader, "is_limited", lambda: True, raising=False
+    )  # 150 processes would take a minute
     path = write_nav2_bag(tmp_path / "nav.mcap", EVENTS)
     content, random_numbers = path.read_bytes(), random.Random(5)
     errors: list[str] = []
@@ -189,11 +193,19 @@ def test_random_damage_is_an_error_of_one_line(tmp_path: Path) -> None:
     assert not any("\n" in error for error in errors)
 
 
-@pytest.mark.parametrize("declared", [100, 1 << 40])
-def test_a_chunk_that_grows_when_it_is_decompressed_needs_no_memory(tmp_path: Path, declared: int) -> None:
-    compressor = zstd.ZstdCompressor()
-    data = b"".join([*(compressor.compress(bytes(1 << 20)) for _ in range(200)), compressor.flush()])
-    fields = struct.pack("<QQQI", 0, 1, declared, 0) + struct.pack("<I", 4) + b"zstd"
+@pytest.mark.parametrize("declared", [100, 1 << 32, 1 << 40])
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_chunk_that_grows_when_it_is_decompressed_needs_no_memory(
+    tmp_path: Path, compression: str, declared: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        bag_reader, "is_limited", lambda: True, raising=False
+    )  # so that the memory can be measured
+    compressor = zstd.ZstdCompressor() if compression == "zstd" else LZ4FrameCompressor()
+    head = compressor.begin() if compression == "lz4" else b""
+    data = b"".join([head, *(compressor.compress(bytes(1 << 20)) for _ in range(200)), compressor.flush()])
+    name = compression.encode()
+    fields = struct.pack("<QQQI", 0, 1, declared, 0) + struct.pack("<I", len(name)) + name
     chunk = fields + struct.pack("<Q", len(data)) + data
     writer = BagWriter(tmp_path / "run.mcap", b"<root/>", {}, 0)
     writer.close()
@@ -208,6 +220,47 @@ def test_a_chunk_that_grows_when_it_is_decompressed_needs_no_memory(tmp_path: Pa
         assert tracemalloc.get_traced_memory()[1] < 50 << 20
     finally:
         tracemalloc.stop()
+
+
+def record(kind: int, *fields: bytes | int) -> bytes:
+    """A record of MCAP; a number has 16 bits, and a text has its length before it."""
+    texts = (
+        struct.pack("<H", field) if isinstance(field, int) else struct.pack("<I", len(field)) + field
+        for field in fields
+    )
+    content = b"".join(texts)
+    return struct.pack("<BQ", kind, len(content)) + content
+
+
+@pytest.mark.parametrize(
+    ("constant", "message"),
+    [
+        ("1 << 16000000000", "too much memory"),
+        ("(1 << 60000000) / ((1 << 30000000) + 1)", "more than 1 s of processor time"),
+    ],
+)
+def test_a_definition_whose_constants_are_hostile_is_an_error(
+    tmp_path: Path, constant: str, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bag_reader, "MAX_CPU_S", 1, raising=False)
+    definition = f"module a {{ module msg {{ module B_Constants {{ const int32 C = {constant}; }}; "
+    definition += "struct B { int32 x; }; }; };"
+    path = tmp_path / "run.mcap"
+    magic = b"\x89MCAP0\r\n"
+    schema = record(0x03, 1, b"a/msg/B", b"ros2idl", definition.encode())
+    channel = record(0x04, 1, 1, b"/b", b"cdr", b"")
+    end = record(0x0F, 0, 0) + struct.pack("<BQ", 0x02, 20) + bytes(20)
+    path.write_bytes(magic + record(0x01, b"ros2", b"") + schema + channel + end + magic)
+    code, output = run_command("stats", path)
+    assert code == 2
+    assert message in output, output
+
+
+def test_the_messages_of_a_log_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_nav2_bag(tmp_path / "nav.mcap", EVENTS * 500)  # compressed to a fraction
+    monkeypatch.setenv("BTCORE_MAX_FILE_SIZE", f"{path.stat().st_size}")
+    with pytest.raises(LogError, match=r"its messages are larger than .* kB; to read it, use"):
+        read_log(path)
 
 
 def run_command(*arguments: object) -> tuple[int, str]:
@@ -248,7 +301,7 @@ def test_commands_explain_what_is_wrong_with_a_bag(
     command: list[str], content: bytes | None, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if content is None:
-        monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+        monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     path = tmp_path / "run.mcap"
     path.write_bytes(content or b"\x89MCAP0\r\n")
     code, output = run_command(*command, path)

@@ -311,7 +311,7 @@ def test_missing_package_is_named(
     run: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     BagFile(tmp_path).write()
-    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     result = run()
     assert result.exit_code == 2
     assert "pip install 'btcore[bags]'" in result.stderr
