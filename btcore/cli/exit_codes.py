@@ -1,7 +1,7 @@
 """The exit codes of the command line."""
 
 from enum import IntEnum
-from signal import SIGTERM
+from signal import SIGINT, SIGTERM
 
 
 class ExitCode(IntEnum):
@@ -19,12 +19,15 @@ class ExitCode(IntEnum):
     `btcore prove` has no answer."""
     INTERNAL_ERROR = 70
     """An error in btcore itself: EX_SOFTWARE of sysexits.h."""
+    HUNG_UP = 129
+    """The terminal was closed (SIGHUP): 128 + SIGHUP, the convention of shells."""
     INTERRUPTED = 130
-    """Ctrl-C: 128 + SIGINT, the convention of shells. Also if the terminal was closed (SIGHUP)."""
+    """Ctrl-C: 128 + SIGINT."""
     TERMINATED = 143
     """SIGTERM: 128 + SIGTERM."""
 
 
 def code_of_signal(number: int) -> ExitCode:
     """Return the exit code of a command that the signal *number* ended."""
-    return ExitCode.TERMINATED if number == SIGTERM else ExitCode.INTERRUPTED
+    codes: dict[int, ExitCode] = {SIGINT: ExitCode.INTERRUPTED, SIGTERM: ExitCode.TERMINATED}
+    return codes.get(number, ExitCode.HUNG_UP)  # Windows has no SIGHUP

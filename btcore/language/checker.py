@@ -5,7 +5,7 @@ import json
 import logging
 import sys
 from asyncio.subprocess import PIPE, Process
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -77,8 +77,13 @@ class WorkerProcess:
             self._process.kill()
 
     async def wait(self) -> None:
-        """Wait until the process has ended."""
-        await self._process.wait()
+        """Wait until the stopped process has ended, also if this task is cancelled in the meantime.
+
+        Otherwise the event loop could be closed before, and asyncio would print a traceback.
+        """
+        while self._process.returncode is None:
+            with suppress(asyncio.CancelledError):
+                await self._process.wait()
 
 
 class Checker:
@@ -157,14 +162,12 @@ class Checker:
         """Start the background task."""
         self._task = asyncio.get_running_loop().create_task(self._run())
 
-    async def close(self) -> None:
-        """End the background task and the worker process."""
-        if self._task is not None:
-            self._task.cancel()
-        worker = self._worker
-        self.stop()
-        if worker is not None:
-            await worker.wait()
+    def close(self) -> Awaitable[object]:
+        """End the background task, and then the worker process. Return an awaitable of their end."""
+        tasks = [] if self._task is None else [self._task]
+        for task in tasks:
+            task.cancel()
+        return asyncio.gather(*tasks, return_exceptions=True)
 
     def stop(self) -> None:
         """End the worker process. The next check starts a new process."""
@@ -174,6 +177,16 @@ class Checker:
         self._sent = {}
 
     async def _run(self) -> None:
+        try:
+            await self._check_pending()
+        finally:
+            worker = self._worker
+            self.stop()
+            if worker is not None:
+                await worker.wait()
+
+    async def _check_pending(self) -> None:
+        """Check what is pending, until this task is cancelled."""
         while True:
             await self._wake.wait()
             await asyncio.sleep(PAUSE_S)

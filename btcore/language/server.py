@@ -10,8 +10,10 @@ from typing import Any, Final
 
 from lsprotocol import types
 from pygls import uris
+from pygls.exceptions import JsonRpcInvalidParams
 from pygls.lsp.server import LanguageServer
 from pygls.protocol import LanguageServerProtocol
+from pygls.protocol.json_rpc import JsonRPCNotification
 from pygls.protocol.language_server import lsp_method
 
 from btcore import __version__
@@ -37,6 +39,24 @@ NAME: Final = "btcore"
 
 class TreeServerProtocol(LanguageServerProtocol):
     """The protocol with UTF-16 positions, which every client supports. The project holds the documents."""
+
+    def structure_message(self, data: dict[str, Any]) -> Any:
+        """Return the message in a JSON object. A request with invalid parameters gets an error reply.
+
+        pygls would print a traceback instead, and not reply.
+        """
+        method = data.get("method") if "jsonrpc" in data else None
+        kind = self.get_message_type(method) if isinstance(method, str) else None
+        if kind is None:
+            return super().structure_message(data)
+        try:
+            return self._converter.structure(data, kind)
+        except Exception:  # the errors of the converter have no common class
+            if "id" in data:
+                error = JsonRpcInvalidParams(f"the parameters of {method} are invalid").to_response_error()
+                self._send_response(data["id"], error=error)
+            # The protocol permits to ignore notifications with this prefix, and pygls logs them in one line.
+            return JsonRPCNotification(method=f"$/invalid/{method}", jsonrpc=self.VERSION, params={})
 
     @lsp_method(types.INITIALIZE)
     def lsp_initialize(self, params: types.InitializeParams) -> Generator[Any, Any, types.InitializeResult]:
@@ -237,9 +257,10 @@ def _keep_up_to_date(server: TreeServer) -> None:
             registration = types.Registration("watch", method, options)
             server.client_register_capability(types.RegistrationParams([registration]))
 
+    # Not a coroutine: `exit` may be the next message, and would end the server before the reply.
     @server.feature(types.SHUTDOWN)
-    async def shutdown(_: None) -> None:
-        await checker.close()
+    def shutdown(_: None) -> None:
+        checker.close()
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
     def did_open(params: types.DidOpenTextDocumentParams) -> None:

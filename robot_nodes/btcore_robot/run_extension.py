@@ -96,6 +96,8 @@ class NavigationExtension(RunExtension):
             created.append(_waypoints(settings))
         navigates, explores, tracks = _required_features(wanted)
         robot = next((resource for resource in provided if isinstance(resource, Robot)), None)
+        if robot is None or not (navigates or explores):
+            _check_files(settings)
         if robot is None:
             return created
         if explores:
@@ -207,6 +209,14 @@ def _plugin_errors_reported(settings: Mapping[str, Any]) -> Iterator[None]:
         yield
     except RegistrationError as error:
         raise click.UsageError(f"--nav-params {settings.get('nav_params')}: {error}") from error
+
+
+def _check_files(settings: Mapping[str, Any]) -> None:
+    """Check the map and the parameters that this run does not use."""
+    if settings.get("map_file") is not None:
+        _map(settings, ())
+    if settings.get("nav_params") is not None:
+        _parameters(settings)
 
 
 def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyMap | None":

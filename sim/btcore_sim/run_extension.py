@@ -27,6 +27,9 @@ def _option(name: str, metavar: str, help: str, **settings: Any) -> click.Option
     return click.Option([f"--{name}"], metavar=metavar, help=help, show_default=shown, **settings)
 
 
+_WORLD = "arena"
+"""The default of `--world`."""
+
 UNKNOWN_START = "unknown"
 """The value of `--start` for a random start pose of which the navigation is not informed."""
 
@@ -85,7 +88,7 @@ class RobotExtension:
             "world",
             "NAME",
             "The robot's world: a name, a JSON file, a map (YAML), or office:N or home:N for a random world.",
-            default="arena",
+            default=_WORLD,
             shell_complete=complete_world,
         ),
         _option(
@@ -199,15 +202,17 @@ class RobotExtension:
             self.used_by = (
                 f"leaf that needs a simulated robot, because its robot is the {other.__name__} of {package}"
             )
+            _check_files(settings)
             return ()
         robot = any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
         # A leaf that needs a map has imported this module already, so that an import here is not necessary.
         maps = getattr(sys.modules.get("btcore_robot.navigation.occupancy_map"), "OccupancyMap", None)
         needs_map = maps is not None and maps in wanted
         if not (robot or needs_map):
+            _check_files(settings)
             return ()
         resources: list[object] = []
-        try:
+        with _errors_reported():
             scene = _scene(settings)
             if robot:
                 self._body, self.events = _make(scene, settings)
@@ -219,13 +224,6 @@ class RobotExtension:
                     resources.append(InitialPose(None if is_unknown else self._body.start_pose))
             if needs_map:
                 resources.append(_map(scene))
-        except SimError as error:
-            raise click.UsageError(str(error)) from error
-        except ModuleNotFoundError as missing:
-            raise click.UsageError(
-                f"the simulated robot needs the module '{missing.name}', which is not installed: "
-                "pip install 'btcore[sim]'"
-            ) from missing
         return resources
 
     @contextmanager
@@ -290,6 +288,28 @@ class RobotExtension:
         return report
 
 
+@contextmanager
+def _errors_reported() -> Iterator[None]:
+    """Raise a usage error if an option has an invalid value, or if a module is not installed."""
+    try:
+        yield
+    except SimError as error:
+        raise click.UsageError(str(error)) from error
+    except ModuleNotFoundError as missing:
+        raise click.UsageError(
+            f"the simulated robot needs the module '{missing.name}', which is not installed: "
+            "pip install 'btcore[sim]'"
+        ) from missing
+
+
+def _check_files(settings: Mapping[str, Any]) -> None:
+    """Check the files of a world, waypoints and a robot that this run does not use."""
+    given = settings.get("world", _WORLD) != _WORLD or settings.get("waypoints") or settings.get("robot")
+    if given:
+        with _errors_reported():
+            _scene({**settings, "start": None})
+
+
 def _scene(settings: Mapping[str, Any]) -> "Scene":
     from btcore_sim.robot_description import TIAGO, load_description
     from btcore_sim.scenario import with_start
@@ -299,7 +319,7 @@ def _scene(settings: Mapping[str, Any]) -> "Scene":
     seed = settings.get("seed", 0)
     radius = load_description(settings.get("robot") or TIAGO).base.radius
     scene = load_world(
-        settings.get("world", "arena"),
+        settings.get("world", _WORLD),
         seed=seed,
         radius=radius,
         waypoints=settings.get("waypoints"),

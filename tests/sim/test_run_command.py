@@ -131,6 +131,24 @@ def test_an_incomplete_fault_is_a_usage_error(run: Run) -> None:
     assert_usage_error(run("bumpgo", "--fault", "laser", "--fast"), "laser")
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--world", "ofice", "there is no world 'ofice'"),
+        ("--robot", "missing.json", "missing.json: no such file"),
+        ("--waypoints", "missing.yaml", "missing.yaml: no such file"),
+        ("--map", "missing.yaml", "missing.yaml: no such file"),
+        ("--nav-params", "missing.yaml", "missing.yaml: no such file"),
+    ],
+)
+def test_files_are_checked_if_the_tree_needs_no_robot(
+    run: Run, tmp_path: Path, option: str, value: str, said: str
+) -> None:
+    tree = tmp_path / "tree.xml"
+    tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>')
+    assert_usage_error(run(str(tree), option, value), said)
+
+
 def test_a_missing_robot_file_is_a_usage_error(run: Run) -> None:
     assert_usage_error(run("bumpgo", "--robot", "no_robot.json", "--fast"), "no_robot.json")
 

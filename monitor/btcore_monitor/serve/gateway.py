@@ -8,6 +8,7 @@ lacks Unix sockets, a thread does the same by TCP.
 import contextlib
 import json
 import logging
+import os
 import shutil
 import socket
 import subprocess
@@ -23,13 +24,19 @@ from btcore_monitor.serve import gateway_process
 
 Socket = zmq.Socket[bytes]
 
-_PATH_AT_MOST: Final = 80
+_PREFIX: Final = "btcore-gateway-"
+"""The beginning of the name of the folder with the sockets."""
+
+_PATH_AT_MOST: Final = 75
 """Maximum length of the path of the folder for temporary files: a Unix socket's path has up to 103 bytes."""
 
 _HANDSHAKE_MS: Final = 5_000
 """Maximum time for the handshake of a connection."""
 
 _HAS_UNIX_SOCKETS: Final = sys.platform != "win32"
+
+_ATTEMPTS: Final = 10
+"""Maximum attempts to create a folder that no other process removes."""
 
 _CLOSING: Final = 2 * gateway_process.FLUSHING
 """Maximum seconds (wall clock) for the process to end."""
@@ -41,10 +48,11 @@ class Gateway:
     """Connects TCP ports to sockets of ZeroMQ. Call `add` for each port, then `start`."""
 
     def __init__(self) -> None:
-        folder = None
-        if _HAS_UNIX_SOCKETS and len(tempfile.gettempdir()) > _PATH_AT_MOST:
-            folder = "/tmp"
-        self._folder = Path(tempfile.mkdtemp(prefix="btcore-", dir=folder))
+        parent = Path(tempfile.gettempdir())
+        if _HAS_UNIX_SOCKETS and len(str(parent)) > _PATH_AT_MOST:
+            parent = Path("/tmp")
+        _remove_abandoned(parent)
+        self._folder, self._lock = _create_locked(parent)
         self._listeners: list[socket.socket] = []
         self._ports: list[tuple[int, str, bool, bool, int]] = []
         self._process: subprocess.Popen[bytes] | None = None
@@ -131,6 +139,9 @@ class Gateway:
         for listener in self._listeners:
             listener.close()
         shutil.rmtree(self._folder, ignore_errors=True)
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
     def _close_control(self) -> None:
         if self._control is not None:
@@ -139,6 +150,56 @@ class Gateway:
                 self._control.send(b".")
             self._control.close()
             self._control = None
+
+
+def _create_locked(parent: Path) -> tuple[Path, int | None]:
+    """Create a folder for sockets in *parent*, and lock it until this process ends.
+
+    Returns:
+        The folder, and the file descriptor of the lock, or None if the system cannot lock folders.
+
+    Raises:
+        OSError: The folder cannot be created.
+    """
+    for _ in range(_ATTEMPTS if _HAS_UNIX_SOCKETS else 0):
+        folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=parent))
+        lock = _locked(folder)
+        if lock is not None:
+            return folder, lock
+        # Another process has found the folder before it was locked, and removes it.
+        shutil.rmtree(folder, ignore_errors=True)
+    return Path(tempfile.mkdtemp(prefix=_PREFIX, dir=parent)), None
+
+
+def _remove_abandoned(parent: Path) -> None:
+    """Remove the folders in *parent* of killed robots whose gateways were killed, too."""
+    if sys.platform == "win32":
+        return
+    with contextlib.suppress(OSError):
+        for folder in parent.glob(f"{_PREFIX}*"):
+            if folder.lstat().st_uid == os.getuid() and (lock := _locked(folder)) is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+                os.close(lock)
+
+
+def _locked(folder: Path) -> int | None:
+    """Lock *folder*, and return the file descriptor of the lock, or None if another process has locked it."""
+    if sys.platform == "win32":
+        return None
+    import fcntl
+
+    try:
+        lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(lock), folder.lstat()):
+            return lock
+    except OSError:
+        pass
+    os.close(lock)
+    return None
 
 
 def _run_and_close(ports: list[gateway_process.Port], control: socket.socket) -> None:

@@ -204,7 +204,7 @@ def test_late_ticks_are_dropped_with_a_single_warning(
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 130)]
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
 def test_signal_halts_the_tree_completes_the_log_and_exits_with_its_code(
     tree_file: TreeFile, library: Path, tmp_path: Path, number: int, code: int

@@ -1,12 +1,14 @@
 """The gateway between clients and the publisher: what it lets through, and its limits."""
 
 import contextlib
+import os
 import random
 import select
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -436,6 +438,31 @@ def test_a_killed_robot_leaves_neither_process_nor_files_nor_ports(until):
     until(lambda: not Path(folder).exists(), "the folder is removed")
     # The process removes the folder last.
     until(lambda: not is_listening(int(port)), "the port is closed")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no Unix sockets")
+def test_the_next_run_removes_the_folder_of_a_killed_robot_and_gateway(endless, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    with subprocess.Popen(
+        [sys.executable, "-c", ROBOT.replace("_gateway._folder", "_gateway._process.pid")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as robot:
+        assert robot.stdout is not None
+        _, gateway_pid = robot.stdout.readline().split()
+        (killed,) = tmp_path.iterdir()
+        with serve(endless, groot2=0):
+            assert killed.exists(), "the folder of a robot that is running"
+        os.kill(int(gateway_pid), signal.SIGSTOP)
+        robot.kill()
+        os.kill(int(gateway_pid), signal.SIGKILL)
+        robot.wait()
+    assert list(killed.iterdir())
+    with serve(endless, groot2=0):
+        assert not killed.exists()
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_closed_publisher_sends_its_last_messages_first(endless, no_threads_left):
