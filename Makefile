@@ -200,6 +200,7 @@ accept-robot: .venv/ready
 
 accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/installs.py out/wheel/btcore-*.whl
+	@.venv/bin/python tests/acceptance/lower_bounds.py out/wheel/btcore-*.whl
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
@@ -242,6 +243,9 @@ dist: .venv-release/ready
 	@echo '· building the compiled wheel'
 	@BTCORE_COMPILED=1 .venv-release/bin/python $(PIP) wheel --no-deps --wheel-dir dist dist/btcore-*.tar.gz
 	@.venv-release/bin/twine check --strict dist/*
+	@echo '· writing the software bill of materials'
+	@mkdir -p out
+	@.venv-release/bin/python packaging/sbom.py dist/btcore-*-none-any.whl out/btcore.cdx.json
 
 bench: .venv/ready .venv-compiled/bench $(if $(ROS2),.venv-ros/ready)
 	@mkdir -p out

@@ -1,12 +1,15 @@
 """The packaging metadata match the files of the repository."""
 
+import json
 import re
 import runpy
 import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -142,3 +145,34 @@ def test_links_of_the_readme_are_absolute_on_pypi() -> None:
     repository = PROJECT["project"]["urls"]["Repository"]
     assert f"({repository}/raw/main/" + "docs/images/monitor.png)" in text
     assert f"({repository}/blob/main/" + "docs/guides/installing.md)" in text
+
+
+def test_lower_bounds_of_dependencies_have_no_known_vulnerabilities(
+    acceptance_script: Callable[[str], ModuleType],
+) -> None:
+    script = acceptance_script("lower_bounds")
+    bounds = script.lower_bounds()
+    assert script.FIXED.keys() <= {*bounds, "setuptools"}
+    assert bounds["lxml"]
+    assert list(script.vulnerable(bounds)) == []
+    assert list(script.vulnerable({"lxml": "6.0.4"})) == ["lxml 6.0.4: CVE-2026-41066, fixed in 6.1.0"]
+    builds = {re.split(">=", one)[1] for one in PROJECT["build-system"]["requires"] if "setuptools>" in one}
+    assert list(script.vulnerable(dict.fromkeys(["setuptools"], *builds))) == []
+
+
+def test_the_bill_of_materials_lists_every_dependency() -> None:
+    bill_of_materials = runpy.run_path(str(ROOT / "packaging/sbom.py"))["bill_of_materials"]
+    command = [sys.executable, "-m", "pip", "inspect", "--disable-pip-version-check"]
+    done = subprocess.run(command, capture_output=True, check=True)
+    bill = bill_of_materials("btcore", json.loads(done.stdout)["installed"])
+    assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.6")
+    assert bill["metadata"]["component"]["name"] == "btcore"
+    components = {one["name"]: one for one in bill["components"]}
+    assert "btcore" not in components
+    assert components["lxml"]["purl"] == f"pkg:pypi/lxml@{components['lxml']['version']}"
+    required = {one["ref"]: one["dependsOn"] for one in bill["dependencies"]}
+    references = {one["bom-ref"] for one in (bill["metadata"]["component"], *bill["components"])}
+    assert required.keys() == references
+    assert {one for ones in required.values() for one in ones} <= references
+    engine = {components[name]["purl"] for name in ("click", "lxml", "mypy-extensions", "rich")}
+    assert engine <= set(required[bill["metadata"]["component"]["purl"]])
