@@ -61,10 +61,10 @@ class PublishedTree:
         self._boards: Boards | None = None
         self._observer = QueueingObserver(self._tracker, self._sources)
         ending = ANNOUNCEMENT if scene else b""
-        xml = tree_to_xml(tree).encode() + ending
+        xml = tree_to_xml(tree).encode()
         statuses = statuses_of(tree)
         hooks = None if control is None else HookController(tree, control)
-        self.groot2 = Groot2Server(tree, xml, self._answer_boards, identity, hooks)
+        self.groot2 = Groot2Server(tree, xml + ending, self._answer_boards, identity, hooks)
         self.groot1 = None if groot1 is None else Groot1Server(tree, groot1, ending=ending)
         self.scene: SceneServer | None = None
         if scene:
