@@ -103,8 +103,8 @@ def map_quality(field_map: OccupancyMap, scans: Sequence[KeyScan], graph: PoseGr
         distances[inside] = obstacle_distances(field_map, _MAX_DISTANCE)[tuple(cells[inside].T)]
         rays = ends - origins
         lengths = np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-6)
-        directions = (rays / lengths[:, None]).T
-        visible = RayCaster(field_map, MAX_RANGE).visible_range(*origins.T, *directions, lengths)
+        (x, y), (dx, dy) = origins.T, (rays / lengths[:, None]).T
+        visible = RayCaster(field_map, MAX_RANGE).visible_range(x, y, dx, dy, lengths)
         fit = float(np.mean(distances <= ON_WALL + 1e-6))
         residual = float(np.sqrt(np.mean(distances**2)))
         through = float(np.mean(lengths - visible > BEHIND_WALL))
