@@ -21,7 +21,7 @@ from btcore.script.expressions import Assignment, Name
 from btcore.status import SUCCESS
 from btcore.values import STRING
 from btcore.xml.lint.dry_run import DryRun, EntryUse
-from btcore.xml.lint.ports import conversion_error, valid_literals
+from btcore.xml.lint.ports import conversion_error, is_listed, valid_literals
 from btcore.xml.lint.reporter import LintReporter, line_of, node_label
 from btcore.xml.lint.scripts import WRITING, AccessKind, is_constant, parse_statements
 from btcore.xml.lint.unwritten_keys import is_declaration
@@ -261,7 +261,7 @@ def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry, reporte
     """Report a constant of a SubTree element that a port of the inner tree rejects.
 
     This is an error (E202), as for a literal of the port, unless a leaf with the whole blackboard may replace
-    the value, or the code of the leaf is unknown.
+    the value, or the code of the leaf reads the port in its own way.
     """
     writers = [use for use in uses if use.access in WRITING]
     constants = [use for use in writers if use.node.call is not None and not use.within]
@@ -275,7 +275,7 @@ def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry, reporte
         reason = _rejection(reader, reader.port, manifest, text, dry_run.format)
         if not reason:
             continue
-        is_certain = not (dry_run.has_untracked_access or is_stub(manifest.cls))
+        is_certain = not (dry_run.has_untracked_access or is_listed(manifest, reader.port))
         code = INCONVERTIBLE_TEXT if is_certain else REFUSED_ENTRY_VALUE
         message = f"'{use.key}' of {node_label(use.node)} is the text '{text}': {reason}"
         hint = (

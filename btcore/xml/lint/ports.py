@@ -102,9 +102,13 @@ def is_required(manifest: Manifest, port: Port) -> bool:
     if is_built_in(manifest.cls):
         return port.reads
     # A leaf that lists its ports in provided_ports may check whether an output is connected.
-    attribute = getattr(manifest.cls, port.name, None)
-    listed = manifest.function is None and not isinstance(attribute, PortAttribute)
-    return port.reads or not listed
+    return port.reads or not is_listed(manifest, port)
+
+
+def is_listed(manifest: Manifest, port: Port) -> bool:
+    """Return whether a user's class lists *port* in provided_ports, so that only its code knows the use."""
+    is_attribute = isinstance(getattr(manifest.cls, port.name, None), PortAttribute)
+    return not (manifest.function is not None or is_attribute or is_built_in(manifest.cls))
 
 
 def check_port_literals(node: NodePlan, document: Document, format: int, reporter: LintReporter) -> None:
