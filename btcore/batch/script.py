@@ -29,7 +29,7 @@ from btcore.script.operators import EPSILON, OPERATORS, compare, compound_assign
 from btcore.script.parser import Parser
 from btcore.script.program import condition_result
 from btcore.values.numbers import leading_float
-from btcore.values.types import MAX_EXACT, as_double, number_of
+from btcore.values.types import INT64, MAX_EXACT, as_double, number_of
 
 _AND: Final = OPERATORS["&&"]
 _OR: Final = OPERATORS["||"]
@@ -407,6 +407,8 @@ class BatchAssignment(BatchExpression):
         self.target = target if isinstance(target, Name) else None
         self.slot = None if self.target is None else scope.slot(self.target.name)
         self.value = compile_expression(assignment.value, scope)
+        literal = assignment.value
+        self.writes_integer = isinstance(literal, Literal) and isinstance(literal.value, int)
 
     def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
         """Return the value that was stored."""
@@ -422,6 +424,9 @@ class BatchAssignment(BatchExpression):
         agents = run.drop_failed(agents)
         if not agents:
             return NO_VALUE
+        if not column.written and self.writes_integer:
+            # BehaviorTree.CPP's scripts have integers of 64 bits.
+            column.entry.value_type = None if column.kind.same(INT64) else INT64
         # Most assignments can be stored for all agents at once.
         is_stored = False
         if is_number(value) and (column.values is None or column.form is NUMBER):

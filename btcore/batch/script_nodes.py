@@ -15,7 +15,7 @@ from btcore.engine.node import TreeNode
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError
 from btcore.nodes.blackboard_actions import copy_error
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
-from btcore.values import IntegerType
+from btcore.values import DOUBLE, IntegerType, ValueType
 
 
 class AlwaysSuccess(BatchNode):
@@ -148,9 +148,12 @@ class SetBlackboard(BatchNode):
         # An untyped entry that no agent has yet gets the type of the source.
         if not target.exists and not target.kind.strong:
             target.entry.declared = source.kind
-        elif refused := agents & target.exists & source.written if _types_clash(source, target) else 0:
-            self.context.fail(self, refused, copy_error(self.target.key, target.kind, source.kind))
-            agents ^= refused
+            target.entry.value_type = source.entry.value_type
+        elif refused := agents & target.exists & source.written:
+            clashing = _clashing_type(source, target)
+            if clashing is not None:
+                self.context.fail(self, refused, copy_error(self.target.key, target.kind, clashing))
+                agents ^= refused
         target.exists |= agents
         empty = agents ^ (agents & source.written)
         agents ^= empty
@@ -181,10 +184,15 @@ class SetBlackboard(BatchNode):
         self.context.fail(self, agents, BlackboardError(str(error)))
 
 
-def _types_clash(source: Column, target: Column) -> bool:
-    """Return whether *source* holds numbers of another type than *target*, which SetBlackboard refuses."""
-    if source.form is not NUMBER or not source.kind.strong or not target.kind.strong:
-        return False
-    if source.entry.inferred and isinstance(target.kind, IntegerType):
-        return False
-    return not target.kind.same(source.kind)
+def _clashing_type(source: Column, target: Column) -> ValueType | None:
+    """Return the type of the numbers of *source* if they cannot be copied to *target*, else None."""
+    kind = source.entry.value_type or source.kind
+    if source.form is not NUMBER or not target.kind.strong:
+        return None
+    if not kind.strong:
+        if source.integers_among(source.written):
+            return None
+        kind = DOUBLE
+    if source.entry.value_type is None and source.entry.inferred and isinstance(target.kind, IntegerType):
+        return None
+    return None if target.kind.same(kind) else kind

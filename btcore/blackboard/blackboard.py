@@ -23,9 +23,11 @@ from btcore.values import (
     VECTOR_DOUBLE,
     VECTOR_INT,
     IntegerType,
+    RealType,
     TypeRegistry,
     UserType,
     ValueType,
+    number_of,
     to_builtin_number,
     type_of,
 )
@@ -44,6 +46,9 @@ class Entry:
         inferred: Whether *declared* was inferred from a value written by user code, and not from a port.
         sequence_id: The number of writes.
         stamp: The time (ns) of the last write.
+        value_type: The type of the value, if it is not *declared*: BehaviorTree.CPP stores it with the value,
+            and compares it when SetBlackboard copies the entry. None = *declared*, or in an entry without a
+            type, the type that follows from the value.
 
     Examples:
         >>> import btcore
@@ -54,7 +59,7 @@ class Entry:
         (0.5, 'double', 1)
     """
 
-    __slots__ = ("declared", "inferred", "sequence_id", "stamp", "value")
+    __slots__ = ("declared", "inferred", "sequence_id", "stamp", "value", "value_type")
 
     def __init__(self, declared: ValueType, inferred: bool = False) -> None:
         self.value: object = None
@@ -62,6 +67,13 @@ class Entry:
         self.sequence_id = 0
         self.stamp = 0
         self.inferred = inferred
+        self.value_type: ValueType | None = None
+
+    def type_of_value(self) -> ValueType:
+        """Return the type of the value, which must not be None: `value_type`, or the type it stands for."""
+        if self.value_type is not None:
+            return self.value_type
+        return self.declared if self.declared.strong else type_of(self.value)
 
     def put(self, value: object, stamp: int) -> None:
         """Store a value, and count the write.
@@ -197,6 +209,7 @@ class Blackboard:
             entry.value = declared.adapt(entry.value)
             entry.declared = declared
             entry.inferred = False
+            entry.value_type = None
             return entry
         if only_read and previous.is_related(declared):
             return entry
@@ -227,7 +240,8 @@ class Blackboard:
         if not kind.strong:
             entry.declared = declared or type_of(value)
             entry.inferred = declared is None
-        elif not kind.accepts(value) or (isinstance(entry.value, float) and isinstance(kind, IntegerType)):
+            entry.value_type = None
+        elif entry.value_type is not None or not kind.accepts(value):
             value = self._fitted(key, entry, value)
         entry.put(value, self.now())
 
@@ -279,13 +293,13 @@ class Blackboard:
         for key, entry in self._entries.items():
             known = other._entries.get(key)
             if known is None:
-                copy = Entry(entry.declared, entry.inferred)
-                copy.value = entry.value
-                other._entries[key] = copy
+                known = other._entries[key] = Entry(entry.declared, entry.inferred)
+                known.value = entry.value
             else:
                 known.declared = entry.declared
                 known.inferred = entry.inferred
                 known.put(entry.value, now)
+            known.value_type = entry.value_type
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         raise TypeError("a blackboard cannot be copied or pickled; clone_into() copies its entries")
@@ -381,6 +395,9 @@ class Blackboard:
         if kind is STRING and declared is None:
             kind = ANY
         entry = self._route(key, kind, declared is None and kind.strong, value)
+        entry.value_type = (
+            None if declared is None or not declared.strong or declared is entry.declared else declared
+        )
         entry.put(value, self.now())
 
     def _route(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
@@ -413,20 +430,38 @@ class Blackboard:
             board = board.parent
 
     def _fitted(self, key: str, entry: Entry, value: object) -> object:
-        """Return *value* converted to the type of *entry*.
+        """Return *value* converted to the type of *entry*, and then to the type of the number that it holds.
 
-        An entry of integers may hold a float that a script has assigned. Then the result is a float, as in
-        BehaviorTree.CPP, so that the script can assign a fraction again.
+        A number that a script has written first keeps its type, as in BehaviorTree.CPP: an entry of doubles
+        may hold an integer, which no fraction can replace, and an entry of integers a double.
         """
         kind = entry.declared
+        if value is False and isinstance(kind, IntegerType) and kind.low < 0:
+            # BehaviorTree.CPP considers true to be a safe value for signed integers, but not false.
+            raise BlackboardError(
+                f"the entry '{key}' has the type {kind.name}, which cannot change to bool: write 0, not False"
+            )
+        held = entry.value_type
         try:
-            fitted = kind.from_text(value) if isinstance(value, str) and kind.converts else kind.adapt(value)
-            if isinstance(entry.value, float) and isinstance(kind, IntegerType):
-                return DOUBLE.cast(fitted)
-            return fitted
+            if isinstance(value, str) and kind.converts and not kind.accepts(value):
+                fitted = kind.from_text(value)
+            else:
+                fitted = kind.adapt(value)
         except ConversionError as error:
             raise BlackboardError(
                 f"the entry '{key}' has the type {kind.name}, which cannot change: {error}"
+            ) from error
+        if held is None or number_of(entry.value) is None:
+            return fitted
+        number = number_of(fitted)
+        try:
+            return (DOUBLE if isinstance(held, RealType) else INT64).adapt(
+                fitted if number is None else number
+            )
+        except ConversionError as error:
+            raise BlackboardError(
+                f"the entry '{key}' holds a number of the type {held.name}, which a script has written: "
+                f"it cannot be replaced by {fitted!r}: {error}"
             ) from error
 
     def _clash(self, key: str, previous: ValueType, declared: ValueType) -> BlackboardError:

@@ -9,7 +9,7 @@ from btcore.blackboard.ports import Direction, Port, PortRole, braced_key
 from btcore.engine.leaf import SyncAction
 from btcore.errors import BlackboardError
 from btcore.status import FAILURE, SUCCESS, Status
-from btcore.values import STRING, ValueType, number_of
+from btcore.values import ANY_VALUE, STRING, ValueType, number_of
 
 
 def copy_error(key: str, declared: ValueType, given: ValueType) -> BlackboardError:
@@ -26,7 +26,8 @@ class SetBlackboard(SyncAction):
 
     A text is converted if the entry already has a type. `value="{key}"` copies the entry `key`; if the
     destination does not exist, it gets the same type. The node fails if the entry `key` was never written,
-    and raises an error if it does not exist or if the destination has another type.
+    and raises an error if it does not exist or if the destination has another type than the value. An integer
+    that a script wrote first has 64 bits, which is another type than `int`.
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
@@ -56,7 +57,6 @@ class SetBlackboard(SyncAction):
         if text is None:
             self.get_input("value")
         source_key = braced_key(text or "", self.config.format)
-        value: object = text
         if source_key is not None:
             source = board.find(source_key)
             if source is None:
@@ -64,43 +64,63 @@ class SetBlackboard(SyncAction):
             # Created even if there is no value to copy, as in BehaviorTree.CPP.
             if board.find(key) is None:
                 board.create(key, source.declared)
-            value = source.value
-            if value is None:
+            if source.value is None:
                 return self.nothing_to_copy(key)
-            self.check_copy(key, source)
-        self.write(key, value)
+            self.copy(key, source)
+        else:
+            self.write_text(key, text or "")
         return SUCCESS
-
-    def check_copy(self, key: str, source: Entry) -> None:
-        """Raise BlackboardError if *source* has another type than the entry *key*, unless it is a text."""
-        target = self._blackboard.find(key)
-        value = source.value
-        if target is None or isinstance(value, str):
-            return
-        have, given = target.declared, source.declared
-        if not have.strong or not given.strong or have.same(given):
-            return
-        # A Python int may stand for any integer type, and an object for its base class.
-        if not have.accepts(value) or (not source.inferred and number_of(value) is not None):
-            raise copy_error(key, have, given)
 
     def nothing_to_copy(self, key: str) -> Status:
         """Return the result if the entry to copy was never written."""
         return FAILURE
 
-    def write(self, key: str, value: object) -> None:
-        """Write *value*; a text is converted if the entry has a type."""
-        board = self._blackboard
-        entry = board.find(key)
-        if isinstance(value, str) and entry is not None:
+    def copy(self, key: str, source: Entry) -> None:
+        """Copy the value of *source* with its type. A text is written as if it were the text of the port."""
+        value = source.value
+        if isinstance(value, str):
+            self.write_text(key, value)
+            return
+        kind = source.type_of_value()
+        target = self._blackboard.find(key)
+        if target is not None and target.declared.strong and not target.declared.same(kind):
+            # A Python int may stand for any integer type, and an object for its base class.
+            is_exact = source.value_type is not None or (source.declared.strong and not source.inferred)
+            if not target.declared.accepts(value) or (is_exact and number_of(value) is not None):
+                raise copy_error(key, target.declared, kind)
+        self.store(key, target, value, kind)
+
+    def write_text(self, key: str, text: str) -> None:
+        """Write *text*, which is converted if the entry has a type."""
+        entry = self._blackboard.find(key)
+        if entry is None:
+            self._blackboard.set(key, text, STRING)
+        elif not entry.declared.strong:
             # An entry without a type remains so: BehaviorTree.CPP accepts a number later, too.
-            if entry.declared.strong:
-                value = entry.declared.from_text(value, self.config.format)
-            if not entry.declared.strong or board.local_entries().get(key) is entry:
-                entry.put(value, board.now())
-                return
-        # In an outer scope BehaviorTree.CPP may write another entry than it reads: "@m", not the root's "m".
-        board.set(key, value)
+            entry.put(text, self._blackboard.now())
+        else:
+            kind = entry.declared
+            if not kind.converts:
+                raise BlackboardError(
+                    f"the entry '{key}' has the type {kind.name}, to which SetBlackboard cannot convert "
+                    f"the text '{text}': assign the number of the member in a Script"
+                )
+            self.store(key, entry, kind.from_text(text, self.config.format), kind)
+
+    def store(self, key: str, entry: Entry | None, value: object, kind: ValueType) -> None:
+        """Store *value* of the type *kind* in *entry*, which `find` returns for *key*."""
+        board = self._blackboard
+        if key.startswith("@"):
+            board, key = board.root, key.lstrip("@")
+        if entry is not None and board.local_entries().get(key) is entry:
+            if not entry.declared.strong:
+                entry.declared = ANY_VALUE
+            entry.value_type = None if kind is entry.declared or kind.same(entry.declared) else kind
+            entry.put(value, board.now())
+        else:
+            # In an outer scope BehaviorTree.CPP may write another entry than it reads: "@m", not the root's
+            # "m".
+            board.set(key, value, kind)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

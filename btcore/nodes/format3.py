@@ -158,16 +158,15 @@ class SetBlackboard3(SetBlackboard):
             entry.value = None
         return SUCCESS
 
-    def check_copy(self, key: str, source: Entry) -> None:
-        """Give the destination the type of *source*: format 3 replaces the type with the value."""
+    def copy(self, key: str, source: Entry) -> None:
+        """Replace the value of the destination. In format 3 its type remains, and may be another type."""
         entry = self._blackboard.find(key)
         if entry is not None:
-            entry.declared = source.declared
-            entry.inferred = source.inferred
+            entry.put(source.value, self._blackboard.now())
 
-    def write(self, key: str, value: object) -> None:
-        """Write *value* without conversion."""
-        self._blackboard.set(key, value)
+    def write_text(self, key: str, text: str) -> None:
+        """Write *text* without conversion."""
+        self._blackboard.set(key, text)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

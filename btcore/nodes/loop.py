@@ -20,8 +20,8 @@ class LoopNode(DecoratorNode):
     A RUNNING child is ticked again with the same element. The node is RUNNING until the queue is empty and
     then returns `if_empty` (default SUCCESS); it fails as soon as the child fails. `queue` is a literal
     list (`1;2;3`), which starts from the beginning whenever the node starts, or an entry that holds a deque
-    (its elements are removed), a list, or a text like the literal. An entry that was never written is an
-    error.
+    (its elements are removed), a list, or a text like the literal. An entry that was never written, or was
+    removed by the child, is an error.
 
     Derive a class for elements of another type, and declare the type in the annotation of the port.
 
@@ -114,14 +114,12 @@ class LoopNode(DecoratorNode):
         queue = self._queue
         if queue is None or queue.key is None:
             return
-        entry = self._blackboard.find(queue.key)
-        if entry is None:
-            return
-        value = entry.value
+        # An entry that was removed is created again, as in BehaviorTree.CPP; it has no value then.
+        value = (self._blackboard.find(queue.key) or self._blackboard.create(queue.key)).value
         if value is None:
             raise BlackboardError(
-                f"port [queue] reads {{{queue.key}}}, which has never been written: "
-                "write a list or a text, such as 1;2;3, before the loop starts"
+                f"port [queue] reads {{{queue.key}}}, which has no value: write a list or a text, such as "
+                "1;2;3, before the loop starts, and keep the entry until the loop ends"
             )
         if isinstance(value, deque):
             # Shared with the entry: the loop removes the elements, and other nodes may append more meanwhile.

@@ -159,8 +159,9 @@ class StateKeeper:
 
     def _restore_entries(self, state: TreeState, objects: list[Any]) -> None:
         entries: list[Entry] = []
-        for declared, inferred, value, writes in state.entries:
+        for declared, inferred, value, writes, value_type in state.entries:
             entry = Entry(declared, inferred)
+            entry.value_type = value_type
             entry.value = value if type(value) in _PLAIN else _thawed(value, objects)
             entry.sequence_id = writes
             entries.append(entry)
@@ -178,12 +179,14 @@ class StateKeeper:
         restored, entries, values = self._restored
         if restored.entries is not state.entries or restored.boards is not state.boards:
             return False
-        for entry, value, (declared, inferred, _, writes) in zip(entries, values, state.entries, strict=True):
+        for entry, value, row in zip(entries, values, state.entries, strict=True):
+            declared, inferred, _, writes, value_type = row
             if (
                 entry.sequence_id != writes
                 or entry.value is not value
                 or entry.declared is not declared
                 or entry.inferred is not inferred
+                or entry.value_type is not value_type
             ):
                 return False
         for board, keys in zip(self._boards, state.boards, strict=True):
@@ -287,8 +290,8 @@ class StateKeeper:
             for key, entry in board.local_entries().items():
                 if id(entry) not in numbers:
                     numbers[id(entry)] = len(entries)
-                    value = entry.value
-                    entries.append([entry.declared, entry.inferred, freezer.frozen(value), 0])
+                    frozen = freezer.frozen(entry.value)
+                    entries.append([entry.declared, entry.inferred, frozen, 0, entry.value_type])
                     found.append(entry)
                 keys.append((key, numbers[id(entry)]))
             keys.sort()

@@ -22,7 +22,7 @@ from btcore.script.operators import (
     readable_number,
 )
 from btcore.suggestions import did_you_mean, nearest_name
-from btcore.values import ValueType, as_double, number_of
+from btcore.values import ANY_VALUE, DOUBLE, INT64, ValueType, as_double, number_of, type_of
 from btcore.values.numbers import leading_float
 from btcore.values.types import quick_double
 
@@ -284,6 +284,9 @@ class Assignment(Expression):
             raise no_value_error(self.value, place, self.text, self.column, self.width)
         try:
             if self.operator == ":=" or self.operator == "=":
+                if entry.value is None and not isinstance(value, str):
+                    kind = self._type_of(value, board)
+                    entry.value_type = None if kind.same(entry.declared) else kind
                 stored = self._assigned(entry, value)
             else:
                 stored = compound_assigned_value(self.operator, entry.value, value, entry.declared)
@@ -298,9 +301,16 @@ class Assignment(Expression):
     def _create(self, board: Blackboard, target: Name) -> Entry:
         if self.operator == ":=":
             try:
-                return board.create(target.name)
+                created = board.create(target.name)
             except BlackboardError as error:
                 raise target.fault(str(error)) from None
+            if board.find(target.name) is None:
+                # BehaviorTree.CPP raises, too ("Bug: report"): "@" means the root only where a key is read.
+                raise target.fault(
+                    f"'{target.name}' cannot be created, because a SubTree remaps it to a key that begins "
+                    "with '@': remap it to a key without '@', or write to '@…' in the script"
+                )
+            return created
         nearest = nearest_name(target.name, board.visible_keys())
         hint = f"did you mean '{nearest}'? " if nearest else ""
         raise target.fault(
@@ -315,11 +325,27 @@ class Assignment(Expression):
         if isinstance(value, str) and not isinstance(old, str):
             if kind.strong and kind.converts:
                 return kind.from_text(value)
-            if old is None:
+            if kind is ANY_VALUE:
+                # BehaviorTree.CPP looks for a converter from text to BT::Any, and there is none.
+                raise ConversionError(f"a text cannot replace {description(old)} that SetBlackboard wrote")
+            if old is None and not kind.strong:
                 return value
             if number_of(old) is not None:
+                entry.value_type = DOUBLE  # whatever the type of the number was
                 return readable_number(value, self.enums)
+            if old is None:
+                raise ConversionError(
+                    f"the entry has the type {kind.name}, to which a script converts no text"
+                )
             raise ConversionError(f"a text cannot replace {description(old)}")
         if old is None:
             return value
         return assigned_value(value, old, kind)
+
+    def _type_of(self, value: object, board: Blackboard) -> ValueType:
+        """Return the type of *value*, which is not a text and becomes the first value of an entry."""
+        source = board.find(self.value.name) if isinstance(self.value, Name) else None
+        if source is not None and source.value is value:
+            return source.type_of_value()
+        # BehaviorTree.CPP's scripts have integers of 64 bits.
+        return INT64 if isinstance(value, int) else type_of(value)

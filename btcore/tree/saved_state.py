@@ -24,6 +24,7 @@ class SavedEntry(NamedTuple):
 
     declared: ValueType
     inferred: bool
+    value_type: ValueType | None
     sequence_id: int
     stamp: int
 
@@ -80,7 +81,8 @@ def save_state(tree: Tree) -> SavedState:
             # Scopes of format 3 share the entries of remapped keys.
             if id(entry) not in indices:
                 indices[id(entry)] = len(entries)
-                entries.append(SavedEntry(entry.declared, entry.inferred, entry.sequence_id, entry.stamp))
+                properties = entry.declared, entry.inferred, entry.value_type, entry.sequence_id, entry.stamp
+                entries.append(SavedEntry(*properties))
                 values.append(entry.value)
             keys[key] = indices[id(entry)]
         boards.append(keys)
@@ -120,6 +122,7 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
     entries = []
     for description, value in zip(saved.entries, values[len(saved.nodes) :], strict=True):
         entry = Entry(description.declared, description.inferred)
+        entry.value_type = description.value_type
         entry.value, entry.sequence_id, entry.stamp = value, description.sequence_id, description.stamp
         entries.append(entry)
     for board, keys in zip(boards, saved.boards, strict=True):

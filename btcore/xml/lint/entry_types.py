@@ -7,7 +7,7 @@ without a type) and W214 (object of a base class).
 from collections.abc import Collection, Mapping
 
 from btcore.blackboard.blackboard import Entry
-from btcore.blackboard.ports import Port, PortRole
+from btcore.blackboard.ports import Binding, Port, PortRole
 from btcore.diagnostic_codes import (
     BASE_CLASS_READ,
     INCONVERTIBLE_TEXT,
@@ -17,9 +17,9 @@ from btcore.diagnostic_codes import (
 from btcore.engine.control import ControlNode
 from btcore.errors import BtcoreError, ConversionError, ScriptError
 from btcore.registry.manifest import Manifest
-from btcore.script.expressions import Assignment, Name
+from btcore.script.expressions import Assignment, Literal, Name
 from btcore.status import SUCCESS
-from btcore.values import STRING
+from btcore.values import INT64, STRING
 from btcore.xml.lint.dry_run import DryRun, EntryUse
 from btcore.xml.lint.ports import conversion_error, is_listed, valid_literals
 from btcore.xml.lint.reporter import LintReporter, line_of, node_label
@@ -50,7 +50,9 @@ def check_value_types(
         reporter: Collects the warnings.
     """
     if dry_run.format == 4 and not dry_run.has_untracked_access:
-        _check_untyped_entries(dry_run, is_main, given, reporter)
+        untyped = _untyped_entries(dry_run, is_main, given)
+        _check_untyped_entries(dry_run, untyped, reporter)
+        _check_copied_integers(dry_run, untyped, enums, reporter)
     scripts: dict[str, dict[int, Assignment]] = {}
     for entry, uses in dry_run.uses.items():
         for use in uses:
@@ -100,10 +102,15 @@ def _check_base_class(
     reporter.warn(BASE_CLASS_READ, message, use.document, use.node, use.attribute, hint)
 
 
+def _written_value(use: EntryUse) -> Binding | None:
+    """Return the port of a SetBlackboard that holds what it writes."""
+    return next((bound for bound in use.node.bindings if bound.port.role is PortRole.WRITTEN_VALUE), None)
+
+
 def _written_text(use: EntryUse) -> str | None:
     """Return the literal that a SetBlackboard writes, or None if it copies an entry."""
-    written = [bound for bound in use.node.bindings if bound.port.role is PortRole.WRITTEN_VALUE]
-    return written[0].text if written and written[0].key is None else None
+    written = _written_value(use)
+    return written.text if written is not None and written.key is None else None
 
 
 def _check_copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
@@ -113,26 +120,74 @@ def _check_copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: L
         return
     try:
         entry.declared.from_text(text, dry_run.format)
+        is_refused = dry_run.format == 4 and not entry.declared.converts
     except ConversionError:
+        is_refused = True
+    if is_refused:
         _warn(dry_run, entry, use, f"{node_label(use.node)} writes '{text}'", reporter)
 
 
-def _check_untyped_entries(
-    dry_run: DryRun, is_main: bool, given: Collection[str], reporter: LintReporter
-) -> None:
-    """Warn about the literals that SetBlackboard nodes write to entries without a type.
+def _assigns_integer(use: EntryUse, enums: dict[str, int]) -> bool:
+    """Return whether *use* is a statement of a script that assigns an integer literal."""
+    if not use.within:
+        return False
+    text = str(use.node.element.get(use.attribute) or "")
+    assignment = _assignments_of(text, enums).get(use.within)
+    return (
+        assignment is not None
+        and assignment.operator in (":=", "=")
+        and isinstance(assignment.value, Literal)
+        and isinstance(assignment.value.value, int)
+    )
+
+
+def _untyped_entries(dry_run: DryRun, is_main: bool, given: Collection[str]) -> list[Entry]:
+    """Return the entries that certainly have no type before the first tick.
 
     The program may set the entries of the outermost blackboard: the entries in *given*, and any entry if the
     tree is not the main tree. Their types are unknown.
     """
     homes = dry_run.entry_homes()
+    untyped: list[Entry] = []
+    for entry in dry_run.uses:
+        if not entry.declared.strong and entry in homes:
+            subtree, key = homes[entry]
+            if subtree.blackboard is not dry_run.blackboard or (is_main and key not in given):
+                untyped.append(entry)
+    return untyped
+
+
+def _check_copied_integers(
+    dry_run: DryRun, untyped: list[Entry], enums: dict[str, int], reporter: LintReporter
+) -> None:
+    """Warn about the SetBlackboard nodes that copy an integer of 64 bits to an entry of another type.
+
+    Integers have 64 bits in the entries that only scripts write.
+    """
+    sources = set(untyped)
+    copies = [
+        (entry, use)
+        for entry, uses in dry_run.uses.items()
+        if entry.declared.strong and not entry.declared.same(INT64)
+        for use in uses
+        if use.port is not None and use.port.role is PortRole.WRITTEN_ENTRY
+    ]
+    for entry, use in copies:
+        value = _written_value(use)
+        source = use.scope.find(value.key) if value is not None and value.key is not None else None
+        if source not in sources:
+            continue
+        writers = [other for other in dry_run.uses[source] if other.access in WRITING]
+        if writers and all(_assigns_integer(writer, enums) for writer in writers):
+            write = f"{node_label(use.node)} copies an integer of 64 bits, which a script has written"
+            _warn(dry_run, entry, use, write, reporter)
+
+
+def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], reporter: LintReporter) -> None:
+    """Warn about the literals that SetBlackboard nodes write to entries without a type."""
     places: dict[TreePlan, dict[NodePlan, ChildPlace]] = {}
-    for entry, uses in dry_run.uses.items():
-        if entry.declared.strong or entry not in homes:
-            continue
-        subtree, key = homes[entry]
-        if subtree.blackboard is dry_run.blackboard and (not is_main or key in given):
-            continue
+    for entry in untyped:
+        uses = dry_run.uses[entry]
         texts = [use for use in uses if _writes_literal(use)]
         if not texts or any(_may_set_type(use) for use in uses):
             continue

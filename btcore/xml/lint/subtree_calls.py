@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 
 from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, remapped_key
-from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, UNUSED_TREE, USELESS_REMAPPING
+from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.lint.dry_run import uses_whole_blackboard
 from btcore.xml.lint.reporter import LintReporter, node_label
@@ -132,6 +132,13 @@ def check_remappings(
             message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"
             hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree}" {key}="{text}"/>'
             reporter.warn(BRACES_IN_FORMAT_3, message, document, node, key, hint)
+        if call.remaps.get(key) == "=" and node.element.get(key) is None:
+            message = (
+                f"the model of '{call.tree}' has the default '{text}' for '{key}', which means the entry '=' "
+                "of the calling tree"
+            )
+            hint = f'write default="{{{key}}}" in the model'
+            reporter.warn(INCOMPLETE_POINTER, message, document, node, hint=hint)
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node_label(node)} uses '{key}'"

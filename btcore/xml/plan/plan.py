@@ -380,10 +380,11 @@ class TreePlanner:
                     given[port] = default
         call.written = given
         for key, text in given.items():
-            # In a SubTree "=" is a constant, and only "{=}" stands for the key of the same name.
+            # In a SubTree "=" is a constant, and only "{=}" stands for the key of the same name. As the
+            # default of a model it stands for the key "=".
             outer = braced_key(text)
             if outer is not None:
-                call.remaps[key] = key if outer == "=" else outer
+                call.remaps[key] = key if text == "{=}" and key in plan.element.attributes else outer
             else:
                 call.constants[key] = text
 

@@ -579,6 +579,20 @@ def test_copy_of_numbers_to_an_entry_of_another_type_raises() -> None:
         tree.tick()
 
 
+@pytest.mark.parametrize(("value", "name"), [("1", "long"), ("0.5 + 0.5", "double")])
+def test_copy_of_a_scripts_number_to_an_entry_of_integers_raises_as_in_an_ordinary_tree(
+    value: str, name: str
+) -> None:
+    body = f'<Sequence><Script code="e := {value}"/><SetBlackboard value="{{e}}" output_key="b"/></Sequence>'
+    tree = BatchTree.loads(document(body), 2, blackboard={"b": [1, 2]})
+    with pytest.raises(BatchNodeError, match=f"'b' cannot change from int to {name}"):
+        tree.tick()
+    ordinary = btcore.loads(document(body))
+    ordinary.blackboard["b"] = 1
+    with pytest.raises(btcore.NodeExecutionError, match=f"'b' cannot change from int to {name}"):
+        ordinary.tick_once()
+
+
 def test_smallest_integer_of_64_bits_is_not_exact_as_a_double() -> None:
     numbers = np.array([-(2**63), 1])
     assert infer_type(numbers) is btcore.values.INT64

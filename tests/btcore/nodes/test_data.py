@@ -7,6 +7,8 @@ import pytest
 
 from btcore import In, NodeExecutionError, Registry, Status, Tree, TreeError, condition
 from btcore.testing.conformance import conformance_registry
+from btcore.tree.saved_state import restore_state, save_state
+from btcore.values import INT64
 
 Grow = Callable[..., Tree]
 
@@ -99,6 +101,39 @@ def test_copy_to_an_entry_of_another_type_raises(make_tree: Grow) -> None:
     tree.blackboard["b"] = 2.5
     with pytest.raises(NodeExecutionError, match="'b' cannot change from double to int: copy to another"):
         tree.tick_once()
+
+
+@pytest.mark.parametrize(("target", "name"), [(1, "int"), (0.5, "double")])
+def test_integer_of_a_script_cannot_be_copied_to_an_entry_of_another_type(
+    target: object, name: str, make_tree: Grow
+) -> None:
+    copy = '<SetBlackboard value="{e}" output_key="b"/>'
+    tree = make_tree(f'<Sequence><Script code="e := 1"/>{copy}</Sequence>')
+    tree.blackboard["b"] = target
+    with pytest.raises(NodeExecutionError, match=f"'b' cannot change from {name} to long: copy to another"):
+        tree.tick_once()
+    for written in (2, 2.5):  # by user code: the type is that of C++'s literal
+        tree = make_tree(copy)
+        tree.blackboard["b"] = type(written)(0)
+        tree.blackboard["e"] = written
+        assert tree.tick_once() is S
+        assert tree.blackboard["b"] == written
+
+
+def test_type_of_a_value_is_part_of_a_saved_state(make_tree: Grow) -> None:
+    def new() -> Tree:
+        body = '<Sequence><Script code="e := 1"/><Sleep msec="1"/><SetBlackboard value="{e}" output_key="b"/>'
+        tree = make_tree(f"{body}</Sequence>")
+        tree.blackboard["b"] = 0
+        return tree
+
+    tree = new()
+    tree.tick_once()
+    copied = new()
+    restore_state(copied, save_state(tree))
+    entry = copied.blackboard.find("e")
+    assert entry is not None
+    assert entry.type_of_value() is INT64
 
 
 def test_copied_text_is_converted_to_the_type_of_the_entry(make_tree: Grow) -> None:
@@ -213,3 +248,39 @@ def test_name_registered_for_a_number_is_accepted_by_ports(nodes: Registry, make
 def test_unknown_member_raises_an_error_that_lists_the_members(nodes: Registry, make_tree: Grow) -> None:
     with pytest.raises((TreeError, NodeExecutionError), match="PARK or DRIVE"):
         make_tree('<Drives gear="REVERSE"/>', nodes=nodes).tick_once()
+
+
+@pytest.mark.parametrize("value", ["7", 7])
+def test_number_without_a_member_is_an_error_unlike_in_cpp(
+    value: object, nodes: Registry, make_tree: Grow
+) -> None:
+    tree = make_tree('<Drives gear="{g}"/>', nodes=nodes)
+    entry = tree.blackboard.find("g")
+    assert entry is not None
+    entry.put(value, 0)
+    with pytest.raises(NodeExecutionError, match=r"port \[gear\] reads \{g\} as Gear"):
+        tree.tick_once()
+
+
+@condition
+def succeeded(last: In[Status]) -> bool:
+    return last is S
+
+
+@pytest.mark.parametrize(
+    ("leaf", "name", "text", "number"),
+    [
+        ('<Drives gear="{k}"/>', "Gear", "DRIVE", 3),
+        ('<Succeeded last="{k}"/>', "BT::NodeStatus", "SUCCESS", 2),
+    ],
+)
+def test_set_blackboard_and_scripts_convert_no_text_to_an_enum(
+    leaf: str, name: str, text: str, number: int, nodes: Registry, make_tree: Grow
+) -> None:
+    nodes.add(succeeded)
+    for write in (f'<SetBlackboard value="{text}" output_key="k"/>', f"<Script code=\"k = '{text}'\"/>"):
+        tree = make_tree(f"<Sequence>{write}{leaf}</Sequence>", nodes=nodes)
+        with pytest.raises(NodeExecutionError, match=f"the type {name}, to which .* convert"):
+            tree.tick_once()
+    tree = make_tree(f'<Sequence><Script code="k = {number}"/>{leaf}</Sequence>', nodes=nodes)
+    assert tree.tick_once() is S

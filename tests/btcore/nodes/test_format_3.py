@@ -205,12 +205,15 @@ def test_dollar_braces_refer_to_an_entry_too(make_tree: Grow) -> None:
     assert tree.tick_once() is F
 
 
-def test_copied_entry_replaces_value_and_type(make_tree: Grow) -> None:
+def test_copied_entry_replaces_the_value_but_not_the_type(make_tree: Grow) -> None:
     tree = make_tree('<SetBlackboard value="{a}" output_key="b"/>', format=3)
     tree.blackboard["a"] = 2.5
     tree.blackboard["b"] = 1
     assert tree.tick_once() is S
     assert tree.blackboard["b"] == 2.5
+    entry = tree.blackboard.find("b")
+    assert entry is not None
+    assert entry.declared.name == "int"
 
 
 def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: Grow) -> None:

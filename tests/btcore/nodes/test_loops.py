@@ -150,14 +150,15 @@ def test_list_or_text_entry_is_read_at_each_activation_and_left_unchanged(
 
 def test_queue_that_was_never_written_raises(make_tree: Grow) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
-    with pytest.raises(NodeExecutionError, match=r"\{q\}, which has never been written"):
+    with pytest.raises(NodeExecutionError, match=r"\{q\}, which has no value"):
         tree.tick_once()
 
 
-def test_missing_entry_is_an_empty_queue(make_tree: Grow) -> None:
+def test_queue_that_was_removed_raises(make_tree: Grow) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
     tree.blackboard.unset("q")
-    assert tree.tick_once() is S
+    with pytest.raises(NodeExecutionError, match=r"\{q\}, which has no value"):
+        tree.tick_once()
 
 
 def test_literal_value_is_ignored(make_tree: Grow) -> None:

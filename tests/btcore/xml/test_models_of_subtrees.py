@@ -25,9 +25,19 @@ def test_missing_port_gets_the_default(make_tree: Grow) -> None:
 
 
 def test_the_default_may_be_an_entry(make_tree: Grow) -> None:
-    models = with_model('<input_port name="n" default="{outer}"/>', '<output_port name="out" default="{=}"/>')
+    models = with_model(
+        '<input_port name="n" default="{outer}"/>', '<output_port name="out" default="{out}"/>'
+    )
     tree = make_tree('<SubTree ID="Sub"/>', others=models)
     tree.blackboard["outer"] = 5
+    tree.tick_once()
+    assert tree.blackboard["out"] == 5
+
+
+def test_equals_sign_in_braces_is_a_key_in_a_default_but_not_in_an_attribute(make_tree: Grow) -> None:
+    models = with_model('<input_port name="n" default="{=}"/>', '<output_port name="out" default="{=}"/>')
+    tree = make_tree('<SubTree ID="Sub" out="{=}"/>', others=models)
+    tree.blackboard["="] = 5
     tree.tick_once()
     assert tree.blackboard["out"] == 5
 

@@ -226,6 +226,33 @@ CASES = {
               'code' of <Script> in line 4 creates the entry; a Script works in both: s := '…'
         """,  # noqa: E501 - a message is one line
     ),
+    "a script's integer copied to an entry of doubles": (
+        children(
+            '<Script code="e := 1"/>',
+            '<SetBlackboard value="{e}" output_key="n"/>',
+            '<LoopDouble queue="1" value="{n}"><AlwaysSuccess/></LoopDouble>',
+        ),
+        "",
+        """
+        t.xml:5:46: W206 <SetBlackboard> copies an integer of 64 bits, which a script has written, but the entry 'n' has the type double: every write raises
+           5 |        <SetBlackboard value="{e}" output_key="n"/>
+             |                                               ^
+              declared by 'value' of <LoopDouble> (t.xml:6); the type of an entry never changes
+        """,  # noqa: E501 - a message is one line
+    ),
+    "a SetBlackboard's text for a status": (
+        children(
+            '<SetBlackboard value="SUCCESS" output_key="n"/>',
+            '<LoopInt queue="1" if_empty="{n}"><AlwaysSuccess/></LoopInt>',
+        ),
+        "",
+        """
+        t.xml:4:50: W206 <SetBlackboard> writes 'SUCCESS', but the entry 'n' has the type BT::NodeStatus: every write raises
+           4 |        <SetBlackboard value="SUCCESS" output_key="n"/>
+             |                                                   ^
+              declared by 'if_empty' of <LoopInt> (t.xml:5); the type of an entry never changes
+        """,  # noqa: E501 - a message is one line
+    ),
 }
 
 
@@ -246,6 +273,8 @@ RAISING = [
     "an entry that is a text, in the calling tree",
     "a script's text for a number",
     "a SetBlackboard's text for a number",
+    "a script's integer copied to an entry of doubles",
+    "a SetBlackboard's text for a status",
     "a constant that its reader can't read",
 ]
 
@@ -433,3 +462,18 @@ def test_key_not_passed_in_format_3_is_reported(check: Check) -> None:
         format=3,
     )
     assert found.endswith("in the SubTree of 'Inner' in line 5 write door=\"door\"\n")
+
+
+def test_copy_of_an_integer_that_the_program_may_have_written_is_not_reported(check: Check) -> None:
+    body, _, _ = CASES["a script's integer copied to an entry of doubles"]
+    assert check(body, given=["e"]) == ""
+    assert check(body.replace("e := 1", "e := 1.5")) == ""
+
+
+def test_equals_sign_as_the_default_of_a_model_is_reported(check: Check) -> None:
+    models = (
+        '<TreeNodesModel><SubTree ID="Inner"><input_port name="n" default="{=}"/></SubTree></TreeNodesModel>'
+    )
+    found = check('<SubTree ID="Inner"/>', tree("Inner", REPEAT) + models, given=["="])
+    assert "W210 the model of 'Inner' has the default '{=}' for 'n'" in found
+    assert found.count("W") == 1
