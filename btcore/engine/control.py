@@ -230,6 +230,17 @@ def _reset_unobserved(children: list[TreeNode]) -> bool:
     return True
 
 
+class MissingChild(TreeNode):
+    """Stands for the child of a decorator without a child: a tree of format 3 with such a decorator loads.
+
+    BehaviorTree.CPP 3.8 accepts `<Action ID="Repeat"/>`, and crashes when the child is ticked.
+    """
+
+    def tick(self) -> object:
+        """Raise NodeError."""
+        raise NodeError(f"<{self.config.id}> has no child to tick; a decorator has exactly 1")
+
+
 @mypyc_attr(allow_interpreted_subclasses=True)
 class DecoratorNode(TreeNode):
     """A node with exactly one child: it changes the child's result, or decides when the child is ticked.
@@ -260,12 +271,16 @@ class DecoratorNode(TreeNode):
 
     def set_children(self, children: list[TreeNode]) -> None:
         """Set the child, the only element of *children*. Called once, by the builder."""
-        self.child = children[0]
+        if children:
+            self.child = children[0]
+        else:
+            self.child = MissingChild()
+            self.child.attach_to_tree(self.config, self._context, self._blackboard)
 
     @property
     def children(self) -> list[TreeNode]:
         """The child, in a list."""
-        return [self.child]
+        return [] if type(self.child) is MissingChild else [self.child]
 
     @classmethod
     def possible_results(

@@ -8,7 +8,7 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import FIRST_TICK_REFUSED, SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
-from btcore.engine.control import ControlNode, results_in_order
+from btcore.engine.control import ControlNode, DecoratorNode, results_in_order
 from btcore.engine.node import TreeNode
 from btcore.nodes.parallel import threshold
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
@@ -24,7 +24,7 @@ _TICK_RAISES: Final = "the tree loads, as in BehaviorTree.CPP, but the node rais
 _WORD: Final = {SUCCESS: "succeeds", FAILURE: "fails"}
 
 
-def check_child_count(node: NodePlan, document: Document, reporter: LintReporter) -> None:
+def check_child_count(node: NodePlan, document: Document, format: int, reporter: LintReporter) -> None:
     """Report *node* if the loader accepts the number of its children, but every tick raises."""
     if node.manifest is None:
         return
@@ -32,6 +32,10 @@ def check_child_count(node: NodePlan, document: Document, reporter: LintReporter
     count = len(element_children(node.element))
     has = f"<{node.id}> has {count_text(count)}"
     requirement = _child_requirement(node.manifest.cls, count)
+    is_leaf_tag = node.element.tag in ("Action", "Condition")
+    if format == 3 and is_leaf_tag and count == 0 and issubclass(node.manifest.cls, DecoratorNode):
+        # Format 3 counts the children by the tag.
+        requirement = "a decorator has exactly 1"
     if requirement:
         reporter.warn(FIRST_TICK_REFUSED, f"{has}; {requirement}", document, node, hint=_TICK_RAISES)
     for port, number, results in _thresholds(node, count):

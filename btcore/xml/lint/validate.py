@@ -138,7 +138,7 @@ def _check_nodes(
     for definition in planner.definitions.by_id.values():
         document = definition.document
         for node in nodes_of(planner.plan(definition)):
-            check_child_count(node, document, reporter)
+            check_child_count(node, document, planner.dialect.format, reporter)
             check_ignored_attributes(node, document, reporter)
             check_port_literals(node, document, planner.dialect.format, reporter)
             check_literals_of_class(node, document, reporter)

@@ -12,6 +12,7 @@ from btcore.diagnostic_codes import (
     TOO_LARGE,
     TREE_NAMED_AS_NODE,
     UNKNOWN_NODE,
+    UNREACHABLE_CHILD,
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
@@ -84,14 +85,15 @@ class StructureChecker:
 
     def _walk(self, top: Element) -> list[NodePlan]:
         limit = self._document.max_depth or self._dialect.max_depth
-        # The content of a SubTree is not checked in format 3: its children are an error already.
-        closed = self._dialect.subtree_tags if not self._dialect.explicit_by_id else frozenset()
+        closed, ignored_below = self._dialect.closed_tags, self._dialect.ignoring_tags
+        ignored: set[NodePlan] = set()
         kinds = self._kinds
         nodes: list[NodePlan] = []
         pending = [NodePlan(top, 0)]
         while pending:
             node = pending.pop()
-            nodes.append(node)
+            if node not in ignored:
+                nodes.append(node)
             if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
                 message = f"the tree has more than {MAX_NODES:,} nodes"
                 self._error(TOO_LARGE, message, top, "ID", hint="nodes are numbered with 16 bits")
@@ -118,8 +120,12 @@ class StructureChecker:
                 message = f"elements are nested more than {limit:,} deep"
                 self._error(TOO_DEEP, message, element, hint="split the tree into subtrees")
             elif tag not in closed:
-                node.children = [NodePlan(child, depth) for child in children]
-                pending += reversed(node.children)
+                below = [NodePlan(child, depth) for child in children]
+                pending += reversed(below)
+                if tag in ignored_below or node in ignored:
+                    ignored.update(below)
+                else:
+                    node.children = below
         return nodes
 
     def _compact(self, tag: str) -> NodeType | None:
@@ -238,7 +244,11 @@ class StructureChecker:
             self._error(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>')
         elif self._dialect.tree_ids_checked:
             self._not_a_node(name, element)
-        if children:
+        if children and tag in self._dialect.ignoring_tags:
+            message = f'the children of <{tag} ID="{name}"> are ignored'
+            hint = "move them into the <BehaviorTree> that it calls, or remove them"
+            self._error(UNREACHABLE_CHILD, message, children[0], hint=hint)
+        elif children:
             message = f'<{tag} ID="{name}"> has children; they belong into the <BehaviorTree> that it calls'
             self._error(WRONG_CHILD_COUNT, message, children[0])
 

@@ -86,9 +86,9 @@ class TreeDefinitions:
                     message = "missing ID of the <BehaviorTree>"
                     hint = 'write <BehaviorTree ID="…">'
                     diagnostics.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
-                name = written or ""
-                if not name:
-                    # The name that BehaviorTree.CPP gives to a tree without an ID.
+                name = written
+                if name is None:
+                    # The name that BehaviorTree.CPP gives to a tree without an ID. An empty ID remains empty.
                     name = f"BehaviorTree_{unnamed}"
                     unnamed += 1
                 self._define(TreeDefinition(name, document, element), diagnostics)

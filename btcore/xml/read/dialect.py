@@ -30,6 +30,8 @@ class Dialect(NamedTuple):
     """The rules of one XML format.
 
     - *subtree_tags*: the tags that call a subtree.
+    - *closed_tags*: those of them whose content is not checked: children are an error already.
+    - *ignoring_tags*: those of them whose children are checked, but ignored.
     - *reserved*: attributes of a node that are never ports.
     - *free_underscore*: any other attribute whose name is not a valid port name is allowed and ignored.
     - *last_tree_wins*: the last of several trees with the same ID is used, otherwise the first.
@@ -43,6 +45,8 @@ class Dialect(NamedTuple):
 
     format: int
     subtree_tags: frozenset[str]
+    closed_tags: frozenset[str]
+    ignoring_tags: frozenset[str]
     reserved: frozenset[str]
     free_underscore: bool
     last_tree_wins: bool
@@ -58,6 +62,8 @@ DIALECTS: Final = {
     4: Dialect(
         format=4,
         subtree_tags=frozenset({"SubTree"}),
+        closed_tags=frozenset(),
+        ignoring_tags=frozenset(),
         reserved=frozenset({"ID", "name"}) | SCRIPT_ATTRIBUTES,
         free_underscore=True,
         last_tree_wins=True,
@@ -71,6 +77,8 @@ DIALECTS: Final = {
     3: Dialect(
         format=3,
         subtree_tags=frozenset({"SubTree", "SubTreePlus"}),
+        closed_tags=frozenset({"SubTree"}),
+        ignoring_tags=frozenset({"SubTreePlus"}),
         reserved=frozenset({"ID", "name", "_description"}),
         free_underscore=False,
         last_tree_wins=False,

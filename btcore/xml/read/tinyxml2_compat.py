@@ -16,8 +16,11 @@ START_TAG: Final = re.compile(rf"<\s*({_NAME})((?:[^\"'<>]|\"[^\"]*\"|'[^']*')*+
 OPEN_TAG: Final = re.compile(rf"<\s*{_NAME}")
 ATTRIBUTE: Final = re.compile(rf"({_NAME})\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 
-REFERENCE: Final = r"&(?:lt|gt|amp|quot|apos|#[0-9]{1,20}|#x[0-9a-fA-F]{1,20});"
-"""The pattern of a reference that tinyxml2 replaces by a character. It reads other references as text."""
+REFERENCE: Final = r"&(?:lt|gt|amp|quot|apos|#[0-9]{0,20}|#x[0-9a-fA-F]{0,20});"
+"""The pattern of a reference that tinyxml2 replaces by a character. It reads other references as text.
+
+Without digits, `&#;` is `&#0;`.
+"""
 # tinyxml2 reads each of these as one line feed.
 _LINE_BREAK: Final = r"\r\n?|\n\r?"
 WRITTEN_CHARACTER: Final = re.compile(rf"{REFERENCE}|{_LINE_BREAK}")
@@ -112,5 +115,5 @@ def _decode_match(match: re.Match[str]) -> str:
         return "\n"
     if reference[1] != "#":
         return _NAMED[reference]
-    code = int(reference[3:-1], 16) if reference[2] == "x" else int(reference[2:-1])
+    code = int(f"0{reference[3:-1]}", 16) if reference[2] == "x" else int(f"0{reference[2:-1]}")
     return chr(code) if code <= sys.maxunicode else reference

@@ -20,7 +20,7 @@ _TAG: Final = re.compile(rf"<{_SPACE}(/?)({_NAME})")
 _ATTRIBUTE: Final = re.compile(rf"({_NAME}){_SPACE}(?:(=){_SPACE}(?:\"([^\"]*)\"|'([^']*)')?)?")
 # Characters that XML does not allow, written as such or as a reference.
 _CONTROL: Final = re.compile(r"[\x01-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
-_NUMBER: Final = re.compile(r"&#(?:x([0-9a-fA-F]+)|([0-9]+));")
+_NUMBER: Final = re.compile(r"&#(?:x([0-9a-fA-F]*)|([0-9]*));")
 _BARE: Final = re.compile(rf"<|(?!{REFERENCE})&")
 _BARE_AMPERSAND: Final = re.compile(rf"(?!{REFERENCE})&")
 _DECLARED: Final = re.compile(rf"xmlns:({_NAME}){_SPACE}=")
@@ -300,7 +300,7 @@ class _Parser:
     def _check_characters(self, start: int, end: int) -> None:
         """Warn about references to control characters; raise for invalid code points."""
         for reference in _NUMBER.finditer(self._text, start, end):
-            code = int(reference[1], 16) if reference[1] else int(reference[2])
+            code = int(reference[1], 16) if reference[1] else int(reference[2] or "0")
             if code == 0 or 0xD800 <= code <= 0xDFFF:
                 message = f"{reference[0]} is not a character"
                 raise _SyntaxError(reference.start(), len(reference[0]), message, "remove it")

@@ -101,6 +101,20 @@ def test_only_tree_needs_no_id() -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
+@pytest.mark.parametrize("format", ["5", "4.0", "four", ""])
+def test_unknown_format_is_rejected_unlike_in_cpp(format: str) -> None:
+    with pytest.raises(TreeError, match=f"E009 unknown BTCPP_format '{format}'"):
+        loads(f'<root BTCPP_format="{format}"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>')
+
+
+def test_empty_id_of_the_only_tree_may_be_named_as_the_main_tree() -> None:
+    body = '<BehaviorTree ID=""><AlwaysSuccess/></BehaviorTree>'
+    xml = f'<root BTCPP_format="4" main_tree_to_execute="">{body}</root>'
+    assert loads(xml).tick_once() is Status.SUCCESS
+    with pytest.raises(TreeError, match="unknown main tree ''"):
+        loads(xml.replace(' ID=""', ""))
+
+
 def test_document_without_a_format_has_format_3_by_default() -> None:
     assert load_tree("<AlwaysSuccess/>", root="").format == 3
     assert load_tree("<Script code='a := 1'/>", root="", format=4).format == 4

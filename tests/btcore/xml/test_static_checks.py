@@ -136,6 +136,32 @@ def test_wrong_number_of_children_is_an_error_but_the_tree_can_be_loaded(
         tree.tick_once()
 
 
+def test_in_format_3_a_decorator_in_the_tag_of_a_leaf_loads_without_a_child(
+    check: Any, palette: Registry, document: Callable[..., str]
+) -> None:
+    body = '<Action ID="Inverter"/>'
+    told = [(one.code, one.message) for one in check.found(body, format=3) if one.is_error]
+    assert told == [("E119", "<Inverter> has no child; a decorator has exactly 1")]
+    tree = btcore.loads(document(body), nodes=palette, format=3)
+    assert next(iter(tree)).children == []
+    with pytest.raises(btcore.NodeExecutionError, match="<Inverter> has no child to tick"):
+        tree.tick_once()
+    assert [one.code for one in check.found(body) if one.is_error] == ["E104"]
+
+
+def test_children_of_a_subtree_plus_are_checked_but_ignored(
+    check: Any, palette: Registry, document: Callable[..., str]
+) -> None:
+    others = '<BehaviorTree ID="Inner"><AlwaysSuccess/></BehaviorTree>'
+    body = '<SubTreePlus ID="Inner">{}</SubTreePlus>'
+    (told,) = check.found(body.format("<AlwaysFailure/>"), others, format=3)
+    assert (told.code, told.message) == ("W105", 'the children of <SubTreePlus ID="Inner"> are ignored')
+    tree = btcore.loads(document(body.format("<AlwaysFailure/>"), others), nodes=palette, format=3)
+    assert tree.tick_once() is Status.SUCCESS
+    assert [node.id for node in tree] == ["SubTreePlus", "AlwaysSuccess"]
+    assert "E101" in [one.code for one in check.found(body.format("<Unknown/>"), others, format=3)]
+
+
 def test_in_format_3_while_do_else_needs_both_branches_and_reactive_may_be_empty(check: Any) -> None:
     while_do = children("WhileDoElse", "<BatteryOk/>", "<Drive/>")
     assert [one.message for one in check.found(while_do, format=3)] == [
