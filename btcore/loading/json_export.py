@@ -2,8 +2,8 @@
 
 A tree is `{subtree path: {key: value}}`; the ID of the main tree stands for its empty path. Integers,
 bools and members of enums become numbers (a member without a number becomes its name), lists become arrays,
-and a dataclass becomes an object with `__type`. Other values, and entries that were never written, become
-null.
+and a dataclass becomes an object with `__type`. Other values, entries that were never written, and
+blackboards without entries become null.
 """
 
 import json
@@ -23,8 +23,8 @@ __all__ = ["export_blackboard", "export_tree", "import_blackboard", "import_tree
 TYPE = "__type"
 
 
-def export_tree(tree: Tree) -> dict[str, dict[str, Any]]:
-    """Return the entries of all blackboards of *tree*, ready for `json.dump`.
+def export_tree(tree: Tree) -> dict[str, Any]:
+    """Return the entries of all blackboards of *tree*, ready for `json.dump`; None for one without entries.
 
     Examples:
         >>> import btcore
@@ -40,10 +40,10 @@ def export_tree(tree: Tree) -> dict[str, dict[str, Any]]:
         >>> tree.blackboard["battery"]
         0.8
     """
-    return {_name(tree, subtree): export_blackboard(subtree.blackboard) for subtree in tree.subtrees}
+    return {_name(tree, subtree): export_blackboard(subtree.blackboard) or None for subtree in tree.subtrees}
 
 
-def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any]]) -> None:
+def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any] | None]) -> None:
     """Write the entries in *data* into the blackboards of *tree*.
 
     Args:
@@ -64,7 +64,7 @@ def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any]]) -> None:
         missing = [name for name in boards if name not in data]
         raise BlackboardError(f"nothing is given for the subtrees {join_names(missing)}")
     for name, entries in data.items():
-        import_blackboard(boards[name], entries, tree.registry.types)
+        import_blackboard(boards[name], entries or {}, tree.registry.types)
 
 
 def export_blackboard(board: Blackboard) -> dict[str, Any]:

@@ -120,3 +120,28 @@ def test_unknown_type_is_reported_with_its_key() -> None:
     tree = new_tree()
     with pytest.raises(BlackboardError, match=r"\[goal\] can't be imported: unknown type 'Twist'"):
         import_blackboard(tree.blackboard, {"goal": {"__type": "Twist"}}, tree.registry.types)
+
+
+def test_blackboard_without_entries_is_null_in_a_tree() -> None:
+    tree = btcore.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
+    )
+    assert json.dumps(export_tree(tree)) == '{"Main": null}'
+    import_tree(tree, {"Main": None})
+    assert export_blackboard(tree.blackboard) == {}
+
+
+@pytest.mark.parametrize(
+    ("value", "problem"),
+    [
+        ({"x": 1}, "the object has no '__type'"),
+        ({"__type": "Twist"}, "unknown type 'Twist'"),
+        ("many", "'many' is not an integer"),
+    ],
+)
+def test_data_that_cpp_skips_or_writes_with_another_type_is_an_error(value: object, problem: str) -> None:
+    tree = new_tree()
+    tree.blackboard["number"] = 3
+    with pytest.raises(BlackboardError, match=f"can't be imported: .*{problem}"):
+        import_tree(tree, {"Main": {"number": value}, "inner": None})
+    assert tree.blackboard["number"] == 3
