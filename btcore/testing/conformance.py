@@ -7,7 +7,6 @@ Differences that docs/reference/differences.md describes are counted separately,
 
 import gzip
 import math
-import re
 import sys
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -27,12 +26,19 @@ from btcore.loading.load import loads
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.status import Status, Transition
+from btcore.testing.documented_differences import (
+    HALT_RULE,
+    PORT_ORDER_RULE,
+    UNTYPED_TEXT_RULE,
+    EmptyingSetBlackboard,
+    halts_further,
+    load_rule,
+    rearranged_ports,
+)
 from btcore.testing.plan_leaves import CallLog, Inc, PlanAction, PlanCondition, PlanSync
 from btcore.tree.tree import Tree
 
 MAX_DIFFERENCES = 10  # that are printed
-EXPLICIT_TAGS_RULE: Final = "explicit tags below ReactiveSequence"
-UNTYPED_TEXT_RULE: Final = "SetBlackboard of a text to an entry without a type"
 KINDS = {"xml", "script", "convert"}
 
 ENUMS: Final[Mapping[str, int]] = {"RED": 1, "GREEN": 2, "BLUE": 3}
@@ -218,25 +224,34 @@ def documented_difference(case: dict[str, Any], nodes: Registry) -> str | None:
     """
     if case.get("format") != 4 or "xml" not in case:
         return None
-    refused = re.search(r"Unknown node type: (\w+)$", case["expect"].get("load_error", ""))
-    if refused is not None:
-        is_explicit = refused[1] in ("Action", "Condition", "Control", "Decorator")
-        return EXPLICIT_TAGS_RULE if is_explicit and "<ReactiveSequence" in case["xml"] else None
-    if "<SetBlackboard" in case["xml"]:
-        for before, now in zip(
-            case["expect"].get("ticks", []), run_case(case, nodes).get("ticks", []), strict=False
-        ):
-            if before != now:
-                return UNTYPED_TEXT_RULE if _differs_in_texts(before["bb"], now["bb"]) else None
+    rule = load_rule(case["xml"], case["expect"], run_case(case, nodes))
+    rearranged = {**case, "xml": rearranged_ports(case["xml"], nodes)}
+    if rule is not None:
+        return rule
+    if "load_error" in case["expect"]:
+        return PORT_ORDER_RULE if compare_tree_case(rearranged, nodes) is None else None
+    emptying = nodes.copy()
+    emptying.replace(SetBlackboard=EmptyingSetBlackboard)
+    for rule, variant, registry in (
+        (HALT_RULE, case, nodes),
+        (UNTYPED_TEXT_RULE, case, emptying),
+        (PORT_ORDER_RULE, rearranged, nodes),
+        (PORT_ORDER_RULE, rearranged, emptying),
+    ):
+        if _is_equal_until_halt(variant, registry):
+            return rule
     return None
 
 
-def _differs_in_texts(before: Mapping[str, object], now: Mapping[str, object]) -> bool:
-    """Return whether the blackboards differ only in entries that are empty *before*, and a text *now*."""
-    different = [key for key in before.keys() | now.keys() if before.get(key) != now.get(key)]
-    return bool(different) and all(
-        key in before and before[key] is None and isinstance(now.get(key), str) for key in different
-    )
+def _is_equal_until_halt(case: dict[str, Any], nodes: Registry) -> bool:
+    """Return whether the result is the recorded one, except for an exception that ended a halt there."""
+    if compare_tree_case(case, nodes) is None:
+        return True
+    before, now = case["expect"]["ticks"], run_case(case, nodes).get("ticks", [])
+    if len(before) != len(now) or not before or not halts_further(before[-1], now[-1]):
+        return False
+    earlier = {**case, "ticks": len(before) - 1, "expect": {"ticks": before[:-1]}}
+    return compare_tree_case(earlier, nodes) is None
 
 
 def _result(tick: dict[str, Any]) -> str:

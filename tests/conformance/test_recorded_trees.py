@@ -15,8 +15,6 @@ import pytest
 
 import btcore
 from btcore.testing.conformance import (
-    EXPLICIT_TAGS_RULE,
-    UNTYPED_TEXT_RULE,
     compare_case,
     compare_tree_case,
     conformance_registry,
@@ -25,9 +23,20 @@ from btcore.testing.conformance import (
     read_cases,
     run_case,
 )
+from btcore.testing.documented_differences import (
+    EXPLICIT_TAGS_RULE,
+    HALT_RULE,
+    NAME_RULE,
+    PORT_ORDER_RULE,
+    UNTYPED_TEXT_RULE,
+    WIDER_TYPE_RULE,
+    ZERO_CHARACTER_RULE,
+)
 
 DATA = Path(__file__).parent / "data"
 MORE = DATA / "more"
+FRESH = DATA / "fresh"
+DIFFERENCES = Path(__file__).parents[2] / "docs/reference/differences.md"
 NODES = conformance_registry()
 
 Case = dict[str, Any]
@@ -62,6 +71,72 @@ def test_further_cases_match_the_recordings(file: Path) -> None:
     assert cases
     different = [case for case in cases if compare_case(case, NODES) is not None]
     assert [case["id"] for case in different if documented_difference(case, NODES) is None] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "documented"),
+    [
+        (
+            "real_differences",
+            75,
+            {
+                "R6-name-newline": NAME_RULE,
+                "nm8": ZERO_CHARACTER_RULE,
+                "R16-set": UNTYPED_TEXT_RULE,
+                "g2-ports-5200001-1854": UNTYPED_TEXT_RULE,
+                "g2-wide-5200003-2918-once": HALT_RULE,
+                "g2-wide-5200001-7193": HALT_RULE,
+                "g2-loops-5200002-1485": HALT_RULE,
+                "4-control,decorator,blackboard,subtree,scopes,conditions,exceptions-5100005-4841": HALT_RULE,
+                "4-control,decorator,blackboard,subtree,scopes,conditions,exceptions-5100005-5599": HALT_RULE,
+            },
+        ),
+        ("value_types", 20, {}),
+        (
+            "documented",
+            6,
+            {
+                "explicit-set-blackboard": UNTYPED_TEXT_RULE,
+                "untyped-text-in-subtree": UNTYPED_TEXT_RULE,
+                "wider-type": WIDER_TYPE_RULE,
+                "at-k-beside-k": PORT_ORDER_RULE,
+                "script-raises-in-halt": HALT_RULE,
+                "port-order-rejected": PORT_ORDER_RULE,
+            },
+        ),
+    ],
+)
+def test_minimal_cases_match_or_differ_by_a_documented_rule(
+    name: str, count: int, documented: dict[str, str]
+) -> None:
+    cases = list(read_cases(FRESH / f"{name}.jsonl.gz"))
+    assert len(cases) == count
+    different = [case for case in cases if compare_case(case, NODES) is not None]
+    assert {case["id"]: documented_difference(case, NODES) for case in different} == documented
+    page = DIFFERENCES.read_text("utf-8").replace("`", "")
+    for case, rule in documented.items():
+        rows = [row for row in page.splitlines() if row.startswith(f"| {rule} |")]
+        assert rows, f"{rule} is not in {DIFFERENCES.name}"
+        assert name != "real_differences" or any(case in row for row in rows), case
+
+
+@pytest.mark.parametrize(
+    "alter", ["explicit-set-blackboard", "untyped-text-in-subtree", "at-k-beside-k", "script-raises-in-halt"]
+)
+def test_a_documented_rule_hides_no_other_difference(alter: str) -> None:
+    (case,) = (case for case in read_cases(FRESH / "documented.jsonl.gz") if case["id"] == alter)
+    for change in (other_event, other_status if "halt" in alter else extra_entry):
+        case_with_two_differences = altered(case, change)
+        assert documented_difference(case_with_two_differences, NODES) is None
+
+
+@pytest.mark.parametrize("name", ["wider-type", "port-order-rejected"])
+def test_a_rule_for_a_rejected_tree_needs_the_reason(name: str) -> None:
+    (case,) = (case for case in read_cases(FRESH / "documented.jsonl.gz") if case["id"] == name)
+    xml = case["xml"].replace("LoopDouble", "LoopInt").replace("LoopBool", "LoopInt")
+    case = {**case, "xml": xml, "expect": {"load_error": "another reason"}}
+    assert compare_case(case, NODES) == "the tree should be rejected, but it loads"
+    assert documented_difference(case, NODES) is None
 
 
 def test_explicit_tag_below_a_reactive_sequence_is_a_documented_difference() -> None:
