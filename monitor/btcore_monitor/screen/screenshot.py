@@ -4,9 +4,9 @@ import contextlib
 import io
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 from PIL import Image
@@ -17,7 +17,9 @@ from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
 from btcore_monitor.screen.viewer_process import ScreenError, ViewerProcess, free_port
 
 if TYPE_CHECKING:
-    from rerun.experimental import View, ViewerClient, ViewerState
+    from rerun.experimental import View, ViewerState
+
+T = TypeVar("T")
 
 FULL_HD: Final = (1920, 1080)
 # The viewer answers a request when it has drawn a frame. On a busy machine it needs many times as long for a
@@ -31,7 +33,7 @@ _DATA_ANSWERS: Final = 80
 _PICTURES_AT_MOST: Final = 200
 """Greatest number of pictures until one is stable; the last picture is used otherwise."""
 _TOP_BAR: Final = 37
-"""Height (pixels) of the window's bar above the views, which has no content in a picture."""
+"""Height (pixels) of the window's bar above the views, which is not part of a picture."""
 _EQUAL: Final = 3
 _STILL_FOR: Final = 0.7
 """Number of consecutive equal pictures, and time (s) without a change, after which a picture is stable."""
@@ -60,24 +62,21 @@ def screenshot(
     if not recording.is_file():
         raise ScreenError(f"there is no recording {recording}")
     with _viewer(size) as viewer:
-        client = viewer.client
-        client.open([str(recording.resolve())])
+        viewer.open(recording)
         views = _wait_for_views(viewer)
-        # The bar has warnings about the computer: of its graphics, for example.
-        client.run_command("ui.toggle_top_panel")
         chosen = None
         if view is not None:
             chosen = next((known.view_id for known in views if known.name.startswith(view)), None)
             if chosen is None:
                 names = ", ".join(sorted(known.name for known in views))
                 raise ScreenError(f"there is no view {view!r} in the recording; views are: {names}")
-        _set_time(client, t, recording)
+        _set_time(viewer, t, recording)
         shot = _settled(viewer, chosen)
     picture.write_bytes(shot if view is not None else _without_top_bar(shot))
 
 
 def _without_top_bar(picture: bytes) -> bytes:
-    """Remove the empty bar above the views from the picture of a window."""
+    """Remove the bar above the views, which may show warnings about the computer, from a window's picture."""
     cropped = io.BytesIO()
     with Image.open(io.BytesIO(picture)) as image:
         image.crop((0, _TOP_BAR, *image.size)).save(cropped, "PNG")
@@ -94,9 +93,9 @@ def last_tick(recording: Path, timeline: str) -> int | None:
     return last
 
 
-def _set_time(client: "ViewerClient", t: float | None, recording: Path) -> None:
+def _set_time(viewer: "_HeadlessViewer", t: float | None, recording: Path) -> None:
     """Set the time cursor to *t* on the window's timeline: tree time, or wall time for several robots."""
-    recordings = client.get_state().recordings
+    recordings = viewer.state().recordings
     timelines = [timeline for recording in recordings for timeline in recording.timelines]
     if any(recording.current_timeline == WALL_TIME for recording in recordings):
         wall = None if t is not None else last_tick(recording, WALL_TIME)
@@ -105,17 +104,20 @@ def _set_time(client: "ViewerClient", t: float | None, recording: Path) -> None:
             wall = min((start for start, _ in spans if start is not None), default=0) + round(t * 1e9)
         elif wall is None:
             wall = max((end for _, end in spans if end is not None), default=0)
-        client.set_time(WALL_TIME, timestamp=np.datetime64(wall, "ns"), play_state="paused")
+        viewer.set_time(WALL_TIME, np.datetime64(wall, "ns"))
         return
     last = round(t * 1e9) if t is not None else last_tick(recording, TREE_TIME)
     if last is None:
         ends = [line.end for line in timelines if line.name == TREE_TIME and line.end is not None]
         last = max(ends, default=0)
-    client.set_time(TREE_TIME, duration=np.timedelta64(last, "ns"), play_state="paused")
+    viewer.set_time(TREE_TIME, np.timedelta64(last, "ns"))
 
 
 class _HeadlessViewer:
     """A viewer without a window. It is killed if it does not answer for `_ANSWER_WITHIN`.
+
+    rerun ends a request after 15 s with TimeoutError. On a busy machine, a frame may take longer. Therefore
+    requests are repeated until the viewer answers or is killed; only requests that can be repeated are used.
 
     Args:
         process: The process of the viewer.
@@ -128,27 +130,45 @@ class _HeadlessViewer:
         """Whether the viewer was killed because it did not answer."""
         self._process = process
         self._watchdog = self._start_watchdog()
-        self.client = ViewerClient.connect(process.address)
+        self._client = ViewerClient.connect(process.address)
+
+    def open(self, recording: Path) -> None:
+        """Open *recording*. The viewer loads it in the background."""
+        self._answer(lambda: self._client.open([str(recording.resolve())]))
+
+    def set_time(self, timeline: str, time: np.timedelta64 | np.datetime64) -> None:
+        """Stop at *time* of *timeline*."""
+        if isinstance(time, np.datetime64):
+            self._answer(lambda: self._client.set_time(timeline, timestamp=time, play_state="paused"))
+        else:
+            self._answer(lambda: self._client.set_time(timeline, duration=time, play_state="paused"))
 
     def state(self) -> "ViewerState":
         """Return the viewer's state."""
-        state = self.client.get_state()
-        self._answered()
-        return state
+        return self._answer(self._client.get_state)
 
     def picture(self, view_id: str | None) -> bytes:
         """Return a picture (PNG) of the window, or of the view *view_id*."""
-        shot = self.client.take_screenshot(view_id)
-        self._answered()
-        return shot
+        return self._answer(lambda: self._client.take_screenshot(view_id))
 
     def stop_watching(self) -> None:
         """Let the viewer run without a time limit."""
         self._watchdog.cancel()
 
-    def _answered(self) -> None:
-        self._watchdog.cancel()
-        self._watchdog = self._start_watchdog()
+    def _answer(self, request: Callable[[], T]) -> T:
+        """Return the viewer's answer to *request*.
+
+        Raises:
+            ConnectionError: The viewer has ended, or was killed because it did not answer.
+        """
+        while True:
+            try:
+                answer = request()
+            except TimeoutError:
+                continue
+            self._watchdog.cancel()
+            self._watchdog = self._start_watchdog()
+            return answer
 
     def _start_watchdog(self) -> threading.Timer:
         watchdog = threading.Timer(_ANSWER_WITHIN, self._kill)

@@ -170,7 +170,7 @@ def open_window(
         verbose: Whether rerun prints its log lines.
 
     Raises:
-        ScreenError: There is no display, or the viewer is not installed or does not start.
+        ScreenError: There is no display, or the viewer is not installed, does not start or does not answer.
     """
     if not has_display():
         raise ScreenError(
@@ -184,7 +184,10 @@ def open_window(
         process.wait_until_drawing()
         window = ViewerWindow(process.port, process)
     if files:
-        ViewerClient.connect(window.address).open([str(file.resolve()) for file in files])
+        try:
+            ViewerClient.connect(window.address).open([str(file.resolve()) for file in files])
+        except OSError as error:
+            raise ScreenError(f"the viewer (rerun) has not opened the recording: {error}") from error
     return window
 
 
