@@ -17,7 +17,9 @@ test pure compiled ros2 accept accept-robot accept-engine accept-tools accept-ro
 CORES ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 # Many tests wait for processes and sockets.
 TEST_PROCESSES = $(shell expr $(CORES) + 1)
-PIP := -m pip --disable-pip-version-check --quiet
+PIP := -m pip --disable-pip-version-check
+# $(PROGRESS) TITLE COMMAND... shows that a command of minutes is running.
+PROGRESS := $(PYTHON) .ci/progress
 ENGINE := $(shell find btcore trees benchmarks -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
 # The pages of the documentation are tested on the pure build only.
 ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs/test_docstring_examples.py tests/fuzz \
@@ -74,22 +76,24 @@ setup: .venv/ready
 .venv/ready: pyproject.toml setup.py
 	@test -n '$(PYTHON)' || { echo 'btcore needs Python 3.11 or newer; none is on the PATH.' \
 		'PYTHON=/path/to/python3 make … names one.' >&2; exit 1; }
-	@echo '· setting up .venv with $(PYTHON), everything included'
 	@$(PYTHON) -m venv .venv
-	@.venv/bin/python $(PIP) install --editable '.[dev]'
+	@$(PROGRESS) 'setting up .venv with $(PYTHON), everything included' \
+		.venv/bin/python $(PIP) install --editable '.[dev]'
 	@touch $@
 
 .venv-compiled/ready: $(ENGINE) .venv/ready
-	@echo '· building the wheel, and installing the compiled engine into .venv-compiled'
 	@rm -rf build out/wheel
-	@BTCORE_COMPILED=1 .venv/bin/python $(PIP) wheel --no-deps --wheel-dir out/wheel .
+	@BTCORE_COMPILED=1 $(PROGRESS) 'building the wheel of the compiled engine' \
+		.venv/bin/python $(PIP) wheel --verbose --no-deps --wheel-dir out/wheel .
 	@test -x .venv-compiled/bin/python || $(PYTHON) -m venv .venv-compiled
-	@.venv-compiled/bin/python $(PIP) install --force-reinstall --no-deps out/wheel/btcore-*.whl
-	@.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[test]"
+	@.venv-compiled/bin/python $(PIP) install --quiet --force-reinstall --no-deps out/wheel/btcore-*.whl
+	@$(PROGRESS) 'installing the compiled engine into .venv-compiled' \
+		.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[test]"
 	@touch $@
 
 .venv-compiled/bench: .venv-compiled/ready
-	@.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[bench]"
+	@$(PROGRESS) 'installing what the benchmarks need' \
+		.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[bench]"
 	@touch $@
 
 # The tests use the monitor's client, but not its viewer, which is a quarter of .venv.
@@ -97,15 +101,15 @@ FOR_ROS2_TESTS := msgpack pytest-xdist pyzmq ros-test-msgs==2.3.0
 
 # An environment of its own, because ROS 2's wheels restart each Python that starts in their environment.
 .venv-ros/ready: pyproject.toml setup.py $(MESSAGES)
-	@echo '· setting up .venv-ros with ROS 2, and building message packages'
 	@$(PYTHON) -m venv .venv-ros
-	@.venv-ros/bin/python $(PIP) install --editable '.[bags,ros2,sim,testing]' $(FOR_ROS2_TESTS)
-	@.venv-ros/bin/btcore ros2 messages
+	@$(PROGRESS) 'setting up .venv-ros with ROS 2' \
+		.venv-ros/bin/python $(PIP) install --editable '.[bags,ros2,sim,testing]' $(FOR_ROS2_TESTS)
+	@$(PROGRESS) 'building message packages of ROS 2' .venv-ros/bin/btcore ros2 messages
 	@touch $@
 
 .venv-release/ready:
 	@$(PYTHON) -m venv .venv-release
-	@.venv-release/bin/python $(PIP) install build twine
+	@.venv-release/bin/python $(PIP) install --quiet build twine
 	@touch $@
 
 # Software Vulkan draws the monitor's pictures where there is no graphics card.
@@ -137,12 +141,13 @@ demo: .venv/ready vulkan
 	@if [ -n "$${DISPLAY:-}$${WAYLAND_DISPLAY:-}" ]; then \
 		.venv/bin/btcore run $(DEMO) --monitor --save out/bumpgo.rrd; \
 	else \
-		.venv/bin/btcore run $(DEMO) --fast --save out/bumpgo.rrd; \
-		.venv/bin/btcore monitor --no-view --screenshot out/bumpgo.png out/bumpgo.rrd || true; \
+		rm -f out/bumpgo.rrd out/bumpgo.png; \
+		.venv/bin/btcore run $(DEMO) --fast --save out/bumpgo.rrd --screenshot out/bumpgo.png || { \
+			code=$$?; echo 'The demo is incomplete: see the error above.' >&2; exit $$code; }; \
 		echo; \
 		echo 'No display here, so the viewer stayed closed.'; \
 		echo '  the recording  out/bumpgo.rrd   (.venv/bin/rerun out/bumpgo.rrd opens it)'; \
-		if [ -e out/bumpgo.png ]; then echo '  the picture    out/bumpgo.png'; fi; \
+		echo '  the picture    out/bumpgo.png'; \
 	fi
 
 test: .venv/ready
@@ -233,7 +238,8 @@ npm-checks: .venv/ready
 	@MAKEFLAGS= .ci/vscode
 
 docs: .venv/ready
-	@.venv/bin/python docs/site/build.py
+	@$(PROGRESS) 'building the documentation site' .venv/bin/python -u docs/site/build.py
+	@echo '  out/docs/site/index.html'
 
 # Both wheels are built from the sdist, which proves that the sdist is complete.
 dist: .venv-release/ready
@@ -241,7 +247,7 @@ dist: .venv-release/ready
 	@echo '· building the sdist and the pure wheel'
 	@BTCORE_PURE=1 .venv-release/bin/python -m build --quiet
 	@echo '· building the compiled wheel'
-	@BTCORE_COMPILED=1 .venv-release/bin/python $(PIP) wheel --no-deps --wheel-dir dist dist/btcore-*.tar.gz
+	@BTCORE_COMPILED=1 .venv-release/bin/python $(PIP) wheel --quiet --no-deps --wheel-dir dist dist/btcore-*.tar.gz
 	@.venv-release/bin/twine check --strict dist/*
 	@echo '· writing the software bill of materials'
 	@mkdir -p out

@@ -1,9 +1,9 @@
 """Compile the engine's hot modules with mypyc, and install the packages and their data.
 
-``BTCORE_PURE=1`` skips the compilation. ``BTCORE_COMPILED=1`` makes the installation fail if the compilation
-fails. Without either variable, the pure build is installed where the C compiler is missing or fails: the same
-source, slower. An editable install (``pip install -e``) is always pure, because a compiled file would hide
-the source beside it.
+``BTCORE_PURE=1`` or ``BTCORE_COMPILED=0`` skips the compilation. ``BTCORE_COMPILED=1`` makes the installation
+fail if the compilation fails. Without either variable, the pure build is installed where the C compiler is
+missing or fails: the same source, slower. An editable install (``pip install -e``) is always pure, because a
+compiled file would hide the source beside it.
 """
 
 import os
@@ -79,7 +79,7 @@ def env_flag(variable: str) -> bool:
 
 def should_compile() -> bool:
     """Return whether this command compiles, where that is possible."""
-    if env_flag("BTCORE_PURE"):
+    if env_flag("BTCORE_PURE") or os.environ.get("BTCORE_COMPILED") == "0":
         return False
     # mypyc supports CPython only, and its code relies on the global interpreter lock.
     if sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):

@@ -107,9 +107,10 @@ def missing_headings(site: Path) -> list[str]:
 def main() -> int:
     """Build and check the site. Return the exit code: 0 if there is no problem."""
     copy_pages(OUT / "pages")
-    write_api_pages(OUT / "pages" / "reference" / "api")
-    write_node_pages(OUT / "pages" / "reference" / "nodes")
-    write_command_pages(OUT / "pages" / "reference" / "commands")
+    writers = {"api": write_api_pages, "nodes": write_node_pages, "commands": write_command_pages}
+    for name, write in writers.items():
+        print(f"writing reference/{name}")
+        write(OUT / "pages" / "reference" / name)
     config = (DOCS / "site" / "zensical.toml").read_text(encoding="utf-8")
     (OUT / "zensical.toml").write_text(config, encoding="utf-8")
     zensical = Path(sys.executable).with_name("zensical")

@@ -24,6 +24,9 @@ START_TIMEOUT: Final = 30.0
 WRITE_TIMEOUT: Final = 60.0
 """Time (s, wall clock) for a recording process to finish its file after the last tick."""
 
+PICTURE_TIMEOUT: Final = 900.0
+"""Further time (s, wall clock) for a process that also draws a picture, which is slow on a busy machine."""
+
 VIEWER_GRACE: Final = 10.0
 """Time (s, wall clock) for the viewer to receive the remaining data after the last tick."""
 
@@ -43,7 +46,8 @@ class MonitorProcess:
         self, publisher: "Publisher", options: Sequence[str], name: str, stays: bool = False
     ) -> None:
         self.name = name
-        self.saves = "--save" in options
+        self.draws = "--screenshot" in options
+        self.saves = self.draws or "--save" in options
         self.stays = stays
         home = str(Path(__file__).parent.parent)
         path = os.pathsep.join([home, *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -61,7 +65,7 @@ class MonitorProcess:
         )
 
     def finish(self, interrupted: bool) -> str:
-        """Wait until the process has received all data, for at most WRITE_TIMEOUT or VIEWER_GRACE.
+        """Wait until the process has received all data and written its files, within this module's limits.
 
         A process that stays after the run is ended on a signal, or immediately if the run was *interrupted*.
 
@@ -72,11 +76,14 @@ class MonitorProcess:
             self._keep_open(interrupted)
             return ""
         limit = WRITE_TIMEOUT if self.saves else VIEWER_GRACE
+        if self.draws:
+            limit += PICTURE_TIMEOUT
         try:
             code = self._wait(limit)
         except subprocess.TimeoutExpired:
             self.process.terminate()
-            reason = f"{self.name}: not finished {limit:g} s after the run, so its end may be missing"
+            lost = "so the picture is missing" if self.draws else "so its end may be missing"
+            reason = f"{self.name}: not finished {limit:g} s after the run, {lost}"
             if self.saves:
                 return reason
             print_message(reason)
@@ -95,7 +102,8 @@ class MonitorProcess:
         try:
             return self.process.wait(_ANNOUNCE_AFTER)
         except subprocess.TimeoutExpired:
-            print_message(f"{self.name}: waiting until all data is received")
+            waiting = "the picture is drawn" if self.draws else "all data is received"
+            print_message(f"{self.name}: waiting until {waiting}")
             return self.process.wait(max(0.0, deadline - time.monotonic()))
 
     def _keep_open(self, interrupted: bool) -> None:

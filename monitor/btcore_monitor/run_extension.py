@@ -103,6 +103,12 @@ class MonitorExtension(RunExtension):
             help="Record the run for the viewer (rerun).",
         ),
         click.Option(
+            ["--screenshot"],
+            type=click.Path(dir_okay=False, path_type=Path),
+            metavar="FILE.png",
+            help="Write a picture of the monitor at the last tick after the run; needs no display.",
+        ),
+        click.Option(
             ["--verbose"],
             is_flag=True,
             help="Print the log of the viewer (rerun), and when the viewer and the recording connect.",
@@ -135,7 +141,8 @@ class MonitorExtension(RunExtension):
         save: Path | None = settings["save"]
         if save is not None:
             check_is_recording(save)
-            check_writable("--save", save)
+        for option, file in _files(settings).items():
+            check_writable(option, file)
         shown = _shown(settings)
         if shown and importlib.util.find_spec("rerun") is None:
             raise click.ClickException(
@@ -144,7 +151,8 @@ class MonitorExtension(RunExtension):
         if not shown:
             for option in explicit_options():
                 raise click.UsageError(
-                    f"{option} has no effect without a view: add --monitor, --serve-web or --save FILE.rrd"
+                    f"{option} has no effect without a view: add --monitor, --serve-web, --save FILE.rrd or "
+                    "--screenshot FILE.png"
                 )
         if settings["monitor"] and not has_display():
             raise click.ClickException(
@@ -168,12 +176,12 @@ class MonitorExtension(RunExtension):
 
         Raises:
             click.ClickException: The tree cannot be published, or a monitor process ends early.
-            OutputError: On exit: the file of --save is incomplete.
+            OutputError: On exit: the file of --save is incomplete, or there is no picture for --screenshot.
         """
-        save: Path | None = settings["save"]
         if not settings["publish"] and not _shown(settings):
             yield
             return
+        files = _files(settings)
         # Imported here, because most runs publish nothing, and the import takes a tenth of a second.
         from btcore_monitor.serve import ServeError, serve
         from btcore_monitor.serve.publisher import INTERRUPTED_GRACE
@@ -215,9 +223,10 @@ class MonitorExtension(RunExtension):
             options.append("--verbose" if verbose else "--quiet")
             monitors: list[MonitorProcess] = []
             failures: list[str] = []
-            if save is not None:
-                arguments = ["--save", str(save), "--no-view", *options]
-                monitors.append(MonitorProcess(publisher, arguments, f"recording to {save}"))
+            if files:
+                arguments = [str(part) for item in files.items() for part in item]
+                name = f"writing {' and '.join(map(str, files.values()))}"
+                monitors.append(MonitorProcess(publisher, [*arguments, "--no-view", *options], name))
             if settings["monitor"]:
                 monitors.append(MonitorProcess(publisher, options, "the viewer"))
             if settings["serve_web"]:
@@ -245,11 +254,16 @@ class MonitorExtension(RunExtension):
 def _shown(settings: Mapping[str, Any]) -> list[str]:
     """Return the options on the command line that show or record the run, such as `--save`."""
     given = {
-        "--save": settings["save"] is not None,
         "--monitor": settings["monitor"],
         "--serve-web": settings["serve_web"] is not None,
     }
-    return [option for option, is_given in given.items() if is_given]
+    return [*_files(settings), *(option for option, is_given in given.items() if is_given)]
+
+
+def _files(settings: Mapping[str, Any]) -> dict[str, Path]:
+    """Return the options that name a file to write, with their files."""
+    options = {"--save": settings["save"], "--screenshot": settings["screenshot"]}
+    return {option: file for option, file in options.items() if file is not None}
 
 
 def _check_keys(settings: Mapping[str, Any]) -> None:

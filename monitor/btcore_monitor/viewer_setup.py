@@ -280,11 +280,16 @@ class ViewerOptions:
 
         Raises:
             ScreenError: The viewer or a driver is not available.
+            click.ClickException: The file cannot be written.
         """
         if self.screenshot is not None and recordings:
             from btcore_monitor.screen.screenshot import screenshot
 
-            screenshot(recordings[-1], self.screenshot, self.at, self.size)
+            try:
+                screenshot(recordings[-1], self.screenshot, self.at, self.size)
+            except OSError as error:
+                reason = error.strerror or error
+                raise click.ClickException(f"cannot write the picture {self.screenshot}: {reason}") from error
             print_line(f"monitor: the picture is {self.screenshot}", err=True)
 
 

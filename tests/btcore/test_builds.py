@@ -159,10 +159,15 @@ def test_btcore_compiled_selects_the_compiled_build_in_a_checkout(home: Path) ->
 
 def test_development_install_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     script = setup_script()
-    monkeypatch.delenv("BTCORE_PURE", raising=False)
+    for variable in ("BTCORE_PURE", "BTCORE_COMPILED"):
+        monkeypatch.delenv(variable, raising=False)
     for command, compiles in {"bdist_wheel": True, "build_ext": True, "editable_wheel": False}.items():
         monkeypatch.setattr(sys, "argv", ["setup.py", command])
         assert script.should_compile() is compiles
-    monkeypatch.setenv("BTCORE_PURE", "1")
+
+
+@pytest.mark.parametrize(("variable", "value"), [("BTCORE_PURE", "1"), ("BTCORE_COMPILED", "0")])
+def test_variable_for_the_pure_build(monkeypatch: pytest.MonkeyPatch, variable: str, value: str) -> None:
+    monkeypatch.setenv(variable, value)
     monkeypatch.setattr(sys, "argv", ["setup.py", "bdist_wheel"])
-    assert script.should_compile() is False
+    assert setup_script().should_compile() is False

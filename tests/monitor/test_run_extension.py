@@ -269,9 +269,14 @@ def usage_errors(free_port: int, tree_file: str) -> dict[str, tuple[list[str], s
         ),
         "look": (
             ["--publish", "groot2", "--port", "0", "--find", "Dock*"],
-            "--find has no effect without a view: add --monitor, --serve-web or --save FILE.rrd",
+            "--find has no effect without a view: add --monitor, --serve-web, --save FILE.rrd or "
+            "--screenshot FILE.png",
         ),
         "suffix": (["--save", "run.txt"], "a recording is an .rrd file: --save run.rrd"),
+        "no folder for the picture": (
+            ["--screenshot", "/no/such/folder/run.png"],
+            "--screenshot /no/such/folder/run.png: there is no folder /no/such/folder",
+        ),
         "folder": (["--save", "/no/such/folder/run.rrd"], "there is no folder /no/such/folder"),
         "bind": (
             ["--publish", "groot2", "--port", "0", "--bind", "203.0.113.9"],
@@ -305,7 +310,7 @@ def usage_errors(free_port: int, tree_file: str) -> dict[str, tuple[list[str], s
     }
 
 
-USAGE_ERRORS = ["groot1", "both", "look", "suffix", "folder", "bind", "port"]
+USAGE_ERRORS = ["groot1", "both", "look", "suffix", "folder", "no folder for the picture", "bind", "port"]
 KEY_ERRORS = [
     "no key file",
     "no key file for a watch port",

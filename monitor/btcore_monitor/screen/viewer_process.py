@@ -31,6 +31,8 @@ _END_WITHIN: Final = 2.0
 _CLOSED: Final = (0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP if hasattr(signal, "SIGHUP") else 0)
 """Exit codes of a viewer that a user has closed."""
 _PANIC: Final = re.compile(r"panicked at '(.*?)'$", re.MULTILINE)
+_NO_DRIVER: Final = ("adapter", "ulkan", "Failed to get render context")
+"""Texts of which the viewer prints one if it finds no driver."""
 _REASON_ROOM: Final = 400
 
 
@@ -76,7 +78,7 @@ class ViewerProcess:
         deadline = time.monotonic() + _START_WITHIN
         while time.monotonic() < deadline:
             if self._process.poll() is not None:
-                raise ScreenError(self._start_failure())
+                raise ScreenError(f"the viewer (rerun) ended while starting: {self.failure()}")
             if is_listening(port or self.port):
                 return
             time.sleep(0.05)
@@ -100,7 +102,7 @@ class ViewerProcess:
         deadline = time.monotonic() + _DRAW_WITHIN
         while not answered.wait(0.1) and time.monotonic() < deadline:
             if self._process.poll() is not None:
-                raise ScreenError(self._start_failure())
+                raise ScreenError(f"the viewer (rerun) ended while starting: {self.failure()}")
 
     def failure(self) -> str | None:
         """Return the reason why the viewer ended; None if it is running or was closed by a user."""
@@ -111,6 +113,11 @@ class ViewerProcess:
         if code in _CLOSED:
             return None
         text = self._text()
+        if any(word in text for word in _NO_DRIVER):
+            return (
+                "it found no Vulkan driver; on Debian and Ubuntu `apt-get install mesa-vulkan-drivers "
+                "libvulkan1` installs a software driver"
+            )
         panic = _PANIC.search(text)
         return panic[1] if panic else text.strip()[-_REASON_ROOM:] or f"exit code {code}"
 
@@ -128,15 +135,6 @@ class ViewerProcess:
             self._process.wait()
         if self._output is not None:
             self._output.close()
-
-    def _start_failure(self) -> str:
-        text = self._text()
-        if "adapter" in text or "ulkan" in text:
-            return (
-                "no Vulkan driver was found for the viewer; on Debian and Ubuntu "
-                "`apt-get install mesa-vulkan-drivers libvulkan1` installs a software driver"
-            )
-        return f"the viewer (rerun) ended while starting: {self.failure()}"
 
     def _text(self) -> str:
         if self._output is None:

@@ -2,7 +2,10 @@
 
 import io
 import os
+import re
 import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -218,3 +221,30 @@ def test_an_unknown_view_is_reported_with_the_existing_views(vulkan, recording, 
 def test_a_missing_recording_is_reported(tmp_path):
     with pytest.raises(ScreenError, match=r"there is no recording .*nowhere\.rrd"):
         screenshot(tmp_path / "nowhere.rrd", tmp_path / "none.png")
+
+
+RUN = """
+<root BTCPP_format="4"><BehaviorTree ID="M"><Sleep msec="500"/></BehaviorTree></root>
+"""
+
+
+def test_a_run_writes_a_picture_of_its_end_or_fails(vulkan, tmp_path):
+    tree, picture = tmp_path / "tree.xml", tmp_path / "run.png"
+    tree.write_text(RUN)
+
+    def run(**environment: str) -> "subprocess.CompletedProcess[str]":
+        command = [sys.executable, "-m", "btcore", "run", str(tree), "--fast", "--screenshot", str(picture)]
+        changed = {**os.environ, **environment}
+        return subprocess.run(command, env=changed, capture_output=True, text=True, timeout=200, check=False)
+
+    done = run()
+    assert done.returncode == 0, done.stderr
+    with Image.open(picture) as image:
+        assert image.size == (1920, 1080)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.png", "tree.xml"]
+    # Without a driver, the viewer ends.
+    done = run(VK_DRIVER_FILES="/nowhere.json", VK_ICD_FILENAMES="/nowhere.json")
+    assert done.returncode == 4, done.stderr
+    assert re.search(r"Error: the viewer \(rerun\) .*: it found no Vulkan driver; on", done.stderr)
+    assert f"error: writing {picture}: the monitor's process failed with exit code 2" in done.stderr
+    assert "SUCCESS  tree" in done.stderr
