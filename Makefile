@@ -60,7 +60,7 @@ help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
 	@echo 'make test    style, types, and every test on both builds of the engine'
 	@echo 'make ros2    the tests of ROS 2 only, in an environment of its own'
-	@echo 'make check   style, types and the closest tests of the changed files, or of FILES="…", in 20 s'
+	@echo 'make check   style, types and the closest tests of the changed files, or of FILES="…"'
 	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
 	@echo 'make docs    the documentation site, in out/docs/site'
 	@echo 'make vscode  the extension for VS Code, out/btcore.vsix; needs npm'
@@ -155,7 +155,7 @@ test: .venv/ready
 	@$(MAKE) -s -j 2 --output-sync compiled ros2
 
 check: .venv/ready
-	@.venv/bin/python tests/check.py $(FILES)
+	@.venv/bin/python tests/check.py $(if $(LIMIT),--limit $(LIMIT)) $(FILES)
 
 # One after the other: both write to the folders in which pip builds the project.
 environments:

@@ -13,15 +13,23 @@ These tests belong to a file:
 
 The tests of ROS 2 run in .venv-ros if `make ros2` has made it. Otherwise those that need ROS 2 are skipped.
 
-At most AT_MOST of these test files are run, and no test is started after START_LIMIT. pytest reports tests
-that were not started as skipped.
+At most AT_MOST of these test files are run. No test is started later than LIMIT seconds after the first test,
+except those of the closest test file, which always runs. `make check LIMIT=0` runs all these tests.
+
+Exit codes:
+  0  all selected tests ran and passed, and style and types are right
+  1  a check failed
+  2  a file does not exist, or LIMIT is not a number
+  3  incomplete: nothing failed, but some of the tests were not started
 """
 
+import argparse
 import ast
 import os
 import re
 import subprocess
 import sys
+import tempfile
 import time
 from functools import cache
 from itertools import chain
@@ -52,7 +60,7 @@ PAGE_TESTS = (
 # Tests that contain the names of files, but do not test their content.
 INCIDENTAL = {"tests/docs/test_docs.py", "tests/test_check.py"}
 AT_MOST = 40  # test files, because pytest would need the time to import more
-START_LIMIT = 12.0  # s after the start of this script
+START_LIMIT = 12.0  # s after the first test
 MANY = 3  # test files; more are tested in several processes
 
 
@@ -211,16 +219,25 @@ def inside(test: str, other: str) -> bool:
 
 
 def main(arguments: list[str]) -> int:
-    """Check the files *arguments*, print what was run and skipped, and return the exit code."""
+    """Check files, print what was run and skipped, and return the exit code.
+
+    Args:
+        arguments: The arguments of the command line.
+    """
     start = time.time()
-    files = [Path(file).resolve() for file in arguments]
+    parser = argparse.ArgumentParser(allow_abbrev=False)
+    parser.add_argument("files", nargs="*")
+    parser.add_argument("--limit", type=float, default=START_LIMIT)
+    chosen_options = parser.parse_args(arguments)
+    limit: float = chosen_options.limit
+    files = [Path(file).resolve() for file in chosen_options.files]
     wrong = [str(file) for file in files if not file.exists() or not file.is_relative_to(ROOT)]
     if wrong:
         print(f"error: not a file of this repository: {', '.join(wrong)}", file=sys.stderr)
         return 2
     names = [file.relative_to(ROOT).as_posix() for file in files]
     chosen = (
-        git("ls-files", "--cached", "--others", "--exclude-standard", "--", *names)
+        [file for name in names for file in git("ls-files", "-co", "--exclude-standard", "--", name)]
         if names
         else changed_files()
     )
@@ -238,23 +255,22 @@ def main(arguments: list[str]) -> int:
         else None
     )
     if python:
-        print(f"· style of {counted(python, 'Python file')}")
+        print(f"· style of {counted(len(python), 'Python file')}")
         for command in (["check", "--quiet"], ["format", "--check"]):
             if run([sys.executable, "-m", "ruff", *command, *python]) != 0:
                 failed.append(f"style (`ruff {command[0]}`)")
     else:
         print("· style: skipped, no Python file")
-    left_out = tests[AT_MOST:]
-    del tests[AT_MOST:]
+    left_out = tests[AT_MOST:] if limit else []
+    not_started = 0
     if tests:
-        for python, chosen_tests in by_python(tests):
-            if run_tests(python, chosen_tests, start) != 0 and "tests" not in failed:
+        for python, chosen_tests in by_python(tests[: len(tests) - len(left_out)]):
+            code, skipped = run_tests(python, chosen_tests, limit, tests[0])
+            not_started += skipped
+            if code != 0 and "tests" not in failed:
                 failed.append("tests")
     else:
         print("· tests: skipped, none belongs to these files")
-    if left_out:
-        count = counted(left_out, "test file")
-        print(f"· tests: {count} left out, too many for a quick check; `make test` runs all")
     if mypy is not None:
         print("· types of all packages")
         print(mypy.communicate()[0], end="")
@@ -262,8 +278,12 @@ def main(arguments: list[str]) -> int:
             failed.append("types (`mypy`)")
     else:
         print("· types: skipped, no Python file of a package")
-    print(f"{'failed: ' + ', '.join(failed) if failed else 'passed'} ({time.time() - start:.0f} s)")
-    return 1 if failed else 0
+    missing = [f"{counted(not_started, 'test')} not started"] if not_started else []
+    missing += [f"{counted(len(left_out), 'test file')} left out"] if left_out else []
+    results = [f"failed: {', '.join(failed)}"] if failed else []
+    results += [f"incomplete: {', '.join(missing)}; LIMIT=0 runs all"] if missing else []
+    print(f"{'; '.join(results) or 'passed'} ({time.time() - start:.0f} s)")
+    return 1 if failed else 3 if missing else 0
 
 
 def by_python(tests: list[str]) -> list[tuple[str, list[str]]]:
@@ -275,26 +295,39 @@ def by_python(tests: list[str]) -> list[tuple[str, list[str]]]:
     return list(found.items())
 
 
-def run_tests(python: str, tests: list[str], start: float) -> int:
-    """Run *tests*, print them before, and return pytest's exit code.
+def run_tests(python: str, tests: list[str], limit: float, closest: str) -> tuple[int, int]:
+    """Run *tests*, and print them before.
 
     Args:
         python: The Python that runs pytest.
         tests: The tests.
-        start: The time when this script was started (s).
+        limit: The time (s) after the first test after which no test is started; 0 = no limit.
+        closest: The test to which the limit does not apply.
+
+    Returns:
+        pytest's exit code, and the number of tests that were not started.
     """
     place = "" if python == sys.executable else "in .venv-ros: "
     print(f"· tests: {place}pytest", *tests)
     # One test at a time is sent to a process, in the order of the files.
     several = ["-n", str(os.cpu_count() or 1), "--maxschedchunk=1"]
     processes = several if len(tests) > MANY else ["-p", "no:xdist"]
-    environment = {**os.environ, "BTCORE_TEST_START_UNTIL": str(start + START_LIMIT)}
-    return run([python, "-m", "pytest", "-q", *processes, *tests], environment)
+    with tempfile.TemporaryDirectory() as folder:
+        count = Path(folder, "not_started")
+        environment = dict(os.environ)
+        if limit:
+            environment |= {
+                "BTCORE_TEST_START_LIMIT": str(limit),
+                "BTCORE_TEST_WITHOUT_LIMIT": str(ROOT / closest.partition("::")[0]),
+                "BTCORE_TEST_NOT_STARTED": str(count),
+            }
+        code = run([python, "-m", "pytest", "-q", *processes, *tests], environment)
+        return code, int(count.read_text()) if count.exists() else 0
 
 
-def counted(items: list[str], noun: str) -> str:
-    """Return the number of *items* with *noun*."""
-    return f"{len(items)} {noun}{'s' * (len(items) != 1)}"
+def counted(number: int, noun: str) -> str:
+    """Return *number* with *noun*."""
+    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def run(command: list[str], environment: dict[str, str] | None = None) -> int:

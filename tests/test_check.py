@@ -178,19 +178,36 @@ def test_a_file_without_tests_is_reported_and_an_unknown_file_is_an_error(projec
     assert output == f"error: not a file of this repository: {project / 'missing.py'}\n"
 
 
-def test_no_test_is_started_after_the_time_limit(project: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "tests"],
-        cwd=project,
-        env={**os.environ, "BTCORE_TEST_START_UNTIL": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=100,
-    )
-    assert done.returncode == 0
-    assert "1 skipped" in done.stdout
-    assert "not started" in done.stdout
+TWO_TESTS = TEST + "\n\n" + TEST.replace("test_it", "test_two")
+
+
+@pytest.mark.parametrize("has_several_processes", [False, True])
+def test_tests_that_were_not_started_make_the_check_incomplete(
+    project: Path, has_several_processes: bool
+) -> None:
+    """The tests of the closest file are started nevertheless."""
+    script = project / "tests/check.py"
+    text = script.read_text(encoding="utf-8").replace("str(os.cpu_count() or 1)", '"1"')
+    script.write_text(text.replace("MANY = 3 ", f"MANY = {1 if has_several_processes else 3} "))
+    files = ["tests/test_it.py", "tests/test_other.py"]
+    for file in files:
+        (project / file).write_text(TWO_TESTS, encoding="utf-8")
+    code, output = run(project, *files, "--limit", "1e-9")
+    assert "2 passed, 2 skipped" in output
+    assert output.splitlines()[-1].startswith("incomplete: 2 tests not started; LIMIT=0 runs all (")
+    assert code == 3
+
+
+def test_a_limit_of_0_starts_all_tests_and_a_failure_precedes_an_incomplete_check(project: Path) -> None:
+    files = ["tests/test_it.py", "tests/test_other.py"]
+    (project / files[0]).write_text(TWO_TESTS.replace("True", "False"), encoding="utf-8")
+    (project / files[1]).write_text(TWO_TESTS, encoding="utf-8")
+    code, output = run(project, *files, "--limit", "0")
+    assert "2 failed, 2 passed" in output
+    assert (code, output.splitlines()[-1][:15]) == (1, "failed: tests (")
+    code, output = run(project, *files, "--limit", "1e-9")
+    assert code == 1
+    assert output.splitlines()[-1].startswith("failed: tests; incomplete: 2 tests not started")
 
 
 def test_many_test_files_are_limited(project: Path) -> None:
@@ -201,6 +218,9 @@ def test_many_test_files_are_limited(project: Path) -> None:
     for file in files:
         (project / file).write_text(TEST, encoding="utf-8")
     code, output = run(project, *files)
-    assert code == 0
+    assert code == 3
     assert "1 passed" in output
-    assert "· tests: 2 test files left out, too many for a quick check; `make test` runs all" in output
+    assert output.splitlines()[-1].startswith("incomplete: 2 test files left out; LIMIT=0 runs all (")
+    code, output = run(project, *files, "--limit", "0")
+    assert code == 0
+    assert "3 passed" in output
