@@ -9,9 +9,10 @@ from typing import Final
 from rich.text import Text
 
 import btcore
+from btcore.builds import env_flag
 from btcore.cli import terminal
 from btcore.cli.tick_loop import EndReason
-from btcore.errors import NodeExecutionError
+from btcore.errors import NodeExecutionError, excerpt
 from btcore.status import Status
 from btcore.tree.tree import Tree
 
@@ -123,25 +124,43 @@ class RunReport:
             **figures,
         }
         if self.error is not None:
+            frame = _leaf_frame(self.error.cause)
             report["error"] = {
                 "node": self.error.path,
                 "id": self.error.node_id,
                 "while": self.error.doing,
                 "exception": type(self.error.cause).__name__,
                 "message": str(self.error.cause),
-                "at": _place_of(self.error.cause),
+                "at": f"{frame.filename}:{frame.lineno}" if frame is not None else None,
             }
         return report
 
 
-def _place_of(error: BaseException) -> str | None:
-    """Return FILE:LINE of the leaf's code that raised *error*, or None if btcore itself raised it."""
+def _leaf_frame(error: BaseException) -> traceback.FrameSummary | None:
+    """Return the frame of the leaf's code that raised *error*, or None if btcore itself raised it."""
     package = str(Path(btcore.__file__).parent)
     for frame in traceback.extract_tb(error.__traceback__):
         # The compiled build has relative names.
         if not frame.filename.startswith((package + os.sep, f"btcore{os.sep}")):
-            return f"{frame.filename}:{frame.lineno}"
+            return frame
     return None
+
+
+def print_leaf_error(error: NodeExecutionError) -> None:
+    """Print *error* on stderr, with the line of the leaf's code; with BTCORE_DEBUG=1 also the traceback."""
+    is_debugged = env_flag("BTCORE_DEBUG")
+    if is_debugged:
+        terminal.stderr_console().print(Text("".join(traceback.format_exception(error))), soft_wrap=True)
+    terminal.print_error(str(error))
+    frame = _leaf_frame(error.cause)
+    if frame is None:
+        return
+    console = terminal.stderr_console()
+    console.print(Text(f"{frame.filename}:{frame.lineno}: in {frame.name}()", style="bold"), soft_wrap=True)
+    if frame.line:
+        console.print(Text(excerpt(frame.line, frame.lineno or 0, 0), style="dim"), soft_wrap=True)
+    if not is_debugged:
+        console.print("Set BTCORE_DEBUG=1 to print the traceback.", style="dim", highlight=False)
 
 
 def print_figures(figures: Mapping[str, object]) -> None:

@@ -10,7 +10,7 @@ from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import merge_reports
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.run_logs import Logs
-from btcore.cli.run_report import RunReport
+from btcore.cli.run_report import RunReport, print_leaf_error
 from btcore.cli.tick_loop import EndReason, TickLoop, Until
 from btcore.cli.tree_source import SaveWatcher, TreeSource
 from btcore.clock import NS_PER_S
@@ -174,7 +174,7 @@ class RunSession:
                 return ending
 
     def _print_execution_error(self, error: NodeExecutionError) -> None:
-        terminal.print_error(str(error))
+        print_leaf_error(error)
         hint = initial_blackboard.unwritten_entry_hint(self.tree, error)
         terminal.print_notes([hint] if hint else [])
 
@@ -211,7 +211,7 @@ class RunSession:
         try:
             self.tree.halt()
         except NodeExecutionError as error:
-            terminal.print_error(str(error))
+            print_leaf_error(error)
         tree.count_ticks()
         self.tree = tree
         self.outcome.error = None

@@ -499,7 +499,23 @@ def _as_status(node: TreeNode, result: object) -> Status:
     name = result if isinstance(result, str) else getattr(result, "name", None)
     if isinstance(name, str) and name.upper() in ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED"):
         text += f"; write btcore.Status.{name.upper()}"
+    if result is None:
+        text += _forgotten_return(node)
     raise NodeError(f"a tick must return RUNNING, SUCCESS (True), FAILURE (False) or SKIPPED, not {text}")
+
+
+def _forgotten_return(node: TreeNode) -> str:
+    """Return a question that names the function that returned None, or "" for a node of the engine."""
+    call = getattr(node, "call", None)
+    functions: list[Any] = [getattr(call, "function", None)]
+    for name in ("tick", "on_start" if node._status is IDLE else "on_running", "work"):
+        functions.append(getattr(type(node), name, None))
+    for function in functions:
+        code = getattr(function, "__code__", None)
+        if code is not None and not function.__module__.startswith("btcore."):
+            written = function.__qualname__.rpartition("<locals>.")[2]
+            return f": did {written}() in {code.co_filename}:{code.co_firstlineno} forget `return`?"
+    return ""
 
 
 def _is_numpy_bool(result: object) -> bool:

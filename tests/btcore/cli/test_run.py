@@ -126,7 +126,7 @@ def test_sleep_ends_on_time_between_two_ticks(cli: Cli, tree_file: TreeFile, las
 
 
 def test_raising_leaf_is_named_with_its_cause_and_the_exit_code_is_3(
-    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
+    cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tree = tree_file('<Parallel name="both"><Walk name="stroll"/><Explode name="bomb"/></Parallel>')
     result = cli("run", tree, "--plugin", library, "--fast", "--json")
@@ -138,7 +138,15 @@ def test_raising_leaf_is_named_with_its_cause_and_the_exit_code_is_3(
     data = last_json(result)
     assert list(data) == [*KEYS, "error"]
     file, _, line = data["error"].pop("at").rpartition(":")
-    assert "fuse" in Path(file).read_text().splitlines()[int(line) - 1]
+    source = Path(file).read_text().splitlines()[int(line) - 1]
+    assert "fuse" in source
+    place = f"{file}:{line}: in explode()\n   {line} |  {source.strip()}\n"
+    assert result.stderr.endswith(f"{place}Set BTCORE_DEBUG=1 to print the traceback.\n")
+    monkeypatch.setenv("BTCORE_DEBUG", "1")
+    debugged = cli("run", tree, "--plugin", library, "--fast")
+    assert "Traceback (most recent call last):\n" in debugged.stderr
+    assert f'File "{file}", line {line}, in explode\n    {source.strip()}\nValueError' in debugged.stderr
+    assert debugged.stderr.endswith(place)
     assert data["error"] == {
         "node": "bomb",
         "id": "Explode",

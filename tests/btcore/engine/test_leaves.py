@@ -1,6 +1,6 @@
 """Leaves as functions and classes: the meaning of their annotations and return values."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Protocol, runtime_checkable
 
@@ -25,12 +25,14 @@ from btcore import (
     StatefulAction,
     Status,
     SyncAction,
+    ThreadedAction,
     Tree,
     TreeError,
     TreeState,
     action,
     condition,
 )
+from btcore.engine.functions import camel_case
 from btcore.values import INT64, STRING, Int64
 
 Grow = Callable[..., Tree]
@@ -533,16 +535,51 @@ def raised(tree: Tree) -> str:
     return str(caught.value)
 
 
-def test_none_is_refused_as_a_result(make_tree: Grow) -> None:
-    def forgets() -> None:
+def forgets() -> None:
+    pass
+
+
+def forgets_at_the_end() -> Iterator[None]:
+    yield
+
+
+class Forgets(SyncAction):
+    def tick(self) -> None:  # type: ignore[override]
         pass
 
-    class Forgets(SyncAction):
-        def tick(self) -> None:  # type: ignore[override]
-            pass
 
-    assert raised(make_tree("<Forgets/>", forgets)).splitlines()[0].endswith("not None")
-    assert raised(make_tree("<Forgets/>", Forgets)).splitlines()[0].endswith("not None")
+class ForgetsLater(StatefulAction):
+    def on_start(self) -> Status:
+        return Status.RUNNING
+
+    def on_running(self) -> None:
+        pass
+
+
+class ForgetsInAThread(ThreadedAction):
+    def work(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("leaf", "function"),
+    [
+        (forgets, forgets),
+        (forgets_at_the_end, forgets_at_the_end),
+        (Forgets, Forgets.tick),
+        (ForgetsLater, ForgetsLater.on_running),
+        (ForgetsInAThread, ForgetsInAThread.work),
+    ],
+)
+def test_a_leaf_that_returns_none_is_named_with_its_function_and_file(
+    make_tree: Grow, leaf: Any, function: Any
+) -> None:
+    tree = make_tree(f"<{camel_case(leaf.__name__)}/>", leaf)
+    with pytest.raises(NodeExecutionError) as caught:
+        tree.tick_while_running()
+    name, line = function.__qualname__, function.__code__.co_firstlineno
+    expected = f"or SKIPPED, not None: did {name}() in {__file__}:{line} forget `return`?"
+    assert str(caught.value).splitlines()[0].endswith(expected)
 
 
 @pytest.mark.parametrize("result", [1, "SUCCESS", Status.IDLE, object()])
