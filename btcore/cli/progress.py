@@ -1,10 +1,12 @@
 """The output of `btcore run` on stderr during the run: a live status line, and log messages above it."""
 
 import logging
+import os
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 from rich.console import Console
 from rich.live import Live
@@ -44,12 +46,14 @@ class Progress:
         self.start = tree.clock.now()
         self.began = self.updated = time.perf_counter()
         self.line = Text()
+        self._breakpoint_hook = sys.breakpointhook
         self._open()
 
     def _open(self) -> None:
         if self.console.is_terminal:
             self.live = Live(console=self.console, auto_refresh=False, transient=True)
             self.live.start()
+            sys.breakpointhook = self._start_debugger
 
     def ticked(self, status: Status) -> None:
         """Update the line after a tick that returned *status*, unless the last update is too recent."""
@@ -99,6 +103,17 @@ class Progress:
         if self.live is not None:
             self.live.stop()
             self.live = None
+            sys.breakpointhook = self._breakpoint_hook
+
+    def _start_debugger(self, *arguments: Any, **options: Any) -> Any:
+        """Remove the line, which would cover the debugger's prompt, and start the debugger in the caller."""
+        self.close()
+        if self._breakpoint_hook is sys.__breakpointhook__ and "PYTHONBREAKPOINT" not in os.environ:
+            import pdb  # a debugger is rarely needed, and slow to import
+
+            # The hook would stop in its caller, which is this function.
+            return pdb.Pdb().set_trace(sys._getframe().f_back)
+        return self._breakpoint_hook(*arguments, **options)
 
     def _line(self, status: Status, wall: float) -> Text:
         elapsed = (self.tree.clock.now() - self.start) / NS_PER_S

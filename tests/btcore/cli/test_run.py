@@ -156,6 +156,47 @@ def test_raising_leaf_is_named_with_its_cause_and_the_exit_code_is_3(
     }
 
 
+PAUSING = """
+import btcore
+
+@btcore.action
+def grasp() -> bool:
+    grip = 2.5
+    breakpoint()
+    return grip < 10
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no pseudo-terminals here")
+def test_a_breakpoint_in_a_leaf_has_the_terminal_to_itself(tree_file: TreeFile, tmp_path: Path) -> None:
+    plugin = tmp_path / "leaves.py"
+    plugin.write_text(PAUSING, encoding="utf-8")
+    tree = tree_file('<Sequence><Sleep msec="200"/><Grasp/></Sequence>')
+    terminal, inside = os.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "btcore", "run", tree, "--plugin", plugin],
+        env={**os.environ, "TERM": "xterm"},
+        stdin=inside,
+        stdout=inside,
+        stderr=inside,
+    )
+    os.close(inside)
+
+    def read_until(text: str) -> str:
+        found = ""
+        while text not in found:
+            found += os.read(terminal, 1000).decode(errors="replace")
+        return found
+
+    assert f"{plugin}(8)grasp()" in read_until("(Pdb) ")
+    os.write(terminal, b"print(grip)\n")
+    assert read_until("(Pdb) ").replace("\r", "") == "print(grip)\n2.5\n(Pdb) "
+    os.write(terminal, b"continue\n")
+    read_until("SUCCESS")
+    assert process.wait(60) == 0
+    os.close(terminal)
+
+
 def test_exception_while_halting_exits_with_3(
     cli: Cli, tree_file: TreeFile, library: Path, last_json: LastJson
 ) -> None:
