@@ -28,21 +28,26 @@ _BYTE_ORDER_MARK = "\ufeff".encode()
     metavar="FILE",
     help="Write the result to this file instead of stdout.",
 )
-@click.option("--in-place", is_flag=True, help="Overwrite the input file with the result.")
+@click.option("--in-place", is_flag=True, help="Overwrite FILE with the result, if the result is valid.")
+@click.option("--force", is_flag=True, help="Overwrite FILE also with an invalid result.")
 @node_libraries.library_options
 def convert(
-    source: str, output: Path | None, in_place: bool, plugins: Sequence[str], models: Sequence[Path]
+    source: str,
+    output: Path | None,
+    in_place: bool,
+    force: bool,
+    plugins: Sequence[str],
+    models: Sequence[Path],
 ) -> int:
     """Convert FILE from XML format 3 to format 4, and print the result.
 
     Comments, the order of attributes and the layout are preserved. The changes are listed on stderr,
-    including changes of the tree's meaning. Errors that exist in both formats are not reported: use 'btcore
-    validate' to find them.
+    including changes of the tree's meaning, and the errors of the result, as 'btcore validate' reports them.
 
     \b
     Exit codes:
-      0  success
-      2  the tree uses something that format 4 does not support, or FILE is invalid
+      0  success: the result is valid
+      2  the result has errors, such as unknown nodes, or FILE cannot be read
     """
     if in_place and output is not None:
         raise click.UsageError("--in-place and --output cannot be used together.")
@@ -57,17 +62,28 @@ def convert(
     target = path if in_place else output
     if target is None:
         terminal.print_xml(data)
-    else:
+    elif force or not (target.exists() and target.samefile(path)):
+        files.write(target, data)
+    elif not in_place:
+        raise click.ClickException(
+            f"'{target}' is the file to convert: --in-place overwrites it if the result is valid"
+        )
+    elif not result.remaining:
         files.write(target, data)
     _print_summary(result)
-    return ExitCode.USER_ERROR if result.remaining else ExitCode.SUCCESS
+    if not result.remaining:
+        return ExitCode.SUCCESS
+    terminal.print_notes(libraries.missing_library_notes(result.remaining))
+    if in_place and not force:
+        terminal.print_notes([f"{target} is not changed; --force overwrites it nevertheless"])
+    return ExitCode.USER_ERROR
 
 
 def _print_summary(result: Conversion) -> None:
     """Print the changes, the errors in the result, and their numbers on stderr."""
     terminal.print_diagnostics([*result.changes, *result.remaining])
     if not result.changes:
-        terminal.print_notes(["the file already has format 4; nothing is changed"])
+        terminal.print_notes(["the file already has format 4; nothing is converted"])
         return
     mark = Text("✘ ", style="bold red") if result.remaining else Text("✔ ", style="bold green")
     counts = [
@@ -77,7 +93,7 @@ def _print_summary(result: Conversion) -> None:
     if manual := _count(result.changes, "manual step"):
         counts.append(f"{manual} to convert manually")
     if result.remaining:
-        counts.append(f"{len(result.remaining)} not supported by format 4")
+        counts.append(f"the result has {terminal.counted(len(result.remaining), 'error')}")
     mark.append(", ".join(counts), style="bold")
     console = terminal.stderr_console()
     console.print()

@@ -141,6 +141,13 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
+class RetryUntilSuccesful(RetryUntilSuccessful3):
+    """Is `RetryUntilSuccessful` with its first spelling, which BehaviorTree.CPP 3 keeps."""
+
+    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
 class SetBlackboard3(SetBlackboard):
     """Writes `value` to the entry named by `output_key` (without braces), and succeeds.
 

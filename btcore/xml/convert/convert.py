@@ -1,6 +1,5 @@
 """Convert a document from format 3 to format 4. Text that needn't change keeps its bytes."""
 
-import re
 from typing import NamedTuple
 
 from btcore.diagnostic_codes import (
@@ -31,7 +30,7 @@ class Conversion(NamedTuple):
         text: The converted text.
         changes: The changes, with their positions in the original document: another spelling with the same
             meaning (codes `C1…`), another meaning (`C2…`), and steps that the user must take (`C3…`).
-        remaining: Errors in *text* that the original document did not have.
+        remaining: The errors in *text*, except in included files.
     """
 
     text: str
@@ -61,12 +60,13 @@ def convert(document: Document, registry: Registry) -> Conversion:
         message = f"unknown BTCPP_format '{root.get('BTCPP_format')}'"
         raise TreeError([document.diagnostic(UNKNOWN_FORMAT, message, root, "BTCPP_format")])
     if format == 4:
-        return Conversion(document.text, [], [])
+        return Conversion(document.text, [], _errors(document, registry))
     changes = ConversionChanges(document, registry)
     _convert_root(changes, root)
     _convert_trees(changes)
     text = changes.text()
-    return Conversion(text, sort_diagnostics(changes.diagnostics), _remaining(document, text, registry))
+    remaining = _errors(parse_text(text, document.file), registry)
+    return Conversion(text, sort_diagnostics(changes.diagnostics), remaining)
 
 
 def _convert_root(changes: ConversionChanges, root: Element) -> None:
@@ -106,25 +106,16 @@ def _convert_trees(changes: ConversionChanges) -> None:
             pending += [(child, element) for child in reversed(element.children)]
 
 
-def _remaining(document: Document, text: str, registry: Registry) -> list[Diagnostic]:
-    """Return the errors of the converted text that the original document doesn't have."""
-    before = {_comparable(error) for error in _errors(document, registry)}
-    after = _errors(parse_text(text, document.file), registry)
-    return sort_diagnostics([error for error in after if _comparable(error) not in before])
-
-
-def _comparable(diagnostic: Diagnostic) -> tuple[str, str]:
-    # Messages quote a node by its tag or by its ID, and the conversion may have changed the tag.
-    return diagnostic.code, re.sub("[<>']", "", diagnostic.message)
-
-
 def _errors(document: Document, registry: Registry) -> list[Diagnostic]:
+    """Return the errors of *document*."""
     planner, _, diagnostics = analyse_document(document, registry)
     for definition in planner.definitions.by_id.values():
         check_scripts(planner.plan(definition), registry, diagnostics)
     # Only this file is converted, so its main tree may be in another file.
-    return [
-        error
-        for error in diagnostics.errors
-        if error.file == document.file and error.code != AMBIGUOUS_MAIN_TREE
-    ]
+    return sort_diagnostics(
+        [
+            error
+            for error in diagnostics.errors
+            if error.file == document.file and error.code != AMBIGUOUS_MAIN_TREE
+        ]
+    )

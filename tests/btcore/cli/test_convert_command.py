@@ -50,7 +50,7 @@ def test_result_goes_into_another_file_or_replaces_the_old_file(cli: Cli, old: P
     cli("convert", old.name, "--in-place")
     assert old.read_text() == NEW
     again = cli("convert", old.name, "--in-place")
-    assert old.read_text() == NEW
+    assert (again.exit_code, old.read_text()) == (0, NEW)
     assert "the file already has format 4" in again.stderr
 
 
@@ -60,13 +60,48 @@ def test_byte_order_mark_and_line_ends_are_kept(cli: Cli, old: Path) -> None:
     assert old.read_bytes() == b"\xef\xbb\xbf" + NEW.replace("\n", "\r\n").encode()
 
 
-def test_constructs_refused_by_format_4_exit_with_2_but_are_written(cli: Cli, old: Path) -> None:
-    old.write_text('<root><BehaviorTree ID="Main"><ReactiveSequence/></BehaviorTree></root>')
+GROOT_1 = '<Parallel threshold="1"><AlwaysSuccess/></Parallel>'
+
+
+@pytest.mark.parametrize(
+    ("body", "error"),
+    [
+        ("<ReactiveSequence/>", "E104 <ReactiveSequence> has no child"),
+        (GROOT_1, "E201 <Parallel> has no port 'threshold'"),  # in both formats
+        ("<OpenGripper/>", "E101 unknown node <OpenGripper>"),
+    ],
+)
+def test_success_is_only_reported_for_a_file_that_is_valid(
+    cli: Cli, old: Path, body: str, error: str
+) -> None:
+    text = f'<root><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    old.write_text(text)
     result = cli("convert", old.name)
     assert result.exit_code == 2
     assert result.stdout.startswith('<root BTCPP_format="4">')
-    assert "E104 <ReactiveSequence> has no child" in result.stderr
-    assert "1 not supported by format 4" in result.stderr
+    assert error in result.stderr
+    assert ", the result has 1 error" in result.stderr
+    assert "✔" not in result.stderr
+    # The source is only overwritten on request.
+    result = cli("convert", old.name, "--in-place")
+    assert (result.exit_code, old.read_text()) == (2, text)
+    assert "note: old.xml is not changed; --force overwrites it nevertheless" in result.stderr
+    assert cli("convert", old.name, "-o", "new.xml").exit_code == 2
+    assert (old.parent / "new.xml").read_text().startswith('<root BTCPP_format="4">')
+    assert cli("validate", "new.xml").exit_code == 2
+    assert cli("convert", old.name, "--in-place", "--force").exit_code == 2
+    assert old.read_text().startswith('<root BTCPP_format="4">')
+    again = cli("convert", old.name)
+    assert again.exit_code == 2
+    assert error in again.stderr
+
+
+def test_the_source_is_not_overwritten_by_another_name(cli: Cli, old: Path) -> None:
+    result = cli("convert", old.name, "-o", f"../{old.parent.name}/{old.name}")
+    assert (result.exit_code, old.read_text()) == (2, OLD)
+    assert "is the file to convert: --in-place overwrites it if the result is valid" in result.stderr
+    assert cli("convert", old.name, "-o", old.name, "--force").exit_code == 0
+    assert old.read_text() == NEW
 
 
 def test_model_defines_which_ports_are_outputs(cli: Cli, old: Path) -> None:

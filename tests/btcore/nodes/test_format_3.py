@@ -272,9 +272,11 @@ def test_some_control_nodes_may_be_empty(make_tree: Grow) -> None:
             make_tree(f"<{tag}/>", format=3)
 
 
-def test_retry_completes_in_a_single_tick(make_tree: Grow, journal: CallLog) -> None:
+@pytest.mark.parametrize("tag", ["RetryUntilSuccessful", "RetryUntilSuccesful"])
+def test_retry_completes_in_a_single_tick(make_tree: Grow, journal: CallLog, tag: str) -> None:
+    """BehaviorTree.CPP 3 keeps the first spelling, which it calls a typo."""
     tree = make_tree(
-        '<RetryUntilSuccessful num_attempts="3"><PlanSync name="p" plan="F"/></RetryUntilSuccessful>',
+        f'<{tag} num_attempts="3"><PlanSync name="p" plan="F"/></{tag}>',
         format=3,
     )
     assert tree.tick_exactly_once() is F
