@@ -98,11 +98,7 @@ function showDocument(data) {
   byId("unsaved").hidden = !data.unsaved;
   byId("live").hidden = !data.live;
   if (first && data.tree) state.tree = data.tree;
-  if (data.trees.length) {
-    const select = byId("tree");
-    select.replaceChildren(...data.trees.map((id) => new Option(id, id)));
-    select.hidden = data.trees.length < 2;
-  }
+  showTrees();
   // The page has requested the first drawing already.
   if (!first && data.drawable) load();
   else {
@@ -112,6 +108,17 @@ function showDocument(data) {
   canvas.classList.toggle("stale", !data.drawable);
   showNotice();
   showProblems();
+}
+
+// Show the trees of the file to choose from, and the tree that is drawn, which the file may lack by now.
+function showTrees() {
+  const select = byId("tree"), drawn = state.drawing?.tree, trees = state.document?.trees ?? [];
+  if (trees.length) {
+    const shown = new Set(drawn ? [...trees, drawn] : trees);
+    select.replaceChildren(...Array.from(shown, (id) => new Option(id, id)));
+    select.hidden = shown.size < 2;
+  }
+  if (drawn) select.value = drawn;
 }
 
 function showProblems() {
@@ -153,7 +160,8 @@ function showNotice() {
       notices.push(`The file differs from the running tree: ${nodes} not in this picture.`);
     }
   }
-  byId("notice").textContent = notices.join(" ");
+  if (state.rejected) notices.push(state.rejected);
+  byId("notice").replaceChildren(...notices.map((text) => make("p", text)));
   byId("notice").hidden = !notices.length;
 }
 
@@ -172,6 +180,7 @@ async function load(anchor = "") {
     if (data.error) {
       if (!state.drawing?.svg) canvas.replaceChildren(make("p", data.error));
       state.drawing ??= {};
+      showTrees();
     } else show(data, anchor);
     showNotice();
   } catch {
@@ -192,11 +201,12 @@ function show(data, anchor) {
   const template = document.createElement("template");
   template.innerHTML = data.svg;
   const svg = template.content.firstElementChild;
+  const focused = focusedNode()?.key;
   state.drawing = data;
   state.keys = new Map(data.nodes.map((node, index) => [node.key, { ...node, index }]));
   const view = svg.viewBox.baseVal;
   state.size = [view.width, view.height];
-  byId("tree").value = data.tree;
+  showTrees();
   if (!state.zoom || otherTree) state.zoom = startZoom();
   setSize(svg);
   state.groups = new Map();
@@ -205,6 +215,8 @@ function show(data, anchor) {
     state.groups.set(node.key, group);
   }
   canvas.replaceChildren(svg);
+  describe(svg);
+  if (focused) (state.groups.get(focused) ?? canvas).focus({ preventScroll: true });
   const after = before && state.groups.get(anchor)?.getBoundingClientRect();
   if (old && after && !otherTree) {
     canvas.scrollBy(after.left - before.left, after.top - before.top);
@@ -219,13 +231,32 @@ function show(data, anchor) {
   markProblems();
   search(false);
   paintLive();
-  mark(state.selected);
   // The picture is painted first.
   const later = window.requestIdleCallback ?? setTimeout;
   requestAnimationFrame(() => later(() => {
     showSource(state.shownFile < 0 ? mainFile() : state.shownFile, true);
     showNode();
   }));
+}
+
+// Describe the drawing to screen readers, as a tree: Tab reaches one of its nodes, and arrows the others.
+function describe(svg) {
+  svg.setAttribute("role", "tree");
+  svg.setAttribute("aria-label", `Tree ${state.drawing.tree}`);
+  const { nodes } = state.drawing;
+  const levels = [];
+  for (const [index, node] of nodes.entries()) {
+    levels.push(node.parent ? levels[node.parent - 1] + 1 : 1);
+    const group = state.groups.get(node.key);
+    if (!group) continue;
+    const attributes = {
+      role: "treeitem", tabindex: -1, "aria-level": levels[index], "aria-selected": false,
+      "aria-label": `${node.name}, ${node.kind}${node.name === node.id ? "" : ` ${node.id}`}${node.calls ? ` ${node.calls}` : ""}`,
+    };
+    if (!node.leaf) attributes["aria-expanded"] = !node.hidden;
+    for (const [name, value] of Object.entries(attributes)) group.setAttribute(name, value);
+  }
+  mark(state.selected);
 }
 
 function setSize(svg) {
@@ -297,9 +328,20 @@ const nodeOf = (target) => {
   return group ? state.drawing.nodes[group.dataset.uid - 1] : null;
 };
 
+const focusedNode = () => (canvas.contains(document.activeElement) ? nodeOf(document.activeElement) : null);
+
 function mark(key) {
-  canvas.querySelector("g.selected")?.classList.remove("selected");
-  state.groups.get(key)?.classList.add("selected");
+  for (const group of canvas.querySelectorAll("g.selected, g[tabindex='0']")) {
+    group.classList.remove("selected");
+    group.setAttribute("aria-selected", "false");
+    group.setAttribute("tabindex", "-1");
+  }
+  const group = state.groups.get(key), reached = group ?? state.groups.values().next().value;
+  reached?.setAttribute("tabindex", "0");
+  if (!group) return;
+  group.classList.add("selected");
+  group.setAttribute("aria-selected", "true");
+  if (canvas.contains(document.activeElement)) group.focus({ preventScroll: true });
 }
 
 function select(key, { scroll = false, source = true } = {}) {
@@ -537,10 +579,12 @@ function paintLive() {
     if (group.dataset.live === code) continue;
     group.dataset.live = code;
     group.classList.remove("s0", "s1", "s2", "s3", "s4", "r2", "r3", "absent");
+    group.removeAttribute("aria-description");
     if (!on) continue;
     if (status === "") group.classList.add("absent");
     else group.classList.add(`s${status}`);
     if (result !== "0") group.classList.add(`r${result}`);
+    group.setAttribute("aria-description", STATUS_NAMES[status] ?? "not in the running tree");
   }
   canvas.querySelector("g.stopped")?.classList.remove("stopped");
   state.groups.get(live.stopped)?.classList.add("stopped");
@@ -628,14 +672,14 @@ byId("export").onclick = async () => {
 byId("live").onsubmit = async (event) => {
   event.preventDefault();
   const address = state.live?.address ? "" : byId("address").value.trim() || byId("address").placeholder;
-  const reply = await post("watch", { address });
-  if (reply.error) { byId("notice").textContent = reply.error; byId("notice").hidden = false; }
+  state.rejected = (await post("watch", { address })).error ?? "";
+  showNotice();
 };
 byId("continue").onclick = () => post("release");
 byId("search").oninput = () => search();
 byId("search").onkeydown = (event) => {
   if (event.key === "Enter") { nextFound(event.shiftKey ? -1 : 1); event.preventDefault(); }
-  if (event.key === "Escape") { event.target.value = ""; search(); canvas.focus(); }
+  if (event.key === "Escape") { event.target.value = ""; search(); (canvas.querySelector("g[tabindex='0']") ?? canvas).focus(); }
 };
 byId("lines").onclick = (event) => {
   const row = event.target.closest("[data-line]");
@@ -681,7 +725,8 @@ canvas.addEventListener("wheel", (event) => {
 }, { passive: false });
 window.addEventListener("keydown", (event) => {
   if (event.target.matches("input, select") || event.ctrlKey || event.metaKey || event.altKey) return;
-  const node = state.keys.get(state.selected), nodes = state.drawing?.nodes ?? [];
+  const focused = focusedNode()?.key;
+  const node = state.keys.get(focused ?? state.selected), nodes = state.drawing?.nodes ?? [];
   const siblings = node ? nodes.filter((other) => other.parent === node.parent) : [];
   const beside = (step) => siblings[siblings.findIndex((other) => other.key === node.key) + step];
   const go = {
@@ -696,12 +741,13 @@ window.addEventListener("keydown", (event) => {
     "-": () => zoomTo(state.zoom / 1.25),
     0: () => zoomTo(fitZoom()),
     " ": () => node && toggleFold(node.key),
+    Enter: () => focused && select(focused),
     b: () => node && state.document?.live && toggleBreakpoint(node.key),
   }[event.key];
   const onButton = event.target.matches("button") && (event.key === " " || event.key === "Enter");
   const inTree = !byId("lines").contains(event.target) && !onButton;
   if (go && inTree) { const next = go(); if (next) select(next.key, { scroll: true }); event.preventDefault(); }
-  if (act && (inTree || event.key === "/")) { act(); event.preventDefault(); }
+  if (act && (inTree || event.key === "/") && (event.key !== "Enter" || focused)) { act(); event.preventDefault(); }
 });
 
 showNode();
