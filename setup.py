@@ -42,6 +42,7 @@ COLD_FILES = {
     "btcore/data_folders.py",
     "btcore/diagnostic_codes.py",
     "btcore/documentation_site.py",
+    "btcore/entry_points.py",
     "btcore/errors.py",
     "btcore/escaping.py",
     "btcore/flatbuffer.py",

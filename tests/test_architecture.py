@@ -27,6 +27,7 @@ LAYERS = (
         "errors",
         "diagnostic_codes",
         "documentation_site",
+        "entry_points",
         "clock",
         "data_folders",
         "escaping",

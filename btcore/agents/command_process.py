@@ -19,7 +19,7 @@ from anyio.abc import ByteReceiveStream, Process
 from btcore import bundled_trees
 from btcore.agents.confinement import Confinement
 from btcore.agents.served_folder import RefusedError, ServedFolder
-from btcore.cli.entry_points import LIMIT_VARIABLE
+from btcore.entry_points import LIMIT_VARIABLE
 from btcore.input_files import SIZE_VARIABLE
 from btcore.process_group import NEW_PROCESS_GROUP
 

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 
 import click
 
-from btcore.cli import entry_points
+from btcore import entry_points
 from btcore.run_extension import ExtensionError, RunExtension
 from btcore.suggestions import nearest_name
 

@@ -15,8 +15,7 @@ from typing import Any, NoReturn
 import click
 
 import btcore
-from btcore import builds
-from btcore.cli import entry_points
+from btcore import builds, entry_points
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.terminal_encoding import make_encodable
 

@@ -7,11 +7,11 @@ from typing import Any, TypeVar
 
 import click
 
-from btcore.cli import entry_points, terminal
-from btcore.cli.entry_points import UnavailableEntryPoint, distribution_of
+from btcore.cli import terminal
 from btcore.diagnostic_codes import UNKNOWN_NODE
-from btcore.errors import Diagnostic, RegistrationError
-from btcore.registry.registry import ENTRY_POINTS, Registry, library_of
+from btcore.entry_points import UnavailableEntryPoint
+from btcore.errors import Diagnostic
+from btcore.registry.registry import Registry, library_of
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
@@ -113,14 +113,10 @@ def load_libraries(
         TreeError: One of *models* is invalid.
     """
     libraries = NodeLibraries(Registry.standard())
-    for point in entry_points.installed(ENTRY_POINTS):
-        try:
-            libraries.nodes.add_installed(point.value, point.name)
-        except RegistrationError as error:
-            cause = error.__cause__
-            if not isinstance(cause, ModuleNotFoundError):
-                terminal.print_warning(str(error))
-            libraries.absent.append(UnavailableEntryPoint(point.name, distribution_of(point), cause or error))
+    for unavailable in libraries.nodes.add_installed():
+        if unavailable.missing_module is None:
+            terminal.print_warning(str(unavailable.error))
+        libraries.absent.append(unavailable)
     seen: set[str | Path] = set()
     for plugin in plugins:
         module_or_file = Path(plugin).resolve() if plugin.endswith(".py") else plugin

@@ -10,7 +10,8 @@ from typing import Any, Final
 
 import click
 
-from btcore.cli import entry_points, node_libraries, terminal
+from btcore import entry_points
+from btcore.cli import node_libraries, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.exit_codes import code_of_signal
 from btcore.cli.tick_loop import POLL_INTERVAL_S, ending_signals, signal_handlers

@@ -12,17 +12,16 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from btcore.blackboard.ports import remapped_key
-from btcore.errors import BtcoreError, RegistrationError
+from btcore.errors import BtcoreError
 from btcore.input_files import real_path
 from btcore.language.diagnostics import check
 from btcore.language.node_models import NodeModel, add_stand_ins, models_of
 from btcore.language.python_source import module_file, read_nodes
-from btcore.registry.registry import ENTRY_POINTS, Registry
+from btcore.registry.registry import Registry
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document, parse_file, parse_text
@@ -72,7 +71,9 @@ class Libraries:
         self.read: dict[str, NodeModel] = {}
         self.sources: set[Path] = set()
         self._has_models = False
-        self._add_installed()
+        for unavailable in self.nodes.add_installed():
+            if unavailable.missing_module is None:
+                self.problems.append(str(unavailable.error))
         if trusted:
             sys.path += map(str, folders)
         for plugin in plugins:
@@ -91,14 +92,6 @@ class Libraries:
             source = getattr(module, "__file__", None)
             if source and any(real_path(source).is_relative_to(folder) for folder in folders):
                 self.sources.add(real_path(source))
-
-    def _add_installed(self) -> None:
-        for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name):
-            try:
-                self.nodes.add_installed(point.value, point.name)
-            except RegistrationError as error:
-                if not isinstance(error.__cause__, ModuleNotFoundError):
-                    self.problems.append(str(error))
 
     def _import(self, plugin: str, file: Path | None, folders: Sequence[Path]) -> None:
         try:

@@ -13,6 +13,7 @@ from typing import Any, overload
 from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
+from btcore.entry_points import UnavailableEntryPoint, distribution_of, installed
 from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
@@ -343,37 +344,34 @@ class Registry:
         Raises:
             RegistrationError: A library cannot be registered for another reason.
         """
-        # Imported here: it takes longer to import than the engine, and most programs do not need it.
-        from importlib.metadata import entry_points
-
         ignored = []
-        for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name):
-            try:
-                self.add_installed(point.value, point.dist.name if point.dist else point.name)
-            except RegistrationError as error:
-                if not isinstance(error.__cause__, ModuleNotFoundError):
-                    raise
-                ignored.append(error)
+        for unavailable in self.add_installed():
+            error = unavailable.error
+            if unavailable.missing_module is None or not isinstance(error, RegistrationError):
+                raise error
+            ignored.append(error)
         return ignored
 
-    def add_installed(self, library: str, name: str) -> None:
-        """Register a library of an installed package like `add_plugin`, but as overridable.
+    def add_installed(self) -> list[UnavailableEntryPoint]:
+        """Register the node libraries of all installed packages like `add_plugin`, but as overridable.
 
         A node that is registered later under the same ID replaces the library's node. A type that is
         registered later takes the name of the library's type; the ports of the library keep their type.
 
-        Args:
-            library: `module` or `module:function`.
-            name: The name of the package.
-
-        Raises:
-            RegistrationError: The library cannot be imported or registered.
+        Returns:
+            The libraries that cannot be registered.
         """
-        self._installing = self.types.installing = True
-        try:
-            self.add_plugin(library, name)
-        finally:
-            self._installing = self.types.installing = False
+        unavailable = []
+        for point in installed(ENTRY_POINTS):
+            distribution = distribution_of(point)
+            self._installing = self.types.installing = True
+            try:
+                self.add_plugin(point.value, distribution)
+            except RegistrationError as error:
+                unavailable.append(UnavailableEntryPoint(point.name, distribution, error))
+            finally:
+                self._installing = self.types.installing = False
+        return unavailable
 
     def add_plugin(self, library: str | Path | ModuleType, name: str | None = None) -> None:
         """Register a node library.

@@ -31,11 +31,10 @@ EXAMPLES: Final[dict[str, dict[str, Any]]] = tomllib.loads(
 
 
 def all_nodes() -> Registry:
-    """Return a registry of the built-in nodes and of the node libraries that the package declares."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    """Return a registry of the built-in nodes and of the installed node libraries."""
     nodes = Registry.standard()
-    for name, module in project["entry-points"]["btcore.nodes"].items():
-        nodes.add_installed(module, name)
+    for error in nodes.add_plugins():
+        raise error
     return nodes
 
 

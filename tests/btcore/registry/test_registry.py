@@ -30,6 +30,7 @@ from btcore import (
     action,
     condition,
 )
+from btcore.cli.node_libraries import load_libraries
 from btcore.values import DOUBLE
 
 
@@ -485,6 +486,29 @@ def test_add_plugins_finds_installed_entry_points(library: Path) -> None:
     assert added_ids(nodes) >= LIBRARY_IDS
     assert "polite-robot" in nodes.libraries
     assert nodes.manifests["Linger"].distribution == "polite-robot"
+
+
+@pytest.mark.parametrize("limit", [None, "robot_nodes", ""])
+def test_every_part_of_btcore_registers_the_same_installed_libraries(
+    library: Path, monkeypatch: pytest.MonkeyPatch, limit: str | None
+) -> None:
+    """Programs, the command line and the language server."""
+    worker = pytest.importorskip("btcore.language.worker")
+    install_metadata(library.parent, "polite-robot", "gestures = gestures")
+    if limit is not None:
+        monkeypatch.setenv("BTCORE_ENTRY_POINTS", limit)
+    program = Registry.standard()
+    ignored = program.add_plugins()
+    others = [load_libraries(()).nodes, worker.Libraries([], (), (), trusted=False).nodes]
+    for other in others:
+        assert other.libraries == program.libraries
+        assert {ID: one.distribution for ID, one in other.manifests.items()} == {
+            ID: one.distribution for ID, one in program.manifests.items()
+        }
+    assert ("polite-robot" in program.libraries) is (limit is None)
+    packages = {"btcore"} if limit == "" else {"btcore", "btcore_robot"}
+    if not ignored and limit is not None:
+        assert set(program.libraries) == packages
 
 
 def test_user_registration_overrides_an_installed_plugin(library: Path) -> None:

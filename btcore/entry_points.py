@@ -1,8 +1,8 @@
-"""Loading the entry points by which packages extend the command line.
+"""Loading the entry points by which packages extend btcore.
 
-The group `btcore.commands` holds click commands, `btcore.resources` holds extensions of `btcore run`.
-An entry point that cannot be loaded, because an extra is not installed or broken, does not raise: it is
-returned together with the error, so that the rest of the command line works without it.
+The group `btcore.nodes` holds node libraries, `btcore.commands` click commands, and `btcore.resources`
+extensions of `btcore run`. An entry point that cannot be loaded, because an extra is not installed or broken,
+does not raise: it is returned together with the error, so that the rest of the command line works without it.
 """
 
 # importlib.metadata is imported inside the functions: importing it takes as long as importing click, and
@@ -31,11 +31,18 @@ class UnavailableEntryPoint(NamedTuple):
     error: BaseException
 
     @property
+    def missing_module(self) -> ModuleNotFoundError | None:
+        """The error or its cause, if a module is not installed; None for any other error."""
+        causes = (self.error, self.error.__cause__)
+        return next((cause for cause in causes if isinstance(cause, ModuleNotFoundError)), None)
+
+    @property
     def remedy(self) -> str:
         """The reason for the failure; if an extra is not installed, also the command that installs it."""
         reason = f"{type(self.error).__name__}: {self.error}"
-        if isinstance(self.error, ModuleNotFoundError):
-            reason = f"the module '{self.error.name}' is not installed"
+        missing = self.missing_module
+        if missing is not None:
+            reason = f"the module '{missing.name}' is not installed"
             if self.distribution == OWN_DISTRIBUTION:
                 from importlib.metadata import metadata
 
