@@ -312,3 +312,16 @@ def test_documented_generic_names_are_refused() -> None:
     sentence = re.search(r"No module is called ([\w, ]+), because", PAGE)
     assert sentence is not None
     assert set(re.split(r", | or ", sentence[1])) <= GENERIC_NAMES
+
+
+def test_documented_private_names_of_built_in_nodes_are_those_of_the_source() -> None:
+    listed = (ROOT / "docs/reference/public_api.md").read_text(encoding="utf-8")
+    public_modules = set(re.findall(r"^\| `(btcore\.[\w.]+)` \|", listed, re.MULTILINE))
+    used = set()
+    for path in (ROOT / "btcore/nodes").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("btcore."):
+                is_private = not (node.module or "").startswith(("btcore.nodes", *public_modules))
+                used |= {name.name for name in node.names if is_private and name.name not in btcore.__all__}
+    section = PAGE.partition("The built-in nodes are written like the nodes of users")[2]
+    assert used == names_in(section.partition("\n\nA class and its file")[0])

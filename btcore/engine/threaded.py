@@ -18,17 +18,29 @@ class ThreadedAction(StatefulAction):
     of `work` or raises its exception. A halt sets `halt_requested` and waits until `work`
     returns. Therefore `work` should check `halt_requested` often, and sleep with `pause`.
 
+    Only the thread that ticks the tree may use ports. Read inputs in `on_start` before the thread starts, and
+    write outputs in `on_running` after it has ended.
+
     Examples:
         >>> import btcore
-        >>> class Compute(btcore.ThreadedAction):
+        >>> class Add(btcore.ThreadedAction):
+        ...     limit: btcore.In[int]
         ...     result: btcore.Out[int]
+        ...     def on_start(self):
+        ...         self.count = self.limit
+        ...         return super().on_start()
         ...     def work(self):
-        ...         self.result = sum(range(1000))
+        ...         self.total = sum(range(self.count))
         ...         return btcore.Status.SUCCESS
+        ...     def on_running(self):
+        ...         status = super().on_running()
+        ...         if status is btcore.Status.SUCCESS:
+        ...             self.result = self.total
+        ...         return status
         >>> nodes = btcore.Registry.standard()
-        >>> nodes.add(Compute)
+        >>> nodes.add(Add)
         >>> b = btcore.Builder(nodes)
-        >>> tree = b.build(b.Compute(result="{sum}"))
+        >>> tree = b.build(b.Add(limit=1000, result="{sum}"))
         >>> tree.tick_while_running(), tree.blackboard["sum"]
         (<Status.SUCCESS: 2>, 499500)
     """

@@ -32,3 +32,22 @@ def test_examples_in_docstrings(path: Path, tmp_path: Path, monkeypatch: pytest.
                 runner.run(example)
     assert runner.tries
     assert runner.failures == 0
+
+
+def test_work_of_a_threaded_action_uses_no_ports() -> None:
+    """Only the thread that ticks a tree may use them."""
+    path = ROOT / "btcore/engine/threaded.py"
+    docstrings = [
+        ast.get_docstring(node)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    ]
+    examples = [line for text in docstrings for line in doctest.DocTestParser().get_examples(text or "")]
+    found = [
+        node for line in examples for node in ast.parse(line.source).body if isinstance(node, ast.ClassDef)
+    ]
+    assert found
+    for leaf in found:
+        ports = {ast.unparse(node.target) for node in leaf.body if isinstance(node, ast.AnnAssign)}
+        work = next(node for node in leaf.body if isinstance(node, ast.FunctionDef) and node.name == "work")
+        assert ports & {node.attr for node in ast.walk(work) if isinstance(node, ast.Attribute)} == set()
