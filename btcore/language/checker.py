@@ -25,6 +25,9 @@ PAUSE_S: Final = 0.1
 MAX_ANSWER: Final = 256_000_000
 """Maximum size of an answer of the worker (bytes)."""
 
+_LINE_END: Final = 10_000
+"""A position at the end of any line: clients use the length of the line instead."""
+
 _log: Final = logging.getLogger(__name__)
 
 
@@ -116,6 +119,8 @@ class Checker:
         self._read: dict[DocumentKey, set[Path]] = {}
         self._sources: dict[Path, int] = {}
         self._shown: set[str] = set()
+        # The problems of node libraries by file.
+        self._library_problems: dict[Path, list[Report]] = {}
         self._distrusted = False
         self._task: asyncio.Task[None] | None = None
 
@@ -300,6 +305,19 @@ class Checker:
             self._shown.add(message)
             self._show(message)
 
+    def _publish_problems(self, problems: Iterable[tuple[str, str, int]]) -> None:
+        """Publish the problems of libraries at their files and lines, and show those without a place."""
+        found: dict[Path, list[Report]] = {}
+        for message, file, line in problems:
+            if file:
+                report = Report(file, line - 1, 0, _LINE_END, "", True, message, "", "")
+                found.setdefault(Path(file), []).append(report)
+            else:
+                self._show_once(message)
+        for path in dict.fromkeys([*found, *self._library_problems]):
+            self._publish(path, None, found.get(path, []))
+        self._library_problems = found
+
     # --- the worker
 
     async def _loaded_worker(self) -> WorkerProcess:
@@ -326,10 +344,9 @@ class Checker:
             self._distrusted = True
             return await self._loaded_worker()
         models = [NodeModel.from_data(data) for data in answer["models"]]
-        project.set_models(models, answer["enums"], answer["problems"])
+        project.set_models(models, answer["enums"])
         self._sources = _stamps(map(Path, answer["sources"]))
-        for problem in project.problems:
-            self._show_once(problem)
+        self._publish_problems(answer["problems"])
         self._refresh()
         return worker
 

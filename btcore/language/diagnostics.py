@@ -21,7 +21,7 @@ class Report(NamedTuple):
         line: The line, from 0.
         start: The start in the line, in UTF-16 code units.
         end: The end in the line, in UTF-16 code units.
-        code: The diagnostic code.
+        code: The diagnostic code; "" = the import of a node library failed.
         is_error: Whether the tree cannot be loaded, or not be ticked.
         message: What is wrong.
         hint: How to correct the problem, or "".
@@ -50,7 +50,7 @@ class Report(NamedTuple):
             self.range,
             self.message + (f"\n{self.hint}" if self.hint else ""),
             severity,
-            self.code,
+            self.code or None,
             types.CodeDescription(self.url) if self.url else None,
             SOURCE,
         )

@@ -130,7 +130,6 @@ class Project:
         settings: The settings of the client.
         registry: The available nodes. Nodes of Python libraries are stand-ins with the same ports.
         models: The nodes of Python libraries and model files by ID, with the places of their source.
-        problems: Sentences about libraries that cannot be loaded.
     """
 
     def __init__(self) -> None:
@@ -138,7 +137,6 @@ class Project:
         self.settings = Settings()
         self.registry = Registry.standard()
         self.models: dict[str, NodeModel] = {}
-        self.problems: list[str] = []
         self._open: dict[str, SourceDocument] = {}
         self._on_disk: dict[Path, tuple[tuple[int, int], SourceDocument]] = {}
         self._files: list[Path] | None = None
@@ -291,21 +289,17 @@ class Project:
 
     # --- nodes
 
-    def set_models(
-        self, models: Sequence[NodeModel], enums: Mapping[str, int], problems: Sequence[str]
-    ) -> None:
+    def set_models(self, models: Sequence[NodeModel], enums: Mapping[str, int]) -> None:
         """Replace the nodes of Python libraries and model files.
 
         Args:
             models: The nodes that are not built in.
             enums: The registered enum names.
-            problems: Sentences about libraries that cannot be loaded.
         """
         registry = Registry.standard()
         add_stand_ins(registry, models, enums)
         self.registry = registry
         self.models = {model.id: model for model in models}
-        self.problems = list(problems)
 
 
 def find_files(folders: Iterable[Path], suffixes: tuple[str, ...], most: int) -> list[Path]:

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from traceback import extract_tb
 from typing import Any, BinaryIO, Final
 
 from btcore.blackboard.ports import remapped_key
@@ -22,7 +23,12 @@ from btcore.language.diagnostics import check
 from btcore.language.node_models import NodeModel, add_stand_ins, models_of
 from btcore.language.python_source import module_file, read_nodes
 from btcore.registry.registry import Registry
-from btcore.xml.models.model_file import add_explicit_nodes, add_models
+from btcore.xml.models.model_file import (
+    add_document_models,
+    add_explicit_nodes,
+    add_models,
+    has_models,
+)
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document, parse_file, parse_text
 from btcore.xml.read.includes import resolve_includes
@@ -58,7 +64,8 @@ class Libraries:
 
     Attributes:
         nodes: The nodes.
-        problems: Sentences about libraries that cannot be loaded.
+        problems: Sentences about libraries that cannot be loaded, each with the file and the line (from 1) of
+            the mistake, or with "" and 0.
         read: The nodes whose source was read, by ID.
         sources: The files that the nodes depend on.
     """
@@ -67,13 +74,13 @@ class Libraries:
         self, folders: Sequence[Path], plugins: Sequence[str], models: Sequence[str], trusted: bool
     ) -> None:
         self.nodes = Registry.standard()
-        self.problems: list[str] = []
+        self.problems: list[tuple[str, str, int]] = []
         self.read: dict[str, NodeModel] = {}
         self.sources: set[Path] = set()
         self._has_models = False
         for unavailable in self.nodes.add_installed():
             if unavailable.missing_module is None:
-                self.problems.append(str(unavailable.error))
+                self._report(unavailable.error)
         if trusted:
             sys.path += map(str, folders)
         for plugin in plugins:
@@ -83,7 +90,7 @@ class Libraries:
             if trusted:
                 self._import(plugin, file, folders)
             elif file is None:
-                self.problems.append(f"the node library '{plugin}' is not found in the workspace")
+                self.problems.append((f"the node library '{plugin}' is not found in the workspace", "", 0))
             else:
                 self._read(file, folders)
         for pattern in models:
@@ -97,7 +104,7 @@ class Libraries:
         try:
             self.nodes.add_plugin(str(file) if file is not None and plugin.endswith(".py") else plugin)
         except BtcoreError as error:
-            self.problems.append(str(error))
+            self._report(error, folders, file)
             if file is not None:
                 # A mistake in a file that is being edited must not make its nodes unknown in every tree.
                 with suppress(OSError, ValueError, SyntaxError):
@@ -107,7 +114,7 @@ class Libraries:
         try:
             self._add_source(file, folders)
         except (OSError, ValueError, SyntaxError) as error:
-            self.problems.append(f"{file}: {error}")
+            self._report(error, folders, file)
 
     def _add_source(self, file: Path, folders: Sequence[Path]) -> None:
         models, files = read_nodes(file, folders)
@@ -121,7 +128,7 @@ class Libraries:
         except (ValueError, NotImplementedError):  # an empty or an absolute pattern
             found = [Path(pattern)]
         if not found:
-            self.problems.append(f"no model file matches '{pattern}'")
+            self.problems.append((f"no model file matches '{pattern}'", "", 0))
         for path in found:
             self.sources.add(path)
             self._add_model_file(self.nodes, path)
@@ -131,22 +138,51 @@ class Libraries:
             add_models(nodes, path)
             self._has_models = True
         except BtcoreError as error:
-            self.problems.append(str(error))
+            self._report(error)
+
+    def _report(
+        self, error: BaseException, folders: Sequence[Path] = (), library: Path | None = None
+    ) -> None:
+        """Add *error* to the problems, with the last line in *folders* that it comes from.
+
+        The nodes depend on each of these files, so that a repair is noticed.
+
+        Args:
+            error: The error.
+            folders: The folders of the workspace.
+            library: The file whose first line is the place if no other line is known, or None.
+        """
+        cause: BaseException = error.__cause__ or error
+        places = [(frame.filename, frame.lineno or 1) for frame in extract_tb(cause.__traceback__)]
+        if isinstance(cause, SyntaxError) and cause.filename:
+            places.append((cause.filename, cause.lineno or 1))
+        own = [
+            (file, line)
+            for name, line in places
+            if any((file := real_path(name)).is_relative_to(folder) for folder in folders)
+        ]
+        self.sources |= {file for file, _ in own}
+        if not own and library is not None:
+            own = [(library, 1)]
+        file, line = (str(own[-1][0]), own[-1][1]) if own else ("", 0)
+        self.problems.append((str(error), file, line))
 
     def nodes_for(self, document: Document) -> Registry:
-        """Return the nodes for the trees of *document*, as `btcore validate` does.
+        """Return the nodes for the trees of *document*, as `btcore validate --model` with the document does.
 
-        A project of Groot 2 (`.btproj`) declares its nodes itself.
+        While a tree is written, the code of its nodes may be missing, so the models of the document suffice.
         """
+        documents = resolve_includes(document, DiagnosticCollector())
         is_project = document.file.endswith(".btproj")
-        if not self._has_models and not is_project:
+        if not (self._has_models or is_project or any(map(has_models, documents))):
             return self.nodes
         nodes = self.nodes.copy()
-        if is_project:
-            # The check reports unreadable includes. A project without models is valid.
+        for each in documents:
+            # The check reports invalid models.
             with suppress(BtcoreError):
-                add_models(nodes, document.file)
-        add_explicit_nodes(nodes, resolve_includes(document, DiagnosticCollector()))
+                add_document_models(nodes, each)
+        if self._has_models or is_project:
+            add_explicit_nodes(nodes, documents)
         return nodes
 
 

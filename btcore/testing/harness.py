@@ -108,7 +108,7 @@ class Harness:
         """Tick until the root is not RUNNING, as `tick_while_running(period)` does, and return its result.
 
         Args:
-            period: The time between two ticks (s).
+            period: The time between two ticks (s). `btcore run` ticks every 0.1 s.
             limit: The maximum duration (s of the tree's clock).
 
         Raises:

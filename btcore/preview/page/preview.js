@@ -215,8 +215,10 @@ function show(data, anchor) {
     state.groups.set(node.key, group);
   }
   canvas.replaceChildren(svg);
-  describe(svg);
-  if (focused) (state.groups.get(focused) ?? canvas).focus({ preventScroll: true });
+  if (focused) {
+    describe();
+    (state.groups.get(focused) ?? canvas).focus({ preventScroll: true });
+  } else mark(state.selected);
   const after = before && state.groups.get(anchor)?.getBoundingClientRect();
   if (old && after && !otherTree) {
     canvas.scrollBy(after.left - before.left, after.top - before.top);
@@ -234,13 +236,15 @@ function show(data, anchor) {
   // The picture is painted first.
   const later = window.requestIdleCallback ?? setTimeout;
   requestAnimationFrame(() => later(() => {
+    describe();
     showSource(state.shownFile < 0 ? mainFile() : state.shownFile, true);
     showNode();
   }));
 }
 
 // Describe the drawing to screen readers, as a tree: Tab reaches one of its nodes, and arrows the others.
-function describe(svg) {
+function describe() {
+  const svg = canvas.querySelector("svg");
   svg.setAttribute("role", "tree");
   svg.setAttribute("aria-label", `Tree ${state.drawing.tree}`);
   const { nodes } = state.drawing;

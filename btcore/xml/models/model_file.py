@@ -68,7 +68,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
     diagnostics = DiagnosticCollector()
     documents = resolve_includes(parse_file(path, confined=confined), diagnostics)
     diagnostics.raise_errors()
-    added = [id for document in documents for id in _add_models(nodes, document)]
+    added = [id for document in documents for id in add_document_models(nodes, document)]
     added += add_explicit_nodes(nodes, documents)
     if not added and not any(_models(document) for document in documents):
         message = "the file contains no model of a node"
@@ -116,7 +116,7 @@ def add_undeclared_nodes(nodes: Registry, documents: Iterable[Document]) -> None
     documents = list(documents)
     for document in documents:
         with contextlib.suppress(TreeError):
-            _add_models(nodes, document)
+            add_document_models(nodes, document)
     add_explicit_nodes(nodes, documents)
     seen: dict[str, tuple[Document, int, dict[str, Port]]] = {}
     for document in documents:
@@ -152,7 +152,23 @@ def _models(document: Document) -> list[Element]:
     return [model for table in tables for model in table.iterchildren(*EXPLICIT_TAGS)]
 
 
-def _add_models(nodes: Registry, document: Document) -> list[str]:
+def has_models(document: Document) -> bool:
+    """Return whether *document* contains the model of a node."""
+    return bool(_models(document))
+
+
+def add_document_models(nodes: Registry, document: Document) -> list[str]:
+    """Register a stand-in for every model of *document*, and return the IDs of the new stand-ins.
+
+    Registered nodes are not replaced, except for nodes of an installed library.
+
+    Args:
+        nodes: The registry to extend.
+        document: The document with the models.
+
+    Raises:
+        TreeError: A model is invalid; the others are registered.
+    """
     added: list[str] = []
     diagnostics = DiagnosticCollector()
     for model in _models(document):

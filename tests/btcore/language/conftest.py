@@ -19,7 +19,7 @@ def robot_project() -> Project:
     nodes = Registry.standard()
     nodes.add_plugins()
     made = Project()
-    made.set_models(models_of(nodes), {"RED": 1, "GREEN": 2}, [])
+    made.set_models(models_of(nodes), {"RED": 1, "GREEN": 2})
     assert nodes.manifests.keys() == made.registry.manifests.keys(), "every node has a stand-in"
     return made
 

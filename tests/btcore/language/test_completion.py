@@ -267,7 +267,7 @@ def test_snippets_contain_the_ports_that_validate_misses() -> None:
     nodes.add_plugins()
     nodes.add(paint)
     project = Project()
-    project.set_models(models_of(nodes), {}, [])
+    project.set_models(models_of(nodes), {})
     compared = 0
     for id, manifest in nodes.manifests_of(4).items():
         content = "<AlwaysSuccess/>" if takes_children(manifest) else ""

@@ -166,7 +166,7 @@ def test_trees_of_a_groot_project_see_each_other(workspace: MarkedProject) -> No
 def test_python_leaf_is_defined_in_its_source(workspace: MarkedProject) -> None:
     source = workspace.folder / "leaves.py"
     source.write_text("# 🤖\ndef fahren():\n    pass\n")
-    workspace.project.set_models([NodeModel("Fahren", "ACTION", file=str(source), line=2)], {}, [])
+    workspace.project.set_models([NodeModel("Fahren", "ACTION", file=str(source), line=2)], {})
     (found,) = find_definition(*workspace.at("main.xml", "<Fahre¦n"))
     assert found.uri.endswith("leaves.py")
     assert found.range.start.line == 1

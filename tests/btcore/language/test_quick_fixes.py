@@ -5,11 +5,14 @@ import pytest
 
 pytest.importorskip("pygls")
 
+from click.testing import CliRunner
 from lsprotocol import types
 
+from btcore.cli.main import main
 from btcore.language.diagnostics import Report, check
 from btcore.language.project import Project, SourceDocument
 from btcore.language.quick_fixes import code_actions, convert_to_4, find_fixes
+from btcore.language.worker import Libraries
 from btcore.registry.registry import Registry
 from btcore.xml.read.document import parse_file
 
@@ -206,14 +209,20 @@ def test_an_unused_remapping(tmp_path: Path) -> None:
     assert edited.fixes("W204") == {"Change to 'time'": text.replace(' tim="', ' time="')}
 
 
-def test_declaring_a_node_makes_it_a_model(tmp_path: Path) -> None:
-    edited = Edited(tmp_path / "tree.xml", MAIN.format('<Greet who="{guest}" times="2"/>'))
+def test_declaring_a_node_makes_the_file_valid(tmp_path: Path) -> None:
+    path = tmp_path / "tree.xml"
+    edited = Edited(
+        path, MAIN.format('<Sequence><Script code="g := 1"/><Greet who="{g}" times="2"/></Sequence>')
+    )
     text = edited.fixes("E101")["Declare <Greet> in the <TreeNodesModel>"]
-    edited.write(text)
-    (hint,) = [item.hint for item in edited.reports() if item.code == "E101"]
-    assert "--model" in hint  # it is declared
     assert '<inout_port name="who"/>' in text
     assert '<input_port name="times"/>' in text
+    # The editor needs no code, and the command line the same as an option.
+    path.write_text(text, encoding="utf-8")
+    libraries = Libraries([tmp_path], (), (), trusted=False)
+    assert check(lambda: parse_file(path), libraries.nodes_for) == []
+    result = CliRunner().invoke(main, ["validate", str(path), "--model", str(path)])
+    assert result.exit_code == 0, result.output
 
 
 def test_wrapped_children_are_indented(tmp_path: Path) -> None:

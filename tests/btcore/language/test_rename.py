@@ -186,7 +186,7 @@ def test_what_cannot_be_renamed_is_refused(project: MarkedProject, place: str, r
 
 
 def test_names_in_code_are_not_renamed(project: MarkedProject) -> None:
-    project.project.set_models([NodeModel("Fahren", "ACTION", file="leaves.py", line=2)], {}, [])
+    project.project.set_models([NodeModel("Fahren", "ACTION", file="leaves.py", line=2)], {})
     with pytest.raises(
         RenameError, match=r"the Python code of <Fahren> declares its ID: rename it in leaves\.py"
     ):
@@ -206,7 +206,7 @@ def test_names_in_code_are_not_renamed(project: MarkedProject) -> None:
 
 def test_key_that_is_a_default_of_a_port_is_refused(project: MarkedProject) -> None:
     port = PortModel("zu", default="{ziel}")
-    project.project.set_models([NodeModel("Fahren", "ACTION", (port,))], {}, [])
+    project.project.set_models([NodeModel("Fahren", "ACTION", (port,))], {})
     prepare_rename(*project.at("main.xml", 'code=" zi¦el :='))
     project.open("main.xml", MAIN.replace('<Fahren zu=" {ziel} "/>', "<Fahren/>"))
     with pytest.raises(

@@ -195,8 +195,34 @@ def test_a_library_with_a_mistake_is_read_instead(tmp_path: Path) -> None:
         checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
         await checked.until(tmp_path / "tree.xml", ["W201"])
         assert checked.project.models["Greet"].line == 7
-        (problem,) = checked.shown
-        assert "can only concatenate str" in problem
+        (problem,) = checked.found[tmp_path / "leaves.py"]
+        assert "can only concatenate str" in problem.message
+        assert (problem.line, problem.is_error) == (LEAVES.count("\n") + 1, True)
+        assert checked.shown == []
+        await checked.checker.close()
+
+    asyncio.run(use())
+
+
+def test_a_mistake_in_a_helper_of_a_library_is_reported_there_until_it_is_repaired(tmp_path: Path) -> None:
+    tree, helper = tmp_path / "tree.xml", tmp_path / "words_of_greeting.py"
+    tree.write_text(TREE, encoding="utf-8")
+    (tmp_path / "leaves.py").write_text(f"import {helper.stem}\n{LEAVES}", encoding="utf-8")
+    helper.write_text("WORDS = (\n", encoding="utf-8")
+
+    async def use() -> None:
+        checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
+        await checked.until(helper, [""])
+        (problem,) = checked.found[helper]
+        assert problem.line == 0
+        assert "SyntaxError: '(' was never closed" in problem.message
+        # A line in the client's protocol, without a code.
+        assert problem.diagnostic().code is None
+        helper.write_text("WORDS = ()\n", encoding="utf-8")
+        os.utime(helper, ns=(1, 1))
+        checked.checker.file_changed(helper)
+        await checked.until(helper, [])
+        assert checked.shown == []
         await checked.checker.close()
 
     asyncio.run(use())
