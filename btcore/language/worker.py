@@ -164,8 +164,8 @@ class Libraries:
         self.sources |= {file for file, _ in own}
         if not own and library is not None:
             own = [(library, 1)]
-        file, line = (str(own[-1][0]), own[-1][1]) if own else ("", 0)
-        self.problems.append((str(error), file, line))
+        place = (str(own[-1][0]), own[-1][1]) if own else ("", 0)
+        self.problems.append((str(error), *place))
 
     def nodes_for(self, document: Document) -> Registry:
         """Return the nodes for the trees of *document*, as `btcore validate --model` with the document does.

@@ -19,7 +19,6 @@ Any of them may be ``unrun: REASON``, and is not run then. Other kinds are error
 """
 
 import importlib.util
-import inspect
 import json
 import os
 import re
@@ -35,9 +34,7 @@ from typing import NamedTuple
 import pytest
 
 import btcore
-from btcore import Tree, builds
-from btcore.cli.run import run as run_command
-from btcore.testing import Harness
+from btcore import builds
 
 ROOT = Path(__file__).parent.parent.parent
 HOME = Path(btcore.__file__).parent.parent
@@ -499,18 +496,3 @@ def test_changes_are_applied_to_a_copy_of_the_repository(tmp_path: Path) -> None
 def test_changes_that_do_not_fit_the_repository_fail(tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match=r"btcore/status\.py: patch does not apply"):
         run(DIFF.format("Something else."), "page", tmp_path)
-
-
-def test_documented_periods_of_ticks_are_the_defaults() -> None:
-    table = (ROOT / "docs/guides/async.md").read_text(encoding="utf-8")
-    documented = {
-        name: float(seconds)
-        for names, seconds in re.findall(r"^\| (.*) \| ([\d.]+) s, that is", table, re.MULTILINE)
-        for name in re.findall(r"[\w.]*?(\w+)(?:\(\))?`", names)
-    }
-    rate = next(option.default for option in run_command.params if option.name == "rate")
-    functions = [Tree.tick_while_running, Tree.run, Harness.run, Harness.run_until, Harness.run_for]
-    defaults = {one.__name__: inspect.signature(one).parameters["period"].default for one in functions}
-    assert documented == {**defaults, "run": documented["run"]}
-    assert "| `btcore run` | 0.1 s, that is `--rate 10` |" in table
-    assert rate == 10

@@ -1,7 +1,9 @@
 """`btcore run`: the course of a run, its end, and its output."""
 
+import inspect
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +14,10 @@ from typing import IO, Any
 
 import pytest
 from click.testing import Result
+
+from btcore import Tree
+from btcore.cli.run import run as run_command
+from btcore.testing import Harness
 
 Cli = Callable[..., Result]
 TreeFile = Callable[..., Path]
@@ -362,3 +368,18 @@ def test_summary_does_not_wrap_at_80_columns(
     rows = table[3:]
     assert len(rows) == 21
     assert all(row.split()[-5:].count("1") == 2 for row in rows)
+
+
+def test_documented_periods_of_ticks_are_the_defaults() -> None:
+    table = (Path(__file__).parents[3] / "docs/guides/async.md").read_text(encoding="utf-8")
+    documented = {
+        name: float(seconds)
+        for names, seconds in re.findall(r"^\| (.*) \| ([\d.]+) s, that is", table, re.MULTILINE)
+        for name in re.findall(r"[\w.]*?(\w+)(?:\(\))?`", names)
+    }
+    rate = next(option.default for option in run_command.params if option.name == "rate")
+    functions = [Tree.tick_while_running, Tree.run, Harness.run, Harness.run_until, Harness.run_for]
+    defaults = {one.__name__: inspect.signature(one).parameters["period"].default for one in functions}
+    assert documented == {**defaults, "run": documented["run"]}
+    assert "| `btcore run` | 0.1 s, that is `--rate 10` |" in table
+    assert rate == 10
