@@ -101,6 +101,7 @@ def main() -> int:
             "install",
             "--quiet",
             "--disable-pip-version-check",
+            "--only-binary=:all:",
             f"{wheel}[{','.join(EXTRAS)}]",
             *exact,
         ]
