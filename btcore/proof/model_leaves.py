@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar, Final, NamedTuple, NoReturn
 
-from btcore.blackboard.blackboard import Entry
-from btcore.blackboard.ports import Input, Output, Port
+from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.blackboard.ports import Input, Output, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.engine.node import SYNCHRONOUS, TreeNode
@@ -97,6 +97,7 @@ class Choices:
         halted: The model leaves that were halted while RUNNING.
         domains: The declared values of entries, as texts, by key.
         unread: The keys of entries that leaves need not write, because nothing reads them.
+        counted: The scope and the key of each entry whose writes a node counts.
         watcher: Called before each choice with the leaf (None for a node of another kind), the number of its
             options, and the option that it will take.
     """
@@ -108,6 +109,7 @@ class Choices:
         self.halted: list[LeafNode] = []
         self.domains = dict(domains or {})
         self.unread: frozenset[str] = frozenset()
+        self.counted: Sequence[tuple[Blackboard, str]] = ()
         self.watcher: Callable[[TreeNode | None, int, int], None] | None = None
         self._unknown: dict[str, UnknownValue] = {}
 
@@ -217,11 +219,16 @@ class _Chooser:
         return [port for port in config.inputs.values() if _is_mandatory(port, self._model)]
 
     def _is_fresh(self, writer: Writer) -> bool:
-        """Return whether a write changes the entry: not if it already holds the unknown value."""
+        """Return whether a node may notice a write: not if the entry already holds the unknown value.
+
+        A node that counts the writes of the entry notices every write.
+        """
         if writer.values:
             return True
         entry = writer.output.blackboard.find(writer.key)
-        return entry is None or not isinstance(entry.value, UnknownValue)
+        if entry is None or not isinstance(entry.value, UnknownValue):
+            return True
+        return any(board.find(key) is entry for board, key in self.choices.counted)
 
     def _all_options(self, fresh: tuple[bool, ...], has_inputs: bool) -> list[Outcome]:
         """Return the results with the numbers of the values that are written.
@@ -273,6 +280,16 @@ def _is_mandatory(port: Input, model: LeafModel) -> bool:
         and not declared.optional
         and port.name not in model.optional
     )
+
+
+def counted_entries(tree: Tree) -> list[tuple[Blackboard, str]]:
+    """Return the scope and the key of each entry whose writes a node counts, such as SkipUnlessUpdated."""
+    return [
+        (node.blackboard, braced_key(port.text) or port.text)
+        for node in tree.nodes
+        for port in node.config.inputs.values()
+        if port.port.role is PortRole.WATCHED_ENTRY
+    ]
 
 
 def unread_keys(tree: Tree, choices: Choices, watched: str = "") -> frozenset[str]:

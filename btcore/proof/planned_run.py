@@ -7,7 +7,7 @@ from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
 from btcore.proof.counterexample import Counterexample, LeafTick, TreeMaker, text_of
-from btcore.proof.model_leaves import Choices, Outcome, Writer, model_leaf_model
+from btcore.proof.model_leaves import Choices, Outcome, Writer, counted_entries, model_leaf_model
 from btcore.proof.propositions import parse_proposition, parse_question
 from btcore.proof.standard_questions import ENDS, LEAVES, STANDARD_QUESTIONS, state_checks, tick_checks
 from btcore.proof.tick_runner import Tick, TickRunner
@@ -80,11 +80,12 @@ class PlannedChoices(Choices):
         self._kept: dict[int, int] = {}
 
     def check(self, tree: Tree) -> None:
-        """Look up the leaves of the plan in *tree*.
+        """Look up the leaves of the plan, and the entries whose writes are counted, in *tree*.
 
         Raises:
             PlanError: The tree has no such leaf.
         """
+        self.counted = counted_entries(tree)
         leaves = [node for node in tree.nodes if not node.children]
         for name in dict.fromkeys(name for tick in self._plan for name in tick):
             try:

@@ -21,7 +21,7 @@ from btcore.proof.fair_cycles import (
     steps_back,
 )
 from btcore.proof.leaf_models import ModelError
-from btcore.proof.model_leaves import Choices, model_leaf_model, unread_keys
+from btcore.proof.model_leaves import Choices, counted_entries, model_leaf_model, unread_keys
 from btcore.proof.propositions import ParsedProposition, Question, parse_proposition
 from btcore.proof.search import search
 from btcore.proof.standard_questions import (
@@ -116,6 +116,7 @@ class Prover:
             tree = make(choices, clock)
             tree.tick_limit = TICK_LIMIT
             choices.unread = unread_keys(tree, choices, texts)
+            choices.counted = counted_entries(tree)
             return tree
 
         self._make = limited

@@ -142,3 +142,50 @@ def test_plan_repeats_the_time_that_passes_within_a_tick(file: Path) -> None:
         assert_holds_in_run(file, question, plan, models=[file])
     file.write_text(tree.format(first=2001))
     assert_holds_in_run(file, question, plan, models=[file])
+
+
+COUNTED = """
+<root BTCPP_format="4">
+  <BehaviorTree ID="Main">
+    <Sequence>
+      <CW x="{{x}}"/> <Script code="n := 0"/>
+      <Repeat num_cycles="2">
+        <ForceSuccess> <{control}>
+          <Script code="n += 1"/>
+          <ForceSuccess> <Sequence> <ScriptCondition code="n == 2"/> <CW2 x="{{x}}"/> </Sequence> </ForceSuccess>
+          <SkipUnlessUpdated entry="{entry}">
+            <IfThenElse> <ScriptCondition code="n == 1"/> <Left/> <Right/> </IfThenElse>
+          </SkipUnlessUpdated>
+        </{control}> </ForceSuccess>
+      </Repeat>
+    </Sequence>
+  </BehaviorTree>
+  <TreeNodesModel>
+    <Action ID="CW"> <output_port name="x"/> </Action>
+    <Action ID="CW2">
+      <output_port name="x"/> <MetadataFields> <Metadata early="true"/> </MetadataFields>
+    </Action>
+    <Action ID="Left"/> <Action ID="Right"/>
+  </TreeNodesModel>
+</root>"""
+
+
+@pytest.mark.parametrize("entry", ["{x}", "x"])
+@pytest.mark.parametrize(
+    ("control", "question"),
+    [
+        ("Sequence", "never CW2 is FAILURE & Right"),
+        # The decorator checks the entry while CW2 is RUNNING.
+        ("ParallelAll", "never CW2 & Right"),
+    ],
+)
+def test_an_unknown_value_that_is_written_again_counts_as_an_update(
+    file: Path, entry: str, control: str, question: str
+) -> None:
+    file.write_text(COUNTED.format(control=control, entry=entry))
+    answer = prove(file, question, models=[file]).answers[-1]
+    assert answer.answer == "refuted"
+    run = answer.counterexample
+    assert run is not None
+    with pytest.raises(AssertionError, match="holds"):
+        assert_holds_in_run(file, question, planned_ticks(run), models=[file])
