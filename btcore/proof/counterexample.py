@@ -5,10 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from btcore.clock import NS_PER_S, Clock, SimClock
-from btcore.errors import NodeExecutionError
 from btcore.proof.exploration import Explorer
 from btcore.proof.model_leaves import Choices, UnknownValue
 from btcore.proof.state_graph import Moment
+from btcore.proof.tick_runner import run_tick
 from btcore.proof.tick_times import NOW, PENDING, READING, Deadline, TickClock, tick_times
 from btcore.status import Status
 from btcore.tree.drawing import Fragment
@@ -130,12 +130,7 @@ def replay(
     for given, readings in zip(choices_of_ticks, times, strict=True):
         tick_clock.begin(readings)
         choices.begin(given)
-        error = ""
-        result: Status | None = None
-        try:
-            result = tree.tick_exactly_once()
-        except NodeExecutionError as raised:
-            error = str(raised)
+        result, error = run_tick(tree, choices)
         leaves = [
             LeafTick(
                 event.leaf.path,
@@ -150,7 +145,7 @@ def replay(
         running = [node.path for node in tree.nodes if node.status is Status.RUNNING]
         shown = readings if readings[0] != readings[-1] else readings[:1]
         seconds = [time / NS_PER_S for time in shown]
-        ticks.append(RunTick(seconds, leaves, halted, running, result, error))
+        ticks.append(RunTick(seconds, leaves, halted, running, result, str(error or "")))
     tree.flush_observers()
     return ticks
 

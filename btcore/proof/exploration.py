@@ -11,12 +11,14 @@ from typing import Final
 from btcore.clock import SimClock
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError, NodeExecutionError, ScriptError
-from btcore.proof.model_leaves import (
-    Choices,
+from btcore.proof.interrupts import (
     EndlessTickError,
-    UnknownValue,
-    UnknownValueError,
+    KnownMomentError,
+    LostInterruptError,
+    OpaqueStateError,
+    UnknownOutcomeError,
 )
+from btcore.proof.model_leaves import Choices, UnknownValue
 from btcore.proof.state_graph import (
     END_OF,
     RAISED,
@@ -34,6 +36,7 @@ from btcore.proof.tick_runner import Check, Tick, TickRunner
 from btcore.proof.tick_times import NOW
 from btcore.proof.timer_order import Advance
 from btcore.proof.tree_state import StateKeeper, TreeState
+from btcore.proof.user_code import UserCode, has_user_code
 from btcore.status import RUNNING, SKIPPED
 from btcore.tree.tree import Tree
 
@@ -43,10 +46,6 @@ TICK_LIMIT: Final = 2.0
 """The time (s, real time) after which a tick that repeats nodes is stopped with an exception."""
 _NAME: Final = re.compile(r"@?[^\W\d]\w*")
 """A name in a script."""
-
-
-class _KnownMomentError(KeyboardInterrupt):
-    """The rest of the tick has been searched before. The engine passes on only interrupts as they are."""
 
 
 class Explorer:
@@ -66,6 +65,7 @@ class Explorer:
         signals: The meaning of the bits of the edges.
         waiting: The states from which the ticks were not run yet, in the order in which they were found.
         counted: The nodes whose results are counted.
+        users: The nodes with code of users; None if the tree has none. Each tick is then run twice.
     """
 
     def __init__(
@@ -85,6 +85,11 @@ class Explorer:
         self.table = StateTable()
         self._runner = TickRunner(tree, choices, watched)
         self._progress = TickProgress(tree, self.keeper)
+        self.users: UserCode | None = None
+        if any(map(has_user_code, tree.nodes)):
+            self.users = UserCode(tree, self.keeper, choices.interrupt)
+        # What happens in the tick that is being run, if it will be repeated.
+        self._trace: list[Hashable] = []
         self._checks = dict(checks)
         self._state_checks = dict(state_checks)
         self._memories = [check.remember for check in checks.values() if check.remember is not None]
@@ -102,7 +107,11 @@ class Explorer:
 
     def start(self) -> bool:
         """Add the present state of the tree to the initial states. Return whether it is new."""
-        number, is_new = self.table.number_of(self.keeper.capture())
+        try:
+            number, is_new = self.table.number_of(self.keeper.capture())
+        except OpaqueStateError as error:
+            self.graph.bounds.setdefault(str(error), None)
+            return False
         if is_new:
             self.add_state(number, None)
         return is_new
@@ -129,8 +138,12 @@ class Explorer:
                         self.graph.bounds.setdefault(reason, None)
                         self._open.clear()
                         return
+            if self.users is not None:
+                self.users.check_outside()
         finally:
             self.choices.watcher = None
+            for reason in self.users.reasons if self.users is not None else ():
+                self.graph.bounds.setdefault(reason, None)
 
     def _run_tick(
         self, state: TreeState, advance: Advance, moment: Moment, vertex: int, choice: int | None
@@ -151,14 +164,67 @@ class Explorer:
         self.graph.transitions += 1
         self.keeper.restore(state, advance)
         given = moment.choices if choice is None else (*moment.choices, choice)
+        self._trace.clear()
         try:
             tick = self._runner.run(given)
-        except _KnownMomentError:
+        except KnownMomentError:
+            self._repeat(state, advance, len(given))
             return
         self._add_end(tick)
         if tick.error is not None and isinstance(tick.error.cause, EndlessTickError):
             # The search is incomplete now, and such a tick may have any number of decisions.
             self._open.clear()
+        elif self.users is not None:
+            self._trace.append(self._end_of(tick))
+            self._repeat(state, advance, len(given))
+
+    def _repeat(self, state: TreeState, advance: Advance, given: int) -> None:
+        """Run the last tick once more, if it has run code of users, and note a difference.
+
+        Args:
+            state: The state before the tick.
+            advance: The advance of the timers.
+            given: The number of choices after which the tick was not known before.
+        """
+        users, choices = self.users, self.choices
+        if users is None:
+            return
+        users.check_fields()
+        first = self._trace
+        again: list[Hashable] = []
+        made = [chosen for chosen, _ in choices.made]
+
+        def follow(leaf: TreeNode | None, options: int, choice: int) -> None:
+            again.append((None if leaf is None else leaf.uid, options))
+            if len(choices.made) >= given:
+                again.extend(self._moment_of(leaf))
+            if len(again) >= len(first) or again != first[: len(again)]:
+                raise choices.interrupt(KnownMomentError())
+            self._progress.add_choice(leaf, choice)
+
+        self._progress.begin()
+        self.keeper.restore(state, advance, shift=True)
+        choices.watcher = follow
+        try:
+            again.append(self._end_of(self._runner.run(made)))
+        except KnownMomentError:
+            pass
+        finally:
+            choices.watcher = self._decide
+        if again != first:
+            users.note_difference(first, again)
+
+    def _end_of(self, tick: Tick) -> Hashable:
+        """Return what distinguishes the end of a tick from that of another one."""
+        error = tick.error
+        if error is not None:
+            return error.path, type(error.cause)
+        if tick.result is RUNNING:
+            try:
+                return self.keeper.capture(self._advance.bounds)
+            except OpaqueStateError:
+                return None
+        return tick.result, self._runner.so_far()
 
     def run_moment(self, moment: Moment) -> Tick:
         """Run a whole tick again."""
@@ -176,10 +242,12 @@ class Explorer:
             choice: The option that it will take.
 
         Raises:
-            _KnownMomentError: The rest of the tick has been searched already.
+            KnownMomentError: The rest of the tick has been searched already.
         """
         choices = self.choices
         count, given = len(choices.made), len(choices.given)
+        if self.users is not None:
+            self._trace.append((None if leaf is None else leaf.uid, options))
         if count == given - 1:
             # The vertex at which the part of the tick begins that is not known.
             self._events = len(choices.events)
@@ -188,26 +256,34 @@ class Explorer:
         self._progress.add_choice(leaf, choice)
 
     def _add_decision(self, leaf: TreeNode | None, options: int) -> None:
-        keeper, graph, choices = self.keeper, self.graph, self.choices
-        made = tuple([chosen for chosen, _ in choices.made])
-        moment = self._moment._replace(choices=made)
+        state, rest = self._moment_of(leaf)
+        if self.users is not None:
+            self._trace += (state, rest)
+        number, is_new = self.table.number_of(state, rest)
+        step = self._add_edge(number)
+        if not is_new:
+            raise self.choices.interrupt(KnownMomentError())
+        self.graph.add_decision(step, self._present())
+        self._open += [(number, option) for option in range(options - 1, 0, -1)]
+        self._vertex, self._choice = number, 0
+
+    def _present(self) -> Moment:
+        return self._moment._replace(choices=tuple([chosen for chosen, _ in self.choices.made]))
+
+    def _moment_of(self, leaf: TreeNode | None) -> tuple[TreeState, Hashable]:
+        """Return the state at a decision of *leaf*, and what else decides the rest of the tick."""
+        keeper = self.keeper
         timers: Hashable = ()
         if keeper.timer_slots:
             # A node may set a deadline later by a reading of the clock that it has made already.
             timers = (keeper.clock.readings, keeper.kept_timers(), *keeper.deadlines())
         rest = (
-            self._progress.moment(leaf) or moment,
+            self._progress.moment(leaf) or self._present(),
             self._runner.so_far(),
             timers,
-            *[remember(choices.events) for remember in self._memories],
+            *[remember(self.choices.events) for remember in self._memories],
         )
-        number, is_new = self.table.number_of(keeper.capture(self._advance.bounds), rest)
-        step = self._add_edge(number)
-        if not is_new:
-            raise _KnownMomentError
-        graph.add_decision(step, moment)
-        self._open += [(number, option) for option in range(options - 1, 0, -1)]
-        self._vertex, self._choice = number, 0
+        return keeper.capture(self._advance.bounds), rest
 
     def _add_end(self, tick: Tick) -> None:
         """Add the edge that ends a tick, and check the tick."""
@@ -217,10 +293,15 @@ class Explorer:
         is_new = False
         if tick.error is not None:
             reason = _what_is_unknown(tick.error, self.tree)
+            if isinstance(tick.error.cause, LostInterruptError) and self.users is not None:
+                reason = f"{self.users.names} catches an exception with which the search ends a tick"
             target = RAISED if reason is None else UNKNOWN
         elif tick.result is RUNNING:
             timers = self.keeper.kept_timers()
-            target, is_new = self.table.number_of(self.keeper.capture(self._advance.bounds))
+            try:
+                target, is_new = self.table.number_of(self.keeper.capture(self._advance.bounds))
+            except OpaqueStateError as error:
+                target, reason = UNKNOWN, str(error)
         else:
             assert tick.result is not None
             target = END_OF.get(tick.result, END_OF[SKIPPED])
@@ -229,7 +310,7 @@ class Explorer:
             try:
                 if proposition(tick):
                     true.append(number)
-            except UnknownValueError as error:
+            except UnknownOutcomeError as error:
                 graph.bounds.setdefault(str(error), None)
         signals = self.signals.of_end(tick.kept, timers, true)
         step = self._add_edge(target, signals)
@@ -259,10 +340,8 @@ class Explorer:
 def _what_is_unknown(error: NodeExecutionError, tree: Tree) -> str | None:
     """Return why the outcome of a tick that raised is not known, or None if the exception is real."""
     cause = error.cause
-    if isinstance(cause, UnknownValueError):
+    if isinstance(cause, UnknownOutcomeError):
         return str(cause)
-    if isinstance(cause, EndlessTickError):
-        return f"'{error.path}': {cause}"
     # A conversion or an operator of a script, for example, fails for an unknown value in its own way.
     node = next((node for node in tree.nodes if node.path == error.path), None)
     if node is not None and isinstance(cause, BtcoreError):

@@ -14,8 +14,8 @@ from btcore.blackboard.ports import Input, Output, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.engine.node import SYNCHRONOUS, TreeNode
-from btcore.errors import BtcoreError
 from btcore.nodes.manual_selector import Prompt
+from btcore.proof.interrupts import EndlessTickError, SearchInterrupt, UnknownValueError
 from btcore.proof.leaf_models import LeafModel, domain_of, model_of, resources_of
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status
@@ -25,24 +25,19 @@ MOST_CHOICES: Final = 300
 """The number of choices within a tick after which the tick counts as endless."""
 
 
-class UnknownValueError(BtcoreError):
-    """A node uses a value that the models do not know."""
-
-
-class EndlessTickError(BtcoreError):
-    """A tick did not end: it repeats nodes without a pause."""
-
-
 class UnknownValue:
     """The value of an entry that a leaf has written, if no domain is declared. Any use of it raises."""
 
-    __slots__ = ("key",)
+    __slots__ = ("_choices", "key")
 
-    def __init__(self, key: str) -> None:
+    def __init__(self, key: str, choices: "Choices") -> None:
         self.key = key
+        self._choices = choices
 
     def _raise(self, *_: object) -> NoReturn:
-        raise UnknownValueError(f"the value of {{{self.key}}} is not known: declare its domain")
+        raise self._choices.interrupt(
+            UnknownValueError(f"the value of {{{self.key}}} is not known: declare its domain")
+        )
 
     def __getattr__(self, name: str) -> NoReturn:
         self._raise()
@@ -52,23 +47,20 @@ class UnknownValue:
         # isinstance() with another class reads this attribute.
         self._raise()
 
-    __lt__ = __le__ = __gt__ = __ge__ = __add__ = __radd__ = __sub__ = __rsub__ = _raise
-    __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __and__ = __or__ = __xor__ = __neg__ = __invert__ = (
-        _raise
-    )
-    __bool__ = __int__ = __float__ = __str__ = __iter__ = __len__ = __index__ = _raise
-
     def __eq__(self, other: object) -> bool:
-        return self is other or self._raise()
+        # Also with itself: an entry that was written again holds the same object, but perhaps another value.
+        self._raise()
 
-    def __hash__(self) -> int:
-        return hash(self.key)
-
-    def __repr__(self) -> str:
-        return "?"
-
-    def __reduce__(self) -> tuple[type["UnknownValue"], tuple[str]]:
-        return UnknownValue, (self.key,)
+    # Conversion errors show the value, so that those of compiled code end here, too.
+    __hash__ = __repr__ = __str__ = __format__ = __reduce_ex__ = __bytes__ = __fspath__ = _raise
+    __bool__ = __int__ = __float__ = __complex__ = __index__ = __lt__ = __le__ = __gt__ = __ge__ = _raise
+    __iter__ = __next__ = __reversed__ = __len__ = __length_hint__ = _raise
+    __contains__ = __getitem__ = __setitem__ = __delitem__ = __call__ = __enter__ = __exit__ = _raise
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = _raise
+    __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __divmod__ = __rdivmod__ = __pow__ = __rpow__ = _raise
+    __and__ = __rand__ = __or__ = __ror__ = __xor__ = __rxor__ = __lshift__ = __rlshift__ = _raise
+    __rshift__ = __rrshift__ = __matmul__ = __rmatmul__ = __neg__ = __pos__ = __abs__ = __invert__ = _raise
+    __round__ = __trunc__ = __floor__ = __ceil__ = _raise
 
 
 Outcome = tuple[Status, tuple[int, ...]]
@@ -100,6 +92,7 @@ class Choices:
         counted: The scope and the key of each entry whose writes a node counts.
         watcher: Called before each choice with the leaf (None for a node of another kind), the number of its
             options, and the option that it will take.
+        raised: The first interrupt with which the search ends this tick; None = the tick goes on.
     """
 
     def __init__(self, domains: Mapping[str, tuple[str, ...]] | None = None) -> None:
@@ -111,11 +104,13 @@ class Choices:
         self.unread: frozenset[str] = frozenset()
         self.counted: Sequence[tuple[Blackboard, str]] = ()
         self.watcher: Callable[[TreeNode | None, int, int], None] | None = None
+        self.raised: SearchInterrupt | None = None
         self._unknown: dict[str, UnknownValue] = {}
 
     def begin(self, given: Sequence[int]) -> None:
         """Begin a tick that repeats the choices *given*."""
         self.given = given
+        self.raised = None
         self.made.clear()
         self.events.clear()
         self.halted.clear()
@@ -127,9 +122,14 @@ class Choices:
             options: The number of options.
             leaf: The leaf that chooses; None for a node of another kind.
         """
+        if self.raised is not None:
+            # A node has caught it.
+            raise self.raised
         count = len(self.made)
         if count >= MOST_CHOICES:
-            raise EndlessTickError("the tick does not end: it repeats nodes without a pause")
+            place = "" if leaf is None else f"'{leaf.path}': "
+            text = f"{place}the tick does not end: it repeats nodes without a pause"
+            raise self.interrupt(EndlessTickError(text))
         chosen = self.given[count] if count < len(self.given) else 0
         if self.watcher is not None:
             self.watcher(leaf, options, chosen)
@@ -146,9 +146,17 @@ class Choices:
         """
         return self.choose(len(options), leaf) if len(options) > 1 else 0
 
+    def interrupt(self, error: SearchInterrupt) -> SearchInterrupt:
+        """Note that the search ends this tick with *error*, and return it."""
+        self.raised = self.raised or error
+        return error
+
     def unknown(self, key: str) -> UnknownValue:
         """Return the unknown value of the entry *key*."""
-        return self._unknown.setdefault(key, UnknownValue(key))
+        known = self._unknown.get(key)
+        if known is None:
+            known = self._unknown[key] = UnknownValue(key, self)
+        return known
 
 
 class Writer(NamedTuple):

@@ -7,6 +7,7 @@ from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
 from btcore.proof.counterexample import Counterexample, LeafTick, TreeMaker, text_of
+from btcore.proof.interrupts import UnknownOutcomeError
 from btcore.proof.model_leaves import Choices, Outcome, Writer, counted_entries, model_leaf_model
 from btcore.proof.propositions import parse_proposition, parse_question
 from btcore.proof.standard_questions import ENDS, LEAVES, STANDARD_QUESTIONS, state_checks, tick_checks
@@ -188,7 +189,8 @@ def run_plan(
         cycles: How often the cycle is run.
 
     Raises:
-        PlanError: The plan names a leaf that the tree does not have, or the question has no runs.
+        PlanError: The plan names a leaf that the tree does not have, or the question has no runs or compares
+            a value that is not known.
         QuestionError: The question is invalid.
     """
     clock = SimClock()
@@ -207,6 +209,8 @@ def run_plan(
             if message is not None or tick.result is not RUNNING:
                 return message
         return fault.at_end(cycle is not None)
+    except UnknownOutcomeError as error:
+        raise PlanError(str(error)) from error
     finally:
         tree.flush_observers()
 

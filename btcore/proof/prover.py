@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from itertools import product
 from typing import Final, NamedTuple
 
@@ -34,6 +35,7 @@ from btcore.proof.standard_questions import (
 )
 from btcore.proof.state_graph import RAISED, RESULT_OF, StateGraph, Step, WholeTick
 from btcore.proof.tick_runner import Tick
+from btcore.proof.user_code import texts_in_code
 from btcore.status import FAILURE, RUNNING, SUCCESS
 from btcore.suggestions import join_names
 from btcore.tree.drawing import draw_results
@@ -115,7 +117,7 @@ class Prover:
         def limited(choices: Choices, clock: Clock) -> Tree:
             tree = make(choices, clock)
             tree.tick_limit = TICK_LIMIT
-            choices.unread = unread_keys(tree, choices, texts)
+            choices.unread = unread_keys(tree, choices, f"{texts} {texts_in_code(tree)}")
             choices.counted = counted_entries(tree)
             return tree
 
@@ -167,7 +169,9 @@ class Prover:
         jobs: int = 1,
     ) -> Report:
         """Search, and answer the standard questions and the given ones."""
-        search(self.explorer, most_ticks, memory, progress, jobs)
+        users = self.explorer.users
+        with nullcontext() if users is None else users.guarded():
+            search(self.explorer, most_ticks, memory, progress, jobs)
         self._cyclic_parts = cyclic_parts(self.explorer.graph)
         answers = [self._standard(question) for question in STANDARD_QUESTIONS]
         answers += [self._own(prepared) for prepared in self._questions]

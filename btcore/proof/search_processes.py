@@ -312,7 +312,7 @@ class _StatePickler:
         if isinstance(value, UnknownValue):
             return value.key
         kind = type(value)
-        if kind is Identity:
+        if isinstance(value, Identity) and type(value.value) is not UnknownValue:
             raise pickle.PicklingError("a value is equal only to itself")
         if kind.__eq__ is not object.__eq__ or value is None or isinstance(value, (type, FunctionType, Enum)):
             return None

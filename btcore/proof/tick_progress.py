@@ -13,6 +13,7 @@ from btcore.engine.conditions import WatchedConditions
 from btcore.engine.instrumentation import Instrumentation
 from btcore.engine.node import TreeNode
 from btcore.proof.tree_state import StateKeeper
+from btcore.proof.user_code import has_user_code
 from btcore.status import SKIPPED, Status
 from btcore.tree.tree import Tree
 
@@ -124,8 +125,10 @@ class TickProgress:
 
 
 def _reads_entries(node: TreeNode) -> bool:
-    """Return whether what a node does may depend on entries: if it has scripts, keys or texts."""
+    """Return whether what a node does may depend on entries: by users' code, scripts, keys or texts."""
     config = node.config
-    return bool(config.scripts) or any(
-        port.key is not None or isinstance(port.literal, str) for port in config.inputs.values()
+    return (
+        has_user_code(node)
+        or bool(config.scripts)
+        or any(port.key is not None or isinstance(port.literal, str) for port in config.inputs.values())
     )

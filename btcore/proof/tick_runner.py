@@ -1,10 +1,12 @@
 """Single ticks of a tree with model leaves, and what happens in them."""
 
 from collections.abc import Callable, Hashable, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeExecutionError
+from btcore.proof.interrupts import LostInterruptError, SearchInterrupt, UnknownOutcomeError
 from btcore.proof.model_leaves import Choices, LeafEvent, model_leaf_model
 from btcore.status import RUNNING, Status
 from btcore.tree.tree import Tree
@@ -80,12 +82,7 @@ class TickRunner:
         self._results.clear()
         self._running = [leaf for leaf in self.leaves if leaf._status is RUNNING]
         self._halts_before = {node.uid: _halts_of(node) for node in self._watched}
-        error: NodeExecutionError | None = None
-        result: Status | None = None
-        try:
-            result = self.tree.tick_exactly_once()
-        except NodeExecutionError as raised:
-            error = raised
+        result, error = run_tick(self.tree, self.choices)
         return Tick(
             self.tree,
             self._kept(),
@@ -115,6 +112,30 @@ class TickRunner:
     def _halts(self) -> set[int]:
         before = self._halts_before
         return {node.uid for node in self._watched if _halts_of(node) > before[node.uid]}
+
+
+def run_tick(tree: Tree, choices: Choices) -> tuple[Status | None, NodeExecutionError | None]:
+    """Run one tick. Return its result, or an error: of a node, or of the root if its outcome is not known.
+
+    Raises:
+        KnownMomentError: The rest of the tick has been searched before.
+    """
+    result: Status | None = None
+    interrupt: UnknownOutcomeError | None = None
+    error: NodeExecutionError | None = None
+    try:
+        result = tree.tick_exactly_once()
+    except NodeExecutionError as raised:
+        error = raised
+    except UnknownOutcomeError as raised:
+        interrupt = raised
+    if choices.raised is not None and choices.raised is not interrupt:
+        interrupt = LostInterruptError("a node catches an exception with which the search ends a tick")
+    if interrupt is None:
+        return result, error
+    with suppress(NodeExecutionError, SearchInterrupt):
+        tree.halt()
+    return None, tree.root.execution_error(interrupt, "ticking")
 
 
 def _halts_of(node: TreeNode) -> int:

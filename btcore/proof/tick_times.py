@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import count
 from typing import Final, NamedTuple
 
-from btcore.clock import NS_PER_MS, SimClock
+from btcore.clock import NS_PER_MS, Clock, SimClock
 from btcore.tree.tree import Tree
 
 NOW: Final = 10**18
@@ -31,10 +31,13 @@ class TickClock:
 
     Attributes:
         readings: The number of readings in the present tick.
+        replaced: The clock with which the tree was loaded.
     """
 
     def __init__(self, tree: Tree, followed_by: SimClock | None = None) -> None:
+        clock = tree.clock
         self.readings = 0
+        self.replaced: Clock = clock.replaced if isinstance(clock, TickClock) else clock
         self._follower = followed_by
         self._time = NOW
         self._times: Iterator[int] = iter(())
@@ -47,9 +50,9 @@ class TickClock:
         self.readings = 0
         self._times = iter(times)
 
-    def begin_in_search(self, instant: bool) -> None:
-        """Begin a tick of a search, with a different time for each reading unless ticks are *instant*."""
-        self.begin((NOW,) if instant else count(NOW, READING))
+    def begin_in_search(self, start: int, instant: bool) -> None:
+        """Begin a tick of a search at *start* (ns), with other times for later readings unless *instant*."""
+        self.begin((start,) if instant else count(start, READING))
 
     def now(self) -> int:
         """Return the time (ns) of the next reading."""

@@ -5,14 +5,21 @@ grow, such as counts of writes, are numbered anew, and times are replaced by wha
 """
 
 from collections import deque
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
+from enum import Enum
+from operator import itemgetter
+from struct import pack, unpack
+from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
 from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
 from btcore.nodes.repeat import RepeatedNode
+from btcore.proof.interrupts import OpaqueStateError
+from btcore.proof.model_leaves import UnknownValue
 from btcore.proof.tick_times import NOW, PENDING, READING, TickClock
 from btcore.proof.timer_order import (
     NO_TIMERS,
@@ -28,6 +35,13 @@ from btcore.tree.saved_state import blackboards_of, check_state_declaration, sta
 from btcore.tree.tree import Tree
 
 _EXPIRED: Final = NOW
+
+SHIFT_S: Final = 10**7
+"""The time (s) between a tick and its repetition: longer than any duration in a tree."""
+_SHIFT: Final = SHIFT_S * NS_PER_S
+SHIFTED_WRITES: Final = 10**6
+"""The number by which numbers of writes are greater when a tick is repeated."""
+_OPAQUE: Final = ", which cannot be copied and compared"
 
 
 class TreeState(NamedTuple):
@@ -57,6 +71,9 @@ _STATUSES: Final = tuple(Status)
 # The tags make sure that objects of different classes are not equal, although all of them are tuples.
 
 
+_first: Final = itemgetter(0)
+
+
 class _Reference(NamedTuple):
     """Stands for a mutable object: its number among the objects of the state."""
 
@@ -78,6 +95,20 @@ class _Typed(NamedTuple):
     value: object
 
 
+class _Float(NamedTuple):
+    """Stands for a zero with its sign, or for a NaN."""
+
+    bits: bytes
+    tag: str = "float"
+
+
+class _Items(NamedTuple):
+    """Stands for a tuple or a set."""
+
+    kind: type
+    items: tuple[Hashable, ...] | frozenset[Hashable]
+
+
 class StateKeeper:
     """Captures and restores the state of one tree.
 
@@ -88,6 +119,7 @@ class StateKeeper:
     Attributes:
         clock: The clock of the tree's nodes.
         timer_slots: The nodes with time fields, and the names of these fields.
+        shared: The ids of objects that are the same in every state.
 
     Raises:
         NodeError: The state of a node of the tree cannot be saved.
@@ -106,6 +138,8 @@ class StateKeeper:
         # The state of which the entries were restored last, its entries, and their values.
         self._restored: tuple[TreeState, list[Entry], list[object]] | None = None
         self.timer_slots: list[tuple[TreeNode, str]] = []
+        self.shared: Collection[int] = ()
+        self._is_shifted = False
         for node in tree.nodes:
             check_state_declaration(node)
             if type(node).state_fields is None:
@@ -131,9 +165,21 @@ class StateKeeper:
         """Return what may have happened to the timers of *state* before the next tick."""
         return advances(state.timers)
 
-    def restore(self, state: TreeState, advance: Advance) -> None:
-        """Put the tree into *state*, after *advance*."""
-        objects = _thawed_objects(state.objects)
+    def restore(self, state: TreeState, advance: Advance, shift: bool = False) -> None:
+        """Put the tree into *state*, after *advance*.
+
+        Args:
+            state: The state.
+            advance: The advance of the timers.
+            shift: Whether to change what is not a part of the state: the time, and the numbers of writes.
+                Only code that looks at them by other means than the state provides notices the change.
+        """
+        if shift is not self._is_shifted:
+            self._is_shifted = shift
+            assert isinstance(self.clock.replaced, SimClock)
+            self.clock.replaced.advance(SHIFT_S if shift else -SHIFT_S)
+            self._restored = None
+        thawed = _Thawer(state.objects).thawed
         expired = set(advance.expired)
         numbers: dict[int, int] = {}
         for number in range(len(state.timers) - 1):
@@ -147,22 +193,24 @@ class StateKeeper:
                 if kind is _Timer:
                     value = numbers.get(value.number, _EXPIRED)
                 elif kind not in _PLAIN:
-                    value = _thawed(value, objects)
+                    value = thawed(value)
                 setattr(node, name, value)
         if not self._has_entries_of(state):
-            self._restore_entries(state, objects)
+            self._restore_entries(state, thawed)
+        if shift:
+            self._shift_writes()
         context = self._tree.context
         context.deadlines.clear()
         if context.is_woken:
             context.take_wake_up()
-        self.clock.begin_in_search(self._instant)
+        self.clock.begin_in_search(NOW + _SHIFT if shift else NOW, self._instant)
 
-    def _restore_entries(self, state: TreeState, objects: list[Any]) -> None:
+    def _restore_entries(self, state: TreeState, thawed: Callable[[Any], Any]) -> None:
         entries: list[Entry] = []
         for declared, inferred, value, writes, value_type in state.entries:
             entry = Entry(declared, inferred)
             entry.value_type = value_type
-            entry.value = value if type(value) in _PLAIN else _thawed(value, objects)
+            entry.value = value if type(value) in _PLAIN else thawed(value)
             entry.sequence_id = writes
             entries.append(entry)
         for board, keys in zip(self._boards, state.boards, strict=True):
@@ -171,6 +219,15 @@ class StateKeeper:
             for key, number in keys:
                 held[key] = entries[number]
         self._restored = None if state.objects else (state, entries, [entry.value for entry in entries])
+
+    def _shift_writes(self) -> None:
+        """Increase the numbers of writes of the entries that no built-in node counts."""
+        counted = {id(node.blackboard.find(node._key)) for _, node in self._watchers}
+        entries = {id(entry): entry for board in self._boards for entry in board.local_entries().values()}
+        for number, entry in entries.items():
+            if number not in counted:
+                entry.sequence_id += SHIFTED_WRITES
+        self._restored = None
 
     def _has_entries_of(self, state: TreeState) -> bool:
         """Return whether the blackboards are as they were restored, with the entries of *state*."""
@@ -207,14 +264,23 @@ class StateKeeper:
         return bits
 
     def fields_of(self, node: TreeNode) -> tuple[Hashable, ...]:
-        """Return the present state fields of one node."""
-        freezer = _Freezer()
-        row = [freezer.frozen(getattr(node, name)) for name in self._fields[node.uid]]
+        """Return the present state fields of one node.
+
+        Raises:
+            OpaqueStateError: A field cannot be copied and compared.
+        """
+        freezer = Freezer(self.shared)
+        row: list[Hashable] = []
+        for name in self._fields[node.uid]:
+            value = getattr(node, name)
+            if self._is_shifted and name in type(node).time_fields:
+                value = _unshifted_time(value)
+            row.append(freezer.frozen(value))
         return (*row, freezer.objects())
 
     def entries(self) -> Hashable:
         """Return the present entries of all blackboards."""
-        freezer = _Freezer()
+        freezer = Freezer()
         numbers: dict[int, int] = {}
         boards = [
             tuple(
@@ -223,7 +289,7 @@ class StateKeeper:
                         key,
                         numbers.setdefault(id(entry), len(numbers)),
                         freezer.frozen(entry.value),
-                        entry.sequence_id,
+                        entry.sequence_id % SHIFTED_WRITES,
                     )
                     for key, entry in board.local_entries().items()
                 ]
@@ -238,6 +304,8 @@ class StateKeeper:
         Those from `PENDING` on were pending before the last tick already, in this order.
         """
         values = [getattr(node, name) for node, name in self.timer_slots]
+        if self._is_shifted:
+            values = [_unshifted_time(value) for value in values]
         return list(dict.fromkeys(value for value in values if value > NOW))
 
     def capture(self, timers: Bounds = NO_TIMERS) -> TreeState:
@@ -245,8 +313,17 @@ class StateKeeper:
 
         Args:
             timers: The bounds of the timers that were pending in this tick.
+
+        Raises:
+            OpaqueStateError: A part of the state cannot be copied and compared.
         """
-        freezer = _Freezer()
+        try:
+            return self._captured(timers)
+        except OpaqueStateError:
+            raise self._opaque_part() from None
+
+    def _captured(self, timers: Bounds) -> TreeState:
+        freezer = Freezer(self.shared)
         rows: list[list[Any]] = []
         deadlines = self.deadlines() if self.timer_slots else []
         numbers_of_deadlines = {deadline: number for number, deadline in enumerate(deadlines)}
@@ -255,6 +332,8 @@ class StateKeeper:
             for name in fields:
                 value = getattr(node, name)
                 if name in times:
+                    if self._is_shifted:
+                        value = _unshifted_time(value)
                     if value > NOW:
                         value = _Timer(numbers_of_deadlines[value])
                     elif value > 0:
@@ -275,8 +354,35 @@ class StateKeeper:
             _timer_bounds(timers, deadlines),
         )
 
+    def _opaque_part(self) -> OpaqueStateError:
+        """Return the error that names the first part of the state that cannot be copied and compared."""
+        for node, fields, _ in self._with_fields:
+            for name in fields:
+                try:
+                    Freezer(self.shared).frozen(getattr(node, name))
+                except OpaqueStateError as error:
+                    return OpaqueStateError(f"'{node.path}' <{node.id}> keeps {error} in '{name}'{_OPAQUE}")
+        for board in self._boards:
+            for key, entry in board.local_entries().items():
+                try:
+                    Freezer(self.shared).frozen(entry.value)
+                except OpaqueStateError as error:
+                    return OpaqueStateError(f"the entry {{{key}}} holds {error}{_OPAQUE}")
+        return OpaqueStateError(f"a part of the state of the tree{_OPAQUE}")
+
+    def differences(self, one: TreeState, other: TreeState) -> list[tuple[TreeNode, str]]:
+        """Return the nodes with state fields that differ in two states, and the names of the fields."""
+        return [
+            (node, name)
+            for (node, fields, _), row, another in zip(
+                self._with_fields, one.fields, other.fields, strict=True
+            )
+            for name, value, now in zip(fields, row, another, strict=True)
+            if value != now
+        ]
+
     def _captured_entries(
-        self, freezer: "_Freezer", rows: list[list[Any]]
+        self, freezer: "Freezer", rows: list[list[Any]]
     ) -> tuple[tuple[tuple[tuple[str, int], ...], ...], tuple[tuple[Any, ...], ...]]:
         """Return the boards and the entries. Put the numbers of writes that nodes have seen into *rows*."""
         if not self._watchers and self._restored is not None and self._has_entries_of(self._restored[0]):
@@ -287,14 +393,14 @@ class StateKeeper:
         boards: list[tuple[tuple[str, int], ...]] = []
         for board in self._boards:
             keys: list[tuple[str, int]] = []
-            for key, entry in board.local_entries().items():
+            # In the order of the keys, not of their creation, on which nothing depends.
+            for key, entry in sorted(board.local_entries().items(), key=_first):
                 if id(entry) not in numbers:
                     numbers[id(entry)] = len(entries)
                     frozen = freezer.frozen(entry.value)
                     entries.append([entry.declared, entry.inferred, frozen, 0, entry.value_type])
                     found.append(entry)
                 keys.append((key, numbers[id(entry)]))
-            keys.sort()
             boards.append(tuple(keys))
         seen: dict[int, list[tuple[int, int]]] = {}
         for index, node in self._watchers:
@@ -323,6 +429,11 @@ class StateKeeper:
             rows[index][fields.index("_seen")] = number
 
 
+def _unshifted_time(value: int) -> int:
+    """Return a deadline without the shift of the clock, unless the deadline is from before the tick."""
+    return value - _SHIFT if NOW + _SHIFT <= value < PENDING else value
+
+
 def _timer_bounds(timers: Bounds, deadlines: Sequence[int]) -> Bounds:
     """Return the bounds of the pending timers, given the values of their deadlines.
 
@@ -343,49 +454,98 @@ def _timer_bounds(timers: Bounds, deadlines: Sequence[int]) -> Bounds:
     return without_timers(bounds, order)
 
 
-class _Freezer:
-    """Replaces mutable values by references to hashable copies, each object once."""
+class Freezer:
+    """Replaces values by hashable ones that are equal only if no code can tell the values apart.
 
-    def __init__(self) -> None:
+    Mutable objects are replaced by references to copies of their contents, each object once.
+
+    Args:
+        shared: The ids of objects that are the same in every state, such as the value of a global variable.
+        unknown: Whether a value may be unknown.
+    """
+
+    def __init__(self, shared: Collection[int] = (), unknown: bool = True) -> None:
+        self._shared = shared
+        self._unknown = unknown
         self._numbers: dict[int, int] = {}
         self._objects: list[Any] = []
+        # Objects that exist only here: their ids must not be used again.
+        self._temporary: list[object] = []
+        # The objects of which the arguments are being frozen.
+        self._unmade: set[int] = set()
 
     def frozen(self, value: object) -> Hashable:
-        """Return a hashable value that stands for *value*."""
+        """Return a hashable value that stands for *value*.
+
+        Raises:
+            OpaqueStateError: The value cannot be copied and compared.
+        """
         kind = type(value)
         if kind in _PLAIN:
             # 1, True, 1.0 and a Status are equal, but nodes and scripts tell them apart.
-            return value if kind is int or kind is str else _Typed(kind, value)
+            if kind is int or kind is str:
+                return value
+            if kind is float and (value == 0.0 or value != value):
+                # -0.0 is equal to 0.0, and NaN is not equal to itself.
+                return _Float(pack("d", value))
+            return _Typed(kind, value)
         if value is None:
             return None
-        if kind is set:
-            assert isinstance(value, set)
-            return _FrozenSet(frozenset(value))
-        if kind not in (deque, list, dict):
-            return value if kind.__hash__ is not None else Identity(value)
+        if kind is tuple or kind is set or kind is frozenset:
+            assert isinstance(value, (tuple, set, frozenset))
+            items = [self.frozen(item) for item in value]
+            return _Items(kind, tuple(items) if kind is tuple else frozenset(items))
+        if kind is UnknownValue and not self._unknown:
+            raise OpaqueStateError("an unknown value")
+        if kind is UnknownValue or id(value) in self._shared:
+            return Identity(value)
+        if _is_atom(value, kind):
+            return _Typed(kind, value) if kind.__hash__ is not None else Identity(value)
         number = self._numbers.get(id(value))
         if number is None:
             number = self._numbers[id(value)] = len(self._objects)
             self._objects.append(None)
-            items: tuple[Hashable, ...]
-            if isinstance(value, dict):
-                items = tuple((key, self.frozen(item)) for key, item in value.items())
-            else:
-                assert isinstance(value, (deque, list))
-                items = tuple(self.frozen(item) for item in value)
-            self._objects[number] = (kind, items)
+            self._objects[number] = self._contents(number, value, kind)
+        elif number in self._unmade:
+            raise OpaqueStateError(_described(kind))
         return _Reference(number)
 
     def objects(self) -> tuple[Any, ...]:
         """Return the contents of all mutable objects, by number."""
         return tuple(self._objects)
 
+    def _contents(self, number: int, value: object, kind: type) -> Hashable:
+        if kind is list or (isinstance(value, deque) and kind is deque and value.maxlen is None):
+            assert isinstance(value, (list, deque))
+            return (kind, tuple([self.frozen(item) for item in value]))
+        if isinstance(value, dict) and kind is dict:
+            return (kind, tuple([(self.frozen(key), self.frozen(item)) for key, item in value.items()]))
+        try:
+            parts = value.__reduce_ex__(4)
+        except Exception as error:
+            raise OpaqueStateError(_described(kind)) from error
+        if isinstance(parts, str):
+            # The name of a global object.
+            return Identity(value)
+        self._temporary.append(parts)
+        make, arguments, state, items, pairs, setter = [*parts, None, None, None, None][:6]
+        self._unmade.add(number)
+        made = (self.frozen(make), self.frozen(arguments))
+        self._unmade.discard(number)
+        held = [None if each is None else tuple(each) for each in (items, pairs)]
+        self._temporary.append(held)
+        return (None, *made, *[self.frozen(part) for part in (state, *held, setter)])
 
-class _FrozenSet(NamedTuple):
-    """Stands for a set, which a node of the engine never shares."""
 
-    members: frozenset[object]
-    tag: str = "set"
+def _is_atom(value: object, kind: type) -> bool:
+    """Return whether a value is the same object in every state: code, a constant, or a part of the engine."""
+    return kind is object or isinstance(value, _CONSTANTS) or kind.__module__.partition(".")[0] == "btcore"
+
+
+def _described(kind: type) -> str:
+    """Return a name for a value of a class, with an article."""
+    name = kind.__qualname__
+    return f"{'an' if name[:1].lower() in 'aeiou' else 'a'} {name}"
 
 
 class Identity:
@@ -404,27 +564,64 @@ class Identity:
 
 
 _PLAIN: Final = frozenset({bool, int, float, str, Status, bytes})
+_CONSTANTS: Final = (type, FunctionType, BuiltinFunctionType, ModuleType, Enum, TreeNode)
 
 
-def _thawed_objects(frozen: tuple[Any, ...]) -> list[Any]:
-    """Return new mutable objects with the contents *frozen*."""
-    if not frozen:
-        return []
-    objects: list[Any] = [kind() for kind, _ in frozen]
+class _Thawer:
+    """Makes new objects with frozen contents."""
 
-    for made, (_, items) in zip(objects, frozen, strict=True):
-        if isinstance(made, dict):
-            made.update((key, _thawed(item, objects)) for key, item in items)
+    def __init__(self, frozen: tuple[Any, ...]) -> None:
+        self._frozen = frozen
+        self._made: dict[int, Any] = {}
+
+    def thawed(self, value: Any) -> Any:
+        """Return the value for which *value* stands."""
+        kind = type(value)
+        if kind is _Typed or kind is Identity:
+            return value.value
+        if kind is _Reference:
+            number = value.number
+            return self._made[number] if number in self._made else self._new(number)
+        if kind is _Items:
+            return value.kind([self.thawed(item) for item in value.items])
+        return unpack("d", value.bits)[0] if kind is _Float else value
+
+    def _new(self, number: int) -> Any:
+        contents = self._frozen[number]
+        if type(contents) is Identity:
+            return contents.value
+        kind, items, *rest = contents
+        if kind is None:
+            return self._reduced(number, items, *rest)
+        made = self._made[number] = kind()
+        if kind is dict:
+            made.update((self.thawed(key), self.thawed(item)) for key, item in items)
         else:
-            made.extend(_thawed(item, objects) for item in items)
-    return objects
+            made.extend(self.thawed(item) for item in items)
+        return made
+
+    def _reduced(self, number: int, make: Any, *frozen: Any) -> Any:
+        """Return the object that consists of the parts of its `__reduce_ex__`, as pickle makes it."""
+        arguments = self.thawed(frozen[0])
+        made = self._made[number] = self.thawed(make)(*arguments)
+        state, items, pairs, setter = [self.thawed(part) for part in frozen[1:]]
+        for item in items or ():
+            made.append(item)
+        for key, item in pairs or ():
+            made[key] = item
+        if setter is not None:
+            setter(made, state)
+        elif state is not None:
+            _set_state(made, state)
+        return made
 
 
-def _thawed(value: Any, objects: list[Any]) -> Any:
-    """Return the value for which *value* stands."""
-    kind = type(value)
-    if kind is _Reference:
-        return objects[value.number]
-    if kind is _FrozenSet:
-        return set(value.members)
-    return value.value if kind is Identity or kind is _Typed else value
+def _set_state(made: Any, state: Any) -> None:
+    if hasattr(made, "__setstate__"):
+        made.__setstate__(state)
+        return
+    attributes, slots = state if isinstance(state, tuple) and len(state) == 2 else (state, None)
+    if attributes:
+        vars(made).update(attributes)
+    for name, value in (slots or {}).items():
+        setattr(made, name, value)

@@ -19,6 +19,7 @@ import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import ClassVar, NamedTuple
 
+from proof_plugins import DECLARED, HIDDEN, begin_run
 from proof_trees import LEAVES, UNIT_MS, Atom, LeafKind, RandomQuestion, RandomTree
 
 from btcore.blackboard.blackboard import Blackboard
@@ -36,7 +37,7 @@ from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_text
 
 _STATUSES = {"S": SUCCESS, "F": FAILURE, "K": SKIPPED, "R": RUNNING}
-_TIMED = ("Delay", "Timeout", "Sleep")
+_TIMED = ("Delay", "Timeout", "Sleep", "UserTimer")
 _WATCHERS = ("SkipUnlessUpdated", "WaitValueUpdate", "WasEntryUpdated")
 _REACTIVE = ("ReactiveSequence", "ReactiveFallback")
 
@@ -82,7 +83,8 @@ class LeafScript:
             leaf.get_input("value")
         options: list[tuple[str, int | None]] = [(letter, None) for letter in kind.results]
         if port is not None and port.writes:
-            options = [("S", 0), ("S", 1), ("F", None), ("F", 0), ("F", 1)]
+            values = (1,) if kind.key == "u" else (0, 1)
+            options = [("F", None), *((letter, value) for letter in "SF" for value in values)]
         letter, value = options[self.choose(len(options))] if may_complete else ("R", None)
         if value is not None:
             leaf.set_output("value", str(value) if kind.key == "s" else value)
@@ -165,6 +167,8 @@ def _scripted_nodes() -> Registry:
         ports = [] if kind.port is None else [kind.port]
         members = {"kind": kind, "provided_ports": staticmethod(lambda ports=ports: ports)}
         nodes.add(type(tag, (bases[kind.base],), members), ID=tag)
+    for cls in (*DECLARED, *HIDDEN):
+        nodes.add(cls)
     return nodes
 
 
@@ -177,6 +181,7 @@ def first_blackboard(format: int, clock: Clock) -> Blackboard:
     board["a"] = 0
     board["b"] = 0
     board["s"] = "0"
+    board["z"] = 0.0
     return board
 
 
@@ -312,6 +317,7 @@ class Runner:
     def run(self, script: Sequence[Tick]) -> End:
         """Run a tree that is loaded anew; only the last tick may end the run."""
         self.runs += 1
+        begin_run()
         clock = SimClock()
         leaves = LeafScript()
         board = first_blackboard(self.tree.format, clock)
@@ -342,7 +348,7 @@ class Runner:
         for node in tree.nodes:
             node.set_post_tick_function(record)
         seen = self._tick(tree, leaves, results, clock.now())
-        state = b"" if seen.has_ended else self.state(tree, clock.now())
+        state = b"" if seen.has_ended or self.tree.is_hidden else self.state(tree, clock.now())
         longest = self._longest_timer(tree, clock.now())
         return End(seen, leaves.following(), tuple(leaves.given), state, longest)
 
@@ -386,6 +392,8 @@ class Runner:
 
     def _longest_timer(self, tree: Tree, now: int) -> int:
         """Return the greatest remaining time (ns) of a timer at the time *now* (ns)."""
+        if "UserElapsed" in self.tree.tags.values():
+            return UNIT_MS * NS_PER_MS
         return max((end - now for end in self._deadlines(tree).values() if end > now), default=0)
 
     def steps_of(self, longest: int) -> range:
@@ -407,7 +415,7 @@ class Runner:
                 del row["_count"]
             if "_seen" in row and not self._counts_writes:
                 # Nodes only compare the number of writes with the number that they have seen.
-                entry = node.blackboard.find("m")
+                entry = node.blackboard.find(node._key)
                 row["_seen"] = entry is not None and entry.sequence_id == row["_seen"]
             rows.append(row)
         entries = [
@@ -514,6 +522,9 @@ _Open = tuple[list[Tick], tuple[int, ...], int]
 def enumerate_runs(tree: RandomTree, ticks: int, most_runs: int, most_plain: int = 150) -> Enumeration | None:
     """Return what the runs of *tree* violate, or None if there are too many runs.
 
+    If a part of the state of the tree is hidden, equal states are not known: the first *most_runs* runs are
+    enumerated.
+
     Args:
         tree: The tree.
         ticks: The number of ticks of a run.
@@ -533,7 +544,7 @@ def enumerate_runs(tree: RandomTree, ticks: int, most_runs: int, most_plain: int
             for elapsed in runner.steps_of(longest):
                 for end in _outcomes(runner, script, elapsed):
                     if runner.runs > most_runs:
-                        return None
+                        return Enumeration(ticks, depths, runner.runs, False) if tree.is_hidden else None
                     seen = end.seen
                     for question, is_violated in checks.items():
                         if is_violated(seen):
@@ -548,7 +559,7 @@ def enumerate_runs(tree: RandomTree, ticks: int, most_runs: int, most_plain: int
                         remembered = tuple(later)
                         opened = ([*script, (elapsed, end.given)], remembered, end.longest)
                         found.append((opened, (end.state, remembered)))
-        if len(found) <= most_plain:
+        if len(found) <= most_plain or tree.is_hidden:
             front = [opened for opened, _ in found]
             known.update(key for _, key in found)
             continue
@@ -580,7 +591,12 @@ class Arc(NamedTuple):
 
 
 def enumerate_graph(tree: RandomTree, ticks: int, most_runs: int) -> tuple[list[Arc], int] | None:
-    """Return the ticks from all states of *tree*, and the number of states; None after too many runs."""
+    """Return the ticks from all states of *tree*, and the number of states; None after too many runs.
+
+    If a part of the state of the tree is hidden, the result is None, too.
+    """
+    if tree.is_hidden:
+        return None
     runner = Runner(tree, ticks)
     scripts: list[tuple[list[Tick], int]] = [([], 0)]
     numbers: dict[bytes, int] = {b"": 0}

@@ -1,7 +1,8 @@
 """Random trees of at most four leaves, with random questions, for the acceptance run of `btcore prove`.
 
-The trees contain every built-in control node and decorator of both formats. Each leaf has a kind, from which
-the model leaves of the prover and the scripted leaves of the plain enumeration are made separately.
+The trees contain every built-in control node and decorator of both formats, some also decorators of users.
+Each leaf has a kind, from which the model leaves of the prover and the scripted leaves of the plain
+enumeration are made separately.
 """
 
 import random
@@ -10,16 +11,16 @@ from itertools import count
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
+from proof_plugins import DECLARED, HIDDEN, HIDDEN_TAGS, UNIT_MS
+
 from btcore.blackboard.ports import Direction, Port
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import INT, STRING
 
 MOST_LEAVES = 4
-UNIT_MS = 60
-"""All durations are multiples of this time (ms)."""
 DOMAINS = {"m": ("0", "1"), "s": ("0", "1")}
-"""The values of the entries that leaves write."""
+"""The values of the entries that leaves write. The value of the entry u is not known to the prover."""
 
 
 class LeafKind(NamedTuple):
@@ -55,6 +56,7 @@ LEAVES = {
     "Pass": LeafKind("sync", "SK"),
     "Sense": LeafKind("sync", "SF", port=Port("value", Direction.OUT, type=INT)),
     "Say": LeafKind("sync", "SF", port=Port("value", Direction.OUT, type=STRING), key="s"),
+    "Note": LeafKind("sync", "SF", port=Port("value", Direction.OUT, type=INT), key="u"),
     "Use": LeafKind("sync", "SF", port=Port("value", Direction.IN, type=INT)),
 }
 _FORMAT_4_LEAVES = ("Pass",)
@@ -118,6 +120,10 @@ def _loop(values: str, key: str) -> _Maker:
     }
 
 
+def _watched(chance: random.Random, children: int = 0) -> Attributes:
+    return {"entry": chance.choice(["{m}", "{u}"])}
+
+
 def _comparison(chance: random.Random, children: int) -> Attributes:
     status = chance.choice(["SUCCESS", "FAILURE", "RUNNING"])
     return {"value_A": chance.choice(["{a}", "{m}"]), "value_B": "1", "return_on_mismatch": status}
@@ -163,8 +169,8 @@ NODES: dict[int, dict[str, NodeKind]] = {
         "Repeat": NodeKind(1, 1, _cycles),
         "RetryUntilSuccessful": NodeKind(1, 1, _attempts),
         "RunOnce": NodeKind(1, 1, _flag("then_skip")),
-        "SkipUnlessUpdated": NodeKind(1, 1, _fixed(entry="{m}")),
-        "WaitValueUpdate": NodeKind(1, 1, _fixed(entry="{m}")),
+        "SkipUnlessUpdated": NodeKind(1, 1, _watched),
+        "WaitValueUpdate": NodeKind(1, 1, _watched),
     },
     3: {
         **_SHARED,
@@ -179,10 +185,18 @@ NODES: dict[int, dict[str, NodeKind]] = {
         "BlackboardCheckString": NodeKind(1, 1, _comparison),
     },
 }
-_TIMED = ("Delay", "Timeout")
+_USER_NODES = {
+    **{cls.__name__: NodeKind(1, 1) for cls in (*DECLARED, *HIDDEN)},
+    "UserTimer": NodeKind(1, 1, _duration("msec")),
+    **dict.fromkeys(["UserCatch", "UserKeeps", "UserWrites"], NodeKind(1, 1, _fixed(value="{u}"))),
+}
+_TIMED = ("Delay", "Timeout", "UserTimer")
 MOST_TIMERS = 2
-_CONDITIONS = ("@a == 0", "@a == 1", "@b == @a")
-_STATEMENTS = ("@a := 1", "@a := 0", "@b := @a", "@a := 1 - @a")
+_CONDITIONS = ("@a == 0", "@a == 1", "@b == @a", "1 / @z < 0", "@z == @z")
+_STATEMENTS = (
+    *("@a := 1", "@a := 0", "@b := @a", "@a := 1 - @a"),
+    *("@z := 0.0", "@z := 0.0 * -1", "@z := 0.0 / 0.0"),
+)
 _FILLERS = ("AlwaysSuccess", "AlwaysFailure")
 _BUILT_IN: dict[int, dict[str, Callable[[random.Random], Attributes]]] = {
     4: {
@@ -190,7 +204,7 @@ _BUILT_IN: dict[int, dict[str, Callable[[random.Random], Attributes]]] = {
         "ScriptCondition": lambda chance: {"code": chance.choice(_CONDITIONS)},
         "SetBlackboard": lambda chance: {"value": chance.choice("01"), "output_key": "{m}"},
         "UnsetBlackboard": lambda chance: {"key": "m"},
-        "WasEntryUpdated": lambda chance: {"entry": "{m}"},
+        "WasEntryUpdated": _watched,
         "Sleep": lambda chance: {"msec": str(UNIT_MS * chance.choice([0, 1, 2]))},
         "AlwaysSuccess": lambda chance: {},
         "AlwaysFailure": lambda chance: {},
@@ -272,6 +286,11 @@ class RandomTree(NamedTuple):
         """The names of the leaves that are not built in."""
         return [name for name, tag in self.tags.items() if tag in LEAVES]
 
+    @property
+    def is_hidden(self) -> bool:
+        """Whether the tree has state that the prover cannot save and restore."""
+        return not HIDDEN_TAGS.isdisjoint(self.tags.values())
+
 
 class _Writer:
     """Writes one random tree, node by node."""
@@ -281,6 +300,7 @@ class _Writer:
         self.format = format
         self.timers = MOST_TIMERS if chance.random() < 0.3 else 0
         self.scripted = format == 4 and chance.random() < 0.3
+        self.users = chance.sample(list(_USER_NODES), 2) if format == 4 and chance.random() < 0.3 else []
         self.numbers = count(1)
         self.tags: dict[str, str] = {}
         self.attributes: dict[str, Attributes] = {}
@@ -295,6 +315,9 @@ class _Writer:
         if depth and chance.random() < 0.06:
             return self.subtree(leaves, depth)
         known = NODES[self.format]
+        if self.users and leaves < 3 and chance.random() < 0.5:
+            tag = self.users.pop(chance.randrange(len(self.users)))
+            return self.written(tag, _USER_NODES[tag], leaves, depth)
         fitting = [tag for tag, kind in known.items() if (kind.most == 1 or leaves > 1 or depth < 1)]
         decorates = leaves == 1 or chance.random() < 0.35
         fitting = [

@@ -5,6 +5,7 @@ seed, so that a reported tree can be compared again alone: ``--only 1234``. For 
 
 - safety: runs of at most six ticks are enumerated (`proof_enumeration.py`) and searched. For every standard
   and random safety question the prover must refute exactly what a run violates, with a shortest run.
+  If a decorator has hidden state (`proof_plugins.py`), the answers may also be unknown.
 - liveness: if the enumeration finds all states, the search must be complete, and its answers must be those of
   a search for fair cycles in the enumerated graph, which tries all subsets of the conditions.
 """
@@ -27,6 +28,7 @@ from proof_enumeration import (
     has_fair_cycle,
     standard_checks,
 )
+from proof_plugins import DECLARED, HIDDEN
 from proof_trees import DOMAINS, LEAVES, RandomQuestion, RandomTree, missing_nodes, random_tree
 
 from btcore.blackboard.ports import Port
@@ -50,6 +52,8 @@ TICKS = 6
 LEAST_RUNS, MOST_RUNS = 10, 12_000
 """A tree with fewer or more runs is replaced by another."""
 MOST_RUNS_OF_GRAPH = 6_000
+MOST_RUNS_OF_HIDDEN = 1_500
+"""The number of runs after which the enumeration of a tree with hidden state ends."""
 CHUNK = 5
 _NAMES = {"S": "SUCCESS", "F": "FAILURE", "K": "SKIPPED", "R": "RUNNING"}
 
@@ -75,6 +79,8 @@ def _model_nodes() -> Registry:
             "endless": kind.is_endless,
             "uses": [kind.uses] if kind.uses else [],
         }
+    for cls in (*DECLARED, *HIDDEN):
+        nodes.add(cls)
     return with_model_leaves(nodes, declared)
 
 
@@ -124,7 +130,10 @@ def safety_differences(tree: RandomTree, expected: Enumeration) -> list[str]:
     found: list[str] = []
     for question in [*standard_checks(tree), *asked]:
         answer, depth = answers[question], expected.depths.get(question)
-        if depth is None:
+        if tree.is_hidden:
+            if depth is not None and answer.answer == PROVED:
+                found.append(f"{question}: proved, but {depth} ticks violate it")
+        elif depth is None:
             # A run that visits a state again may be longer than the runs that were enumerated.
             if answer.answer == REFUTED and answer.ticks <= expected.ticks:
                 found.append(f"{question}: refuted, but no run violates it: {_shown(answer)}")
@@ -136,7 +145,7 @@ def safety_differences(tree: RandomTree, expected: Enumeration) -> list[str]:
     for question in tree.questions:
         if not _is_safety(question) and str(question) in expected.depths:
             answer = answers[str(question)]
-            if answer.answer != REFUTED:
+            if answer.answer == PROVED or (answer.answer != REFUTED and not tree.is_hidden):
                 found.append(f"{question}: {answer.answer} ({answer.detail}), but runs end without it")
     return found
 
@@ -208,7 +217,7 @@ def _fairness(tree: RandomTree) -> list[FairnessRule]:
                 )
             )
     for name, tag in tree.tags.items():
-        if tag in ("Delay", "Timeout", "Sleep"):
+        if tag in ("Delay", "Timeout", "Sleep", "UserTimer"):
             conditions.append((lambda arc: True, lambda arc, name=name: name not in arc.seen.kept_timers))
     return conditions
 
@@ -382,7 +391,8 @@ def compare(number: int, seed: int) -> Comparison:
     if not tree.leaves:
         return Comparison(number, "no leaf", [])
     try:
-        expected = enumerate_runs(tree, TICKS, MOST_RUNS)
+        most_runs = MOST_RUNS_OF_HIDDEN if tree.is_hidden else MOST_RUNS
+        expected = enumerate_runs(tree, TICKS, most_runs)
     except BtcoreError as error:
         return Comparison(number, f"not loaded: {str(error)[:150]}", [])
     if expected is None:

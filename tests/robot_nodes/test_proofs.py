@@ -5,7 +5,10 @@ from pathlib import Path
 import pytest
 
 from btcore import Registry
-from btcore.proof import assert_proved
+from btcore.proof import assert_proved, prove
+from btcore.proof.leaf_models import resources_of
+from btcore.proof.prover import UNKNOWN_ANSWER
+from btcore.status import NodeType
 
 TREES = Path(__file__).parent.parent.parent / "trees"
 NAMES = (
@@ -27,3 +30,31 @@ def test_the_standard_questions_are_proved(name: str):
     nodes = Registry.standard()
     assert nodes.add_plugins() == []
     assert_proved(TREES / f"{name}.xml", nodes=nodes)
+
+
+def test_the_nodes_of_the_packages_may_run_twice_from_the_same_state(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    # As the nodes of users, so that the declarations of their states are checked.
+    monkeypatch.setattr("btcore.proof.user_code._OWN_PACKAGES", ("btcore",))
+    nodes = Registry.standard()
+    nodes.add_plugins()
+    found = [
+        manifest
+        for manifest in nodes.manifests_of(4).values()
+        if manifest.distribution != "btcore"
+        and manifest.type in (NodeType.CONTROL, NodeType.DECORATOR)
+        and not resources_of(manifest)
+    ]
+    assert len(found) >= 8
+    for manifest in found:
+        leaves = '<Action ID="Move"/>' * (2 if manifest.type is NodeType.CONTROL else 1)
+        file = tmp_path / f"{manifest.id}.xml"
+        path = ' path="{path}"' if "path" in manifest.ports else ""
+        file.write_text(
+            f'<root BTCPP_format="4"><BehaviorTree ID="T"><Repeat num_cycles="-1">'
+            f"<{manifest.id}{path}>{leaves}</{manifest.id}></Repeat></BehaviorTree>"
+            '<TreeNodesModel><Action ID="Move"/></TreeNodesModel></root>'
+        )
+        answers = prove(file, nodes=nodes, models=[file]).answers
+        assert not [answer.detail for answer in answers if answer.answer == UNKNOWN_ANSWER], manifest.id

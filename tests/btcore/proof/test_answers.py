@@ -139,3 +139,24 @@ def test_a_deadline_that_was_pending_ends_before_a_longer_one_that_is_set_later(
     </Parallel>"""
     found = answers(tree, "first before second")
     assert found["first before second"].answer == PROVED
+
+
+def test_a_negative_zero_and_a_zero_are_different_states() -> None:
+    question = "never turn"
+    body = """<Sequence>
+        <Fallback>
+            <Sequence> <Check/> <Script code="x := 0.0"/> </Sequence>
+            <Script code="x := 0.0 * -1"/>
+        </Fallback>
+        <Act/>
+        <IfThenElse> <ScriptCondition code="1 / x &lt; 0"/> <Turn name="turn"/> <AlwaysSuccess/> </IfThenElse>
+    </Sequence>"""
+    assert answers(body, question)[question].answer == REFUTED
+
+
+def test_a_value_that_is_not_a_number_is_the_same_state_in_each_tick() -> None:
+    body = """<KeepRunningUntilFailure>
+        <ForceSuccess> <Sequence> <Script code="x := 0.0 / 0.0"/> <Act/> </Sequence> </ForceSuccess>
+    </KeepRunningUntilFailure>"""
+    found = answers(body)[EXCEPTIONS]
+    assert (found.answer, found.states) == (PROVED, 3)

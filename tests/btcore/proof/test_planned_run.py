@@ -152,7 +152,9 @@ COUNTED = """
       <Repeat num_cycles="2">
         <ForceSuccess> <{control}>
           <Script code="n += 1"/>
-          <ForceSuccess> <Sequence> <ScriptCondition code="n == 2"/> <CW2 x="{{x}}"/> </Sequence> </ForceSuccess>
+          <ForceSuccess>
+            <Sequence> <ScriptCondition code="n == 2"/> <CW2 x="{{x}}"/> </Sequence>
+          </ForceSuccess>
           <SkipUnlessUpdated entry="{entry}">
             <IfThenElse> <ScriptCondition code="n == 1"/> <Left/> <Right/> </IfThenElse>
           </SkipUnlessUpdated>

@@ -1,7 +1,11 @@
 """The state of a tree as a value: it is restored completely, and equal for equal futures only."""
 
-from collections import deque
+import dataclasses
+from collections import OrderedDict, deque
 from collections.abc import Iterator
+from itertools import islice
+from math import copysign
+from threading import Lock
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -10,6 +14,7 @@ from hypothesis import strategies as st
 from btcore import Blackboard, Registry, SimClock, Status, loads
 from btcore.blackboard.ports import PortRole
 from btcore.engine.node import TreeNode
+from btcore.proof.interrupts import OpaqueStateError
 from btcore.proof.state_graph import StateTable
 from btcore.proof.timer_order import NO_TIMERS, Advance
 from btcore.proof.tree_state import NOW, StateKeeper, TreeState
@@ -169,15 +174,63 @@ def test_entries_that_were_created_later_are_removed() -> None:
     assert "later" not in tree.blackboard
 
 
-def test_equal_values_of_different_types_are_different_states() -> None:
+@dataclasses.dataclass
+class Note:
+    """A value with a field that its equality ignores."""
+
+    text: str
+    count: int = dataclasses.field(default=0, compare=False)
+    others: list[object] = dataclasses.field(default_factory=list)
+
+
+_CYCLE: list[object] = []
+_CYCLE.append((1, _CYCLE))
+
+
+def test_values_that_code_can_tell_apart_are_different_states() -> None:
     states = []
-    for value in (1, True, 1.0, [1], [True], [1.0], deque([1]), "1"):
+    values = [
+        *(1, True, 1.0, "1", 0.0, -0.0, float("nan"), -float("nan"), 0j, complex(0.0, -0.0)),
+        *([1], [True], [1.0], deque([1]), deque([1], maxlen=1), deque([1], maxlen=2), OrderedDict({1: 2})),
+        *((1,), (True,), (1.0,), (0.0,), (-0.0,), ([1],), ([1, 2],), ((0.0, [1]),)),
+        *({1}, {True}, {-0.0}, {0.0}, frozenset({1}), {1: 2}, {True: 2}, {1.0: 2}, {-0.0: 2}, {0.0: 2}),
+        *(Note("a"), Note("a", 1), Note("a", others=[1]), Note("a", others=[1.0]), [Note("a")]),
+        *(iter([1, 2]), islice(iter([1, 2]), 1, None)),
+    ]
+    for value in values:
         tree = tree_of("<AlwaysSuccess/>")
         tree.blackboard.create("x").put(value, 0)
         states.append(StateKeeper(tree).capture())
         StateKeeper(tree).restore(states[-1], SAME_TIME)
-        assert repr(tree.blackboard["x"]) == repr(value)
+        restored = tree.blackboard["x"]
+        if not hasattr(value, "__next__"):
+            assert repr(restored) == repr(value)
+        # The sign of a NaN is not shown.
+        assert not isinstance(value, float) or copysign(1, restored) == copysign(1, value)
+        # The next capture finds the same state, and restoring has copied what may change.
+        assert StateKeeper(tree).capture() == states[-1]
+        if isinstance(value, (list, dict, set, deque, Note, Iterator)):
+            assert restored is not value
     assert len(set(states)) == len(states)
+
+
+def test_a_value_that_contains_itself_is_restored() -> None:
+    tree = tree_of("<AlwaysSuccess/>")
+    tree.blackboard.create("x").put(_CYCLE, 0)
+    keeper = StateKeeper(tree)
+    keeper.restore(keeper.capture(), SAME_TIME)
+    restored = tree.blackboard["x"]
+    assert restored is not _CYCLE
+    assert restored[0][1] is restored
+
+
+@pytest.mark.parametrize("value", [(each for each in [1]), [Lock()], {"a": (memoryview(b""),)}])
+def test_a_value_that_cannot_be_copied_is_an_error_that_names_it(value: object) -> None:
+    tree = tree_of("<AlwaysSuccess/>")
+    tree.blackboard.create("x").put(value, 0)
+    text = "the entry {x} holds a (generator|lock|memoryview), which cannot be copied and compared"
+    with pytest.raises(OpaqueStateError, match=text):
+        StateKeeper(tree).capture()
 
 
 def test_a_timer_and_the_bounds_of_no_timers_are_different_parts_of_a_state() -> None:

@@ -1,0 +1,37 @@
+"""Exceptions with which the search ends a tick.
+
+They derive from KeyboardInterrupt, because the engine passes on only interrupts as they are, and
+`except Exception` in the code of a node does not catch them.
+"""
+
+
+class SearchInterrupt(KeyboardInterrupt):
+    """The search ends a tick."""
+
+
+class KnownMomentError(SearchInterrupt):
+    """The rest of the tick has been searched before."""
+
+
+class UnknownOutcomeError(SearchInterrupt):
+    """The search does not know how the tick continues. The message is the reason."""
+
+
+class UnknownValueError(UnknownOutcomeError):
+    """A node uses a value that the models do not know."""
+
+
+class EndlessTickError(UnknownOutcomeError):
+    """A tick did not end: it repeats nodes without a pause."""
+
+
+class OpaqueStateError(UnknownOutcomeError):
+    """A part of the state of a tree cannot be copied and compared."""
+
+
+class HiddenInputError(UnknownOutcomeError):
+    """A node uses the time or random numbers of the system."""
+
+
+class LostInterruptError(UnknownOutcomeError):
+    """A node caught an interrupt of the search, so that the rest of its tick means nothing."""

@@ -1,0 +1,472 @@
+"""Nodes with code of users: what the search cannot repeat makes the answers unknown, with a reason."""
+
+import random
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from inspect import get_annotations
+from itertools import count
+from random import choice
+from typing import Any
+
+import pytest
+
+import btcore
+from btcore import Status
+from btcore.clock import NS_PER_S, Clock
+from btcore.proof.model_leaves import Choices, with_model_leaves
+from btcore.proof.propositions import parse_question
+from btcore.proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER, Answer, Prover
+from btcore.status import FAILURE, SUCCESS
+from btcore.tree.tree import Tree
+
+TICKS = 0
+LOG: list[int] = []
+MISSING = object()
+GENERATOR = random.Random(1)
+QUESTION = "never Right is SUCCESS"
+
+
+class Ready(btcore.Condition):
+    def tick(self) -> bool:
+        raise NotImplementedError
+
+
+class Left(btcore.SyncAction):
+    def tick(self) -> bool:
+        raise NotImplementedError
+
+
+class Right(Left):
+    pass
+
+
+class Sense(Left):
+    value: btcore.Out[int]
+
+
+def answer_about(decorator: type[btcore.TreeNode], body: str = "", question: str = QUESTION) -> Answer:
+    """Return the answer about a tree in which *decorator* decides between Left and Right."""
+    nodes = btcore.Registry.standard()
+    for cls in (Ready, Left, Right, Sense, decorator):
+        nodes.add(cls)
+    models = with_model_leaves(nodes, {})
+    name = decorator.__name__
+    body = body or f"<{name} name='it'><AlwaysSuccess/></{name}>"
+    xml = f"""<root BTCPP_format="4"><BehaviorTree ID="T"><KeepRunningUntilFailure><ForceSuccess>
+        <Sequence>
+            <Fallback> <Ready/> <Ready/> </Fallback>
+            <IfThenElse> {body} <Left/> <Right/> </IfThenElse>
+        </Sequence>
+    </ForceSuccess></KeepRunningUntilFailure></BehaviorTree></root>"""
+
+    def make(choices: Choices, clock: Clock) -> Tree:
+        return btcore.loads(xml, nodes=models, resources=[choices], clock=clock)
+
+    return Prover(make, [parse_question(question)]).answer().answers[-1]
+
+
+class Decorator(btcore.DecoratorNode):
+    """Ticks its child, and then returns what `decide` returns."""
+
+    state_fields: tuple[str, ...] = ()
+
+    def tick(self) -> Status:
+        """Tick the child."""
+        self.child.execute_tick()
+        return SUCCESS if self.decide() else FAILURE
+
+    def decide(self) -> bool:
+        """Return whether to succeed."""
+        return True
+
+
+class Elapsed(Decorator):
+    """Reads the clock, and keeps a start time."""
+
+    state_fields = ("start",)
+    start = 0
+
+    def decide(self) -> bool:
+        self.start = self.start or self.now()
+        return self.now() - self.start < 5 * NS_PER_S
+
+
+class ElapsedByBlackboard(Elapsed):
+    """Reads the clock of the blackboard, and keeps a start time."""
+
+    def decide(self) -> bool:
+        self.start = self.start or self.blackboard.now()
+        return self.blackboard.now() - self.start < 5 * NS_PER_S
+
+
+class StartInTimeFields(Elapsed):
+    """Declares a start time as a deadline."""
+
+    time_fields = ("start",)
+
+
+class ComparesNow(Elapsed):
+    """Compares a deadline with a time that may be later than the start of the tick."""
+
+    time_fields = ("start",)
+
+    def decide(self) -> bool:
+        self.start = self.start or self.now() + 5 * NS_PER_S
+        return self.now() < self.start
+
+
+class Absolute(Decorator):
+    """Compares the time with a constant."""
+
+    def decide(self) -> bool:
+        return self.now() < 10**19
+
+
+class KeepsClock(Decorator):
+    """Gets the clock."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+
+
+class Wall(Decorator):
+    """Reads the system's time."""
+
+    def decide(self) -> bool:
+        return time.monotonic() >= 0
+
+
+class Chance(Decorator):
+    """Uses random numbers, by a function that its module imports."""
+
+    def decide(self) -> bool:
+        return choice([True, True])
+
+
+class SeededChance(Decorator):
+    """Uses the random numbers of a variable of its module."""
+
+    def decide(self) -> bool:
+        return GENERATOR.random() < 2
+
+
+class Global(Decorator):
+    """Counts in a variable of its module."""
+
+    def decide(self) -> bool:
+        global TICKS
+        TICKS += 1
+        return TICKS < 1000
+
+
+class GlobalList(Decorator):
+    """Counts in a list of its module."""
+
+    def decide(self) -> bool:
+        LOG.append(1)
+        return len(LOG) < 1000
+
+
+class OfClass(Decorator):
+    """Counts in an attribute of its class."""
+
+    count = 0
+
+    def decide(self) -> bool:
+        OfClass.count += 1
+        return OfClass.count < 1000
+
+
+class Undeclared(Decorator):
+    """Counts in an attribute that is no state field."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def decide(self) -> bool:
+        self.count += 1
+        return self.count < 1000
+
+
+class Steps(Decorator):
+    """Keeps a generator."""
+
+    state_fields = ("steps",)
+
+    def __init__(self) -> None:
+        self.steps = self.forever()
+
+    @staticmethod
+    def forever() -> Iterator[bool]:
+        """Return True ten times."""
+        yield from [True] * 10
+        while True:
+            yield False
+
+    def decide(self) -> bool:
+        return next(self.steps)
+
+
+class UndeclaredSteps(Decorator):
+    """Keeps a generator in an attribute that is no state field."""
+
+    def __init__(self) -> None:
+        self.steps = (True for _ in count())
+
+    def decide(self) -> bool:
+        return next(self.steps)
+
+
+class Writes(Decorator):
+    """Counts the writes of an entry."""
+
+    value: btcore.In[Any]
+    state_fields = ("seen",)
+    seen = 0
+
+    def decide(self) -> bool:
+        entry = self.blackboard.find("x")
+        before, self.seen = self.seen, 0 if entry is None else entry.sequence_id
+        return before == self.seen or self.seen < 3
+
+
+class SwallowsAll(btcore.DecoratorNode):
+    """Catches whatever its child raises."""
+
+    state_fields = ()
+
+    def tick(self) -> Status:
+        try:
+            return self.child.execute_tick()
+        except:  # noqa: E722
+            return SUCCESS
+
+
+class Returns(btcore.DecoratorNode):
+    """Returns whatever its child raises."""
+
+    state_fields = ()
+
+    def tick(self) -> Status:
+        try:
+            return self.child.execute_tick()
+        finally:
+            return SUCCESS  # noqa: B012, SIM107
+
+
+class Guesses(Decorator):
+    """Takes a default if its port cannot be read."""
+
+    value: btcore.In[int]
+
+    def decide(self) -> bool:
+        try:
+            return self.value + 1 > 0
+        except Exception:
+            return True
+
+
+class Remembers(Decorator):
+    """Compares a value with the value before, as items of tuples."""
+
+    value: btcore.In[Any]
+    state_fields = ("before",)
+    before: tuple[Any, ...] = ()
+
+    def decide(self) -> bool:
+        before, self.before = self.before, (self.value,)
+        return not before or before == self.before
+
+
+WRITTEN = '<Sequence><ForceSuccess><Sense value="{x}"/></ForceSuccess>{}</Sequence>'
+COMPARES = "<{0} name='it'><ScriptCondition code='x &gt; 3'/></{0}>"
+
+
+@pytest.mark.parametrize(
+    ("decorator", "body", "reason"),
+    [
+        (Elapsed, "", "reads the clock, but its class declares no deadline in time_fields"),
+        (ElapsedByBlackboard, "", "has another 'start'"),
+        (Absolute, "", "reads the clock"),
+        (KeepsClock, "", "keeps the clock"),
+        (Wall, "", "calls time.monotonic, which the search cannot repeat"),
+        (Chance, "", "calls random.choice"),
+        (SeededChance, "", "the variable 'GENERATOR' of tests.btcore.proof.test_user_code changes"),
+        (Global, "", "the variable 'TICKS' of tests.btcore.proof.test_user_code changes"),
+        (GlobalList, "", "the variable 'LOG' of tests.btcore.proof.test_user_code changes"),
+        (OfClass, "", "the attribute 'count' of the class OfClass changes"),
+        (Undeclared, "", "the attribute 'count' of 'it' <Undeclared> changes"),
+        (Steps, "", "keeps a generator in 'steps', which cannot be copied and compared"),
+        (UndeclaredSteps, "", "keeps a generator in 'steps', which cannot be copied and compared"),
+        (Writes, WRITTEN, "has another result"),
+        (SwallowsAll, WRITTEN.replace("{}", COMPARES), "the value of {x} is not known"),
+        (Returns, WRITTEN.replace("{}", COMPARES), "the value of {x} is not known"),
+        (Guesses, WRITTEN, "the value of {x} is not known"),
+        (Remembers, WRITTEN, "keeps an unknown value in 'before'"),
+    ],
+)
+def test_code_that_the_search_cannot_repeat_makes_the_answer_unknown(
+    decorator: type[btcore.TreeNode], body: str, reason: str
+) -> None:
+    name = decorator.__name__
+    port = " value='{x}'" if "value" in get_annotations(decorator) else ""
+    inner = f"<{name} name='it'{port}><AlwaysSuccess/></{name}>"
+    body = body.replace("{0}", name).replace("{}", inner)
+    answer = answer_about(decorator, body)
+    assert answer.answer == UNKNOWN_ANSWER
+    assert reason in answer.detail
+    if "value of" not in reason and "the variable" not in reason and "of the class" not in reason:
+        assert f"it' <{name}>" in answer.detail
+
+
+@pytest.mark.parametrize("decorator", [SwallowsAll, Returns])
+def test_a_caught_interrupt_that_changes_no_decision_makes_the_answer_unknown(
+    decorator: type[btcore.TreeNode],
+) -> None:
+    inner = COMPARES.format(decorator.__name__)
+    sequence = f"<ForceSuccess>{WRITTEN.replace('{}', inner)}</ForceSuccess>"
+    body = f"<KeepRunningUntilFailure>{sequence}</KeepRunningUntilFailure>"
+    answer = answer_about(decorator, body, "never it is FAILURE")
+    assert answer.answer == UNKNOWN_ANSWER
+    assert f"<{decorator.__name__}> catches an exception with which the search ends a tick" in answer.detail
+
+
+@dataclass
+class Memory:
+    """A state whose equality ignores a part of it."""
+
+    name: str
+    calls: int = field(default=0, compare=False)
+
+
+class Plain(Decorator):
+    """Keeps nothing."""
+
+
+class Counter(Decorator):
+    """Fails in every third tick."""
+
+    state_fields = ("memory",)
+
+    def __init__(self) -> None:
+        self.memory = Memory("calls")
+
+    def decide(self) -> bool:
+        self.memory.calls = (self.memory.calls + 1) % 3
+        return self.memory.calls != 0
+
+
+class Nested(Decorator):
+    """Fails in every third tick, and counts in a list within a tuple, whose items nothing else shows."""
+
+    state_fields = ("last",)
+    last: tuple[str, list[float]]
+
+    def __init__(self) -> None:
+        self.last = ("", [-0.0])
+
+    def decide(self) -> bool:
+        self.last[1].append(0.0)
+        del self.last[1][3:]
+        return len(self.last[1]) < 3
+
+
+class StateMachine(Decorator):
+    """Keeps the method that decides next, and compares with a constant of its module."""
+
+    state_fields = ("last", "step")
+
+    def __init__(self) -> None:
+        self.step: Callable[[], bool] = self.first
+        self.last = MISSING
+
+    def decide(self) -> bool:
+        return self.step()
+
+    def first(self) -> bool:
+        """Go on to the second step."""
+        self.step = self.second
+        return self.last is MISSING
+
+    def second(self) -> bool:
+        """Stay."""
+        return False
+
+
+class Within(Decorator):
+    """Succeeds for one second."""
+
+    state_fields = ("end",)
+    time_fields = ("end",)
+    end = 0
+
+    def decide(self) -> bool:
+        self.end = self.end or self.now() + NS_PER_S
+        return not self.has_passed(self.end)
+
+
+class Catches(Decorator):
+    """Catches the exceptions of its child, and those of nobody else."""
+
+    def tick(self) -> Status:
+        """Tick the child."""
+        try:
+            return self.child.execute_tick()
+        except Exception:
+            return FAILURE
+
+
+class Compares(Decorator):
+    """Compares a known value."""
+
+    value: btcore.In[int]
+
+    def decide(self) -> bool:
+        return self.value < 3
+
+
+class ReadsByKey(Decorator):
+    """Reads an entry without a port."""
+
+    def decide(self) -> bool:
+        return "written" not in self.blackboard
+
+
+RAISES = "<Catches name='it'><ScriptCondition code='unwritten &gt; 3'/></Catches>"
+KNOWN = "<Sequence><Script code='x := 4'/>{}</Sequence>"
+
+
+@pytest.mark.parametrize(
+    ("decorator", "body", "expected"),
+    [
+        (Plain, "", PROVED),
+        (Counter, "", REFUTED),
+        (Nested, "", REFUTED),
+        (StateMachine, "", REFUTED),
+        (Within, "", REFUTED),
+        (Catches, RAISES, REFUTED),
+        (Compares, KNOWN, REFUTED),
+        (
+            ReadsByKey,
+            WRITTEN.replace("{x}", "{written}"),
+            REFUTED,
+        ),
+    ],
+)
+def test_code_whose_state_is_declared_is_searched(
+    decorator: type[btcore.TreeNode], body: str, expected: str
+) -> None:
+    port = " value='{x}'" if "value" in get_annotations(decorator) else ""
+    inner = f"<{decorator.__name__} name='it'{port}><AlwaysSuccess/></{decorator.__name__}>"
+    answer = answer_about(decorator, body.replace("{}", inner))
+    assert (answer.answer, answer.detail) == (expected, "")
+
+
+@pytest.mark.parametrize("decorator", [StartInTimeFields, ComparesNow])
+def test_code_that_compares_the_time_within_a_tick_makes_the_answer_unknown(
+    decorator: type[btcore.TreeNode],
+) -> None:
+    answer = answer_about(decorator, question="never Left & Right")
+    assert answer.answer == UNKNOWN_ANSWER
+    assert "compares the time of now(): use has_passed()" in answer.detail
