@@ -13,6 +13,7 @@ MAX_EPISODES: Final = 60
 """The maximum number of episodes of a sweep."""
 
 _MAX_LIST: Final = 50
+_MAX_DECLARATIONS: Final = 50_000
 _WORLD: Final = r"^[a-z][a-z0-9_]{0,40}(:[0-9]{1,9})?$"
 _SWEPT: Final = r"^(bb\.[A-Za-z_]\w{0,60}|noise|battery|people|obstacles|rate)$"
 
@@ -173,6 +174,13 @@ class ProveArguments(TreeArguments):
     )
     given: _Given = Field([])
     ticks: int | None = Field(None, ge=1, le=100_000, description="Search runs of at most this many ticks.")
+    declarations: str | None = Field(
+        None,
+        max_length=_MAX_DECLARATIONS,
+        description="What is known of the leaves, as TOML, instead of the file TREE.proof.toml: given = "
+        "['goal']; [leaves.Move] with results, at_once, lasts, endless, uses, hands_over, optional, early, "
+        "writes, on_halt; [entries] battery = ['low', 'ok']; [questions].",
+    )
 
 
 class ReadLogArguments(Arguments):

@@ -36,6 +36,8 @@ MAX_WAITING: Final = 20
 SIMULATION: Final = ("nav2", "replay", "robot", "robot_nodes", "sim", "sweep")
 """The entry points of btcore that are used: nodes of btcore, and a robot in a simulated world."""
 
+_PATIENCE: Final = 0.75
+"""The part of the time limit after which a command is interrupted."""
 _KEPT: Final = ("PATH", "PYTHONPATH", "LANG", "LC_ALL", "SYSTEMROOT", "BTCORE_PURE", "BTCORE_COMPILED")
 
 
@@ -52,7 +54,8 @@ class CommandRunner:
 
     Args:
         folder: The served folder.
-        time_limit: The time (s) after which a command is killed with all processes that it started.
+        time_limit: The time (s) after which a command is killed with all processes that it started. Before,
+            it is interrupted, so that it prints what it has.
         plugins: Node libraries that the user permits, as values of `--plugin`.
     """
 
@@ -106,7 +109,7 @@ class CommandRunner:
             )
             try:
                 with anyio.move_on_after(self.time_limit) as scope:
-                    finished = await _communicate(process)
+                    finished = await _communicate(process, _PATIENCE * self.time_limit)
                     return Finished(finished.code, *map(self._shorten_paths, finished[1:]))
             finally:
                 with anyio.CancelScope(shield=True):
@@ -153,8 +156,8 @@ class CommandRunner:
         }
 
 
-async def _communicate(process: Process) -> Finished:
-    """Read the output of *process* until it ends."""
+async def _communicate(process: Process, patience: float) -> Finished:
+    """Read the output of *process* until it ends; interrupt it after the time *patience* (s)."""
     parts: dict[str, bytes] = {}
 
     async def read(name: str, stream: ByteReceiveStream | None) -> None:
@@ -171,6 +174,10 @@ async def _communicate(process: Process) -> Finished:
         async with anyio.create_task_group() as group:
             group.start_soon(read, "stdout", process.stdout)
             group.start_soon(read, "stderr", process.stderr)
+            with anyio.move_on_after(patience):
+                await process.wait()
+            if process.returncode is None:
+                _interrupt(process)
             code = await process.wait()
     except BaseExceptionGroup as errors:
         refused, _ = errors.split(RefusedError)
@@ -179,6 +186,15 @@ async def _communicate(process: Process) -> Finished:
         raise refused.exceptions[0] from None
     stdout, stderr = (parts[name].decode(errors="replace") for name in ("stdout", "stderr"))
     return Finished(code, stdout, stderr)
+
+
+def _interrupt(process: Process) -> None:
+    """Request *process* to end with what it has, as by Ctrl-C."""
+    with suppress(ProcessLookupError, PermissionError):
+        if sys.platform == "win32":
+            process.send_signal(signal.CTRL_BREAK_EVENT)
+        else:
+            process.send_signal(signal.SIGINT)
 
 
 async def _kill(process: Process) -> None:

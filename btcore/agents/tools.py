@@ -213,7 +213,7 @@ class Toolbox:
 
         The standard questions are always asked. A refuted question has a counterexample: the result of each
         leaf in each tick. With `cycle`, it repeats forever from the tick with this number; the first is 0. An
-        answer is unknown if the search was ended early: see its detail.
+        answer is unknown if the search was ended early, for example by the time limit: see its detail.
 
         Propositions A and B in `never` and `ask` are about a tick: 'Move' (it is RUNNING), 'Move is SUCCESS'
         (or FAILURE, SKIPPED, RUNNING, IDLE), 'Move ticked', 'Move halted', '{battery} < 20', '!A', 'A & B',
@@ -228,7 +228,12 @@ class Toolbox:
             "--jobs=2",
             "--json",
         ]
-        proved = await self._of_tree("prove", call, words)
+        with self._runner.temporary_folder() as output:
+            if call.declarations is not None:
+                file = output / "declarations.toml"
+                file.write_text(call.declarations, encoding="utf-8", errors="replace")
+                words.append(f"--declarations={file}")
+            proved = await self._json("prove", [*words, *self._words(call, output)])
         return to_bounded_json({"questions": [answer_of(question) for question in proved["questions"]]})
 
     async def read_log(self, call: ReadLogArguments) -> str:

@@ -15,10 +15,12 @@ from btcore.cli import files, node_libraries, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.tree_source import STDIN, TreeSource, find_source, given_option, tree_options
+from btcore.escaping import escape_controls
 from btcore.logs.formats import open_log
 from btcore.proof.answer_text import lines_of_answer
 from btcore.proof.counterexample import RunTick
-from btcore.proof.declarations import Declarations
+from btcore.proof.declarations import SUFFIX, Declarations
+from btcore.proof.declarations_template import template_of
 from btcore.proof.model_leaves import with_model_leaves
 from btcore.proof.planned_run import planned_ticks
 from btcore.proof.prover import PROVED, REFUTED, Answer, Report
@@ -71,6 +73,13 @@ _INTERVAL_S: Final = 0.2
     "--ticks", type=click.IntRange(1), metavar="N", help="Search runs of at most N ticks. Default: no limit."
 )
 @click.option(
+    "--time",
+    "seconds",
+    type=click.FloatRange(0, min_open=True),
+    metavar="S",
+    help="End the search after S seconds, with the answers so far. Default: no limit.",
+)
+@click.option(
     "--memory",
     type=click.IntRange(100),
     default=MEMORY_MB,
@@ -98,6 +107,13 @@ _INTERVAL_S: Final = 0.2
     metavar="FILE",
     help=f"Draw the state graph; at most {MOST_STATES} states.",
 )
+@click.option("--strict", is_flag=True, help="Exit with 1 also for 'proved: unless …'.")
+@click.option(
+    "--init",
+    "is_template",
+    is_flag=True,
+    help="Write a commented TREE.proof.toml with all that can be declared for TREE, and end.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def prove(
     source: str,
@@ -112,11 +128,14 @@ def prove(
     file: Path | None,
     instant_leaves: bool,
     ticks: int | None,
+    seconds: float | None,
     memory: int,
     jobs: int | None,
     save: Path | None,
     dot: Path | None,
     svg: Path | None,
+    strict: bool,
+    is_template: bool,
     as_json: bool,
 ) -> int:
     """Search all possible runs of TREE, and answer questions about them.
@@ -130,7 +149,7 @@ def prove(
     Exit codes:
       0  everything is proved
       1  something is refuted; a run that shows it is printed
-      2  an error in the tree or on the command line
+      2  an error in the tree, on the command line or in a question
       4  something is unknown, and nothing is refuted
     """
     path = find_source(source)
@@ -143,8 +162,10 @@ def prove(
     )
     questions = [*(f"never {text}" for text in never), *asked]
     prover = prover_of(examined, nodes, questions, declared, given, instant_leaves)
+    if is_template:
+        return _write_template(path, prover.tree)
     with _Progress() as progress:
-        report = prover.answer(ticks, memory << 20, progress, jobs or _default_jobs())
+        report = prover.answer(ticks, memory << 20, progress, jobs or _default_jobs(), seconds)
     if save is not None:
         has_libraries = _has_libraries(prover.tree, libraries.nodes, plugins)
         used = TreeReference(path, tree, format, models, plugins, has_libraries, file)
@@ -158,10 +179,31 @@ def prove(
     for target, draw in ((dot, graph_to_dot), (svg, graph_to_svg)):
         if target is not None:
             files.write(target, draw(*draw_graph(prover)).encode())
+    for error in prover.errors:
+        terminal.print_error(error)
+    return ExitCode.USER_ERROR if prover.errors else _exit_code(report, strict)
+
+
+def _exit_code(report: Report, strict: bool) -> ExitCode:
     answers = {answer.answer for answer in report.answers}
-    if REFUTED in answers:
+    has_conditions = any(
+        answer.answer == PROVED and answer.detail and not answer.is_vacuous for answer in report.answers
+    )
+    if REFUTED in answers or (strict and has_conditions):
         return ExitCode.FAILURE
     return ExitCode.SUCCESS if answers == {PROVED} else ExitCode.INCOMPLETE_OUTPUT
+
+
+def _write_template(path: Path, tree: Tree) -> int:
+    """Write a file with commented declarations beside the file of a tree."""
+    if path == STDIN:
+        raise click.UsageError("--init needs a tree in a file: it writes the declarations beside it.")
+    target = path.with_suffix(SUFFIX)
+    if target.exists():
+        raise click.UsageError(f"{target} exists already; --init does not overwrite it.")
+    files.write(target, template_of(tree).encode())
+    click.echo(f"wrote {escape_controls(str(target))}")
+    return ExitCode.SUCCESS
 
 
 def _default_jobs() -> int:

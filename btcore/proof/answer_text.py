@@ -1,6 +1,5 @@
 """Answers as lines of text for people, with the ticks of counterexamples and a drawing of the tree."""
 
-from collections.abc import Mapping
 from typing import Final
 
 from btcore.escaping import escape_controls
@@ -40,7 +39,6 @@ def _lines_of_run(run: Counterexample) -> list[Line]:
     if run.given:
         values = ", ".join(f"{{{key}}} = {value}" for key, value in run.given.items())
         lines.append([(f"    before the first tick  {escape_controls(values)}", "dim")])
-    names = {leaf.path: leaf.name for tick in run.ticks for leaf in tick.leaves}
     last = len(run.ticks) - 1
     for number, tick in enumerate(run.ticks):
         is_left_out = last >= MOST_TICKS and _SHOWN <= number <= last - _SHOWN
@@ -52,7 +50,7 @@ def _lines_of_run(run: Counterexample) -> list[Line]:
                 count = (last - _SHOWN + 1 if end is None else end) - number
                 lines.append([(f"         … {count} tick{'' if count == 1 else 's'} …", "dim")])
             continue
-        lines += _lines_of_tick(number + 1, tick, names)
+        lines += _lines_of_tick(number + 1, tick)
     if run.cycle is not None:
         lines.append([(f"    ↻ on to tick {run.cycle + 1}", "dim")])
     return lines + _drawing(run)
@@ -72,17 +70,17 @@ def _drawing(run: Counterexample) -> list[Line]:
     return lines
 
 
-def _lines_of_tick(number: int, tick: RunTick, names: Mapping[str, str]) -> list[Line]:
+def _lines_of_tick(number: int, tick: RunTick) -> list[Line]:
     line: Line = [(f"    {number:>3}  {tick.time:>6.1f} s  ", "dim")]
-    for index, leaf in enumerate(tick.leaves):
+    for index, leaf in enumerate(tick.events):
         line.append((", " if index else "", "dim"))
         line.append((f"{escape_controls(leaf.name, one_line=True)} ", ""))
+        if leaf.result is Status.IDLE:
+            line.append(("halted", ""))
+            continue
         line.append((leaf.result.name, _COLOURS.get(leaf.result, "cyan")))
         for port, value in leaf.written.items():
             line.append((f" {port}={escape_controls(value, one_line=True)}", "dim"))
-    halted = ", ".join(escape_controls(names.get(path, path), one_line=True) for path in tick.halted)
-    if halted:
-        line.append((f"{', ' if tick.leaves else ''}{halted} halted", ""))
     if tick.result is not None:
         line.append((f"  → {tick.result.name}", ""))
     if len(tick.times) > 1:

@@ -19,11 +19,11 @@ TreeMaker = Callable[[Choices, Clock], Tree]
 
 
 class LeafTick(NamedTuple):
-    """The tick of one leaf.
+    """The tick of one leaf, or its halt.
 
     Attributes:
         path: The leaf's path.
-        result: Its result.
+        result: Its result; IDLE if the leaf was halted while RUNNING.
         written: The values that the leaf wrote, as texts by port; `?` = the value is not known.
         name: The leaf's name, or its path if another node has the same name.
     """
@@ -45,6 +45,7 @@ class RunTick(NamedTuple):
         running: The paths of all nodes that are RUNNING after the tick.
         result: The result of the tree; None if a node raised.
         error: The message of the exception, or "".
+        events: The ticks and halts of the leaves, in order; a halt has the result IDLE.
     """
 
     times: Sequence[float]
@@ -53,6 +54,7 @@ class RunTick(NamedTuple):
     running: list[str]
     result: Status | None
     error: str
+    events: Sequence[LeafTick] = ()
 
     @property
     def time(self) -> float:
@@ -131,7 +133,7 @@ def replay(
         tick_clock.begin(readings)
         choices.begin(given)
         result, error = run_tick(tree, choices)
-        leaves = [
+        events = [
             LeafTick(
                 event.leaf.path,
                 event.result,
@@ -141,11 +143,12 @@ def replay(
             for event in choices.events
             if event.result is Status.RUNNING or not event.leaf.children
         ]
-        halted = [leaf.path for leaf in choices.halted]
+        leaves = [leaf for leaf in events if leaf.result is not Status.IDLE]
+        halted = [leaf.path for leaf in events if leaf.result is Status.IDLE]
         running = [node.path for node in tree.nodes if node.status is Status.RUNNING]
         shown = readings if readings[0] != readings[-1] else readings[:1]
         seconds = [time / NS_PER_S for time in shown]
-        ticks.append(RunTick(seconds, leaves, halted, running, result, str(error or "")))
+        ticks.append(RunTick(seconds, leaves, halted, running, result, str(error or ""), events))
     tree.flush_observers()
     return ticks
 

@@ -3,7 +3,9 @@
 Within a tick, the search stops at each decision of a leaf: moments with the same future are searched once.
 """
 
+import math
 import re
+import time
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from typing import Final
@@ -104,6 +106,8 @@ class Explorer:
         self._vertex = 0
         self._choice: int | None = None
         self._events = 0
+        self._end = math.inf
+        self._time_bound = ""
 
     def start(self) -> bool:
         """Add the present state of the tree to the initial states. Return whether it is new."""
@@ -115,6 +119,18 @@ class Explorer:
         if is_new:
             self.add_state(number, None)
         return is_new
+
+    def limit_time(self, seconds: float) -> None:
+        """End the search after a time (s, real time)."""
+        self._end = time.monotonic() + seconds
+        self._time_bound = f"the time limit of {seconds:g} s was reached"
+
+    def is_out_of_time(self) -> bool:
+        """Return whether the time of the search is over; note this bound."""
+        if time.monotonic() < self._end:
+            return False
+        self.graph.bounds.setdefault(self._time_bound, None)
+        return True
 
     def add_state(self, number: int, parent: Step | None) -> None:
         """Add a new state, which was found by *parent*; None = an initial state."""
@@ -131,6 +147,9 @@ class Explorer:
             for index, advance in enumerate(advances):
                 self._run_tick(state, advance, Moment(number, index, ()), number, None)
                 while self._open:
+                    if self.is_out_of_time():
+                        self._open.clear()
+                        return
                     vertex, choice = self._open.pop()
                     self._run_tick(state, advance, self.graph.decisions[vertex], vertex, choice)
                     if len(self.graph.decisions) > limit:

@@ -4,7 +4,7 @@ A model comes from the leaf's class, its metadata, and a declaration beside the 
 the one before.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
@@ -19,7 +19,8 @@ from btcore.suggestions import did_you_mean, join_names
 from btcore.values import BOOL, EnumType
 
 RESULTS: Final = {"SUCCESS": SUCCESS, "FAILURE": FAILURE, "SKIPPED": SKIPPED}
-_KEYS: Final = ("results", "lasts", "at_once", "endless", "uses", "optional", "early")
+_NAMES: Final = ("uses", "optional", "writes", "on_halt")
+_KEYS: Final = ("results", "lasts", "at_once", "endless", "early", "hands_over", *_NAMES)
 
 
 class ModelError(BtcoreError):
@@ -38,6 +39,12 @@ class LeafModel(NamedTuple):
         optional: The names of the input ports whose entries need not be written before the leaf reads them;
             without them it does not succeed.
         early: Whether the leaf may write its outputs already while it is RUNNING.
+        writes: The names of outputs, or keys of other entries, that the leaf may write in any tick, whatever
+            its result is. The rules of all other outputs do not hold for them.
+        entries: Those of *writes* that are no outputs.
+        on_halt: The names of the outputs that the leaf writes when it is halted.
+        hands_over: Whether another action may take over the resources in the tick in which the leaf is
+            halted, before its halt, because the halt does not affect them.
     """
 
     results: tuple[Status, ...]
@@ -47,6 +54,10 @@ class LeafModel(NamedTuple):
     uses: frozenset[str]
     optional: frozenset[str] = frozenset()
     early: bool = False
+    writes: frozenset[str] = frozenset()
+    entries: frozenset[str] = frozenset()
+    on_halt: frozenset[str] = frozenset()
+    hands_over: bool = False
 
 
 def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> LeafModel:
@@ -76,21 +87,24 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
         model = _narrowed(model, metadata, f"the metadata of <{manifest.id}>")
     if declared is not None:
         model = _narrowed(model, declared, f"[leaves.{manifest.id}]")
-    return model
+    return model._replace(entries=model.writes - set(manifest.ports))
 
 
-def domain_of(port: Port, declared: Mapping[str, tuple[str, ...]], key: str) -> tuple[object, ...]:
-    """Return the values that a leaf may write to the entry *key*; () = the values are not known.
+def domain_of(
+    port: Port, declared: Mapping[str, tuple[str, ...]], names: Sequence[str]
+) -> tuple[object, ...]:
+    """Return the values that a leaf may write to an entry; () = the values are not known.
 
     Args:
         port: The output port.
         declared: The texts of the declared values of each entry.
-        key: The blackboard key.
+        names: The names of the entry, in the tree of the leaf and in the calling trees.
 
     Raises:
         ModelError: A declared value is not of the type of the port.
     """
     kind = port.type
+    key = next((name for name in names if name in declared), "")
     texts = declared.get(key)
     if texts is None:
         if kind is BOOL:
@@ -139,7 +153,7 @@ def _narrowed(model: LeafModel, declared: Mapping[str, Any], place: str) -> Leaf
             results = _ordered({RESULTS[name] for name in names if name in RESULTS})
             lasts = model.lasts if results else True
             model = model._replace(results=results, lasts=lasts or "RUNNING" in names, endless=not results)
-        elif key in ("uses", "optional"):
+        elif key in _NAMES:
             named: Any = {key: frozenset(_names(value, place, key))}
             model = model._replace(**named)
         else:

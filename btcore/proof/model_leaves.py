@@ -6,19 +6,21 @@ of every choice beyond it.
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
 from types import MappingProxyType
 from typing import ClassVar, Final, NamedTuple, NoReturn
 
 from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.blackboard.ports import Input, Output, Port, PortRole, braced_key
+from btcore.blackboard.ports import Binding, Direction, Input, Output, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
-from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
+from btcore.engine.leaf import Condition, StatefulAction, SyncAction
 from btcore.engine.node import SYNCHRONOUS, TreeNode
 from btcore.nodes.manual_selector import Prompt
+from btcore.proof.entry_names import names_of_entry
 from btcore.proof.interrupts import EndlessTickError, SearchInterrupt, UnknownValueError
-from btcore.proof.leaf_models import LeafModel, domain_of, model_of, resources_of
+from btcore.proof.leaf_models import LeafModel, ModelError, domain_of, model_of, resources_of
 from btcore.registry.registry import Registry
-from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status
+from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeType, Status
 from btcore.tree.tree import Tree
 
 MOST_CHOICES: Final = 300
@@ -64,13 +66,16 @@ class UnknownValue:
 
 
 Outcome = tuple[Status, tuple[int, ...]]
-"""A result of a leaf, and for each written output the number of the value."""
+"""A result of a leaf, and for each output the number of the value; () = nothing is written."""
+_NOT_WRITTEN: Final = -1
+"""Stands for the number of a value in an outcome in which an output is not written."""
 
 
 class LeafEvent(NamedTuple):
     """One tick of a leaf: its status before, its result, and the values that it wrote, by port.
 
-    A model decorator has an event with the result RUNNING if it holds its child back, else with SUCCESS.
+    If the leaf was halted while RUNNING, the result is IDLE. A model decorator has an event with the result
+    RUNNING if it holds its child back, else with SUCCESS.
     """
 
     leaf: TreeNode
@@ -85,8 +90,7 @@ class Choices:
     Attributes:
         given: The choices to repeat: for each the number of the option.
         made: The choices of this tick: the number of the option, and the number of options.
-        events: The ticks of model leaves, in order.
-        halted: The model leaves that were halted while RUNNING.
+        events: The ticks and halts of model leaves, in order.
         domains: The declared values of entries, as texts, by key.
         unread: The keys of entries that leaves need not write, because nothing reads them.
         counted: The scope and the key of each entry whose writes a node counts.
@@ -99,7 +103,6 @@ class Choices:
         self.given: Sequence[int] = ()
         self.made: list[tuple[int, int]] = []
         self.events: list[LeafEvent] = []
-        self.halted: list[LeafNode] = []
         self.domains = dict(domains or {})
         self.unread: frozenset[str] = frozenset()
         self.counted: Sequence[tuple[Blackboard, str]] = ()
@@ -113,7 +116,6 @@ class Choices:
         self.raised = None
         self.made.clear()
         self.events.clear()
-        self.halted.clear()
 
     def choose(self, options: int, leaf: TreeNode | None = None) -> int:
         """Return the number of the chosen option, from 0 to *options* - 1.
@@ -180,7 +182,10 @@ class _Chooser:
         self._reads: list[Input] | None = None
         self._optional: list[Input] = []
         self._writers: list[Writer] = []
-        self._options: dict[tuple[tuple[bool, ...], bool], list[Outcome]] = {}
+        self._all_writers: list[Writer] = []
+        self._halt_writers: list[Writer] = []
+        self._start: list[Outcome] = []
+        self._options: dict[tuple[tuple[bool, ...], bool, bool], list[Outcome]] = {}
         self._starts_running = model.lasts and not model.at_once
 
     def take(self, before: Status) -> Status:
@@ -193,24 +198,40 @@ class _Chooser:
             if entry is None or not isinstance(entry.value, UnknownValue):
                 port.read()
         choices = self.choices
-        if self._starts_running and before is not RUNNING:
-            choices.events.append(LeafEvent(self._leaf, before, RUNNING, _NOTHING))
-            return RUNNING
         writers = self._writers
-        fresh = tuple([self._is_fresh(writer) for writer in writers]) if writers else ()
-        has_inputs = not self._optional or not any(_is_unwritten(port) for port in self._optional)
-        options = self._options.get((fresh, has_inputs))
-        if options is None:
-            self._options[fresh, has_inputs] = options = self._all_options(fresh, has_inputs)
-        status, picked = options[choices.choose_outcome(self._leaf, options, writers)]
+        if self._starts_running and before is not RUNNING:
+            options = self._start
+        else:
+            fresh = tuple([self._is_fresh(writer) for writer in writers]) if writers else ()
+            has_inputs = not self._optional or not any(_is_unwritten(port) for port in self._optional)
+            is_repeated = self._model.early and not any(_is_unwritten(writer.output) for writer in writers)
+            key = (fresh, has_inputs, is_repeated)
+            found = self._options.get(key)
+            options = self._options[key] = self._outcomes(*key) if found is None else found
+        status, picked = options[choices.choose_outcome(self._leaf, options, self._all_writers)]
         written: Mapping[str, object] = _NOTHING
         if picked:
             written = {
                 writer.output.name: self._write(writer, pick)
-                for writer, pick in zip(writers, picked, strict=True)
+                for writer, pick in zip(self._all_writers, picked, strict=True)
+                if pick >= 0
             }
         choices.events.append(LeafEvent(self._leaf, before, status, written))
         return status
+
+    def halt(self) -> None:
+        """Record the halt, and write what the model writes then."""
+        if self._reads is None:
+            self._reads = self._prepare()
+        written: Mapping[str, object] = _NOTHING
+        if self._halt_writers:
+            every = list(product(*[range(len(writer.values) or 1) for writer in self._halt_writers]))
+            picks = every[self.choices.choose(len(every), self._leaf) if every[1:] else 0]
+            written = {
+                writer.output.name: self._write(writer, pick)
+                for writer, pick in zip(self._halt_writers, picks, strict=True)
+            }
+        self.choices.events.append(LeafEvent(self._leaf, RUNNING, IDLE, written))
 
     def _prepare(self) -> list[Input]:
         """Find the outputs and the optional inputs. Return the mandatory inputs."""
@@ -218,12 +239,20 @@ class _Chooser:
         self._optional = [
             port
             for port in config.inputs.values()
-            if port.name in self._model.optional and port.key not in (None, *self.choices.unread)
+            if port.name in self._model.optional and port.key is not None
         ]
-        for output in config.outputs.values():
+        model = self._model
+        free: list[Writer] = []
+        for output in (*config.outputs.values(), *_entries_of(self._leaf, model)):
             if output.key is not None and output.key not in self.choices.unread:
-                values = domain_of(output.binding.port, self.choices.domains, output.key)
-                self._writers.append(Writer(output, output.key, values))
+                names = names_of_entry(output.blackboard, output.key)
+                values = domain_of(output.binding.port, self.choices.domains, names)
+                writer = Writer(output, output.key, values)
+                (free if output.name in model.writes else self._writers).append(writer)
+                if output.name in model.on_halt:
+                    self._halt_writers.append(writer)
+        self._all_writers = [*self._writers, *free]
+        self._start = self._with_free_writes([(RUNNING, ())])
         return [port for port in config.inputs.values() if _is_mandatory(port, self._model)]
 
     def _is_fresh(self, writer: Writer) -> bool:
@@ -262,6 +291,26 @@ class _Chooser:
                 options += [(RUNNING, pick) for pick in picks]
         return options
 
+    def _outcomes(self, fresh: tuple[bool, ...], has_inputs: bool, is_repeated: bool) -> list[Outcome]:
+        """Return all outcomes. *is_repeated*: the leaf may have written its outputs in an earlier tick."""
+        options = self._all_options(fresh, has_inputs)
+        if is_repeated and self._writers and any(status is SUCCESS for status, _ in options):
+            options.append((SUCCESS, ()))
+        return self._with_free_writes(options)
+
+    def _with_free_writes(self, options: list[Outcome]) -> list[Outcome]:
+        """Return the options, each with and without the writes that do not depend on the result."""
+        count = len(self._writers)
+        free = self._all_writers[count:]
+        if not free:
+            return options
+        every = list(product(*[range(_NOT_WRITTEN, len(writer.values) or 1) for writer in free]))
+        return [
+            (status, (*(picked or (_NOT_WRITTEN,) * count), *more))
+            for status, picked in options
+            for more in every
+        ]
+
     def _write(self, writer: Writer, pick: int) -> object:
         if writer.values:
             value = writer.values[pick]
@@ -274,7 +323,13 @@ class _Chooser:
         return unknown
 
 
-def _is_unwritten(port: Input) -> bool:
+def _entries_of(leaf: TreeNode, model: LeafModel) -> list[Output]:
+    """Return outputs for the entries that the model writes without a port."""
+    board = leaf.blackboard
+    return [Output(Binding(Port(key, Direction.OUT), f"{{{key}}}"), board) for key in sorted(model.entries)]
+
+
+def _is_unwritten(port: Input | Output) -> bool:
     entry = port.blackboard.find(port.key or "")
     return entry is None or entry.value is None
 
@@ -303,15 +358,20 @@ def counted_entries(tree: Tree) -> list[tuple[Blackboard, str]]:
 def unread_keys(tree: Tree, choices: Choices, watched: str = "") -> frozenset[str]:
     """Return the keys that only model leaves write, and that no node reads.
 
-    A model leaf reads its mandatory inputs only. A key counts as read if its name occurs in any input or
-    attribute of another node, in a script or in *watched*, the text of the questions.
+    A model leaf reads its mandatory inputs, and those that its model declares as optional. A key counts as
+    read if its name occurs in any input or attribute of another node, in a script or in *watched*, the text
+    of the questions.
     """
     written: set[str] = set()
     texts = [watched]
     for node in tree.nodes:
         config = node.config
         model = model_leaf_model(node)
-        inputs = [port for port in config.inputs.values() if model is None or _is_mandatory(port, model)]
+        inputs = [
+            port
+            for port in config.inputs.values()
+            if model is None or port.name in model.optional or _is_mandatory(port, model)
+        ]
         texts += [port.key if port.key is not None else str(port.literal) for port in inputs]
         texts += config.scripts.values()
         if model is None:
@@ -319,6 +379,7 @@ def unread_keys(tree: Tree, choices: Choices, watched: str = "") -> frozenset[st
                 texts += [name, text]
         else:
             written.update(output.key for output in config.outputs.values() if output.key is not None)
+            written.update(output.key or "" for output in _entries_of(node, model))
     read = set(_WORD.findall(" ".join(texts)))
     return frozenset(
         key for key in written if key not in choices.domains and read.isdisjoint(_WORD.findall(key))
@@ -377,7 +438,7 @@ class ModelAction(StatefulAction):
 
     def on_halted(self) -> None:
         """Record the halt."""
-        self._chooser.choices.halted.append(self)
+        self._chooser.halt()
 
 
 class ModelSyncAction(SyncAction):
@@ -441,11 +502,13 @@ def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, objec
             if not (is_leaf or is_decorator) or manifest.distribution == "btcore" or ID in copy.substitutions:
                 continue
             model = model_of(manifest, declared.get(ID))
+            if is_decorator and model.uses:
+                raise ModelError(f"<{ID}>: a decorator uses no resources; declare those of its child")
             ports = list(manifest.ports.values())
             if copy.get(ID, format) is manifest:
                 copy.remove(ID)
                 made = _model_class(ID, manifest.cls, model, ports)
-                results = declared.get(ID, {}).get("results")
+                results = declared.get(ID, {}).get("results", manifest.metadata.get("results"))
                 if issubclass(made, ModelDecorator) and results is not None:
                     made.instead = model.results
                     made.model = model._replace(lasts="RUNNING" in str(results))

@@ -161,7 +161,8 @@ def _likeness(
     status, picks = option
     values: dict[str, str] = {}
     for writer, pick in zip(writers, picks, strict=False):
-        values[writer.output.name] = text_of(writer.values[pick]) if writer.values else "?"
+        if pick >= 0:
+            values[writer.output.name] = text_of(writer.values[pick]) if writer.values else "?"
     different = sum(values.get(port) != written.get(port) for port in {*values, *written})
     return status.name == result, -different
 

@@ -23,10 +23,12 @@ from btcore.proof.fair_cycles import (
 )
 from btcore.proof.leaf_models import ModelError
 from btcore.proof.model_leaves import Choices, counted_entries, model_leaf_model, unread_keys
-from btcore.proof.propositions import ParsedProposition, Question, parse_proposition
+from btcore.proof.propositions import ParsedProposition, Question, QuestionError, parse_proposition
 from btcore.proof.search import search
 from btcore.proof.standard_questions import (
     ENDS,
+    EXCEPTIONS,
+    INPUTS,
     LEAVES,
     STANDARD_QUESTIONS,
     endless_nodes,
@@ -83,11 +85,12 @@ class Report(NamedTuple):
 
 
 class _Prepared(NamedTuple):
-    """A question of the user, with the numbers of its propositions."""
+    """A question of the user, with the numbers of its propositions, or why it cannot be understood."""
 
     question: Question
-    first: int
-    second: int
+    first: int = 0
+    second: int = 0
+    error: str = ""
 
 
 class Prover:
@@ -102,6 +105,7 @@ class Prover:
     Attributes:
         explorer: The search.
         tree: The tree that the search runs.
+        errors: Why questions cannot be understood, for example because the tree has no such node.
     """
 
     def __init__(
@@ -128,13 +132,16 @@ class Prover:
         parsed: list[ParsedProposition] = []
         self._questions: list[_Prepared] = []
         for question in questions:
+            texts_of_parts = [question.first, question.second] if question.second else [question.first]
+            try:
+                parts = [parse_proposition(part, tree) for part in texts_of_parts]
+            except QuestionError as error:
+                self._questions.append(_Prepared(question, error=str(error)))
+                continue
             first = len(parsed)
-            parsed.append(parse_proposition(question.first, tree))
-            second = first
-            if question.second:
-                second = len(parsed)
-                parsed.append(parse_proposition(question.second, tree))
-            self._questions.append(_Prepared(question, first, second))
+            parsed += parts
+            self._questions.append(_Prepared(question, first, len(parsed) - 1))
+        self.errors = [prepared.error for prepared in self._questions if prepared.error]
         self._endless = endless_nodes(tree)
         self._first_endless = len(parsed)
         watched = {node.uid: node for each in parsed for node in each.nodes}
@@ -167,11 +174,12 @@ class Prover:
         memory: int | None = None,
         progress: Callable[[StateGraph], object] | None = None,
         jobs: int = 1,
+        seconds: float | None = None,
     ) -> Report:
         """Search, and answer the standard questions and the given ones."""
         users = self.explorer.users
         with nullcontext() if users is None else users.guarded():
-            search(self.explorer, most_ticks, memory, progress, jobs)
+            search(self.explorer, most_ticks, memory, progress, jobs, seconds)
         self._cyclic_parts = cyclic_parts(self.explorer.graph)
         answers = [self._standard(question) for question in STANDARD_QUESTIONS]
         answers += [self._own(prepared) for prepared in self._questions]
@@ -207,8 +215,10 @@ class Prover:
         cycle = self._cycle([*fairness, pauses, *actions_succeed], avoided=failing_conditions)
         if cycle is not None and (ends or not endless):
             return self._refuted(ENDS, "it can go on forever although no leaf fails forever", [], cycle)
-        if not graph.is_complete:
+        if self._limits():
             return self._proved(ENDS)
+        if endless and not ends:
+            return self._proved(ENDS, f"never by itself, because of {join_names(_quoted(endless), 'and')}")
         reasons = [
             f"'{node.path}' runs forever"
             for node, its in zip(endless, runs, strict=True)
@@ -222,7 +232,7 @@ class Prover:
             elif isinstance(leaf, Condition) and self._cycle([*sometimes_fails, Fairness(0, succeeds)]):
                 reasons.append(f"'{leaf.path}' changes its result forever")
         detail = f"unless {join_names(reasons, 'or')}" if reasons else ""
-        return self._proved(ENDS, detail if ends or not endless else "never by itself, as declared")
+        return self._proved(ENDS, detail)
 
     def _runs_endless_node(self, tick: Tick) -> bool:
         return any(node._status is RUNNING for node in self._endless)
@@ -257,7 +267,7 @@ class Prover:
                     problems.append(f"'{node.path}' never succeeds")
                 if FAILURE in model.results and not counts.failure:
                     problems.append(f"'{node.path}' never fails")
-        if not problems or not self.explorer.graph.is_complete:
+        if not problems or self._limits():
             return self._proved(LEAVES)
         return self._answer(LEAVES, REFUTED, "; ".join(problems))
 
@@ -266,6 +276,8 @@ class Prover:
     def _own(self, prepared: _Prepared) -> Answer:
         graph, signals = self.explorer.graph, self.explorer.signals
         question = prepared.question
+        if prepared.error:
+            return self._answer(question.text, UNKNOWN_ANSWER, prepared.error)
         first = signals.holds(prepared.first)
         second = signals.holds(prepared.second)
         occurs = [
@@ -384,11 +396,17 @@ class Prover:
         return Answer(question, answer, detail, ticks, graph.states, shown)
 
     def _proved(self, question: str, detail: str = "") -> Answer:
-        """Return that *question* is proved, or unknown if the search is not complete."""
-        bounds = self.explorer.graph.bounds
-        if bounds:
-            return self._answer(question, UNKNOWN_ANSWER, "; ".join(bounds))
+        """Return that *question* is proved, or unknown if not everything was searched."""
+        limits = self._limits()
+        if limits:
+            return self._answer(question, UNKNOWN_ANSWER, "; ".join(limits))
         return self._answer(question, PROVED, ", ".join(filter(None, [self._assumed, detail])))
+
+    def _limits(self) -> list[str]:
+        """Return why the search has not seen everything: its bounds, and an error that ends runs."""
+        graph = self.explorer.graph
+        errors = [graph.violations[each] for each in (INPUTS, EXCEPTIONS) if each in graph.violations]
+        return [*graph.bounds, *(f"not searched beyond this error: {each.message}" for each in errors[:1])]
 
     def _refuted(
         self,
@@ -450,6 +468,10 @@ class Prover:
 
 def _runs(node: TreeNode) -> Callable[[Tick], bool]:
     return lambda tick: node._status is RUNNING
+
+
+def _quoted(nodes: Sequence[TreeNode]) -> list[str]:
+    return [f"'{node.path}'" for node in nodes]
 
 
 def _agrees(tick: WholeTick, result: object) -> bool:

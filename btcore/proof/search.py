@@ -22,6 +22,7 @@ def search(
     memory: int | None = None,
     progress: Callable[[StateGraph], object] | None = None,
     jobs: int = 1,
+    seconds: float | None = None,
 ) -> None:
     """Search until every state is known, or a bound is reached. The result is in the graph of the explorer.
 
@@ -31,14 +32,17 @@ def search(
         memory: The memory (bytes) that the processes may use; None = no limit.
         progress: Called from time to time.
         jobs: The number of processes. The states that are found do not depend on it.
+        seconds: The time (s, real time) after which the search ends; None = no limit.
     """
+    if seconds is not None:
+        explorer.limit_time(seconds)
     graph, waiting = explorer.graph, explorer.waiting
     processes: SearchProcesses | None = None
     next_check = 0
     if not CAN_FORK:
         jobs = 1
     try:
-        while waiting:
+        while waiting and not explorer.is_out_of_time():
             if most_ticks is not None and graph.depths[waiting[0]] >= most_ticks:
                 graph.bounds.setdefault(f"runs of more than {most_ticks} ticks were not searched", None)
                 break

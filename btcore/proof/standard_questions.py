@@ -1,17 +1,19 @@
 """The questions that are asked about every tree, and how single ticks answer them."""
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import Final
 
+from btcore.blackboard.ports import Input
 from btcore.engine.control import ControlNode
 from btcore.engine.node import TreeNode
 from btcore.errors import BlackboardError
 from btcore.nodes.repeat import RepeatedNode
 from btcore.nodes.result_decorators import KeepRunningUntilFailure
+from btcore.proof.entry_names import name_in_main_tree
 from btcore.proof.model_leaves import LeafEvent, model_leaf_model
 from btcore.proof.tick_runner import Check, Tick
-from btcore.status import RUNNING
+from btcore.status import IDLE, RUNNING
 from btcore.tree.tree import Tree
 
 ENDS: Final = "the tree ends"
@@ -55,52 +57,79 @@ def _is_endless_loop(node: TreeNode) -> bool:
 
 def _resource_check(tree: Tree) -> Check:
     shared: dict[tuple[int, int], str] = {}
-    users = [(node, model) for node in tree.nodes if (model := model_leaf_model(node)) is not None]
-    for (first, its), (second, other) in combinations(users, 2):
+    models = [(node, model) for node in tree.nodes if (model := model_leaf_model(node)) is not None]
+    for (first, its), (second, other) in combinations(models, 2):
         common = sorted(its.uses & other.uses)
         if common:
             shared[first.uid, second.uid] = shared[second.uid, first.uid] = common[0]
     if not shared:
         return Check(lambda tick: None)
     sharing = {uid for pair in shared for uid in pair}
-    of_one_tick = {node.uid for node, model in users if not model.lasts}
+    candidates = [node for node, _ in models if node.uid in sharing]
+    handing_over = {node.uid for node, model in models if model.hands_over}
+    of_one_tick = {node.uid for node, model in models if not model.lasts}
 
-    def find(tick: Tick) -> str | None:
-        if tick.error is not None:
+    def conflict_in(events: Sequence[LeafEvent], has_ended: bool) -> tuple[int, TreeNode] | None:
+        """Return the number of the first event that uses a resource of another leaf, with this leaf.
+
+        Args:
+            events: The events of a tick, or of the first part of a tick.
+            has_ended: Whether the tick has ended, so that no leaf will be halted in it.
+        """
+        for event in events:
+            if event.before is not RUNNING and event.leaf.uid in sharing:
+                break
+        else:
             return None
-        # An action that lasts uses its resources while it is RUNNING, an action of one tick in its tick.
-        running = {leaf.uid: (leaf, -1) for leaf in tick.kept if leaf.uid in sharing}
-        brief: list[tuple[TreeNode, int]] = []
-        for number, (leaf, _, result, _) in enumerate(tick.events):
-            uid = leaf.uid
-            if uid in sharing:
-                if uid in of_one_tick:
-                    brief.append((leaf, number))
-                elif result is RUNNING and leaf._status is RUNNING:
-                    running.setdefault(uid, (leaf, number))
-        for first, start in running.values():
-            others = [*running.values(), *(other for other in brief if other[1] > start)]
-            for second, _ in others:
-                common = shared.get((first.uid, second.uid))
-                if common:
-                    return f"'{first.path}' and '{second.path}' both use {common}"
+        befores = {event.leaf.uid: event.before for event in reversed(events)}
+        # An action that lasts uses its resources until it completes or is halted.
+        users = {leaf.uid: leaf for leaf in candidates if befores.get(leaf.uid, leaf._status) is RUNNING}
+        for number, event in enumerate(events):
+            uid = event.leaf.uid
+            if uid not in sharing:
+                continue
+            if event.before is not RUNNING:
+                for other in users.values():
+                    if (uid, other.uid) not in shared:
+                        continue
+                    if other.uid not in handing_over or uid in of_one_tick:
+                        return number, other
+                    if event.result is RUNNING and not _takes_over(events[number:], other, has_ended):
+                        return number, other
+            if event.result is RUNNING:
+                users[uid] = event.leaf
+            else:
+                users.pop(uid, None)
         return None
 
-    def remember(events: Sequence[LeafEvent]) -> Hashable:
-        # The actions of one tick that were ticked, and those after the start of each action that lasts.
-        ticked: set[int] = set()
-        after: dict[int, set[int]] = {}
-        for leaf, _, result, _ in events:
-            uid = leaf.uid
-            if uid in sharing and uid in of_one_tick:
-                ticked.add(uid)
-                for later in after.values():
-                    later.add(uid)
-            elif uid in sharing and result is RUNNING:
-                after.setdefault(uid, set())
-        return frozenset(ticked), frozenset((uid, frozenset(later)) for uid, later in after.items())
+    def find(tick: Tick) -> str | None:
+        conflict = conflict_in(tick.events, tick.error is None)
+        if conflict is None:
+            return None
+        number, other = conflict
+        leaf = tick.events[number].leaf
+        common = shared[leaf.uid, other.uid]
+        for later in tick.events[number:]:
+            if later.leaf is other and later.result is not RUNNING:
+                end = "is halted" if later.result is IDLE else "completes"
+                return f"'{leaf.path}' starts before '{other.path}' {end}, and both use {common}"
+        return f"'{other.path}' and '{leaf.path}' both use {common}"
 
-    return Check(find, remember if of_one_tick & sharing else None)
+    return Check(find, lambda events: conflict_in(events, False) is not None)
+
+
+def _takes_over(events: Sequence[LeafEvent], other: TreeNode, has_ended: bool) -> bool:
+    """Return whether the leaf that starts in the first event may take over what the leaf *other* uses.
+
+    It may if *other* is halted before it is ticked again.
+    """
+    leaf = events[0].leaf
+    for event in events[1:]:
+        if event.leaf is other:
+            return event.result is IDLE
+        if event.leaf is leaf and event.result is not RUNNING:
+            return True
+    return not has_ended
 
 
 def _halt_check(tree: Tree) -> Callable[[Tick], str | None]:
@@ -131,22 +160,22 @@ def _reactive_check(tree: Tree) -> Callable[[Tick], str | None]:
 
 
 def _unwritten_input(tick: Tick) -> str | None:
-    key = _unwritten_key(tick)
-    return (
-        None
-        if key is None or tick.error is None
-        else f"'{tick.error.path}' reads {{{key}}}, which is not written"
-    )
+    port = _unwritten_port(tick)
+    if port is None or port.key is None or tick.error is None:
+        return None
+    name = name_in_main_tree(port.blackboard, port.key)
+    hint = "" if name is None else f"; if the program sets it before the first tick, use --given {name}"
+    return f"'{tick.error.path}' reads {{{port.key}}}, which is not written{hint}"
 
 
 def _exception(tick: Tick) -> str | None:
-    if tick.error is None or _unwritten_key(tick) is not None:
+    if tick.error is None or _unwritten_port(tick) is not None:
         return None
     return f"'{tick.error.path}' raises {type(tick.error.cause).__name__}: {tick.error.cause}"
 
 
-def _unwritten_key(tick: Tick) -> str | None:
-    """Return the key of the entry that a node has read before it was written, or None."""
+def _unwritten_port(tick: Tick) -> Input | None:
+    """Return the port that has read an entry before it was written, or None."""
     if tick.error is None or not isinstance(tick.error.cause, BlackboardError):
         return None
     path = tick.error.path
@@ -155,5 +184,5 @@ def _unwritten_key(tick: Tick) -> str | None:
         if port.key is not None:
             entry = port.blackboard.find(port.key)
             if entry is None or entry.value is None:
-                return port.key
+                return port
     return None

@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 from btcore.engine.node import TreeNode
 from btcore.proof.model_leaves import LeafEvent
 from btcore.proof.tree_state import TreeState
-from btcore.status import FAILURE, SKIPPED, SUCCESS
+from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS
 
 RAISED: Final = -1
 UNKNOWN: Final = -2
@@ -276,6 +276,8 @@ class Signals:
         """Return the bits of ticks of leaves."""
         bits = 0
         for leaf, _, result, _ in events:
+            if result is IDLE:
+                continue
             found = 3 if result is SUCCESS else 5 if result is FAILURE else 1
             bits |= found << 4 * self.numbers[leaf.uid]
         return bits

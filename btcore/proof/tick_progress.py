@@ -15,6 +15,7 @@ from btcore.engine.node import TreeNode
 from btcore.proof.tree_state import StateKeeper
 from btcore.proof.user_code import has_user_code
 from btcore.status import SKIPPED, Status
+from btcore.tree.saved_state import state_fields_of
 from btcore.tree.tree import Tree
 
 
@@ -54,9 +55,8 @@ class TickProgress:
             if node.children:
                 reads = _reads_entries(node)
                 config = node.config
-                guard.conditions = WatchedConditions(
-                    config.scripts, config.enums, node.blackboard, partial(self._start, node, reads)
-                )
+                start = partial(self._start, node, reads, bool(state_fields_of(type(node))))
+                guard.conditions = WatchedConditions(config.scripts, config.enums, node.blackboard, start)
             guard.post_tick = partial(self._end, number, guard.post_tick)
 
     def begin(self) -> None:
@@ -96,11 +96,11 @@ class TickProgress:
             return None
         return (asking, *[(start, tuple(since)) for _, _, start, since in unfinished])
 
-    def _start(self, node: TreeNode, reads: bool) -> None:
+    def _start(self, node: TreeNode, reads: bool, has_fields: bool) -> None:
         start: Hashable = (
             node._status,
             bytes([child._status for child in node.children]),
-            self._keeper.fields_of(node),
+            self._keeper.fields_of(node) if has_fields else (),
             self._keeper.entries() if reads else None,
         )
         self._unfinished.append(_Unfinished(node, reads, start, []))

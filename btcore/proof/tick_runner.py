@@ -18,8 +18,7 @@ class Tick(NamedTuple):
     Attributes:
         tree: The tree after the tick.
         kept: The model leaves that remained RUNNING: they neither completed nor were halted in the tick.
-        events: The ticks of model leaves, in order.
-        halted: The model leaves that were halted while RUNNING.
+        events: The ticks and halts of model leaves, in order.
         result: The result of the tree; None if a node raised.
         error: The exception of a node.
         results: The results of the watched nodes in this tick, by uid.
@@ -29,7 +28,6 @@ class Tick(NamedTuple):
     tree: Tree
     kept: Sequence[TreeNode]
     events: Sequence[LeafEvent]
-    halted: Sequence[TreeNode]
     result: Status | None
     error: NodeExecutionError | None
     results: "dict[int, list[Status]]"
@@ -87,7 +85,6 @@ class TickRunner:
             self.tree,
             self._kept(),
             self.choices.events,
-            self.choices.halted,
             result,
             error,
             self._results,
@@ -106,7 +103,6 @@ class TickRunner:
         if not self._running:
             return ()
         ended = {event.leaf.uid for event in self.choices.events if event.result is not RUNNING}
-        ended.update(leaf.uid for leaf in self.choices.halted)
         return [leaf for leaf in self._running if leaf._status is RUNNING and leaf.uid not in ended]
 
     def _halts(self) -> set[int]:

@@ -40,6 +40,7 @@ def prove(
     ticks: int | None = None,
     memory: int = MEMORY_MB,
     jobs: int = 1,
+    seconds: float | None = None,
     instant_leaves: bool = False,
 ) -> Report:
     """Answer the standard questions, and others, about all possible runs of a tree.
@@ -59,16 +60,18 @@ def prove(
         ticks: The greatest number of ticks of a run; default no limit.
         memory: The memory (MB) at which the search ends.
         jobs: The number of processes of a long search; without effect on other systems than Linux.
+        seconds: The time (s) after which the search ends with the answers so far; default no limit.
         instant_leaves: Whether leaves take no time. By default any time may pass within a tick, so that a
             deadline of a tick may be set any time later than another one of this tick.
 
     Returns:
-        The answers. Each is `proved`, `refuted` or `unknown`.
+        The answers. Each is `proved`, `refuted` or `unknown`; also unknown for a question that names a node
+        that the tree does not have.
 
     Raises:
         TreeError: The tree or a model has errors.
         ModelError: A declaration is invalid.
-        QuestionError: A question is invalid, or names a node that the tree does not have.
+        QuestionError: A text is not a question.
         NodeError: The state of a node cannot be saved.
 
     Examples:
@@ -89,7 +92,7 @@ def prove(
     declared = declarations_of(Path(file), declarations)
     analysis, leaves = _analysed(file, nodes, models, tree, format, declared)
     prover = prover_of(analysis, leaves, questions, declared, given, instant_leaves)
-    return prover.answer(ticks, memory << 20, None, jobs)
+    return prover.answer(ticks, memory << 20, None, jobs, seconds)
 
 
 def assert_proved(
@@ -126,7 +129,7 @@ def assert_proved(
         AssertionError: A question is refuted or unknown; the message contains the counterexamples.
         TreeError: The tree or a model has errors.
         ModelError: A declaration is invalid.
-        QuestionError: A question is invalid, or names a node that the tree does not have.
+        QuestionError: A text is not a question.
         NodeError: The state of a node cannot be saved.
 
     Examples:
@@ -249,7 +252,7 @@ def prover_of(
 
     Raises:
         ModelError: A declaration is invalid.
-        QuestionError: A question is invalid, or names a node that the tree does not have.
+        QuestionError: A text is not a question.
         NodeError: The state of a node cannot be saved.
     """
     parsed = [parse_question(text) for text in [*questions, *declared.questions.values()]]

@@ -55,12 +55,12 @@ _CONSTANTS: Final = """#define UNSET -1000
 _EVENTS: Final = {
     **dict.fromkeys(("ticked", "succeeded", "failed", "skipped", "ran", "halted", "was_running"), "bool"),
     **dict.fromkeys(("returned_success", "returned_failure"), "bool"),
-    **dict.fromkeys(("called", "since"), "byte"),
+    "called": "byte",
 }
 """What happened to each node in a tick, and the type of the array with it.
 
 The code of a model leaf was called, and returned a result. `called` is the number of its last call among all
-calls in the tick, `since` that of the call since which it is RUNNING.
+calls in the tick.
 """
 _OTHER: Final = {SUCCESS: FAILURE, FAILURE: SUCCESS}
 
@@ -117,7 +117,7 @@ class _Translator:
         if node in self._timers:
             lines.append(f"{self._timer(node)} = 0;")
         lines += [f"reset_{child.number}();" for child in node.children]
-        lines.append(f"st[{i}] = IDLE; since[{i}] = 0;")
+        lines.append(f"st[{i}] = IDLE;")
         halted = self._scripts(node, "_onHalted")
         return _inline(f"halt_{i}", [*lines, *halted]) + _inline(
             f"reset_{i}",
@@ -282,12 +282,8 @@ class _Translator:
                 options.append(f":: r[{i}] = {result}")
         if model.lasts or model.endless:
             options.append(f":: r[{i}] = RUNNING")
-        call = [*lines, f"calls++; called[{i}] = calls;"]
+        call = [*lines, f"calls++; called[{i}] = calls;", *self._conflicts(node, model)]
         choice = [*call, "if", *options, "fi;"]
-        started = [
-            f"if :: (r[{i}] != RUNNING) -> since[{i}] = 0",
-            f":: (r[{i}] == RUNNING && since[{i}] == 0) -> since[{i}] = called[{i}] :: else fi;",
-        ]
         choice += [
             f"if :: (r[{i}] == SUCCESS) -> returned_success[{i}] = true",
             f":: (r[{i}] == FAILURE) -> returned_failure[{i}] = true :: else fi;",
@@ -295,12 +291,27 @@ class _Translator:
         if not model.lasts:
             return choice
         if model.at_once:
-            cases = [f":: (st[{i}] == IDLE || st[{i}] == RUNNING) ->", *choice, *started]
+            cases = [f":: (st[{i}] == IDLE || st[{i}] == RUNNING) ->", *choice]
         else:
-            start = [*call, f"r[{i}] = RUNNING;", *started]
-            cases = [f":: (st[{i}] == IDLE) ->", *start, f":: (st[{i}] == RUNNING) ->", *choice, *started]
+            start = [*call, f"r[{i}] = RUNNING;"]
+            cases = [f":: (st[{i}] == IDLE) ->", *start, f":: (st[{i}] == RUNNING) ->", *choice]
         # A completed action that was not reset returns its result again.
         return ["if", *cases, f":: else -> r[{i}] = st[{i}]", "fi;"]
+
+    def _conflicts(self, node: Node, model: LeafModel) -> list[str]:
+        """Return the statement that sets `clash` if a leaf starts while another uses a resource of it.
+
+        An action that lasts uses its resources while it is RUNNING, any other leaf when it is ticked.
+        """
+        others = [
+            f"st[{other.number}] == RUNNING"
+            for other in self._nodes
+            if other is not node and other.model is not None and other.model.uses & model.uses
+        ]
+        if not others:
+            return []
+        starts = f"st[{node.number}] != RUNNING && ({' || '.join(others)})"
+        return [f"if :: ({starts}) -> clash = true :: else fi;"]
 
     def _domain(self, node: Node, port: str) -> list[str]:
         key = node.attributes[port][1:-1]
@@ -614,7 +625,7 @@ class _Translator:
         count = len(self._nodes)
         parts = [
             _CONSTANTS,
-            f"byte st[{count}], r[{count}], error, elapsed, calls; bool over;",
+            f"byte st[{count}], r[{count}], error, elapsed, calls; bool over, clash;",
             *(f"{kind} {name}[{count}];" for name, kind in _EVENTS.items()),
             *(f"byte {', '.join(self._variables(node))};" for node in self._nodes),
             *self._entries.declarations(),
@@ -634,7 +645,7 @@ class _Translator:
             *(f"{name}[{i}] = 0;" for name in (*_EVENTS, "r") for i in range(count)),
             *(f"fresh_{node.number} = 0;" for node in self._timers),
             *(f"idle_{i} = 0;" for i in range(count)),
-            "calls = 0;",
+            "calls = 0; clash = false;",
             "}",
             "if :: over -> break :: else fi",
             "} od }",

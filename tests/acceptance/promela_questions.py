@@ -54,7 +54,7 @@ class Questions:
         self._add_never(
             "everything that runs is halted when its parent ends", no_error + self._left_running()
         )
-        self._add_never("no two leaves use the same resource at once", no_error + self._conflict())
+        self._add_never("no two leaves use the same resource at once", "clash")
         self._add_never("every mandatory input is written before it is read", "error == UNWRITTEN")
         self._add_never("no node raises an exception", "error == RAISED")
         self._add_never("no reactive node keeps two children running", self._two_running())
@@ -187,25 +187,6 @@ class Questions:
             for number, first in enumerate(node.children)
             for second in node.children[number + 1 :]
         ]
-        return f"({' || '.join(found) or 'false'})"
-
-    def _conflict(self) -> str:
-        """Return whether two leaves use a common resource at once.
-
-        An action that lasts uses its resources while it is RUNNING, any other leaf when it is ticked.
-        """
-
-        def runs(i: int) -> str:
-            return f"st[{i}] == RUNNING && ({self._kept(i)} || since[{i}] > 0)"
-
-        found: list[str] = []
-        for a, first in self._leaves:
-            for b, second in self._leaves:
-                if a == b or not first.uses & second.uses or not first.lasts:
-                    continue
-                start = f"({self._kept(a)} -> 0 : since[{a}])"
-                other = runs(b) if second.lasts else f"called[{b}] > {start}"
-                found.append(f"({runs(a)} && ({other}))")
         return f"({' || '.join(found) or 'false'})"
 
     def _late(self, first: str, second: str, within: int) -> str:

@@ -483,26 +483,17 @@ Check = Callable[[Seen], bool]
 def standard_checks(tree: RandomTree) -> dict[str, Check]:
     """Return functions that return whether a tick violates a standard question, by question."""
     uses = {name: LEAVES[tree.tags[name]].uses for name in tree.leaves}
-    brief = {name for name in tree.leaves if LEAVES[tree.tags[name]].base != "action"}
 
     def clashes(seen: Seen) -> bool:
-        if seen.result is None:
-            return False
-        # What uses a resource at the end of the tick, and since which entry of the log.
-        holders = dict.fromkeys(seen.before & uses.keys(), -1)
-        for place, (name, letter) in enumerate(seen.log):
-            if letter != "R":
-                holders.pop(name, None)
-            else:
-                holders.setdefault(name, place)
-        return any(
-            uses[one] and uses[one] == uses[other] and one != other and is_at_once
-            for one, start in holders.items()
-            for other, is_at_once in [
-                *((name, True) for name in holders),
-                *((name, place > start and name in brief) for place, (name, _) in enumerate(seen.log)),
-            ]
-        )
+        # A leaf uses its resource when it is ticked, and from then on while it is RUNNING.
+        holders = set(seen.before & uses.keys())
+        for name, letter in seen.log:
+            if letter != "H" and any(uses[name] and uses[name] == uses[it] for it in holders - {name}):
+                return True
+            holders.discard(name)
+            if letter == "R":
+                holders.add(name)
+        return False
 
     return {
         "no two leaves use the same resource at once": clashes,

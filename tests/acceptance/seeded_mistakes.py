@@ -188,8 +188,10 @@ TREES: dict[str, GoodTree] = {
         [leaves.Drive]
         at_once = false
         uses = ["base"]
+        hands_over = true
         [leaves.Stop]
         uses = ["base"]
+        hands_over = true
         """,
     ),
     "grasp": GoodTree(

@@ -50,10 +50,12 @@ def test_the_nodes_of_the_packages_may_run_twice_from_the_same_state(
     for manifest in found:
         leaves = '<Action ID="Move"/>' * (2 if manifest.type is NodeType.CONTROL else 1)
         file = tmp_path / f"{manifest.id}.xml"
-        path = ' path="{path}"' if "path" in manifest.ports else ""
+        names = [name for name in ("path", "current_child_idx") if name in manifest.ports]
+        ports = "".join(f' {name}="{{{name}}}"' for name in names)
         file.write_text(
-            f'<root BTCPP_format="4"><BehaviorTree ID="T"><Repeat num_cycles="-1">'
-            f"<{manifest.id}{path}>{leaves}</{manifest.id}></Repeat></BehaviorTree>"
+            f'<root BTCPP_format="4"><BehaviorTree ID="T"><Sequence>'
+            '<Script code="current_child_idx := 0"/><Repeat num_cycles="-1">'
+            f"<{manifest.id}{ports}>{leaves}</{manifest.id}></Repeat></Sequence></BehaviorTree>"
             '<TreeNodesModel><Action ID="Move"/></TreeNodesModel></root>'
         )
         answers = prove(file, nodes=nodes, models=[file]).answers

@@ -35,6 +35,11 @@ class BatteryChecker(Condition):
 
     state_fields = ("last_check",)
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that each tick writes the estimate, for proofs."""
+        return {"writes": "battery_level"}
+
     def __init__(self, robot: Robot, blackboard: Blackboard) -> None:
         self.robot = robot
         self.board = blackboard
@@ -59,7 +64,14 @@ class Recharge(StatefulAction):
     A halt interrupts charging; the next start continues it.
     """
 
+    may_complete_on_start = False
+    may_return = frozenset({Status.SUCCESS})
     state_fields = ("ticks",)
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the end writes the estimate, for proofs."""
+        return {"writes": "battery_level"}
 
     def __init__(self, robot: Robot, blackboard: Blackboard) -> None:
         self.robot = robot

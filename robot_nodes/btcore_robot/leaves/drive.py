@@ -33,6 +33,11 @@ class Forward(StatefulAction):
     may_return: ClassVar[frozenset[Status]] = frozenset()
     state_fields = ()
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that a halt does not affect the base, for proofs: each command replaces the last one."""
+        return {"hands_over": "true"}
+
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
 
@@ -56,6 +61,11 @@ class _Manoeuvre(StatefulAction):
     may_return: ClassVar[frozenset[Status]] = frozenset({Status.SUCCESS})
     may_complete_on_start: ClassVar[bool] = False
     state_fields = ("started",)
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that a halt does not affect the base, for proofs: each command replaces the last one."""
+        return {"hands_over": "true"}
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -102,6 +112,11 @@ class TurnToFree(StatefulAction):
     clear: Annotated[In[float], "The distance (m) that has to be free ahead."] = 2.0
 
     state_fields = ("side", "started")
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that a halt does not affect the base, for proofs: each command replaces the last one."""
+        return {"hands_over": "true"}
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot

@@ -95,8 +95,11 @@ class Explore(StatefulAction):
 
     @staticmethod
     def metadata() -> dict[str, str]:
-        """Return that *start* is written while the node is RUNNING, for proofs."""
-        return {"early": "true"}
+        """Return that *start* is written while the node is RUNNING, for proofs.
+
+        A halt does not affect the base, because it cancels this leaf's goal only.
+        """
+        return {"early": "true", "hands_over": "true"}
 
     def __init__(self, explorer: Explorer, robot: Robot) -> None:
         self.explorer = explorer

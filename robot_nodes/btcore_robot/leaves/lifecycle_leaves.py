@@ -1,7 +1,7 @@
 """Leaves that keep a lifecycle component active: the head tracker and the object locator."""
 
 from collections.abc import Sequence
-from typing import Annotated, Protocol, runtime_checkable
+from typing import Annotated, ClassVar, Protocol, runtime_checkable
 
 from btcore import Out, StatefulAction, Status
 from btcore_robot.process.lifecycle import LifecycleState
@@ -33,6 +33,8 @@ class ObjectLocatorProtocol(HeadTrackerProtocol, Protocol):
 
 class _KeepActive(StatefulAction):
     """Keep a component active. Always RUNNING; a halt deactivates the component."""
+
+    may_return: ClassVar[frozenset[Status]] = frozenset()
 
     component: HeadTrackerProtocol
 
@@ -70,6 +72,11 @@ class LocateObjects(_KeepActive):
     boxes: Annotated[Out[object], "The objects in the newest image: a list of boxes in the frame map."]
 
     state_fields = None  # the boxes belong to the locator, and a copy would count as new
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that boxes are written while the node is RUNNING, for proofs."""
+        return {"writes": "boxes"}
 
     def __init__(self, locator: ObjectLocatorProtocol) -> None:
         self.component = self.locator = locator

@@ -35,6 +35,11 @@ class Move(StatefulAction):
     may_complete_on_start = False
     state_fields = None  # the goal and its handle belong to the navigator
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that a halt does not affect the base, for proofs: it cancels this leaf's goal only."""
+        return {"hands_over": "true"}
+
     def __init__(self, navigator: PoseNavigator, robot: Robot) -> None:
         self.navigator = navigator
         self.clock = robot.clock

@@ -43,13 +43,15 @@ class WaitForScan(StatefulAction):
     # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
     may_complete_on_start = True
     may_return = frozenset({Status.SUCCESS})
-    uses = frozenset()
     state_fields = ()
 
     @staticmethod
     def metadata() -> dict[str, str]:
-        """Return that the node may be RUNNING forever, for proofs: no scan may arrive."""
-        return {"endless": "true"}
+        """Return that the node may be RUNNING forever, because no scan may arrive, for proofs.
+
+        A halt does not affect the base: each command replaces the last one.
+        """
+        return {"endless": "true", "hands_over": "true"}
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot

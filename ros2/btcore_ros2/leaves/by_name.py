@@ -126,6 +126,11 @@ class RosActionCall(_ByName, RosAction):
             _error_output("why the goal failed, or an empty text"),
         ]
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that error and feedback are written whatever the result is, for proofs."""
+        return {"writes": "error, feedback"}
+
     @classmethod
     def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
         """Return the problems of the goal and of the fields."""
@@ -189,6 +194,11 @@ class RosServiceCall(_ByName, RosService):
             _field_port("response_field", "response"),
             _error_output("why the call failed, or an empty text"),
         ]
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the error is written whatever the result is, for proofs."""
+        return {"writes": "error"}
 
     @classmethod
     def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
@@ -312,6 +322,11 @@ class RosTopicRead(_ByName, StatefulAction):
             _field_port("field", "message"),
             _error_output("why there is no message, or an empty text"),
         ]
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the error is written whatever the result is, for proofs."""
+        return {"writes": "error"}
 
     @classmethod
     def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:

@@ -13,6 +13,7 @@ from btcore_robot.navigation.nodes.action_node import (
     ServerName,
     count_recovery,
 )
+from btcore_robot.navigation.nodes.actions import BASE
 from btcore_robot.navigation.nodes.port_access import OPTIONAL, path_port, pose_input, write_outputs
 from btcore_robot.navigation.path import NavPath, empty_path
 from btcore_robot.robot import Pose2D
@@ -74,6 +75,11 @@ class ComputeRoute(BtActionNode):
 
     provided_ports = path_port("Path along the route.", Direction.OUT)
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that a halt writes the route, for proofs."""
+        return {"on_halt": "route, path, planning_time"}
+
     def make_goal(self) -> ComputeRouteGoal:
         """Return a goal with the poses or the IDs."""
         if not self.use_poses:
@@ -122,9 +128,15 @@ class AssistedTeleop(BtActionNode):
     """
 
     action = "assisted_teleop"
+    uses = BASE
 
     time_allowance: Annotated[In[float], "Allowed time (s) for the teleoperation."] = 10.0
     is_recovery: Annotated[In[bool], "True if the teleoperation counts as a recovery."] = False
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that a start may write the count of recoveries, for proofs."""
+        return {"writes": "number_recoveries"}
 
     def make_goal(self) -> AssistedTeleopGoal:
         """Count the recovery, and return the goal."""

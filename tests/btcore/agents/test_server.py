@@ -168,3 +168,33 @@ def test_a_sample_of_the_hostile_calls_does_no_harm(
     count, faults = attacks.run(["path", "resource", "map outside", "a ROS leaf", "run {", "SIGTERM"])
     assert faults == []
     assert count > 90
+
+
+BIG = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Parallel>{}</Parallel></BehaviorTree>
+<TreeNodesModel><Action ID="Work"/></TreeNodesModel></root>""".format(
+    '<Delay delay_msec="10"><Work/></Delay>' * 9
+)
+ENDLESS = """<root BTCPP_format="4"><BehaviorTree ID="Main">
+  <KeepRunningUntilFailure><Sleep msec="1"/></KeepRunningUntilFailure>
+</BehaviorTree></root>"""
+
+
+def test_calls_return_what_they_have_when_their_time_ends(tmp_path: Path) -> None:
+    async def work(agent: Agent) -> None:
+        async def prove() -> None:
+            entries = "[leaves.Work]\nat_once = false\n[questions]\nq = 'never Parallel is SKIPPED'"
+            found = await agent("prove", xml=BIG, own_models=True, declarations=entries)
+            assert found["questions"][-1]["question"] == "never Parallel is SKIPPED"
+            assert found["questions"][-1]["detail"] == "the search was interrupted"
+
+        async def run() -> None:
+            ended = await agent("run", xml=ENDLESS, duration=600, rate=1000)
+            assert ended["ended"] == "the time limit of a call ended the run"
+            assert ended["ticks"] > 10
+
+        async with anyio.create_task_group() as both:
+            both.start_soon(prove)
+            both.start_soon(run)
+
+    # Long enough for the start of a process on a slow machine.
+    serve(tmp_path, tmp_path / "calls.jsonl", work, "--time-limit=8")

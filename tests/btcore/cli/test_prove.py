@@ -1,6 +1,7 @@
 """`btcore prove`: questions, answers, exit codes, and the files of counterexamples."""
 
 import json
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -115,6 +116,80 @@ def test_errors_of_users_give_exit_code_2(
     result = prove(DRIVE, *words, declarations=declarations)
     assert result.exit_code == 2
     assert message in result.stderr
+
+
+def test_question_about_an_unknown_node_fails_alone(prove: Callable[..., Result]) -> None:
+    result = prove(DRIVE, "--never", "Drve", "--never", "Drive & Stop")
+    assert result.exit_code == 2
+    assert (
+        "? never Drve  unknown: 'Drve': the tree has no node 'Drve'; did you mean 'Drive'?" in result.stdout
+    )
+    assert "✔ never Drive & Stop  proved\n" in result.stdout
+
+
+def test_strict_accepts_no_condition(prove: Callable[..., Result]) -> None:
+    looped = DRIVE.replace("<Fallback>", '<RetryUntilSuccessful num_attempts="-1"><Fallback>').replace(
+        "</Fallback>", "</Fallback></RetryUntilSuccessful>"
+    )
+    assert "proved: unless" in prove(looped).stdout
+    assert [prove(looped, *words).exit_code for words in ((), ("--strict",))] == [0, 1]
+    assert prove(DRIVE, "--strict").exit_code == 0
+
+
+def test_time_limit_ends_the_search_with_the_answers_so_far(prove: Callable[..., Result]) -> None:
+    result = prove(BIG, "--time", "0.001", "--never", "Parallel is SKIPPED")
+    assert "unknown: the time limit of 0.001 s was reached" in result.stdout
+    assert result.exit_code == 4
+
+
+def test_init_writes_commented_declarations(cli: Cli, tmp_path: Path) -> None:
+    file, target = tmp_path / "look.xml", tmp_path / "look.proof.toml"
+    file.write_text(
+        LOOK.replace("<ScriptCondition", '<Turn to="{goal}"/> <ScriptCondition'), encoding="utf-8"
+    )
+    models = tmp_path / "models.xml"
+    models.write_text(
+        '<root BTCPP_format="4"><TreeNodesModel> <Action ID="Look"><output_port name="seen"/></Action>'
+        ' <Action ID="Turn"><input_port name="to"/></Action> </TreeNodesModel></root>',
+        encoding="utf-8",
+    )
+    words = ("prove", file, "--model", models)
+    assert cli(*words, "--init").exit_code == 0
+    text = target.read_text(encoding="utf-8")
+    assert all(not line or line.startswith("# ") for line in text.splitlines())
+    again = cli(*words, "--init")
+    assert again.exit_code == 2
+    assert "exists already" in again.stderr
+    before = json.loads(cli(*words, "--json").stdout)
+    # Without the comments, the models are those that hold anyway; `given` is new, and there is a question.
+    declared = [line.removeprefix("# ") for line in text.splitlines() if re.match(r"# (\[|\S+ = )", line)]
+    target.write_text(
+        "\n".join(declared).replace("seen = []", "seen = ['cup']\nwanted = ['cup']"), encoding="utf-8"
+    )
+    result = json.loads(cli(*words, "--json", "--given", "wanted").stdout)
+    assert 'given = ["goal"]' in declared
+    assert [each["answer"] for each in before["questions"]].count("refuted") >= 1
+    assert result["questions"][-1]["question"] == "never Look is FAILURE"
+    assert result["questions"][4]["answer"] == "proved"
+
+
+def test_domain_may_have_the_name_in_a_calling_tree(prove: Callable[..., Result]) -> None:
+    called = """<root BTCPP_format="4" main_tree_to_execute="Main">
+      <BehaviorTree ID="Main"> <SubTree ID="Sub" found="{seen}"/> </BehaviorTree>
+      <BehaviorTree ID="Sub">
+        <Sequence> <Look seen="{found}"/> <ScriptCondition code="found == 'cup'"/> </Sequence>
+      </BehaviorTree>
+      <TreeNodesModel>
+        <Action ID="Look"> <output_port name="seen" type="std::string"/> </Action>
+      </TreeNodesModel>
+    </root>"""
+    codes = [
+        prove(
+            called, "--never", "{seen} == 'mug'", declarations=f"[entries]\n{name} = ['cup', 'box']"
+        ).exit_code
+        for name in ("found", "seen")
+    ]
+    assert codes == [0, 0]
 
 
 def test_unknown_value_gives_exit_code_4(prove: Callable[..., Result]) -> None:

@@ -1,11 +1,13 @@
 """The answers of the prover about small trees, each of which shows one rule of the search."""
 
+import pytest
+
 import btcore
 from btcore.clock import Clock
 from btcore.proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore.proof.propositions import parse_question
-from btcore.proof.prover import PROVED, REFUTED, Answer, Prover
-from btcore.proof.standard_questions import ENDS, EXCEPTIONS, LEAVES, RESOURCES
+from btcore.proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER, Answer, Prover
+from btcore.proof.standard_questions import ENDS, EXCEPTIONS, INPUTS, LEAVES, RESOURCES
 from btcore.tree.tree import Tree
 
 
@@ -42,7 +44,8 @@ def answers(body: str, *questions: str, format: int = 4, instant_leaves: bool = 
     for leaf in (Check, Act, Move, Turn, Use):
         nodes.add(leaf)
     models = with_model_leaves(nodes, {"Act": {"at_once": False}, "Turn": {"results": ["SUCCESS"]}})
-    xml = f'<root BTCPP_format="{format}"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
+    root = f'<root BTCPP_format="{format}" main_tree_to_execute="T">'
+    xml = f'{root}<BehaviorTree ID="T">{body}</BehaviorTree></root>'
 
     def make(choices: Choices, clock: Clock) -> Tree:
         resources = [choices, ModelPrompt(choices)]
@@ -69,6 +72,43 @@ def test_an_exception_ends_a_run() -> None:
     )
     refuted = {question for question, answer in found.items() if answer.answer == REFUTED}
     assert sum("leads to" in question for question in refuted) == 2
+
+
+@pytest.mark.parametrize(
+    ("body", "refuted", "error"),
+    [
+        (
+            '<KeepRunningUntilFailure><Use value="{goal}"/></KeepRunningUntilFailure>',
+            INPUTS,
+            "'Use::2' reads {goal}, which is not written; "
+            "if the program sets it before the first tick, use --given goal",
+        ),
+        (
+            '<SubTree ID="Sub" inner="{goal}"/></BehaviorTree><BehaviorTree ID="Sub"><Use value="{inner}"/>',
+            INPUTS,
+            "'Sub::1/Use::2' reads {inner}, which is not written; "
+            "if the program sets it before the first tick, use --given goal",
+        ),
+        (
+            '<SubTree ID="Sub"/></BehaviorTree><BehaviorTree ID="Sub"><Use value="{inner}"/>',
+            INPUTS,
+            "'Sub::1/Use::2' reads {inner}, which is not written",
+        ),
+        (
+            '<Sequence><Check/><Script code="n := 1 + missing"/></Sequence>',
+            EXCEPTIONS,
+            "'Script::3' raises ScriptError: ",
+        ),
+    ],
+    ids=["input", "input of a subtree", "input that the program cannot set", "exception"],
+)
+def test_nothing_is_proved_beyond_an_error(body: str, refuted: str, error: str) -> None:
+    found = answers(body, "never {goal} == 'kitchen'")
+    assert found.pop(refuted).answer == REFUTED
+    assert {answer.answer for answer in found.values()} == {UNKNOWN_ANSWER}
+    details = {answer.detail for answer in found.values()}
+    assert len(details) == 1
+    assert details.pop().startswith(f"not searched beyond this error: {error}")
 
 
 def test_the_shortest_run_refutes_a_limit_of_ticks() -> None:

@@ -34,5 +34,5 @@ SETS = (
 def test_text_is_compared_with_a_number_as_in_scripts(make_tree: Grow, text: str, holds: bool) -> None:
     tree = make_tree(SETS)
     tree.tick_once()
-    tick = Tick(tree, [], [], [], tree.status, None, {}, set())
+    tick = Tick(tree, [], [], tree.status, None, {}, set())
     assert parse_proposition(text, tree).holds(tick) is holds

@@ -83,6 +83,13 @@ def test_an_optional_input_may_be_unwritten_but_then_the_leaf_does_not_succeed()
     assert answers["route",]["never Check is SUCCESS"] == PROVED
 
 
+def test_an_optional_input_that_no_other_node_reads_is_searched():
+    xml = '<Fallback><Check route="{route}"/><Plan route="{route}"/></Fallback>'
+    question = "never Check is SUCCESS"
+    answers = {each.question: each.answer for each in prover_of(xml, ["route"], question).answer().answers}
+    assert answers[question] == PROVED
+
+
 def test_an_entry_is_searched_only_if_something_reads_it():
     tree = (
         '<Sequence><ForceSuccess><Plan route="{route}" error="{error}"/></ForceSuccess>'

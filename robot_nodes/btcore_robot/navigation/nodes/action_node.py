@@ -97,6 +97,7 @@ class BtActionNode(StatefulAction):
                 # The handle still holds the reason when the navigator looks for the cause of its failure.
                 handle.abort(code, handle.missing_acceptance)
                 self.report(code, handle.missing_acceptance)
+                self.on_completion(handle)
                 return Status.FAILURE
             self.on_wait_for_result(handle)
             return Status.RUNNING

@@ -43,6 +43,11 @@ class _PlanningNode(BtActionNode):
 
     provided_ports = path_port("Path created by the planner; empty when there is none.", Direction.OUT)
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that a halt writes the path, for proofs."""
+        return {"on_halt": "path, last_reached_index"}
+
     def on_completion(self, handle: AnyGoalHandle) -> None:
         """Write the planned path, or an empty path."""
         path = handle.result.value if handle.result is not None else None
@@ -121,6 +126,11 @@ class FollowPath(BtActionNode):
 
     provided_ports = path_port("Path to follow.")
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the feedback is written while the node is RUNNING, for proofs."""
+        return {"writes": "tracking_feedback"}
+
     def make_goal(self) -> FollowPathGoal:
         """Return a goal with the current path and plug-ins."""
         path = path_input(self, "path")
@@ -150,6 +160,11 @@ class FollowPath(BtActionNode):
 
 class _RecoveryAction(BtActionNode):
     """Base of the behaviours that count as recoveries."""
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that a start may write the count of recoveries, for proofs."""
+        return {"writes": "number_recoveries"}
 
     def make_goal(self) -> object:
         """Count the recovery and return the subclass's goal."""

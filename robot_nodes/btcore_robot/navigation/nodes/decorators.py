@@ -70,6 +70,11 @@ class DistanceController(DecoratorNode):
 
     state_fields = ("start",)
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the node may fail without its child, for proofs."""
+        return {"results": "FAILURE, RUNNING"}
+
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
         self.start: Pose2D | None = None

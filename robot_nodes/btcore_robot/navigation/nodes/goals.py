@@ -49,6 +49,11 @@ class RemovePassedGoals(ServersAction):
     output_goals: OutGoals = OPTIONAL
     output_waypoint_statuses: OutStatuses = OPTIONAL
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that only given statuses are updated, and none after a failed request, for proofs."""
+        return {"writes": "output_waypoint_statuses"}
+
     def tick(self) -> bool:
         """Write the remaining goals; return FAILURE while the robot's pose is unknown."""
         goals = list(poses_input(self, "input_goals"))
@@ -93,6 +98,11 @@ class RemoveInCollisionGoals(_CostCheck):
     input_waypoint_statuses: InStatuses = OPTIONAL
     output_goals: OutGoals = OPTIONAL
     output_waypoint_statuses: OutStatuses = OPTIONAL
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that only given statuses are updated, and none after a failed request, for proofs."""
+        return {"writes": "output_waypoint_statuses"}
 
     checked: tuple[Pose2D, ...] = ()
 

@@ -206,6 +206,11 @@ class SmoothPath(BtActionNode):
     smoothing_duration: Annotated[Out[float], "Time (s) taken to smooth the path."] = OPTIONAL
     was_completed: Annotated[Out[bool], "True if smoothing was not interrupted."] = OPTIONAL
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that a goal that another client cancels has no path, for proofs."""
+        return {"writes": "smoothed_path, smoothing_duration, was_completed"}
+
     def tick(self) -> Status:
         """Start or continue to smooth the path. A completed node starts again."""
         return self.on_running() if self.status is Status.RUNNING else self.on_start()

@@ -30,6 +30,11 @@ class _Clear(BtServiceNode):
 
     area: ClassVar[ClearedArea]
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that a start writes the count of recoveries, for proofs."""
+        return {"writes": "number_recoveries"}
+
     service_name: ServiceName = ""
     plugins: Plugins = OPTIONAL
 

@@ -1,0 +1,36 @@
+"""The names of blackboard entries in the scopes of a tree."""
+
+from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.format3 import LegacyBlackboard
+
+
+def names_of_entry(board: Blackboard, key: str) -> list[str]:
+    """Return the names of an entry: *key* in a scope, then its names in the scopes of the calling trees."""
+    return [name for _, name in _names(board, key)]
+
+
+def name_in_main_tree(board: Blackboard, key: str) -> str | None:
+    """Return the name of an entry in the main tree, or None if the main tree does not know the entry.
+
+    Args:
+        board: The scope.
+        key: The key in this scope.
+    """
+    outermost, name = _names(board, key)[-1]
+    return name if outermost.parent is None else None
+
+
+def _names(board: Blackboard, key: str) -> list[tuple[Blackboard, str]]:
+    found = [(board, key)]
+    is_legacy = isinstance(board, LegacyBlackboard)
+    while (parent := board.parent) is not None:
+        if key.startswith("@") and not is_legacy:
+            board, key = board.root, key.lstrip("@")
+        elif (outside := board._outside.get(key)) is not None:
+            board, key = parent, outside
+        elif board.autoremap and (is_legacy or not key.startswith("_")):
+            board = parent
+        else:
+            break
+        found.append((board, key))
+    return found

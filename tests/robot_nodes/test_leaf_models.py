@@ -1,0 +1,426 @@
+"""The models of btcore's own leaves, which proofs assume, hold for the code of these leaves.
+
+Every leaf and decorator with a model runs in the simulator, and in random schedules with random robots and
+servers. A result, a write or a use of the robot that its model excludes is a fault. Inputs are always
+written, except for those that the model calls optional. The leaves of btcore_ros2 that need a ROS session run
+nowhere here: their resource cannot be made without ROS 2.
+"""
+
+import random
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import btcore
+from btcore import Registry, Status
+from btcore.bundled_trees import folder
+from btcore.engine.control import ControlNode, DecoratorNode
+from btcore.engine.node import TreeNode
+from btcore.errors import NodeExecutionError
+from btcore.proof.leaf_models import LeafModel, model_of, resources_of
+from btcore.registry.manifest import Manifest
+from btcore.status import NodeType
+from btcore_robot.leaves.explore import Explorer, MapFile
+from btcore_robot.leaves.lifecycle_leaves import ObjectLocatorProtocol
+from btcore_robot.leaves.navigate import PoseNavigator
+from btcore_robot.navigation.action import GoalHandle
+from btcore_robot.navigation.controller import FollowPathFeedback
+from btcore_robot.navigation.navigation_servers import (
+    Battery,
+    CheckPath,
+    GetCosts,
+    NavigationServers,
+    PathCheck,
+    SmoothedPath,
+    SmoothPathGoal,
+)
+from btcore_robot.navigation.nodes.goals import WaypointStatus
+from btcore_robot.navigation.path import NavPath
+from btcore_robot.process.lifecycle import LifecycleState
+from btcore_robot.robot import Odometry, Pose2D, Twist2D, Waypoints
+
+IDLE, RUNNING, SUCCESS, FAILURE = Status.IDLE, Status.RUNNING, Status.SUCCESS, Status.FAILURE
+DRIVING = ("follow_path", "spin", "backup", "drive_on_heading", "navigate_to_pose", "navigate_through_poses")
+WHEELS = frozenset({"Robot", "base"})
+"""What a leaf uses that drives."""
+NEEDS_ROS = {"RosActionCall", "RosServiceCall", "RosTopicPublish", "RosTopicRead"}
+
+
+def shipped() -> dict[str, Manifest]:
+    """Return what a proof replaces by models: leaves that are not built in, and decorators with resources."""
+    nodes = Registry.standard()
+    nodes.add_plugins()
+    leaves = (NodeType.ACTION, NodeType.CONDITION)
+    return {
+        ID: manifest
+        for ID, manifest in nodes.manifests_of(4).items()
+        if manifest.distribution != "btcore"
+        and (manifest.type in leaves or (manifest.type is NodeType.DECORATOR and resources_of(manifest)))
+        and ID not in NEEDS_ROS
+    }
+
+
+SHIPPED = shipped()
+IDS = sorted(SHIPPED)
+
+
+# --- what a model excludes
+
+
+class Watch(ControlNode):
+    """Ticks or halts a child in each tick, as *choose* decides, and checks what the child does."""
+
+    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    choose: ClassVar[Callable[[int], str]]
+    used: ClassVar[list[str]]
+    """What uses the wheels: a command, or the action of a goal."""
+    faults: ClassVar[list[str]]
+    seen: ClassVar[set[tuple[str, str]]]
+
+    def tick(self) -> Status:
+        """Tick and halt some children."""
+        for index, child in enumerate(self.children):
+            do = type(self).choose(index)
+            before = child.status
+            writes = self.writes()
+            self.used.clear()
+            if do == "halt":
+                self.halt_child(index)
+                if before is RUNNING:
+                    self.check(child, before, IDLE, writes)
+            elif do == "tick":
+                if before not in (IDLE, RUNNING):
+                    self.halt_child(index)
+                    before = IDLE
+                try:
+                    result = child.execute_tick()
+                except NodeExecutionError:
+                    self.halt_child(index)
+                    continue
+                self.check(child, before, result, writes)
+        return RUNNING
+
+    def writes(self) -> dict[str, int]:
+        """Return the number of writes of each entry."""
+        return {key: entry.sequence_id for key, entry in self.blackboard.local_entries().items()}
+
+    def check(self, child: TreeNode, before: Status, result: Status, earlier: Mapping[str, int]) -> None:
+        """Report what the model of *child* excludes."""
+        written = {key for key, count in self.writes().items() if count != earlier.get(key, 0)}
+        model = model_of(SHIPPED[child.id])
+        self.seen.add((child.id, result.name))
+        for problem in problems(child, model, before, result, written, earlier, self.used):
+            self.faults.append(f"{child.id} {before.name} → {result.name}: {problem}")
+
+
+def problems(
+    node: TreeNode,
+    model: LeafModel,
+    before: Status,
+    result: Status,
+    written: set[str],
+    earlier: Mapping[str, int],
+    used: list[str],
+) -> Iterator[str]:
+    """Return what a model excludes in a tick, or in a halt (*result* is IDLE)."""
+    keys = {name: output.key or "" for name, output in node.config.outputs.items()}
+    free = {keys.get(name, name) for name in model.writes}
+    all_outputs = set(keys.values()) - free
+    if written - free - all_outputs:
+        yield f"writes {sorted(written - free - all_outputs)}"
+    written = written & all_outputs
+    if used and not model.uses & WHEELS:
+        yield f"uses the wheels: {used}"
+    if result is IDLE:
+        if written != {keys[name] for name in model.on_halt if name in keys}:
+            yield f"writes {sorted(written)} at a halt"
+        return
+    if isinstance(node, DecoratorNode):
+        # The child always succeeds, so that any other result is the decorator's own.
+        results = SHIPPED[node.id].metadata.get("results", "")
+        if result is FAILURE and "FAILURE" not in results:
+            yield "fails without its child"
+        if result is RUNNING and not model.lasts:
+            yield "holds its child back"
+        return
+    if result is RUNNING:
+        if not model.lasts:
+            yield "lasts"
+        if written and not (model.early and written == all_outputs):
+            yield f"writes {sorted(written)} while it is RUNNING"
+        return
+    if result not in model.results:
+        yield "returns this result"
+    if before is IDLE and not model.at_once:
+        yield "completes in its first tick"
+    is_written = model.early and not written and all(earlier.get(key) for key in all_outputs)
+    if written != all_outputs and not (result is FAILURE and not written) and not is_written:
+        yield f"writes {sorted(written)} of {sorted(all_outputs)}"
+
+
+# --- inputs
+
+PATH = NavPath(np.array([[0.0, 0.0, 0.0], [0.5, 0.1, 0.0], [1.5, 0.2, 0.0]]), 0, "map")
+
+
+def values_of(name: str, kind: str) -> list[object]:
+    """Return the values that an input may have."""
+    poses = [Pose2D(0.0, 0.0, 0.0), Pose2D(1.0, 0.5, 1.0)]
+    if "path" in name and "type" not in name and "plan" not in name and "handler" not in name:
+        return [PATH, NavPath(np.zeros((0, 3)), 0, "map")]
+    if name == "tracking_feedback":
+        return [FollowPathFeedback()]
+    if kind == "Route":
+        from btcore_ros2.nav2.nodes import Route
+
+        return [Route(), Route((Pose2D(0.0, 0.0, 0.0),))]
+    if name == "input_waypoint_statuses":
+        return [[WaypointStatus(poses[0], 0)]]
+    if kind.startswith(("list", "Poses")) or name in ("viapoints", "goals", "input_goals"):
+        return [[205], []] if "codes" in name else [poses, poses[:1]]
+    return poses if "Pose2D" in kind else []
+
+
+def xml_of(manifest: Manifest, number: int) -> str:
+    """Return the element of a node: its inputs are entries with values if values are known."""
+    attributes = [f'name="n{number}"']
+    for port in manifest.ports.values():
+        if port.writes:
+            attributes.append(f'{port.name}="{{{port.name}_{number}}}"')
+        elif values_of(port.name, port.type.name) or port.name == "error_code":
+            attributes.append(f'{port.name}="{{in_{port.name}}}"')
+        elif port.default is None or manifest.id == "TransformAvailable":
+            text = {"bool": "true", "std::string": "next"}.get(port.type.name, "1")
+            attributes.append(f'{port.name}="{text}"')
+    child = "<AlwaysSuccess/>" if manifest.type is NodeType.DECORATOR else ""
+    return f"<{manifest.id} {' '.join(attributes)}>{child}</{manifest.id}>"
+
+
+def tree_of(ids: list[str], resources: list[object], clock: Any, watch: type[Watch]) -> btcore.Tree:
+    """Return a tree in which *watch* ticks the nodes *ids*."""
+    nodes = Registry.standard()
+    nodes.add_plugins()
+    nodes.add(watch, ID="Watch")
+    inside = "".join(xml_of(SHIPPED[ID], number) for number, ID in enumerate(ids))
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="T"><Watch>{inside}</Watch></BehaviorTree></root>'
+    return btcore.loads(text, nodes=nodes, resources=resources, clock=clock)
+
+
+def write_inputs(tree: btcore.Tree, ids: list[str], draw: random.Random) -> None:
+    """Write values to the entries that inputs read; an optional input may remain unwritten."""
+    for ID in ids:
+        model = model_of(SHIPPED[ID])
+        for port in SHIPPED[ID].ports.values():
+            values = values_of(port.name, port.type.name) or ([205] if port.name == "error_code" else [])
+            if not port.writes and values and (port.name not in model.optional or draw.random() < 0.5):
+                tree.blackboard[f"in_{port.name}"] = draw.choice(values)
+
+
+# --- random schedules: robots and servers that may do anything
+
+
+class RandomGoal(GoalHandle[Any, Any, Any]):
+    """A goal that is accepted and ends at random."""
+
+    def __init__(self, goal: object, draw: random.Random) -> None:
+        super().__init__(goal)
+        self._draw = draw
+        self._fate = draw.choice(["ends", "ends", "ends", "silent", "forever"])
+
+    @property
+    def done(self) -> bool:
+        """Whether the goal has ended; it may end when it is asked."""
+        if not super().done and self._fate != "silent":
+            self.status = type(self.status).EXECUTING
+            self.feedback = FollowPathFeedback()
+            if self._fate == "ends" and self._draw.random() < 0.4:
+                self._draw.choice([self._succeed, self._abort, self.canceled])()
+        return super().done
+
+    def _succeed(self) -> None:
+        kinds: dict[type, object] = {CheckPath: PathCheck(self._draw.random() < 0.5, (Pose2D(0, 0, 0),))}
+        if isinstance(self.goal, SmoothPathGoal):
+            self.succeed(SmoothedPath(PATH, 0.1, True))
+        elif isinstance(self.goal, GetCosts):
+            self.succeed(tuple(self._draw.choice([0, 254, 255]) for _ in self.goal.poses))
+        else:
+            self.succeed(kinds.get(type(self.goal), self._draw.choice([PATH, None])))
+
+    def _abort(self) -> None:
+        self.abort(205, "it was aborted")
+
+
+def random_servers(draw: random.Random, used: list[str]) -> Any:
+    """Return a navigation whose goals and readings are random."""
+
+    def send(goal: object, action: str, server_name: str = "") -> RandomGoal:
+        if action in DRIVING or server_name in DRIVING:
+            used.append(action)
+        return RandomGoal(goal, draw)
+
+    def maybe(value: object) -> Callable[..., object]:
+        return lambda *_: draw.choice([value, None])
+
+    def pose() -> Pose2D | None:
+        return draw.choice([None, Pose2D(draw.uniform(-2, 2), 0.0, 0.0)])
+
+    names = {name: maybe(None) for name in dir(NavigationServers) if not name.startswith("_")}
+    twists = [Twist2D(0.0, 0.0), Twist2D(0.0, 0.0), Twist2D(0.4, 0.0)]
+    members = {
+        **{name: staticmethod(value) for name, value in names.items()},
+        "goal_tolerance": 0.25,
+        "is_recovering": False,
+        "is_pose_contradicted": False,
+        "send_goal": staticmethod(send),
+        "cancel_goals": staticmethod(lambda action, name="": RandomGoal(None, draw)),
+        "request": staticmethod(lambda request, name="": RandomGoal(request, draw)),
+        "pose": staticmethod(pose),
+        "distance_to": staticmethod(lambda place: draw.choice([0.1, 5.0])),
+        "remaining": staticmethod(lambda path: draw.choice([0.1, 5.0])),
+        "odometry": staticmethod(
+            lambda: Odometry(Pose2D(0, 0, 0), draw.choice(twists), draw.getrandbits(40))
+        ),
+        "battery": staticmethod(maybe(Battery(0.1, 12.0, True))),
+        "latest": staticmethod(lambda topic, kind: draw.choice([None, "x"]) if kind is str else None),
+        "can_transform": staticmethod(lambda target, source: draw.random() < 0.5),
+        "last_goals": staticmethod(lambda: [RandomGoal(None, draw)] * 7),
+    }
+    return type("RandomServers", (), members)()
+
+
+def random_resources(robot: Any, draw: random.Random, used: list[str], tmp_path: Any) -> list[object]:
+    """Return resources for every leaf."""
+
+    def go_to(goal: Pose2D) -> RandomGoal:
+        used.append("go_to")
+        return RandomGoal(goal, draw)
+
+    def maybe(value: object) -> Callable[..., object]:
+        return lambda *_: draw.choice([value, None])
+
+    explorer = SimpleNamespace(
+        go_to=go_to,
+        must_wait=lambda: draw.random() < 0.3,
+        goals_wait=lambda: draw.random() < 0.3,
+        estimate=lambda: Pose2D(0, 0, 0),
+        next_goal=maybe(Pose2D(1, 1, 0)),
+        is_goal_unknown=lambda: draw.random() < 0.5,
+        is_goal_free=lambda: draw.random() < 0.5,
+        exclude_goal=lambda: None,
+        save=lambda path: None,
+    )
+    component = SimpleNamespace(
+        state=LifecycleState.INACTIVE, activate=lambda: True, deactivate=lambda: True, boxes=[1]
+    )
+    places = Waypoints({"recharge": Pose2D(0, 0, 0), "wp1": Pose2D(1, 1, 0)}, "here")
+    original, scan = robot.drive, robot.scan
+
+    def drive(v: float, w: float, **priority: int) -> None:
+        used.append(f"drive {v:g} {w:g}")
+        original(v, w, **priority)
+
+    robot.drive = drive
+    robot.scan = lambda: draw.choice([None, scan()])
+    servers = random_servers(draw, used)
+    assert isinstance(explorer, Explorer)
+    assert isinstance(explorer, PoseNavigator)
+    assert isinstance(component, ObjectLocatorProtocol)
+    assert isinstance(servers, NavigationServers)
+    return [robot, servers, explorer, component, places, MapFile(tmp_path / "map.yaml")]
+
+
+def watch_of(draw: random.Random, tick: float, halt: float) -> type[Watch]:
+    """Return a class that ticks and halts each child with these probabilities."""
+
+    def choose(index: int) -> str:
+        return draw.choices(["tick", "halt", ""], [tick, halt, 1 - tick - halt])[0]
+
+    members = {"choose": staticmethod(choose), "used": [], "faults": [], "seen": set()}
+    return type("Watch", (Watch,), members)
+
+
+def test_leaves_follow_their_models_in_random_schedules(robot: Any, tmp_path: Any) -> None:
+    draw = random.Random(1)
+    watch = watch_of(draw, 0.6, 0.15)
+    robot.see(*([3.0] * 5))
+    resources = random_resources(robot, draw, watch.used, tmp_path)
+    for _ in range(4):
+        tree = tree_of(IDS, resources, robot.clock, watch)
+        write_inputs(tree, IDS, draw)
+        for _ in range(150):
+            robot.see(*[draw.choice([0.3, 1.5, 5.0]) for _ in range(5)])
+            tree.tick_exactly_once()
+            robot.clock.sleep(draw.choice([0.0, 0.05, 0.1, 1.2, 8.0]))
+    assert sorted(set(watch.faults)) == []
+    # Every node has completed, or is endless.
+    never = {ID for ID in IDS if not model_of(SHIPPED[ID]).endless} - {
+        ID for ID, result in watch.seen if result in ("SUCCESS", "FAILURE")
+    }
+    assert never == set()
+
+
+# --- the simulator
+
+
+@pytest.mark.parametrize("explores", [False, True], ids=["navigation", "exploration"])
+def test_leaves_follow_their_models_in_the_simulator(explores: bool, tmp_path: Any) -> None:
+    pytest.importorskip("pybullet")
+    from btcore_robot.control.head_tracker import HeadTracker
+    from btcore_robot.navigation.mapping.exploration import Exploration
+    from btcore_robot.navigation.stack import Navigation
+    from btcore_robot.perception.object_locator import ObjectLocator
+    from btcore_sim.map_rasteriser import rasterise
+    from btcore_sim.simulated_robot import SimulatedRobot
+    from btcore_sim.world import World
+    from btcore_sim.worlds import load_world
+
+    scene = load_world("arena")
+    world = World(scene, seed=1)
+    robot = SimulatedRobot(world)
+    random_numbers = np.random.default_rng(1)
+    stack: Any
+    if explores:
+        stack = Exploration(robot, random_numbers, folder())
+    else:
+        stack = Navigation(robot, rasterise(scene), random_numbers, folder())
+    tracker, locator = HeadTracker(robot), ObjectLocator(robot, stack.servers.transforms)
+    for component in (tracker, locator):
+        component.configure()
+    wheels: list[str] = []
+    records(robot, "drive", wheels, lambda *given: f"drive {given}")
+    records(stack, "go_to", wheels, lambda *given: "go_to")
+    records(stack.servers, "send_goal", wheels, lambda goal, action, name="": action * (action in DRIVING))
+    places = Waypoints({"recharge": Pose2D(0, 0, 0), "wp1": Pose2D(1, 1, 0)}, "here")
+    resources = [robot, stack, stack.servers, tracker, locator, places, MapFile(tmp_path / "map.yaml")]
+    ids = [ID for ID in IDS if explores or ID not in ("Explore", "SaveMap")]
+    draw = random.Random(2)
+    watch = watch_of(draw, 0.9, 0.02)
+    watch.used = wheels
+    tree = tree_of(ids, resources, world, watch)
+    write_inputs(tree, ids, draw)
+    try:
+        for _ in range(60):
+            tree.tick_exactly_once()
+            world.wait_until(world.now() + 100_000_000, threading.Event())
+    finally:
+        for component in (tracker, locator):
+            component.shutdown()
+        world.close()
+    assert sorted(set(watch.faults)) == []
+
+
+def records(owner: Any, name: str, calls: list[str], text: Callable[..., str]) -> None:
+    """Record the calls of a method whose text is not empty."""
+    original = getattr(owner, name)
+
+    def method(*given: Any, **options: Any) -> Any:
+        what = text(*given)
+        if what:
+            calls.append(what)
+        return original(*given, **options)
+
+    setattr(owner, name, method)
