@@ -39,7 +39,6 @@ TESTS = (
     "tests/btcore/nodes/test_timing.py",
     "tests/btcore/cli/test_validate.py",
     "tests/btcore/cli/test_lsp_command.py",
-    "tests/btcore/language/test_server.py",
     "tests/btcore/agents/test_summaries.py",
     "tests/btcore/logs/test_bag.py",
     "tests/btcore/batch",
