@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from btcore.clock import NS_PER_S, Clock, SimClock
 from btcore.proof.exploration import Explorer
-from btcore.proof.model_leaves import Choices, UnknownValue
+from btcore.proof.model_leaves import Choices, LeafEvent, UnknownValue
 from btcore.proof.state_graph import Moment
 from btcore.proof.tick_runner import run_tick
 from btcore.proof.tick_times import NOW, PENDING, READING, Deadline, TickClock, tick_times
@@ -81,11 +81,21 @@ class Counterexample(NamedTuple):
     drawing: Sequence[Sequence[Fragment]] = ()
 
 
-def times_of(explorer: Explorer, moments: Sequence[Moment]) -> list[list[int]] | None:
-    """Return times (ns) at which the timers expire as in these ticks, as `tick_times` does, or None."""
+LeafResults = list[tuple[str, Status]]
+"""The path and the result of each tick and halt of a model leaf, in order."""
+
+
+def times_of(
+    explorer: Explorer, moments: Sequence[Moment]
+) -> tuple[list[list[int]] | None, list[LeafResults]]:
+    """Return times (ns) at which the timers expire as in these ticks, and what the leaves do in each tick.
+
+    The times are those of `tick_times`, or None.
+    """
     keeper, table = explorer.keeper, explorer.table
     open_timers: list[int] = []
     deadlines: list[Deadline] = []
+    results: list[LeafResults] = []
     for number, moment in enumerate(moments):
         advance = keeper.advances(table.state(moment.state))[moment.advance]
         for index in advance.expired:
@@ -94,7 +104,8 @@ def times_of(explorer: Explorer, moments: Sequence[Moment]) -> list[list[int]] |
         kept = [timer for index, timer in enumerate(open_timers) if index not in advance.expired]
         for timer in kept:
             deadlines[timer] = deadlines[timer]._replace(last_pending=number)
-        explorer.run_moment(moment)
+        tick = explorer.run_moment(moment)
+        results.append([(event.leaf.path, event.result) for event in _shown(tick.events)])
         open_timers = []
         for value in keeper.deadlines():
             if value >= PENDING:
@@ -102,7 +113,12 @@ def times_of(explorer: Explorer, moments: Sequence[Moment]) -> list[list[int]] |
             else:
                 open_timers.append(len(deadlines))
                 deadlines.append(Deadline(number, *divmod(value - NOW, READING), None, number))
-    return tick_times(len(moments), deadlines)
+    return tick_times(len(moments), deadlines), results
+
+
+def _shown(events: Sequence[LeafEvent]) -> list[LeafEvent]:
+    """Return the events of leaves, and those of decorators that hold their child back."""
+    return [event for event in events if event.result is Status.RUNNING or not event.leaf.children]
 
 
 def replay(
@@ -140,8 +156,7 @@ def replay(
                 {port: text_of(value) for port, value in event.written.items()},
                 names[event.leaf.uid],
             )
-            for event in choices.events
-            if event.result is Status.RUNNING or not event.leaf.children
+            for event in _shown(choices.events)
         ]
         leaves = [leaf for leaf in events if leaf.result is not Status.IDLE]
         halted = [leaf.path for leaf in events if leaf.result is Status.IDLE]

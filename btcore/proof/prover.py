@@ -431,7 +431,7 @@ class Prover:
         run = graph.whole_ticks(before + more * 2)
         prefix = len(graph.whole_ticks(before))
         length = (len(run) - prefix) // 2
-        times = times_of(self.explorer, [tick.moment for tick in run])
+        times, results = times_of(self.explorer, [tick.moment for tick in run])
         if times is None:
             return self._answer(
                 question, UNKNOWN_ANSWER, f"{message}, but no times of ticks were found for it"
@@ -446,7 +446,10 @@ class Prover:
 
         trees: list[Tree] = []
         ticks = replay(make, [tick.moment.choices for tick in run], times, self._domains, trees.append)
-        same = all(_agrees(whole, tick.result) for whole, tick in zip(run, ticks, strict=True))
+        same = all(
+            _agrees(whole, tick.result) and found == [(leaf.path, leaf.result) for leaf in tick.events]
+            for whole, tick, found in zip(run, ticks, results, strict=True)
+        )
         if not same:
             return self._answer(question, UNKNOWN_ANSWER, f"{message}, but a normal run does not show it")
         period = ticks[prefix + length].time - ticks[prefix].time if more else 0.0

@@ -15,8 +15,11 @@ after this time, nothing further expires.
 """
 
 import pickle
+import random
 import threading
+import time
 from collections.abc import Callable, Collection, Iterator, Sequence
+from functools import partial
 from typing import ClassVar, NamedTuple
 
 from proof_plugins import DECLARED, HIDDEN, begin_run
@@ -24,7 +27,7 @@ from proof_trees import LEAVES, UNIT_MS, Atom, LeafKind, RandomQuestion, RandomT
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.format3 import LegacyBlackboard
-from btcore.clock import NS_PER_MS, Clock, SimClock
+from btcore.clock import NS_PER_MS, Clock, SimClock, SystemClock
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.errors import NodeExecutionError
 from btcore.nodes.manual_selector import Prompt
@@ -296,6 +299,22 @@ class SlowClock:
         return wake.is_set()
 
 
+class RandomScript(LeafScript):
+    """Random outcomes of the leaves, each of which takes up to *seconds*."""
+
+    def __init__(self, chance: random.Random, seconds: float) -> None:
+        super().__init__()
+        self._chance = chance
+        self._seconds = seconds
+
+    def choose(self, options: int) -> int:
+        """Return the number of the next outcome, after some time."""
+        if self._seconds and self._chance.random() < 0.5:
+            time.sleep(self._seconds * self._chance.random())
+        self.options.append(options)
+        return self._chance.randrange(options)
+
+
 class Runner:
     """Runs a random tree from the start."""
 
@@ -330,10 +349,6 @@ class Runner:
             if len(steps) > 1 and not self.tree.is_instant:
                 clock.advance(steps[leaves.choose(len(steps))] / 1e9)
 
-        def record(node: LeafNode, status: Status) -> Status:
-            results.setdefault(node.name, []).append(status)
-            return status
-
         tree.context.clock = slow_clock = SlowClock(clock, pass_time)
         tree.context.uses_time = True
         for elapsed, given in script[:-1]:
@@ -346,11 +361,38 @@ class Runner:
         leaves.begin(given)
         slow_clock.begin()
         for node in tree.nodes:
-            node.set_post_tick_function(record)
+            node.set_post_tick_function(partial(_record, results))
         seen = self._tick(tree, leaves, results, clock.now())
         state = b"" if seen.has_ended or self.tree.is_hidden else self.state(tree, clock.now())
         longest = self._longest_timer(tree, clock.now())
         return End(seen, leaves.following(), tuple(leaves.given), state, longest)
+
+    def random_run(self, chance: random.Random, ticks: int) -> Iterator[Seen]:
+        """Run the tree with random leaves, by the system's clock, and yield what happens in each tick.
+
+        Args:
+            chance: The source of random numbers.
+            ticks: The greatest number of ticks.
+        """
+        begin_run()
+        clock = SystemClock()
+        has_timers = not {*_TIMED, "UserTimer", "UserElapsed"}.isdisjoint(self.tree.tags.values())
+        seconds = 2.5 * UNIT_MS / 1000 if has_timers else 0.0
+        leaves = RandomScript(chance, seconds)
+        board = first_blackboard(self.tree.format, clock)
+        resources = [leaves, ScriptedPrompt(leaves)]
+        tree = TreeInstantiator(self._analysis, SCRIPTED_NODES, board, resources, clock).instantiate()
+        results: dict[str, list[Status]] = {}
+        for node in tree.nodes:
+            node.set_post_tick_function(partial(_record, results))
+        for _ in range(ticks):
+            time.sleep(seconds * chance.random())
+            leaves.begin(())
+            results.clear()
+            seen = self._tick(tree, leaves, results, clock.now())
+            yield seen
+            if seen.has_ended:
+                return
 
     def _tick(self, tree: Tree, leaves: LeafScript, results: dict[str, list[Status]], now: int) -> Seen:
         before = frozenset(node.name for node in tree.nodes if node.status is RUNNING)
@@ -426,6 +468,11 @@ class Runner:
         held = saved.values[len(saved.nodes) :]
         boards = [sorted(keys.items()) for keys in saved.boards]
         return pickle.dumps((rows, statuses, entries, held, boards))
+
+
+def _record(results: dict[str, list[Status]], node: LeafNode, status: Status) -> Status:
+    results.setdefault(node.name, []).append(status)
+    return status
 
 
 class Monitor:

@@ -14,7 +14,7 @@ from btcore import DecoratorNode, In, Status
 from btcore.clock import NS_PER_MS
 from btcore.status import FAILURE, RUNNING, SUCCESS
 
-UNIT_MS = 60
+UNIT_MS = 3
 _calls = 0
 
 
@@ -89,7 +89,7 @@ class UserTimer(DecoratorNode):
         if self.status is not RUNNING:
             self._deadline = self.now() + self.msec * NS_PER_MS
             self.set_status(RUNNING)
-        if self.now() >= self._deadline:
+        if self.has_passed(self._deadline):
             self.reset_child()
             return FAILURE
         status = self.child.execute_tick()

@@ -180,7 +180,9 @@ NODES: dict[int, dict[str, NodeKind]] = {
         "WhileDoElse": NodeKind(3, 3),
         # All cycles happen in one tick, so that -1 would make some ticks endless.
         "Repeat": NodeKind(1, 1, _fixed(num_cycles="2")),
-        "RetryUntilSuccessful": NodeKind(1, 1, _fixed(num_attempts="2")),
+        **dict.fromkeys(
+            ("RetryUntilSuccessful", "RetryUntilSuccesful"), NodeKind(1, 1, _fixed(num_attempts="2"))
+        ),
         **{f"BlackboardCheck{kind}": NodeKind(1, 1, _comparison) for kind in ("Bool", "Double", "Int")},
         "BlackboardCheckString": NodeKind(1, 1, _comparison),
     },

@@ -6,22 +6,28 @@ seed, so that a reported tree can be compared again alone: ``--only 1234``. For 
 - safety: runs of at most six ticks are enumerated (`proof_enumeration.py`) and searched. For every standard
   and random safety question the prover must refute exactly what a run violates, with a shortest run.
   If a decorator has hidden state (`proof_plugins.py`), the answers may also be unknown.
+- random runs: the ordinary engine runs the tree with the system's clock and leaves that take random times.
+  No run may contradict what is proved.
 - liveness: if the enumeration finds all states, the search must be complete, and its answers must be those of
   a search for fair cycles in the enumerated graph, which tries all subsets of the conditions.
 """
 
 import argparse
 import os
+import random
 import re
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
+from itertools import repeat
 from typing import NamedTuple
 
 from proof_enumeration import (
     Arc,
     Enumeration,
     FairnessRule,
+    Monitor,
+    Runner,
     enumerate_graph,
     enumerate_runs,
     first_blackboard,
@@ -49,6 +55,8 @@ from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_text
 
 TICKS = 6
+TICKS_OF_RUN = 10
+PROOF_S = 60.0
 LEAST_RUNS, MOST_RUNS = 10, 12_000
 """A tree with fewer or more runs is replaced by another."""
 MOST_RUNS_OF_GRAPH = 6_000
@@ -394,8 +402,35 @@ class Comparison(NamedTuple):
     seconds: float = 0.0
 
 
-def compare(number: int, seed: int) -> Comparison:
-    """Compare the answers about the random tree *number*."""
+def contradictions(tree: RandomTree, runs: int, seed: str) -> list[str]:
+    """Return which proved statements about a tree random runs of the engine contradict.
+
+    Args:
+        tree: The tree.
+        runs: The number of runs, with the system's clock and leaves that take random times.
+        seed: The seed of the runs.
+    """
+    tree = tree._replace(is_instant=False)
+    answers = prover_of(tree).answer(memory=1 << 30, seconds=PROOF_S).answers
+    proved = {answer.question for answer in answers if answer.answer == PROVED}
+    checks = {question: check for question, check in standard_checks(tree).items() if question in proved}
+    asked = [question for question in tree.questions if str(question) in proved]
+    chance = random.Random(seed)
+    runner = Runner(tree, TICKS)
+    found: dict[str, None] = {}
+    for _ in range(runs if checks or asked else 0):
+        memories = [0] * len(asked)
+        for seen in runner.random_run(chance, TICKS_OF_RUN):
+            found |= {question: None for question, is_violated in checks.items() if is_violated(seen)}
+            for place, question in enumerate(asked):
+                memories[place], wrong = Monitor.advanced(question, memories[place], seen)
+                if wrong:
+                    found[str(question)] = None
+    return [f"{question}: proved, but a run of the engine violates it" for question in found]
+
+
+def compare(number: int, seed: int, runs: int) -> Comparison:
+    """Compare the answers about the random tree *number*, also with *runs* random runs."""
     began = time.perf_counter()
     tree = random_tree(f"{seed}:{number}")
     if not tree.leaves:
@@ -415,6 +450,7 @@ def compare(number: int, seed: int) -> Comparison:
         if graph is not None:
             arcs, states = graph
             differences += liveness_differences(tree, graph_answers(tree, arcs), states)
+        differences += contradictions(tree, runs, f"{seed}:{number}")
     except Exception as error:
         differences = [f"{type(error).__name__}: {error}"]
         graph = None
@@ -430,8 +466,8 @@ def compare(number: int, seed: int) -> Comparison:
     )
 
 
-def _compare_all(numbers: range, seed: int) -> list[Comparison]:
-    return [compare(number, seed) for number in numbers]
+def _compare_all(numbers: range, seed: int, runs: int) -> list[Comparison]:
+    return [compare(number, seed, runs) for number in numbers]
 
 
 def main(arguments: list[str]) -> int:
@@ -440,11 +476,12 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--trees", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--runs", type=int, default=100, help="random runs of each tree")
     parser.add_argument("--only", type=int, metavar="NUMBER", help="compare one tree, and print it")
     chosen = parser.parse_args(arguments)
     if chosen.only is not None:
         print(random_tree(f"{chosen.seed}:{chosen.only}").xml)
-        one = compare(chosen.only, chosen.seed)
+        one = compare(chosen.only, chosen.seed, chosen.runs)
         print(one)
         return 1 if one.differences else 0
     missing = missing_nodes()
@@ -459,7 +496,7 @@ def main(arguments: list[str]) -> int:
             wanted = chosen.trees - len(compared)
             chunks = [range(n, min(n + CHUNK, first + wanted)) for n in range(first, first + wanted, CHUNK)]
             first += wanted
-            for results in pool.map(_compare_all, chunks, [chosen.seed] * len(chunks)):
+            for results in pool.map(_compare_all, chunks, repeat(chosen.seed), repeat(chosen.runs)):
                 for one in results:
                     if one.skipped:
                         skipped[one.skipped] = skipped.get(one.skipped, 0) + 1
