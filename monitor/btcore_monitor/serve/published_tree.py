@@ -43,6 +43,7 @@ class PublishedTree:
         groot1: The last uid of the previous tree in Groot 1's protocol (0: no previous tree), or None if
             Groot 1 is not served.
         control: The maximum heartbeat delay of hooks in s, or None without hooks.
+        has_groot2: Whether Groot 2 is served, too. Then the scene channel is next to Groot 2's ports.
     """
 
     def __init__(
@@ -52,6 +53,8 @@ class PublishedTree:
         scene: bool,
         groot1: int | None = None,
         control: float | None = None,
+        *,
+        has_groot2: bool = True,
     ) -> None:
         self.tree = tree
         identity = uuid.uuid4()
@@ -65,7 +68,9 @@ class PublishedTree:
         statuses = statuses_of(tree)
         hooks = None if control is None else HookController(tree, control)
         self.groot2 = Groot2Server(tree, xml + ending, self._answer_boards, identity, hooks)
-        self.groot1 = None if groot1 is None else Groot1Server(tree, groot1, ending=ending)
+        self.groot1 = (
+            None if groot1 is None else Groot1Server(tree, groot1, ending=b"" if has_groot2 else ending)
+        )
         self.scene: SceneServer | None = None
         if scene:
             parts = [source.scene_static() for source in self._sources]

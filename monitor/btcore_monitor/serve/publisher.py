@@ -92,9 +92,10 @@ class Publisher(Closeable):
         self._grace = grace
         self._scene = scene
         self._control = control
+        self._has_groot2 = port is not None
         # The tree that ticks, and the tree that the publisher's thread serves, which follows shortly after.
         self._latest = self._published = PublishedTree(
-            tree, resources, scene, None if groot1 is None else 0, control
+            tree, resources, scene, None if groot1 is None else 0, control, has_groot2=port is not None
         )
         self._replacements: deque[PublishedTree] = deque()
         self._context: zmq.Context[Socket] = zmq.Context()
@@ -254,7 +255,12 @@ class Publisher(Closeable):
         # Groot 1 notices the new tree by its uids, so they continue after those of the previous tree.
         before = self._latest.groot1
         fresh = PublishedTree(
-            tree, resources, self._scene, None if before is None else before.end, self._control
+            tree,
+            resources,
+            self._scene,
+            None if before is None else before.end,
+            self._control,
+            has_groot2=self._has_groot2,
         )
         # In this order: when the publisher's thread finds the new tree, the old tree's queue is complete.
         self._latest.leave()
