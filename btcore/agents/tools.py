@@ -231,7 +231,7 @@ class Toolbox:
         with self._runner.temporary_folder() as output:
             if call.declarations is not None:
                 file = output / "declarations.toml"
-                file.write_text(call.declarations, encoding="utf-8", errors="replace")
+                file.write_text(call.declarations, encoding="utf-8", errors="replace", newline="\n")
                 words.append(f"--declarations={file}")
             proved = await self._json("prove", [*words, *self._words(call, output)])
         return to_bounded_json({"questions": [answer_of(question) for question in proved["questions"]]})

@@ -37,8 +37,6 @@ def add_rules(nodes: Registry, files: Sequence[Path]) -> None:
             load_substitution_rules(nodes, file)
         except OSError as error:
             raise click.UsageError(f"--substitute {file}: cannot read the file: {error.strerror}.") from error
-        except UnicodeDecodeError as error:
-            raise click.UsageError(f"--substitute {file}: the file is not text in UTF-8.") from error
         except SubstitutionError as error:
             raise click.UsageError(f"--substitute {file}: {error}.") from error
 

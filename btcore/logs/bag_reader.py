@@ -19,6 +19,7 @@ from typing import Any, Final
 from btcore.logs import bag_process
 from btcore.logs.bag_process import ANSWER, RECORD, BagError, BagSource, Message
 from btcore.logs.files import LogError, read_bytes
+from btcore.process_group import NEW_PROCESS_GROUP
 from btcore.process_limits import is_limited
 
 MAX_MEMORY: Final = 1 << 30
@@ -133,6 +134,7 @@ class _BagProcess:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
+            creationflags=NEW_PROCESS_GROUP,
             # The threads of OpenBLAS would need memory.
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
         )

@@ -68,7 +68,7 @@ class SetBlackboard(SyncAction):
                 return self.nothing_to_copy(key)
             self.copy(key, source)
         else:
-            self.write_text(key, text or "")
+            self.put_text(key, text or "")
         return SUCCESS
 
     def nothing_to_copy(self, key: str) -> Status:
@@ -79,7 +79,7 @@ class SetBlackboard(SyncAction):
         """Copy the value of *source* with its type. A text is written as if it were the text of the port."""
         value = source.value
         if isinstance(value, str):
-            self.write_text(key, value)
+            self.put_text(key, value)
             return
         kind = source.type_of_value()
         target = self._blackboard.find(key)
@@ -90,7 +90,7 @@ class SetBlackboard(SyncAction):
                 raise copy_error(key, target.declared, kind)
         self.store(key, target, value, kind)
 
-    def write_text(self, key: str, text: str) -> None:
+    def put_text(self, key: str, text: str) -> None:
         """Write *text*, which is converted if the entry has a type."""
         entry = self._blackboard.find(key)
         if entry is None:

@@ -142,7 +142,7 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RetryUntilSuccesful(RetryUntilSuccessful3):
-    """Is `RetryUntilSuccessful` with its first spelling, which BehaviorTree.CPP 3 keeps."""
+    """Is `RetryUntilSuccessful` with the spelling of early releases of BehaviorTree.CPP 3."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3,)
 
@@ -171,7 +171,7 @@ class SetBlackboard3(SetBlackboard):
         if entry is not None:
             entry.put(source.value, self._blackboard.now())
 
-    def write_text(self, key: str, text: str) -> None:
+    def put_text(self, key: str, text: str) -> None:
         """Write *text* without conversion."""
         self._blackboard.set(key, text)
 

@@ -34,11 +34,11 @@ _ERROR_CODE: Final = re.compile(r" (E\d{3}) ")
 class EmptyingSetBlackboard(SetBlackboard):
     """SetBlackboard as in BehaviorTree.CPP 4.10, which empties an entry without a type."""
 
-    def write_text(self, key: str, text: str) -> None:
+    def put_text(self, key: str, text: str) -> None:
         """Write *text*, which needs a converter of the entry's type. The type BT::Any has none."""
         entry = self.blackboard.find(key)
         if entry is None or entry.declared.strong:
-            super().write_text(key, text)
+            super().put_text(key, text)
             return
         if entry.declared is ANY_VALUE:
             raise BlackboardError(f"no conversion from text for the entry '{key}' of type BT::Any")

@@ -207,7 +207,7 @@ def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
     try:
         text = read_file(rules).decode() if isinstance(rules, Path) else rules
     except UnicodeDecodeError:
-        raise SubstitutionError(f"{rules}: the substitution rules are not text in UTF-8") from None
+        raise SubstitutionError("the substitution rules are not text in UTF-8") from None
     try:
         data = load_json(text)
     except ValueError as error:

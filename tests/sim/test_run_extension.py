@@ -30,7 +30,7 @@ def test_a_tree_without_robot_leaves_starts_no_simulator():
     program = """
 import sys
 from btcore_sim.run_extension import RobotExtension
-assert RobotExtension().provide({"world": "nowhere"}, [int, str]) == ()
+assert RobotExtension().provide({}, [int, str]) == ()
 assert "pybullet" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", program], check=True, env={"PYTHONPATH": ":".join(sys.path)})

@@ -131,7 +131,9 @@ class Groot1Server:
 
 def _models(tree: Tree) -> tuple[WireModel, ...]:
     """Return the models of all registered nodes, and of other nodes in the tree."""
-    models = {id: _model(manifest) for id, manifest in tree.registry.manifests_of(tree.format).items()}
+    manifests = tree.registry.manifests_of(tree.format)
+    # BehaviorTree.CPP 3.8 does not list the old spelling of RetryUntilSuccessful.
+    models = {id: _model(manifest) for id, manifest in manifests.items() if id != "RetryUntilSuccesful"}
     for node in tree.nodes:
         # Groot 1 looks up every node's model without a check, and crashes if it is missing.
         if node.id not in models:

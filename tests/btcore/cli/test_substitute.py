@@ -61,7 +61,7 @@ def test_rule_that_matches_no_node_is_reported(
 
 MISTAKES = {
     "no file": (None, "rules.json: cannot read the file: No such file or directory."),
-    "no text": (b"\xff\xfe", "rules.json: the file is not text in UTF-8."),
+    "no text": (b"\xff\xfe", "rules.json: the substitution rules are not text in UTF-8."),
     "no JSON": (b"{", "rules.json: the substitution rules are not valid JSON: "),
     "no rules": (b"{}", "rules.json: the substitution rules lack the object 'SubstitutionRules'."),
     "a setting": (

@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -599,7 +600,11 @@ def test_two_types_with_the_same_name_are_refused() -> None:
     nodes.add_type(second, name="OtherPose")
 
 
-def test_a_type_of_the_user_overrides_the_type_of_an_installed_library(library: Path) -> None:
+def test_a_type_of_the_user_overrides_the_type_of_an_installed_library(
+    library: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    point = EntryPoint("gestures", "gestures", "btcore.nodes")
+    monkeypatch.setattr("btcore.registry.registry.installed", lambda group: [point])
     library.write_text(
         "from dataclasses import dataclass\nfrom btcore import In, action\n"
         "@dataclass\nclass Pose2D:\n    x: float\n"
@@ -609,7 +614,7 @@ def test_a_type_of_the_user_overrides_the_type_of_an_installed_library(library: 
     )
 
     def install(nodes: Registry) -> None:
-        nodes.add_installed("gestures", "polite-robot")
+        assert nodes.add_installed() == []
 
     @dataclass
     class Pose2D:

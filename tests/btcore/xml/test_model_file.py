@@ -1,5 +1,6 @@
 """Models without code: trees with C++ leaves are checked, and run with planned leaves."""
 
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -75,7 +76,9 @@ def test_names_and_defaults_that_only_cpp_understands_are_accepted(tmp_path: Pat
     assert btcore.loads(f"<root>{body}</root>", nodes=nodes).tick_once() is Status.SUCCESS
 
 
-def test_type_of_a_model_is_not_the_type_of_an_installed_library_with_the_same_name(tmp_path: Path) -> None:
+def test_type_of_a_model_is_not_the_type_of_an_installed_library_with_the_same_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "positions.py").write_text(
         "from btcore import In, action\nclass Position(complex): ...\n"
         "@action\ndef go(to: In[Position]) -> bool:\n    return True\n"
@@ -84,7 +87,10 @@ def test_type_of_a_model_is_not_the_type_of_an_installed_library_with_the_same_n
     model = '<Action ID="Fly"><input_port name="to" type="Position"/></Action>'
     (tmp_path / "palette.xml").write_text(f"<root><TreeNodesModel>{model}</TreeNodesModel></root>")
     nodes = Registry.standard()
-    nodes.add_installed(str(tmp_path / "positions.py"), "positions")
+    point = EntryPoint("positions", "positions", "btcore.nodes")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr("btcore.registry.registry.installed", lambda group: [point])
+    assert nodes.add_installed() == []
     add_models(nodes, tmp_path / "palette.xml")
     body = '<Sequence><Fly to="12 North"/><Fly to="{p}"/><Go to="{p}"/></Sequence>'
     document = parse_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>')

@@ -1,11 +1,12 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
-from btcore_robot.navigation.occupancy_map import MapError
+from btcore_robot.navigation.occupancy_map import MapError, OccupancyMap, save_map
 from btcore_robot.navigation.waypoint_file import load_waypoints, save_waypoints, waypoints_path
 from btcore_robot.robot import Pose2D, Waypoints
 from btcore_robot.run_extension import NavigationExtension
@@ -86,6 +87,8 @@ def test_a_map_of_a_world_without_waypoints_is_refused_for_a_patrol(tmp_path: Pa
 
 
 def test_a_robot_without_waypoints_on_its_map_gets_none(tmp_path: Path) -> None:
-    settings = {"map_file": tmp_path / "office.yaml"}
+    path = tmp_path / "office.yaml"
+    save_map(OccupancyMap(np.zeros((2, 2), dtype=np.int8), 0.05, (0.0, 0.0)), path)
+    settings = {"map_file": path}
     (waypoints,) = NavigationExtension().provide(settings, [Waypoints], [])
     assert waypoints == Waypoints({}, source="the robot's map")

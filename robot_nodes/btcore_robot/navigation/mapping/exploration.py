@@ -17,7 +17,7 @@ from btcore_robot.navigation.servers import PoseSource
 from btcore_robot.navigation.stack import Navigation, costmap_arguments
 from btcore_robot.robot import NS_PER_S, Pose2D, Robot
 
-log = logging.getLogger(__name__)
+_log = logging.getLogger(__name__)
 
 REMEMBERED = 30 * NS_PER_S
 """The time (ns) for which an observed obstacle stays in the costmap although the map does not have it.
@@ -132,7 +132,7 @@ class Exploration(Navigation):
         self.saved_quality = self.mapper.quality()
         warning = self.saved_quality.warning() if self.saved_quality is not None else ""
         if warning:
-            log.warning("%s: %s", path, warning)
+            _log.warning("%s: %s", path, warning)
 
     def _make_localiser(self, random: np.random.Generator) -> PoseSource:
         amcl = self.parameters.amcl
