@@ -102,6 +102,9 @@ def _exit_after_interrupt() -> NoReturn:
     from btcore.cli import terminal
 
     terminal.stderr_console().print("[bold]interrupted[/]")
+    # If the interrupt was raised while a text was evaluated, as to make a named tuple, CPython would end with
+    # the signal in place of the exit code, until another text is evaluated.
+    eval("None")
     sys.exit(ExitCode.INTERRUPTED)
 
 
