@@ -404,7 +404,8 @@ class Runner:
             result = tree.tick_exactly_once()
         except NodeExecutionError as error:
             culprits = [each.path.rpartition("/")[2] for each in (error, *error.later_errors)]
-            unwritten = "is not on the blackboard" in str(error) or "never been written" in str(error)
+            problems = ("is not on the blackboard", "never been written", "which has no value")
+            unwritten = any(problem in str(error) for problem in problems)
         board = tree.blackboard
         pairs = [(parent, child) for parent in tree.nodes for child in parent.children]
         after = self._deadlines(tree)
