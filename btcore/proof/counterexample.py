@@ -39,7 +39,7 @@ class RunTick(NamedTuple):
 
     Attributes:
         times: The time of the tick (s) since the first tick. If time passes within the tick: the time of each
-            reading of the clock, of which the first begins the tick.
+            reading of the clock; the tick begins at the first.
         leaves: The ticks of the leaves that follow models, in order.
         halted: The paths of the leaves that were halted while RUNNING.
         running: The paths of all nodes that are RUNNING after the tick.

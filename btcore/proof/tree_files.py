@@ -61,8 +61,8 @@ def prove(
         memory: The memory (MB) at which the search ends.
         jobs: The number of processes of a long search; without effect on other systems than Linux.
         seconds: The time (s) after which the search ends with the answers so far; default no limit.
-        instant_leaves: Whether leaves take no time. By default any time may pass within a tick, so that a
-            deadline of a tick may be set any time later than another one of this tick.
+        instant_leaves: Whether leaves take no time. By default any time may pass within a tick, so that the
+            deadlines of a tick may be set at different times.
 
     Returns:
         The answers. Each is `proved`, `refuted` or `unknown`; also unknown for a question that names a node

@@ -437,8 +437,8 @@ def _unshifted_time(value: int) -> int:
 def _timer_bounds(timers: Bounds, deadlines: Sequence[int]) -> Bounds:
     """Return the bounds of the pending timers, given the values of their deadlines.
 
-    A deadline from `PENDING` on is that of a timer that was pending in this tick; any other is new, and tells
-    at which reading of the clock it was set.
+    A deadline from `PENDING` on is that of a timer that was pending in this tick; any other is new, and
+    contains the reading of the clock at which it was set.
     """
     bounds = timers
     places: dict[int, int] = {}
