@@ -322,3 +322,21 @@ class ScriptError(BtcoreError):
         start = self.text.rfind("\n", 0, self.column - 1) + 1
         shown = self.text[start:].split("\n", 1)[0]
         return f"{self.message}\n{excerpt(shown, line + 1, self.column - start, self.width)}"
+
+
+class UndecidedOperandError(KeyboardInterrupt):
+    """A value that is not known was used, in a search of all runs (`btcore prove`).
+
+    Not an Exception, so that no node catches it by mistake. A comparison asks it for its result.
+
+    Attributes:
+        operand: The value.
+    """
+
+    def __init__(self, message: str, operand: object) -> None:
+        super().__init__(message)
+        self.operand = operand
+
+    def decide(self, operator: str, left: object, right: object) -> bool:
+        """Return whether the search continues as if `left operator right` were true."""
+        raise self

@@ -150,7 +150,7 @@ def prove(
       0  everything is proved
       1  something is refuted; a run that shows it is printed
       2  an error in the tree, on the command line or in a question
-      4  something is unknown, and nothing is refuted
+      4  something is unknown or possible, and nothing is refuted
     """
     path = find_source(source)
     if save is not None and path == STDIN:
@@ -333,4 +333,5 @@ def _tick_as_data(tick: RunTick) -> dict[str, object]:
         "running": tick.running,
         "result": None if tick.result is None else tick.result.name,
         "error": tick.error,
+        "assumed": list(tick.guesses),
     }

@@ -7,7 +7,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Input, Port
 from btcore.engine.control import ControlNode
 from btcore.engine.node import execute_tick
-from btcore.errors import BlackboardError, ConversionError, NodeError
+from btcore.errors import BlackboardError, ConversionError, NodeError, UndecidedOperandError
 from btcore.status import RUNNING, SKIPPED, Status
 from btcore.values import STRING, number_of, parse_constant
 
@@ -71,7 +71,10 @@ class SwitchNode(ControlNode):
     def choose(self) -> int:
         """Return the index of the selected child."""
         # Read in every tick, and without an error: an unreadable variable selects the last child.
-        variable = self.text(self._variable)
+        try:
+            variable = self.text(self._variable)
+        except UndecidedOperandError as undecided:
+            return self._decided(undecided)
         if variable is not None:
             only_texts = self.config.format == 3
             for index in range(len(self._cases)):
@@ -80,6 +83,14 @@ class SwitchNode(ControlNode):
                     return index
                 if case is not None and not only_texts and values_equal(variable, case, self.config.enums):
                     return index
+        return len(self._cases)
+
+    def _decided(self, undecided: UndecidedOperandError) -> int:
+        """Return the index of the child whose case is decided to equal the variable."""
+        for index in range(len(self._cases)):
+            case = self.text(self._cases[index])
+            if case is not None and undecided.decide("==", undecided.operand, case):
+                return index
         return len(self._cases)
 
     def text(self, port: Input | None) -> str | None:

@@ -6,6 +6,7 @@ from btcore.escaping import escape_controls
 from btcore.proof.counterexample import Counterexample, RunTick
 from btcore.proof.prover import PROVED, REFUTED, Answer
 from btcore.status import Status
+from btcore.suggestions import join_names
 from btcore.tree.drawing import Fragment
 
 Line = list[Fragment]
@@ -83,6 +84,8 @@ def _lines_of_tick(number: int, tick: RunTick) -> list[Line]:
             line.append((f" {port}={escape_controls(value, one_line=True)}", "dim"))
     if tick.result is not None:
         line.append((f"  → {tick.result.name}", ""))
+    if tick.guesses:
+        line.append((f"  (if {escape_controls(join_names(tick.guesses, 'and'), one_line=True)})", "yellow"))
     if len(tick.times) > 1:
         line.append((f"  (the tick takes {tick.times[-1] - tick.time:.3g} s)", "dim"))
     error = escape_controls(tick.error).splitlines()

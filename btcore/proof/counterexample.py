@@ -46,6 +46,7 @@ class RunTick(NamedTuple):
         result: The result of the tree; None if a node raised.
         error: The message of the exception, or "".
         events: The ticks and halts of the leaves, in order; a halt has the result IDLE.
+        guesses: The comparisons with unknown values on which the tick depends, as sentences.
     """
 
     times: Sequence[float]
@@ -55,6 +56,7 @@ class RunTick(NamedTuple):
     result: Status | None
     error: str
     events: Sequence[LeafTick] = ()
+    guesses: Sequence[str] = ()
 
     @property
     def time(self) -> float:
@@ -98,6 +100,9 @@ def times_of(
     results: list[LeafResults] = []
     for number, moment in enumerate(moments):
         advance = keeper.advances(table.state(moment.state))[moment.advance]
+        if any(index >= len(open_timers) for index in advance.expired):
+            # A node with hidden state did not repeat the tick before.
+            return None, results
         for index in advance.expired:
             timer = open_timers[index]
             deadlines[timer] = deadlines[timer]._replace(expired_in=number)
@@ -163,7 +168,8 @@ def replay(
         running = [node.path for node in tree.nodes if node.status is Status.RUNNING]
         shown = readings if readings[0] != readings[-1] else readings[:1]
         seconds = [time / NS_PER_S for time in shown]
-        ticks.append(RunTick(seconds, leaves, halted, running, result, str(error or ""), events))
+        fault, guesses = str(error or ""), list(choices.guesses)
+        ticks.append(RunTick(seconds, leaves, halted, running, result, fault, events, guesses))
     tree.flush_observers()
     return ticks
 

@@ -7,7 +7,7 @@ import math
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence, Set
 from typing import Final
 
 from btcore.clock import SimClock
@@ -58,9 +58,10 @@ class Explorer:
         choices: The choices of the leaves.
         checks: The checks of each tick, by name.
         state_checks: The checks that depend only on the tree after a tick, by name.
-        propositions: Functions that return whether a proposition holds in a tick.
+        propositions: Functions that return whether a proposition holds in a tick; None = not known.
         watched: The nodes whose results and halts the checks or propositions need.
         instant: Whether ticks take no time.
+        favourable: The numbers of the propositions that prevent violations where they hold.
 
     Attributes:
         graph: The result of the search so far.
@@ -76,9 +77,10 @@ class Explorer:
         choices: Choices,
         checks: dict[str, Check],
         state_checks: dict[str, Check],
-        propositions: Sequence[Callable[[Tick], bool]] = (),
+        propositions: Sequence[Callable[[Tick], bool | None]] = (),
         watched: Sequence[TreeNode] = (),
         instant: bool = False,
+        favourable: Set[int] = frozenset(),
     ) -> None:
         self.tree = tree
         self.choices = choices
@@ -96,6 +98,9 @@ class Explorer:
         self._state_checks = dict(state_checks)
         self._memories = [check.remember for check in checks.values() if check.remember is not None]
         self._propositions = list(propositions)
+        self._favourable = favourable
+        # The decisions whether a comparison with an unknown value is true.
+        self._guesses: set[int] = set()
         self.signals = Signals(self._runner.leaves, len(self.keeper.timer_slots), len(propositions))
         self.waiting: deque[int] = deque()
         self._open: list[tuple[int, int]] = []
@@ -283,6 +288,8 @@ class Explorer:
         if not is_new:
             raise self.choices.interrupt(KnownMomentError())
         self.graph.add_decision(step, self._present())
+        if self.choices.guess:
+            self._guesses.add(number)
         self._open += [(number, option) for option in range(options - 1, 0, -1)]
         self._vertex, self._choice = number, 0
 
@@ -296,8 +303,10 @@ class Explorer:
         if keeper.timer_slots:
             # A node may set a deadline later by a reading of the clock that it has made already.
             timers = (keeper.clock.readings, keeper.kept_timers(), *keeper.deadlines())
+        # Within a script, the search does not know which values have been evaluated already.
+        moment = None if self.choices.guess else self._progress.moment(leaf)
         rest = (
-            self._progress.moment(leaf) or self._present(),
+            moment or self._present(),
             self._runner.so_far(),
             timers,
             *[remember(self.choices.events) for remember in self._memories],
@@ -324,15 +333,16 @@ class Explorer:
         else:
             assert tick.result is not None
             target = END_OF.get(tick.result, END_OF[SKIPPED])
-        true: list[int] = []
-        for number, proposition in enumerate(self._propositions):
-            try:
-                if proposition(tick):
-                    true.append(number)
-            except UnknownOutcomeError as error:
-                graph.bounds.setdefault(str(error), None)
-        signals = self.signals.of_end(tick.kept, timers, true)
-        step = self._add_edge(target, signals)
+        truths = [proposition(tick) for proposition in self._propositions]
+        true = {number for number, truth in enumerate(truths) if truth}
+        unsure = {number for number, truth in enumerate(truths) if truth is None}
+        end = self.signals.of_end(tick.kept, timers, true | (unsure & self._favourable))
+        step = self._add_edge(target, end)
+        if unsure:
+            # As if all that is not known were as bad as possible for the answers.
+            worst = self.signals.of_end(tick.kept, timers, true | (unsure - self._favourable))
+            signals = step[1].signals & ~end | worst | self.signals.guessed
+            graph.edges[step[0]].append(step[1]._replace(signals=signals))
         if is_new:
             self.add_state(target, step)
         if reason is not None:
@@ -340,16 +350,19 @@ class Explorer:
             return
         # A state that was found before has been checked before.
         checks = self._checks if target >= 0 and not is_new else {**self._checks, **self._state_checks}
+        is_guessed = bool(self.choices.guesses)
         for name, check in checks.items():
-            if name not in graph.violations:
+            if graph.lacks_violation(name, is_guessed):
                 message = check.find(tick)
                 if message is not None:
-                    graph.violations[name] = Violation(step, message)
+                    graph.violations[name] = Violation(step, message, is_guessed)
 
     def _add_edge(self, target: int, signals: int = 0) -> Step:
         """Add the edge from the present vertex to the next one. Return the step."""
         events = self.choices.events
         signals |= self.signals.of_events(events[self._events :])
+        if self._vertex in self._guesses:
+            signals |= self.signals.guessed
         self._events = len(events)
         edge = Edge(target, signals, self._moment.advance, self._choice)
         self.graph.edges[self._vertex].append(edge)

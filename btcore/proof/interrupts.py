@@ -4,6 +4,10 @@ They derive from KeyboardInterrupt, because the engine passes on only interrupts
 `except Exception` in the code of a node does not catch them.
 """
 
+from collections.abc import Callable
+
+from btcore.errors import UndecidedOperandError
+
 
 class SearchInterrupt(KeyboardInterrupt):
     """The search ends a tick."""
@@ -17,8 +21,27 @@ class UnknownOutcomeError(SearchInterrupt):
     """The search does not know how the tick continues. The message is the reason."""
 
 
-class UnknownValueError(UnknownOutcomeError):
-    """A node uses a value that the models do not know."""
+class UnknownValueError(UnknownOutcomeError, UndecidedOperandError):
+    """A node uses a value that the models do not know.
+
+    Args:
+        key: The key of the entry with the value.
+        operand: The value.
+        decide: Decides a comparison, as the method does.
+    """
+
+    def __init__(
+        self,
+        key: str,
+        operand: object,
+        decide: "Callable[[UnknownValueError, str, object, object], bool]",
+    ) -> None:
+        super().__init__(f"the value of {{{key}}} is not known: declare its domain", operand)
+        self._decide = decide
+
+    def decide(self, operator: str, left: object, right: object) -> bool:
+        """Return whether the search continues as if `left operator right` were true."""
+        return self._decide(self, operator, left, right)
 
 
 class EndlessTickError(UnknownOutcomeError):

@@ -17,29 +17,42 @@ from btcore.engine.leaf import Condition, StatefulAction, SyncAction
 from btcore.engine.node import SYNCHRONOUS, TreeNode
 from btcore.nodes.manual_selector import Prompt
 from btcore.proof.entry_names import names_of_entry
-from btcore.proof.interrupts import EndlessTickError, SearchInterrupt, UnknownValueError
+from btcore.proof.interrupts import (
+    EndlessTickError,
+    SearchInterrupt,
+    UnknownOutcomeError,
+    UnknownValueError,
+)
 from btcore.proof.leaf_models import LeafModel, ModelError, domain_of, model_of, resources_of
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeType, Status
 from btcore.tree.tree import Tree
+from btcore.values import STRING, ValueType, number_of
+from btcore.values.types import IntegerType, RealType
 
 MOST_CHOICES: Final = 300
 """The number of choices within a tick after which the tick counts as endless."""
 
 
 class UnknownValue:
-    """The value of an entry that a leaf has written, if no domain is declared. Any use of it raises."""
+    """The value of an entry that a leaf has written, if no domain is declared. Any use of it raises.
 
-    __slots__ = ("_choices", "key")
+    Args:
+        key: The key of the entry.
+        operands: The values with which it can be compared: `numbers`, `texts` or, if this is not known, "".
+        choices: Decides comparisons.
+    """
 
-    def __init__(self, key: str, choices: "Choices") -> None:
+    __slots__ = ("_choices", "key", "operands")
+
+    def __init__(self, key: str, operands: str, choices: "Choices") -> None:
         self.key = key
+        self.operands = operands
         self._choices = choices
 
     def _raise(self, *_: object) -> NoReturn:
-        raise self._choices.interrupt(
-            UnknownValueError(f"the value of {{{self.key}}} is not known: declare its domain")
-        )
+        choices = self._choices
+        raise choices.interrupt(UnknownValueError(self.key, self, choices.decide))
 
     def __getattr__(self, name: str) -> NoReturn:
         self._raise()
@@ -63,6 +76,39 @@ class UnknownValue:
     __and__ = __rand__ = __or__ = __ror__ = __xor__ = __rxor__ = __lshift__ = __rlshift__ = _raise
     __rshift__ = __rrshift__ = __matmul__ = __rmatmul__ = __neg__ = __pos__ = __abs__ = __invert__ = _raise
     __round__ = __trunc__ = __floor__ = __ceil__ = _raise
+
+
+_EXACT: Final = 2**53
+"""Scripts compare no greater integers."""
+
+
+def operands_of(kind: ValueType) -> str:
+    """Return the values with which scripts can compare every value of a type, as in UnknownValue."""
+    if isinstance(kind, IntegerType):
+        return "numbers" if kind.low >= -_EXACT and kind.high <= _EXACT else ""
+    return "numbers" if isinstance(kind, RealType) else "texts" if kind is STRING else ""
+
+
+def _operand_text(value: object) -> str:
+    """Return the text that stands for an operand of a comparison."""
+    if isinstance(value, UnknownValue):
+        return f"{{{value.key}}}"
+    return f"{value:g}" if isinstance(value, float) else repr(value)
+
+
+def _are_comparable(left: object, right: object) -> bool:
+    """Return whether it is known that scripts can compare two operands."""
+    kinds = {
+        operand.operands
+        if isinstance(operand, UnknownValue)
+        else "texts"
+        if isinstance(operand, str)
+        else "numbers"
+        if number_of(operand) is not None
+        else ""
+        for operand in (left, right)
+    }
+    return len(kinds) == 1 and "" not in kinds
 
 
 Outcome = tuple[Status, tuple[int, ...]]
@@ -97,6 +143,9 @@ class Choices:
         watcher: Called before each choice with the leaf (None for a node of another kind), the number of its
             options, and the option that it will take.
         raised: The first interrupt with which the search ends this tick; None = the tick goes on.
+        guess: The comparison with an unknown value that is being decided; "" = none.
+        guesses: The comparisons with unknown values in this tick, as sentences.
+        assumed: The keys of unknown values that were compared although this may be impossible.
     """
 
     def __init__(self, domains: Mapping[str, tuple[str, ...]] | None = None) -> None:
@@ -108,7 +157,10 @@ class Choices:
         self.counted: Sequence[tuple[Blackboard, str]] = ()
         self.watcher: Callable[[TreeNode | None, int, int], None] | None = None
         self.raised: SearchInterrupt | None = None
-        self._unknown: dict[str, UnknownValue] = {}
+        self.guess = ""
+        self.guesses: list[str] = []
+        self.assumed: set[str] = set()
+        self._unknown: dict[tuple[str, str], UnknownValue] = {}
 
     def begin(self, given: Sequence[int]) -> None:
         """Begin a tick that repeats the choices *given*."""
@@ -116,6 +168,7 @@ class Choices:
         self.raised = None
         self.made.clear()
         self.events.clear()
+        self.guesses.clear()
 
     def choose(self, options: int, leaf: TreeNode | None = None) -> int:
         """Return the number of the chosen option, from 0 to *options* - 1.
@@ -153,11 +206,34 @@ class Choices:
         self.raised = self.raised or error
         return error
 
-    def unknown(self, key: str) -> UnknownValue:
-        """Return the unknown value of the entry *key*."""
-        known = self._unknown.get(key)
+    def decide(self, error: UnknownValueError, operator: str, left: object, right: object) -> bool:
+        """Choose whether a comparison with an unknown value is true.
+
+        Args:
+            error: The interrupt that the comparison has raised.
+            operator: The sign of the comparison.
+            left: The value before the sign.
+            right: The value after the sign.
+        """
+        if self.raised is error:
+            self.raised = None
+        self.guess = f"{_operand_text(left)} {operator} {_operand_text(right)}"
+        try:
+            is_true = self.choose(2) == 0
+        finally:
+            sentence, self.guess = self.guess, ""
+        self.guesses.append(f"{sentence} is {'true' if is_true else 'false'}")
+        if not _are_comparable(left, right):
+            unknown = [value for value in (left, right) if isinstance(value, UnknownValue)]
+            untyped = [value for value in unknown if not value.operands]
+            self.assumed |= {value.key for value in untyped or unknown}
+        return is_true
+
+    def unknown(self, key: str, operands: str = "") -> UnknownValue:
+        """Return the unknown value of the entry *key*; for *operands*, see UnknownValue."""
+        known = self._unknown.get((key, operands))
         if known is None:
-            known = self._unknown[key] = UnknownValue(key, self)
+            known = self._unknown[key, operands] = UnknownValue(key, operands, self)
         return known
 
 
@@ -317,8 +393,13 @@ class _Chooser:
             writer.output.write(value)
             return value
         board = writer.output.blackboard
-        entry: Entry = board.find(writer.key) or board.create(writer.key, writer.output.type)
-        unknown = self.choices.unknown(writer.key)
+        kind = writer.output.type
+        entry: Entry = board.find(writer.key) or board.create(writer.key, kind)
+        if kind.strong and entry.declared.strong and not kind.same(entry.declared):
+            names = f"a value of the type {kind.name} to {{{writer.key}}}, which is of the type"
+            text = f"'{self._leaf.path}' writes {names} {entry.declared.name}: declare its domain"
+            raise self.choices.interrupt(UnknownOutcomeError(text))
+        unknown = self.choices.unknown(writer.key, operands_of(kind))
         entry.put(unknown, board.now())
         return unknown
 

@@ -257,10 +257,11 @@ class _Fault:
         question = self._question
         if question is None:
             return None
-        first = self._first(tick)
+        first, second = self._first(tick), self._second(tick)
+        if first is None or second is None:
+            raise PlanError(f"'{question.text}' compares a value that is not known")
         if question.kind == "never":
             return f"'{question.first}' holds" if first else None
-        second = self._second(tick)
         if question.kind == "before":
             self._occurred = self._occurred or first
             return (

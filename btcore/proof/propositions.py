@@ -7,11 +7,13 @@ from typing import Any, Final, NamedTuple
 
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
+from btcore.proof.interrupts import UnknownValueError
 from btcore.proof.tick_runner import Tick
 from btcore.status import RUNNING, Status
 from btcore.tree.tree import Tree
 
-Proposition = Callable[[Tick], bool]
+Proposition = Callable[[Tick], bool | None]
+"""Returns whether it holds in a tick; None = it depends on a value that is not known."""
 
 _TOKEN: Final = re.compile(
     r"""\s*(?:(?P<text>'[^']*'|"[^"]*")|(?P<entry>\{[^{}]+\})|(?P<number>-?\d+(?:\.\d+)?)"""
@@ -143,7 +145,7 @@ class _Parser:
     def _not(self) -> Proposition:
         if self._accept("!", "not"):
             inner = self._not()
-            return lambda tick: not inner(tick)
+            return _not(inner)
         if self._accept("("):
             inner = self._either()
             if not self._accept(")"):
@@ -201,20 +203,22 @@ class _Parser:
             value = text
         board = self._tree.blackboard
 
-        def holds(tick: Tick) -> bool:
+        def holds(tick: Tick) -> bool | None:
             held = board.get(key)
             if held is None:
                 return False
-            if isinstance(value, str) and not isinstance(held, str):
-                entry = board.find(key)
-                assert entry is not None
-                held = entry.declared.to_text(held)
-            elif isinstance(held, str) and not isinstance(value, str):
-                held = _number_in(held)
             try:
+                if isinstance(value, str) and not isinstance(held, str):
+                    entry = board.find(key)
+                    assert entry is not None
+                    held = entry.declared.to_text(held)
+                elif isinstance(held, str) and not isinstance(value, str):
+                    held = _number_in(held)
                 return bool(compare(held, value))
             except TypeError:
                 return False
+            except UnknownValueError:
+                return None
 
         return holds
 
@@ -229,9 +233,24 @@ def _number_in(text: str) -> float | None:
         return None
 
 
+def _not(inner: Proposition) -> Proposition:
+    def holds(tick: Tick) -> bool | None:
+        truth = inner(tick)
+        return None if truth is None else not truth
+
+    return holds
+
+
 def _or(first: Proposition, second: Proposition) -> Proposition:
-    return lambda tick: first(tick) or second(tick)
+    def holds(tick: Tick) -> bool | None:
+        truth = first(tick)
+        if truth:
+            return True
+        other = second(tick)
+        return None if truth is None and not other else other
+
+    return holds
 
 
 def _and(first: Proposition, second: Proposition) -> Proposition:
-    return lambda tick: first(tick) and second(tick)
+    return _not(_or(_not(first), _not(second)))

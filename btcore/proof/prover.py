@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from functools import partial
 from itertools import product
 from typing import Final, NamedTuple
 
@@ -22,7 +23,13 @@ from btcore.proof.fair_cycles import (
     steps_back,
 )
 from btcore.proof.leaf_models import ModelError
-from btcore.proof.model_leaves import Choices, counted_entries, model_leaf_model, unread_keys
+from btcore.proof.model_leaves import (
+    Choices,
+    counted_entries,
+    model_leaf_model,
+    operands_of,
+    unread_keys,
+)
 from btcore.proof.propositions import ParsedProposition, Question, QuestionError, parse_proposition
 from btcore.proof.search import search
 from btcore.proof.standard_questions import (
@@ -45,6 +52,7 @@ from btcore.tree.tree import Tree
 
 PROVED: Final = "proved"
 REFUTED: Final = "refuted"
+POSSIBLE: Final = "possible"
 UNKNOWN_ANSWER: Final = "unknown"
 _ENDS: Final = frozenset({*RESULT_OF, RAISED})
 """The targets of edges with which a run ends."""
@@ -55,7 +63,8 @@ class Answer(NamedTuple):
 
     Attributes:
         question: The question.
-        answer: `proved`, `refuted` or `unknown`.
+        answer: `proved`, `refuted`, `possible` if a run that shows what is wrong depends on comparisons with
+            unknown values, or `unknown`.
         detail: What is wrong, what bounded the search, or under which condition the question is proved; "".
         ticks: The number of ticks of the counterexample, or of the longest run without a repeated state.
         states: The number of states that were searched.
@@ -82,6 +91,13 @@ class Report(NamedTuple):
 
     answers: list[Answer]
     transitions: int
+
+
+class _View(NamedTuple):
+    """A part of the state graph, and its parts with cycles."""
+
+    graph: StateGraph
+    cyclic_parts: list[Part]
 
 
 class _Prepared(NamedTuple):
@@ -130,6 +146,7 @@ class Prover:
         choices = Choices(self._domains)
         self.tree = tree = limited(choices, clock_for_search())
         parsed: list[ParsedProposition] = []
+        favourable: set[int] = set()
         self._questions: list[_Prepared] = []
         for question in questions:
             texts_of_parts = [question.first, question.second] if question.second else [question.first]
@@ -141,6 +158,10 @@ class Prover:
             first = len(parsed)
             parsed += parts
             self._questions.append(_Prepared(question, first, len(parsed) - 1))
+            if question.kind == "leads to":
+                favourable.add(len(parsed) - 1)
+            elif question.kind == "before":
+                favourable.add(first)
         self.errors = [prepared.error for prepared in self._questions if prepared.error]
         self._endless = endless_nodes(tree)
         self._first_endless = len(parsed)
@@ -156,12 +177,13 @@ class Prover:
             [*(each.holds for each in parsed), *map(_runs, self._endless), self._runs_endless_node],
             list(watched.values()),
             instant_leaves,
+            favourable,
         )
         # Without timers, it does not matter how long leaves take.
         self._assumed = (
             "if leaves take no time" if instant_leaves and self.explorer.keeper.timer_slots else ""
         )
-        self._cyclic_parts: list[Part] = []
+        self._view = _View(self.explorer.graph, [])
         self._beginnings: list[dict[str, object]] = []
         for beginning in beginnings_of(tree, choices, self._domains, given):
             write_entries(tree, beginning)
@@ -180,10 +202,36 @@ class Prover:
         users = self.explorer.users
         with nullcontext() if users is None else users.guarded():
             search(self.explorer, most_ticks, memory, progress, jobs, seconds)
-        self._cyclic_parts = cyclic_parts(self.explorer.graph)
-        answers = [self._standard(question) for question in STANDARD_QUESTIONS]
-        answers += [self._own(prepared) for prepared in self._questions]
-        return Report(answers, self.explorer.graph.transitions)
+        graph = self.explorer.graph
+        views = [_View(graph, cyclic_parts(graph))]
+        guessed = self.explorer.signals.guessed
+        if any(edge.signals & guessed for edges in graph.edges for edge in edges):
+            certain = graph.without(guessed)
+            views.insert(0, _View(certain, cyclic_parts(certain)))
+        asked: list[Callable[[], Answer]] = [partial(self._standard, each) for each in STANDARD_QUESTIONS]
+        asked += [partial(self._own, prepared) for prepared in self._questions]
+        return Report([self._answer_in(views, ask) for ask in asked], graph.transitions)
+
+    def _answer_in(self, views: Sequence[_View], ask: Callable[[], Answer]) -> Answer:
+        """Return the answer to a question: refuted if a run without guesses shows it, else by the last view.
+
+        Args:
+            views: The whole graph; before it, if there are guesses, the part that does not depend on them.
+            ask: Answers the question by the present view.
+        """
+        for view in views:
+            self._view = view
+            answer = ask()
+            if answer.answer == REFUTED and (view is views[0] or answer.counterexample is None):
+                return answer
+        if view is views[0]:
+            return answer
+        if answer.answer == REFUTED:
+            return answer._replace(answer=POSSIBLE)
+        if answer.question is LEAVES and answer.answer == PROVED:
+            reason = "some of it depends on comparisons with values that are not known"
+            return answer._replace(answer=UNKNOWN_ANSWER, detail=reason)
+        return answer
 
     # --- the standard questions
 
@@ -192,13 +240,13 @@ class Prover:
             return self._ends()
         if question is LEAVES:
             return self._leaves()
-        violation = self.explorer.graph.violations.get(question)
+        violation = self._view.graph.violations.get(question)
         if violation is not None:
             return self._refuted(question, violation.message, [violation.step])
         return self._proved(question)
 
     def _ends(self) -> Answer:
-        graph, signals, endless = self.explorer.graph, self.explorer.signals, self._endless
+        graph, signals, endless = self._view.graph, self.explorer.signals, self._endless
         ends = any(edge.target in RESULT_OF for edges in graph.edges for edge in edges)
         runs = [signals.holds(self._first_endless + number) for number in range(len(endless))]
         runs_none = signals.fails(self._first_endless + len(endless))
@@ -240,7 +288,7 @@ class Prover:
     def _cycle(self, conditions: Sequence[Fairness], avoided: int = 0) -> FairCycle | None:
         """Return a fair cycle without the signals *avoided*, or None."""
         return find_fair_cycle(
-            self.explorer.graph, self._cyclic_parts, conditions, lambda edge: not edge.signals & avoided
+            self._view.graph, self._view.cyclic_parts, conditions, lambda edge: not edge.signals & avoided
         )
 
     def _fairness(self) -> list[Fairness]:
@@ -274,7 +322,7 @@ class Prover:
     # --- questions of the user
 
     def _own(self, prepared: _Prepared) -> Answer:
-        graph, signals = self.explorer.graph, self.explorer.signals
+        graph, signals = self._view.graph, self.explorer.signals
         question = prepared.question
         if prepared.error:
             return self._answer(question.text, UNKNOWN_ANSWER, prepared.error)
@@ -301,7 +349,7 @@ class Prover:
         return answer
 
     def _before(self, question: Question, first: int, second: int) -> Answer:
-        graph = self.explorer.graph
+        graph = self._view.graph
         starts = [state for state, parent in enumerate(graph.parents) if parent is None]
         found = states_from(graph, starts, lambda edge: not edge.signals & first)
         for state in found:
@@ -319,7 +367,7 @@ class Prover:
         self, occurs: Sequence[Step], second: int, within: int | None
     ) -> tuple[list[Step], FairCycle | None] | None:
         """Return a run in which *second* does not follow: steps from a state, and the cycle at its end."""
-        graph = self.explorer.graph
+        graph = self._view.graph
         pending = [step for step in occurs if not step[1].signals & second]
         if within is not None:
             return self._too_late(pending, second, within)
@@ -341,7 +389,7 @@ class Prover:
                     return [entered[origin], *steps, (state, edge)], None
         parts = [
             {vertex: edges for vertex, edges in part.items() if vertex in found}
-            for part in self._cyclic_parts
+            for part in self._view.cyclic_parts
         ]
         cycle = find_fair_cycle(graph, parts, self._fairness(), lambda edge: not edge.signals & second)
         if cycle is None:
@@ -354,7 +402,7 @@ class Prover:
         self, pending: Sequence[Step], second: int, within: int
     ) -> tuple[list[Step], FairCycle | None] | None:
         """Return a shortest run in which *second* does not follow in time: steps from a vertex."""
-        graph = self.explorer.graph
+        graph = self._view.graph
         begun: dict[int, list[Step]] = {}
         for step in pending:
             begun.setdefault(graph.depths[step[0]], []).append(step)
@@ -400,11 +448,13 @@ class Prover:
         limits = self._limits()
         if limits:
             return self._answer(question, UNKNOWN_ANSWER, "; ".join(limits))
-        return self._answer(question, PROVED, ", ".join(filter(None, [self._assumed, detail])))
+        keys = [f"{{{key}}}" for key in sorted(self.explorer.choices.assumed)]
+        compared = f"if scripts can compare the values of {join_names(keys, 'and')}" if keys else ""
+        return self._answer(question, PROVED, ", ".join(filter(None, [self._assumed, compared, detail])))
 
     def _limits(self) -> list[str]:
         """Return why the search has not seen everything: its bounds, and an error that ends runs."""
-        graph = self.explorer.graph
+        graph = self._view.graph
         errors = [graph.violations[each] for each in (INPUTS, EXCEPTIONS) if each in graph.violations]
         return [*graph.bounds, *(f"not searched beyond this error: {each.message}" for each in errors[:1])]
 
@@ -423,7 +473,7 @@ class Prover:
             steps: The end of the run, from a state.
             cycle: The cycle that follows.
         """
-        graph = self.explorer.graph
+        graph = self._view.graph
         more = cycle.steps if cycle is not None else []
         origin = [*steps, *more][0][0]
         before = [*graph.path_to(origin), *steps]
@@ -493,7 +543,8 @@ def beginnings_of(
         entry = tree.blackboard.find(key)
         texts = domains.get(key)
         if texts is None:
-            options.append([choices.unknown(key)])
+            operands = operands_of(entry.declared) if entry is not None else ""
+            options.append([choices.unknown(key, operands)])
             continue
         try:
             strong = entry is not None and entry.declared.strong

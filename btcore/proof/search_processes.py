@@ -9,6 +9,7 @@ import pickle
 import signal
 import sys
 from collections.abc import Hashable, Sequence
+from dataclasses import replace
 from enum import Enum
 from io import BytesIO
 from multiprocessing.connection import Connection
@@ -64,9 +65,17 @@ class _Expansion(NamedTuple):
 
 
 class _Reply(NamedTuple):
-    """What a process has found from some states; the counts of all leaves and the memory (bytes) so far."""
+    """What a process has found from some states, and so far.
+
+    Attributes:
+        expansions: What was found from each state.
+        assumed: The keys of unknown values that were compared although this may be impossible.
+        counts: The counts of the results of all leaves.
+        memory: The memory (bytes).
+    """
 
     expansions: list[_Expansion]
+    assumed: set[str]
     counts: _Counts
     memory: int
 
@@ -174,6 +183,7 @@ class SearchProcesses:
             if isinstance(reply, Exception):
                 raise reply
             self._replies[job] = reply
+            self._explorer.choices.assumed |= reply.assumed
         # In the order of the states, so that the first run to a state or a violation is always the same.
         for place in range(len(numbers)):
             reply = self._replies[place % jobs]
@@ -209,7 +219,8 @@ class SearchProcesses:
         for vertex, edges in found.edges:
             graph.edges[vertices[vertex]] = [edge_here(edge) for edge in edges]
         for name, violation in found.violations.items():
-            graph.violations.setdefault(name, Violation(step_here(violation.step), violation.message))
+            if graph.lacks_violation(name, violation.is_guessed):
+                graph.violations[name] = replace(violation, step=step_here(violation.step))
         for reason, step in found.bounds.items():
             graph.bounds.setdefault(reason, None if step is None else step_here(step))
 
@@ -240,7 +251,7 @@ def _reply_to(explorer: Explorer, peer: _Peer, keys: Sequence[tuple[int, ...]], 
     expansions: list[_Expansion] = []
     for key in keys:
         first, ticks = len(table), graph.transitions
-        violations, bounds = set(graph.violations), set(graph.bounds)
+        violations, bounds = dict(graph.violations), set(graph.bounds)
         state, is_new = table.number_of_key(key)
         if is_new:
             graph.add_state(None)
@@ -251,7 +262,7 @@ def _reply_to(explorer: Explorer, peer: _Peer, keys: Sequence[tuple[int, ...]], 
                 [_Vertex(graph.decisions.get(each), graph.parents[each]) for each in new],
                 peer.to_send([each for each in new if each not in graph.decisions]),
                 [(each, graph.edges[each]) for each in {state, *new} if graph.edges[each]],
-                {name: found for name, found in graph.violations.items() if name not in violations},
+                {name: each for name, each in graph.violations.items() if violations.get(name) is not each},
                 {reason: step for reason, step in graph.bounds.items() if reason not in bounds},
                 graph.transitions - ticks,
             )
@@ -260,7 +271,7 @@ def _reply_to(explorer: Explorer, peer: _Peer, keys: Sequence[tuple[int, ...]], 
         (now[0] - first[0], now[1] - first[1], now[2] - first[2], now[3] - first[3])
         for now, first in zip(_counts_of(explorer), before, strict=True)
     ]
-    return _Reply(expansions, counts, memory_used())
+    return _Reply(expansions, explorer.choices.assumed, counts, memory_used())
 
 
 def _counts_of(explorer: Explorer) -> _Counts:
@@ -310,7 +321,7 @@ class _StatePickler:
 
     def _identifier(self, value: object) -> object:
         if isinstance(value, UnknownValue):
-            return value.key
+            return value.key, value.operands
         kind = type(value)
         if isinstance(value, Identity) and type(value.value) is not UnknownValue:
             raise pickle.PicklingError("a value is equal only to itself")
@@ -322,4 +333,4 @@ class _StatePickler:
         return number
 
     def _object(self, identifier: Any) -> object:
-        return self._unknown(identifier) if isinstance(identifier, str) else self._types[identifier]
+        return self._unknown(*identifier) if isinstance(identifier, tuple) else self._types[identifier]

@@ -1,7 +1,8 @@
 """The graph that a search finds: states between ticks, decisions within ticks, and the edges between them."""
 
+from collections import deque
 from collections.abc import Hashable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
 from btcore.engine.node import TreeNode
@@ -64,10 +65,17 @@ Outcome = tuple[int, int]
 
 @dataclass
 class Violation:
-    """The first tick in which a check found something wrong, and the sentence that says what."""
+    """A tick in which a check found something wrong.
+
+    Attributes:
+        step: The last step of the tick.
+        message: The sentence that says what is wrong.
+        is_guessed: Whether it depends on comparisons with unknown values in this tick.
+    """
 
     step: Step
     message: str
+    is_guessed: bool = False
 
 
 @dataclass
@@ -82,7 +90,7 @@ class StateGraph:
         parents: For each vertex the step by which it was found first; None for an initial state.
         depths: The number of ticks that were completed before each vertex.
         decisions: One of the moments that each decision stands for, by the number of the vertex.
-        violations: The first violation of each check, by the name of the check.
+        violations: The first violation of each check, by the name of the check, preferably without guesses.
         bounds: Why the search is not complete, each reason once; empty at a fixpoint.
         expanded: The number of states from which every tick was run.
         transitions: The number of ticks that were run, whole or in part.
@@ -127,6 +135,40 @@ class StateGraph:
             steps.append(step)
             vertex = step[0]
         return steps[::-1]
+
+    def without(self, signals: int) -> "StateGraph":
+        """Return the part of the graph that can be reached without edges that have one of *signals*."""
+        edges: list[list[Edge]] = [[] for _ in self.edges]
+        parents: list[Step | None] = [None] * len(edges)
+        depths = [0] * len(edges)
+        found = {vertex for vertex, parent in enumerate(self.parents) if parent is None}
+        waiting = deque(found)
+        while waiting:
+            vertex = waiting.popleft()
+            edges[vertex] = [edge for edge in self.edges[vertex] if not edge.signals & signals]
+            # The vertices of a tick before those of the next one.
+            for edge in edges[vertex]:
+                target = edge.target
+                if target >= 0 and target not in found:
+                    found.add(target)
+                    parents[target] = vertex, edge
+                    if target in self.decisions:
+                        depths[target] = depths[vertex]
+                        waiting.appendleft(target)
+                    else:
+                        depths[target] = depths[vertex] + 1
+                        waiting.append(target)
+        violations = {
+            name: violation
+            for name, violation in self.violations.items()
+            if violation.step[0] in found and not violation.step[1].signals & signals
+        }
+        return replace(self, edges=edges, parents=parents, depths=depths, violations=violations)
+
+    def lacks_violation(self, name: str, is_guessed: bool) -> bool:
+        """Return whether a violation of a check is new, or depends on no guess as the known one does."""
+        known = self.violations.get(name)
+        return known is None or (known.is_guessed and not is_guessed)
 
     def ends_tick(self, edge: Edge) -> bool:
         """Return whether a tick ends with *edge*."""
@@ -232,7 +274,10 @@ class Signals:
 
     For each model leaf: it was ticked; it succeeded; it failed. At the end of a tick, for each model leaf: it
     did not remain RUNNING; for each time field: its timer did not remain pending; for each of the questions'
-    propositions: it holds; it does not hold.
+    propositions: it holds; it does not hold. Last: a comparison with an unknown value had this result.
+
+    Attributes:
+        guessed: The last bit.
     """
 
     def __init__(self, leaves: Sequence[TreeNode], timers: int, propositions: int) -> None:
@@ -241,6 +286,7 @@ class Signals:
         self.timers = timers
         self._first_timer = 4 * len(leaves)
         self._first_proposition = self._first_timer + timers
+        self.guessed = 1 << self._first_proposition + 2 * propositions
         self._all_released = sum(self.released(leaf) for leaf in range(len(leaves)))
         self._all_fail = sum(self.fails(proposition) for proposition in range(propositions))
 

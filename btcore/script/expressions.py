@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.errors import BlackboardError, ConversionError, ScriptError
+from btcore.errors import BlackboardError, ConversionError, ScriptError, UndecidedOperandError
 from btcore.script.lexer import Token
 from btcore.script.operators import (
     OPERATORS,
@@ -213,10 +213,15 @@ class Comparison(Chain):
             right = self.operands[index].evaluate(board)
             token = self.tokens[index]
             try:
-                if not compare(token.kind, left, right, self.enums):
-                    return 0.0
+                holds = compare(token.kind, left, right, self.enums)
             except ConversionError as error:
                 raise self.operation_error(index, left, right, error) from None
+            except UndecidedOperandError as undecided:
+                if left is None or right is None:
+                    raise self.operation_error(index, left, right, ConversionError()) from None
+                holds = undecided.decide(token.kind, left, right)
+            if not holds:
+                return 0.0
             left = right
         return 1.0
 

@@ -46,9 +46,14 @@ _REACTIVE = ("ReactiveSequence", "ReactiveFallback")
 
 
 class LeafScript:
-    """The outcomes of the leaves in one tick: those that are given, then the first option of each."""
+    """The outcomes of the leaves in one tick: those that are given, then the first option of each.
 
-    def __init__(self) -> None:
+    Args:
+        unknown: The values that are written to entries whose values are not known to the prover.
+    """
+
+    def __init__(self, unknown: Sequence[int] = (1,)) -> None:
+        self._unknown = unknown
         self.begin(())
 
     def begin(self, given: Sequence[int]) -> None:
@@ -86,11 +91,11 @@ class LeafScript:
             leaf.get_input("value")
         options: list[tuple[str, int | None]] = [(letter, None) for letter in kind.results]
         if port is not None and port.writes:
-            values = (1,) if kind.key == "u" else (0, 1)
+            values = self._unknown if kind.key in "uw" else (0, 1)
             options = [("F", None), *((letter, value) for letter in "SF" for value in values)]
         letter, value = options[self.choose(len(options))] if may_complete else ("R", None)
         if value is not None:
-            leaf.set_output("value", str(value) if kind.key == "s" else value)
+            leaf.set_output("value", str(value) if kind.key in "sw" else value)
         self.log.append((leaf.name, letter))
         if letter in "SF":
             self.completed.append((leaf.name, _STATUSES[letter]))
@@ -199,7 +204,7 @@ class Seen(NamedTuple):
         ticked: The names of the leaves whose code ran.
         halted: The names of the leaves that were halted while RUNNING.
         log: The results and halts (H) of the leaves, in order.
-        entries: The values of the entries a and m; None = not written.
+        entries: The values of the entries a, m and u; None = not written.
         orphans: Whether a node is RUNNING although its parent is not.
         has_two: Whether two children of a reactive node are RUNNING.
         result: The result of the tree; None after an exception.
@@ -302,8 +307,8 @@ class SlowClock:
 class RandomScript(LeafScript):
     """Random outcomes of the leaves, each of which takes up to *seconds*."""
 
-    def __init__(self, chance: random.Random, seconds: float) -> None:
-        super().__init__()
+    def __init__(self, chance: random.Random, seconds: float, unknown: Sequence[int]) -> None:
+        super().__init__(unknown)
         self._chance = chance
         self._seconds = seconds
 
@@ -324,6 +329,7 @@ class Runner:
         self.runs = 0
         self._analysis = analyse_document(parse_text(tree.xml), SCRIPTED_NODES)
         self._analysis.diagnostics.raise_errors()
+        self._unknown = (0, 1) if tree.compares_unknown else (1,)
         tags = tree.tags.values()
         self._watches = any(tag in tags for tag in _WATCHERS)
         self._counts_writes = self._watches and "UnsetBlackboard" in tags
@@ -338,7 +344,7 @@ class Runner:
         self.runs += 1
         begin_run()
         clock = SimClock()
-        leaves = LeafScript()
+        leaves = LeafScript(self._unknown)
         board = first_blackboard(self.tree.format, clock)
         resources = [leaves, ScriptedPrompt(leaves)]
         tree = TreeInstantiator(self._analysis, SCRIPTED_NODES, board, resources, clock).instantiate()
@@ -378,7 +384,7 @@ class Runner:
         clock = SystemClock()
         has_timers = not {*_TIMED, "UserTimer", "UserElapsed"}.isdisjoint(self.tree.tags.values())
         seconds = 2.5 * UNIT_MS / 1000 if has_timers else 0.0
-        leaves = RandomScript(chance, seconds)
+        leaves = RandomScript(chance, seconds, self._unknown)
         board = first_blackboard(self.tree.format, clock)
         resources = [leaves, ScriptedPrompt(leaves)]
         tree = TreeInstantiator(self._analysis, SCRIPTED_NODES, board, resources, clock).instantiate()
@@ -417,7 +423,7 @@ class Runner:
             leaves.ticked,
             leaves.halted,
             leaves.log,
-            {key: board.get(key) for key in ("a", "m")},
+            {key: board.get(key) for key in ("a", "m", "u")},
             any(child.status is RUNNING and parent.status is not RUNNING for parent, child in pairs),
             any(
                 node.id in _REACTIVE and sum(child.status is RUNNING for child in node.children) > 1

@@ -6,6 +6,7 @@ enumeration are made separately.
 """
 
 import random
+import re
 from collections.abc import Callable
 from itertools import count
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from btcore.values import INT, STRING
 
 MOST_LEAVES = 4
 DOMAINS = {"m": ("0", "1"), "s": ("0", "1")}
-"""The values of the entries that leaves write. The value of the entry u is not known to the prover."""
+"""The values of the entries that leaves write. The values of u and w are not known to the prover."""
 
 
 class LeafKind(NamedTuple):
@@ -57,6 +58,7 @@ LEAVES = {
     "Sense": LeafKind("sync", "SF", port=Port("value", Direction.OUT, type=INT)),
     "Say": LeafKind("sync", "SF", port=Port("value", Direction.OUT, type=STRING), key="s"),
     "Note": LeafKind("sync", "SF", port=Port("value", Direction.OUT, type=INT), key="u"),
+    "Tell": LeafKind("sync", "SF", port=Port("value", Direction.OUT, type=STRING), key="w"),
     "Use": LeafKind("sync", "SF", port=Port("value", Direction.IN, type=INT)),
 }
 _FORMAT_4_LEAVES = ("Pass",)
@@ -76,7 +78,7 @@ def _fixed(**texts: str) -> _Maker:
 
 def _switch(chance: random.Random, children: int) -> Attributes:
     cases = {f"case_{number}": str(number - 1) for number in range(1, children)}
-    return {"variable": "{s}", **cases}
+    return {"variable": chance.choice(["{s}", "{s}", "{w}"]), **cases}
 
 
 def _cycles(chance: random.Random, children: int) -> Attributes:
@@ -194,11 +196,13 @@ _USER_NODES = {
 }
 _TIMED = ("Delay", "Timeout", "UserTimer")
 MOST_TIMERS = 2
-_CONDITIONS = ("@a == 0", "@a == 1", "@b == @a", "1 / @z < 0", "@z == @z")
+_CONDITIONS = ("@a == 0", "@a == 1", "@b == @a", "1 / @z < 0", "@z == @z", "@u > 0", "@a == 1 && @u != 1")
 _STATEMENTS = (
     *("@a := 1", "@a := 0", "@b := @a", "@a := 1 - @a"),
     *("@z := 0.0", "@z := 0.0 * -1", "@z := 0.0 / 0.0"),
+    *("@a := @u > 0 ? 1 : 0", "@b := @u == 0"),
 )
+_WORD = re.compile(r"\w+")
 _FILLERS = ("AlwaysSuccess", "AlwaysFailure")
 _BUILT_IN: dict[int, dict[str, Callable[[random.Random], Attributes]]] = {
     4: {
@@ -287,6 +291,14 @@ class RandomTree(NamedTuple):
     def leaves(self) -> list[str]:
         """The names of the leaves that are not built in."""
         return [name for name, tag in self.tags.items() if tag in LEAVES]
+
+    @property
+    def compares_unknown(self) -> bool:
+        """Whether a node or a question compares an entry whose value is not known to the prover."""
+        texts = [text for attributes in self.attributes.values() for text in attributes.values()]
+        switches = any(each.get("variable") == "{w}" for each in self.attributes.values())
+        asked = any("{u}" in str(question) for question in self.questions)
+        return asked or switches or any("@u" in text for text in texts)
 
     @property
     def is_hidden(self) -> bool:
@@ -426,6 +438,11 @@ def random_tree(seed: str) -> RandomTree:
         body = writer.race()
     else:
         body = writer.element(chance.choice([1, 2, 3, 3, MOST_LEAVES, MOST_LEAVES]))
+    texts = [text for attributes in writer.attributes.values() for text in attributes.values()]
+    for key, tag in (("u", "Note"), ("w", "Tell")):
+        if any(key in _WORD.findall(text) for text in texts) and chance.random() < 0.7:
+            first, leaf = writer.start("Sequence", {}), writer.start(tag, {"value": f"{{{key}}}"})
+            body = f"<{writer.head(first)}><{writer.head(leaf)}/>{body}</Sequence>"
     trees = f'<BehaviorTree ID="Main">{body}</BehaviorTree>' + "".join(writer.subtrees)
     xml = f'<root BTCPP_format="{format}" main_tree_to_execute="Main">{trees}</root>'
     tree = RandomTree(format, xml, writer.tags, writer.attributes, [])
@@ -446,7 +463,9 @@ def _random_questions(chance: random.Random, tree: RandomTree) -> list[RandomQue
     def atom() -> Atom:
         kind = chance.choice(["running", "is", "is", "ticked", "halted", "entry"])
         if kind == "entry":
-            return Atom(kind, chance.choice(["a", "m"]), chance.choice("01"))
+            return Atom(
+                kind, chance.choice("aamm" + "u" * ("Note" in tree.tags.values())), chance.choice("01")
+            )
         leaf = chance.choice(tree.leaves)
         name = leaf if kind in ("ticked", "halted") else chance.choice([leaf, *named])
         return Atom(kind, name, chance.choice(["SUCCESS", "FAILURE"]) if kind == "is" else "")

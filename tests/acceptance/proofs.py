@@ -5,7 +5,8 @@ seed, so that a reported tree can be compared again alone: ``--only 1234``. For 
 
 - safety: runs of at most six ticks are enumerated (`proof_enumeration.py`) and searched. For every standard
   and random safety question the prover must refute exactly what a run violates, with a shortest run.
-  If a decorator has hidden state (`proof_plugins.py`), the answers may also be unknown.
+  If a decorator has hidden state (`proof_plugins.py`), the answers may also be unknown, and if the tree
+  compares a value that is not known, they may be possible.
 - random runs: the ordinary engine runs the tree with the system's clock and leaves that take random times.
   No run may contradict what is proved.
 - liveness: if the enumeration finds all states, the search must be complete, and its answers must be those of
@@ -43,7 +44,7 @@ from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.errors import BtcoreError
 from btcore.proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore.proof.propositions import parse_question
-from btcore.proof.prover import PROVED, REFUTED, Answer, Prover
+from btcore.proof.prover import POSSIBLE, PROVED, REFUTED, Answer, Prover
 from btcore.proof.standard_questions import ENDS
 from btcore.proof.standard_questions import LEAVES as LEAF_QUESTION
 from btcore.proof.state_graph import StateGraph
@@ -138,6 +139,8 @@ def safety_differences(tree: RandomTree, expected: Enumeration) -> list[str]:
     found: list[str] = []
     for question in [*standard_checks(tree), *asked]:
         answer, depth = answers[question], expected.depths.get(question)
+        if tree.compares_unknown and (answer.answer == POSSIBLE or "declare its domain" in answer.detail):
+            continue
         if tree.is_hidden:
             if depth is not None and answer.answer == PROVED:
                 found.append(f"{question}: proved, but {depth} ticks violate it")
@@ -147,13 +150,14 @@ def safety_differences(tree: RandomTree, expected: Enumeration) -> list[str]:
                 found.append(f"{question}: refuted, but no run violates it: {_shown(answer)}")
         elif answer.answer != REFUTED:
             found.append(f"{question}: {answer.answer} ({answer.detail}), but {depth} ticks violate it")
-        elif answer.ticks != depth:
+        elif answer.ticks != depth and not (tree.compares_unknown and answer.ticks > depth):
             found.append(f"{question}: {answer.ticks} ticks, but {depth} violate it: {_shown(answer)}")
     # A run that ends too early violates `leads to` without a limit, too.
     for question in tree.questions:
         if not _is_safety(question) and str(question) in expected.depths:
             answer = answers[str(question)]
-            if answer.answer == PROVED or (answer.answer != REFUTED and not tree.is_hidden):
+            is_vague = tree.is_hidden or (tree.compares_unknown and answer.answer != PROVED)
+            if answer.answer == PROVED or (answer.answer != REFUTED and not is_vague):
                 found.append(f"{question}: {answer.answer} ({answer.detail}), but runs end without it")
     return found
 
@@ -346,7 +350,9 @@ def liveness_differences(tree: RandomTree, expected: GraphAnswers, states: int) 
     report = prover_of(tree).answer(progress=limit)
     found: list[str] = []
     for answer in report.answers:
-        if answer.detail.startswith("not searched beyond this error"):
+        if tree.compares_unknown:
+            found += _contradiction(answer, expected)
+        elif answer.detail.startswith("not searched beyond this error"):
             if not expected.raises:
                 found.append(f"{answer.question}: {answer.detail}, but no run raises")
             elif expected.refuted.get(answer.question) and answer.question != LEAF_QUESTION:
@@ -370,6 +376,21 @@ def liveness_differences(tree: RandomTree, expected: GraphAnswers, states: int) 
                 if "; ".join(named) != expected.problems:
                     found.append(f"{answer.question}: {answer.detail}, but {expected.problems}")
     return found
+
+
+def _contradiction(answer: Answer, expected: GraphAnswers) -> list[str]:
+    """Return how an answer, which may be possible, contradicts the enumerated graph, in at most one line."""
+    is_refuted = expected.refuted.get(answer.question)
+    if answer.answer == PROVED:
+        if expected.raises:
+            return [f"{answer.question}: proved, although a run raises"]
+        if is_refuted:
+            return [f"{answer.question}: proved, but refuted by the graph"]
+        if answer.is_vacuous and answer.question not in expected.vacuous:
+            return [f"{answer.question}: vacuous, but not by the graph"]
+    elif answer.answer == REFUTED and is_refuted is False:
+        return [f"{answer.question}: {_shown(answer)}, but not by the graph"]
+    return []
 
 
 def _short(problem: str) -> str:

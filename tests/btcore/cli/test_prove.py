@@ -195,7 +195,11 @@ def test_domain_may_have_the_name_in_a_calling_tree(prove: Callable[..., Result]
 def test_unknown_value_gives_exit_code_4(prove: Callable[..., Result]) -> None:
     result = prove(LOOK, "--given", "wanted")
     assert result.exit_code == 4
-    assert "unknown: the value of {seen} is not known: declare its domain" in result.stdout
+    assert "unknown: some of it depends on comparisons with values that are not known" in result.stdout
+    assert "✔ the tree ends  proved: if scripts can compare the values of {wanted}" in result.stdout
+    possible = prove(LOOK, "--given", "wanted", "--never", "ScriptCondition is FAILURE", "--json")
+    (tick,) = json.loads(possible.stdout)["questions"][-1]["counterexample"]
+    assert (possible.exit_code, tick["assumed"]) == (4, ["{seen} == {wanted} is false"])
 
 
 def test_given_entries_have_all_values_of_their_domain(prove: Callable[..., Result]) -> None:

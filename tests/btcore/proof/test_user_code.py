@@ -280,7 +280,7 @@ class Remembers(Decorator):
 
 
 WRITTEN = '<Sequence><ForceSuccess><Sense value="{x}"/></ForceSuccess>{}</Sequence>'
-COMPARES = "<{0} name='it'><ScriptCondition code='x &gt; 3'/></{0}>"
+ADDS = "<{0} name='it'><ScriptCondition code='x + 1 &gt; 3'/></{0}>"
 
 
 @pytest.mark.parametrize(
@@ -300,8 +300,8 @@ COMPARES = "<{0} name='it'><ScriptCondition code='x &gt; 3'/></{0}>"
         (Steps, "", "keeps a generator in 'steps', which cannot be copied and compared"),
         (UndeclaredSteps, "", "keeps a generator in 'steps', which cannot be copied and compared"),
         (Writes, WRITTEN, "has another result"),
-        (SwallowsAll, WRITTEN.replace("{}", COMPARES), "the value of {x} is not known"),
-        (Returns, WRITTEN.replace("{}", COMPARES), "the value of {x} is not known"),
+        (SwallowsAll, WRITTEN.replace("{}", ADDS), "the value of {x} is not known"),
+        (Returns, WRITTEN.replace("{}", ADDS), "the value of {x} is not known"),
         (Guesses, WRITTEN, "the value of {x} is not known"),
         (Remembers, WRITTEN, "keeps an unknown value in 'before'"),
     ],
@@ -324,7 +324,7 @@ def test_code_that_the_search_cannot_repeat_makes_the_answer_unknown(
 def test_a_caught_interrupt_that_changes_no_decision_makes_the_answer_unknown(
     decorator: type[btcore.TreeNode],
 ) -> None:
-    inner = COMPARES.format(decorator.__name__)
+    inner = ADDS.format(decorator.__name__)
     sequence = f"<ForceSuccess>{WRITTEN.replace('{}', inner)}</ForceSuccess>"
     body = f"<KeepRunningUntilFailure>{sequence}</KeepRunningUntilFailure>"
     answer = answer_about(decorator, body, "never it is FAILURE")
