@@ -84,7 +84,7 @@ def test_the_server_answers_shutdown_and_invalid_requests_without_a_traceback(wh
     assert server.returncode == 0
 
 
-@pytest.mark.parametrize("last", [message("exit"), b""])
+@pytest.mark.parametrize("last", [message("exit"), b""], ids=["exit", "end of input"])
 def test_the_exit_code_is_1_without_a_request_for_the_end(last: bytes) -> None:
     pytest.importorskip("pygls")
     first = message("initialize", {"capabilities": {}, "processId": None, "rootUri": None}, 1)
