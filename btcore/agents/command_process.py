@@ -42,11 +42,16 @@ _KEPT: Final = ("PATH", "PYTHONPATH", "LANG", "LC_ALL", "SYSTEMROOT", "BTCORE_PU
 
 
 class Finished(NamedTuple):
-    """The exit code and the output of a command."""
+    """The exit code and the output of a command.
+
+    Attributes:
+        incomplete: What to do about an output that is incomplete, because the time of the command has ended.
+    """
 
     code: int
     stdout: str
     stderr: str
+    incomplete: str = ""
 
 
 class CommandRunner:
@@ -98,6 +103,11 @@ class CommandRunner:
         """
         if self._slots.statistics().tasks_waiting >= MAX_WAITING:
             raise RefusedError(f"{MAX_WAITING} calls are waiting already; call again when some have ended")
+        time_over = (
+            f"'btcore {arguments[0]}' did not complete within {self.time_limit:g} s, the time limit of a "
+            "call; use a smaller tree, fewer files, a shorter duration, or fewer ticks or seeds, or ask the "
+            "user for a higher --time-limit of 'btcore mcp'"
+        )
         async with self._slots:
             process = await anyio.open_process(
                 [sys.executable, "-m", "btcore", *arguments],
@@ -109,16 +119,13 @@ class CommandRunner:
             )
             try:
                 with anyio.move_on_after(self.time_limit) as scope:
-                    finished = await _communicate(process, _PATIENCE * self.time_limit)
+                    finished = await _communicate(process, _PATIENCE * self.time_limit, time_over)
                     return Finished(finished.code, *map(self._shorten_paths, finished[1:]))
             finally:
                 with anyio.CancelScope(shield=True):
                     await _kill(process)
             assert scope.cancelled_caught
-            raise RefusedError(
-                f"'btcore {arguments[0]}' was stopped after {self.time_limit:g} s, the limit of a call; "
-                "use a smaller tree, a shorter duration or fewer ticks"
-            )
+            raise RefusedError(time_over)
 
     def _shorten_paths(self, text: str) -> str:
         """Return *text* with paths relative to the folder of trees, or to the folder of the call."""
@@ -156,8 +163,11 @@ class CommandRunner:
         }
 
 
-async def _communicate(process: Process, patience: float) -> Finished:
-    """Read the output of *process* until it ends; interrupt it after the time *patience* (s)."""
+async def _communicate(process: Process, patience: float, time_over: str) -> Finished:
+    """Read the output of *process* until it ends; interrupt it after the time *patience* (s).
+
+    The output of an interrupted process is incomplete, for the reason *time_over*.
+    """
     parts: dict[str, bytes] = {}
 
     async def read(name: str, stream: ByteReceiveStream | None) -> None:
@@ -176,7 +186,8 @@ async def _communicate(process: Process, patience: float) -> Finished:
             group.start_soon(read, "stderr", process.stderr)
             with anyio.move_on_after(patience):
                 await process.wait()
-            if process.returncode is None:
+            is_interrupted = process.returncode is None
+            if is_interrupted:
                 _interrupt(process)
             code = await process.wait()
     except BaseExceptionGroup as errors:
@@ -185,7 +196,7 @@ async def _communicate(process: Process, patience: float) -> Finished:
             raise
         raise refused.exceptions[0] from None
     stdout, stderr = (parts[name].decode(errors="replace") for name in ("stdout", "stderr"))
-    return Finished(code, stdout, stderr)
+    return Finished(code, stdout, stderr, time_over if is_interrupted else "")
 
 
 def _interrupt(process: Process) -> None:

@@ -42,7 +42,7 @@ def ending_of(report: Mapping[str, Any], code: int, log: str) -> dict[str, str]:
     if code == ExitCode.LEAF_ERROR:
         return {"ended": "a leaf raised an exception, or a tick took too long: see error"}
     if code == ExitCode.INTERRUPTED:
-        return {"ended": "the time limit of a call ended the run", "next": "give a shorter duration"}
+        return {"ended": "the time limit of a call ended the run"}
     if report["status"] == "RUNNING":
         return {
             "ended": "the duration ended the run",

@@ -51,6 +51,8 @@ KEPT_RUNS: Final = 20
 _TICK_LIMIT_S: Final = 5
 _MESSAGES: Final = 4000
 _OUTLINE: Final = 20_000
+_TRANSITIONS: Final = 20_000
+"""The number of the last transitions in which changes of results are searched."""
 _PROOF_MEMORY_MB: Final = 1000
 
 
@@ -160,9 +162,7 @@ class Toolbox:
         with self._runner.temporary_folder() as output:
             log = output / f"{name}.btlog"
             done = await self._runner.run([*command, f"--log={log}", *self._words(call, output)], output)
-            report = _last_json(done)
-            if report is None:
-                raise RefusedError(_message("run", done))
+            report = _last_json("run", done)
             kept = log.replace(self._runner.scratch / log.name)
         # The summary on stderr repeats the result; what comes before it are messages of leaves.
         messages = [line for line in done.stderr.splitlines() if re.match(r"(warning|error|note)", line)]
@@ -198,9 +198,7 @@ class Toolbox:
         with self._runner.temporary_folder() as output:
             files = [f"--output={output / 'sweep'}", *self._words(call, output)]
             done = await self._runner.run([*command, *files], output, loopback=True)
-        report = _last_json(done)
-        if report is None:
-            raise RefusedError(_message("sweep", done))
+        report = _last_json("sweep", done)
         # Files that the agent cannot read, and command lines that it cannot use.
         for key in ("table", "report", "workers"):
             del report[key]
@@ -212,8 +210,9 @@ class Toolbox:
         """Prove what holds in every possible run of a tree, whatever its leaves return.
 
         The standard questions are always asked. A refuted question has a counterexample: the result of each
-        leaf in each tick. With `cycle`, it repeats forever from the tick with this number; the first is 0. An
-        answer is unknown if the search was ended early, for example by the time limit: see its detail.
+        leaf in each tick. With `cycle`, it repeats forever from the tick with this number; the first is 0. The
+        answer is possible if this run depends on comparisons with values that are not known, and unknown if
+        the search was ended early, for example by the time limit: see its detail.
 
         Propositions A and B in `never` and `ask` are about a tick: 'Move' (it is RUNNING), 'Move is SUCCESS'
         (or FAILURE, SKIPPED, RUNNING, IDLE), 'Move ticked', 'Move halted', '{battery} < 20', '!A', 'A & B',
@@ -233,8 +232,10 @@ class Toolbox:
                 file = output / "declarations.toml"
                 file.write_text(call.declarations, encoding="utf-8", errors="replace", newline="\n")
                 words.append(f"--declarations={file}")
-            proved = await self._json("prove", [*words, *self._words(call, output)])
-        return to_bounded_json({"questions": [answer_of(question) for question in proved["questions"]]})
+            command = ["prove", *self._runner.plugins, *words, *self._words(call, output)]
+            report = _last_json("prove", await self._runner.run(command, output))
+        report["questions"] = [answer_of(question) for question in report["questions"]]
+        return to_bounded_json(report)
 
     async def read_log(self, call: ReadLogArguments) -> str:
         """Read a log: statistics of each node, gaps and damage, and the last changes of results.
@@ -245,13 +246,22 @@ class Toolbox:
         file = self._log(call.log)
         statistics = await self._json("stats", ["--json", "--", file])
         if call.changes:
-            # The command belongs to the monitor, which may not be installed.
-            with self._runner.temporary_folder() as output:
-                lines = await self._runner.run(["replay", "--text", "--", file], output)
-            if lines.code == ExitCode.SUCCESS:
-                statistics["changes"] = changes_of(lines.stdout.splitlines())[-call.changes :]
+            statistics |= await self._last_changes(file, statistics, call.changes)
         statistics["failed"] = bool(statistics.pop("failure"))
         return to_bounded_json(statistics | counts_of(statistics["nodes"]) | {"log": call.log})
+
+    async def _last_changes(self, file: str, statistics: dict[str, Any], number: int) -> dict[str, Any]:
+        """Return the last changes of results in a log, or why they are missing."""
+        # Printing all transitions of a large log takes longer than reading them.
+        begin = max(0, 1 - _TRANSITIONS / max(1, statistics["transitions"])) * statistics["time_s"]
+        try:
+            with self._runner.temporary_folder() as output:
+                done = await self._runner.run(["replay", "--text", f"--from={begin}", "--", file], output)
+            # The command belongs to the monitor, which may not be installed.
+            _require_success("replay", done)
+        except RefusedError as error:
+            return {"incomplete": f"the last changes are missing: {error}"}
+        return {"changes": changes_of(done.stdout.splitlines())[-number:]}
 
     async def explain_failure(self, call: ExplainFailureArguments) -> str:
         """Explain why a tree failed: the path from the root to the node that made it fail.
@@ -381,14 +391,15 @@ def _values(values: Sequence[Value]) -> str:
     return ",".join('"' + _value(value).replace('"', '""') + '"' for value in values)
 
 
-def _last_json(done: Finished) -> dict[str, Any] | None:
-    """Return the JSON object in the last line of stdout, or None."""
-    lines = done.stdout.splitlines()
+def _last_json(command: str, done: Finished) -> dict[str, Any]:
+    """Return the JSON object in the last line of stdout, and why it is incomplete if it is."""
     try:
-        data = json.loads(lines[-1]) if lines else None
+        data = json.loads(done.stdout.rstrip().rpartition("\n")[2])
     except ValueError:
-        return None
-    return data if isinstance(data, dict) else None
+        data = None
+    if not isinstance(data, dict):
+        raise RefusedError(_message(command, done))
+    return ({"incomplete": done.incomplete} if done.incomplete else {}) | data
 
 
 def _require_success(command: str, done: Finished) -> None:
@@ -398,6 +409,8 @@ def _require_success(command: str, done: Finished) -> None:
 
 def _message(command: str, done: Finished) -> str:
     """Return what a command printed instead of a result, without the hint at its `--help`."""
+    if done.incomplete:
+        return done.incomplete
     text = done.stderr.strip() or done.stdout.strip()
     text = re.sub(r"\s+Try 'btcore [a-z]+ --help' for help\.$", "", text).removeprefix("error: ")
     if not text:

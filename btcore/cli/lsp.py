@@ -17,7 +17,7 @@ would take half of the time of each request.
 @click.command(short_help="Start the language server for editors.")
 # Several editors add this argument to the command of any server.
 @click.option("--stdio", is_flag=True, hidden=True, expose_value=False)
-def lsp() -> None:
+def lsp() -> int:
     """Serve the Language Server Protocol over stdin and stdout, for editors.
 
     The editor starts this command. It reports errors and warnings while you type, completes nodes, ports
@@ -29,4 +29,7 @@ def lsp() -> None:
     # The server closes its streams. Whatever else is printed must not be among its messages.
     stdin, stdout = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    create_server().start_io(stdin, stdout)
+    server = create_server()
+    server.start_io(stdin, stdout)
+    # The protocol requires 1 for an end without the request `shutdown`. pygls ends without an exit code.
+    return 0 if server.was_shut_down else 1

@@ -107,6 +107,7 @@ class TreeServer(LanguageServer):
     Attributes:
         project: The documents and files of the client's workspace.
         checker: The background checks of the documents.
+        was_shut_down: Whether the client has requested the end of the server.
     """
 
     def __init__(self) -> None:
@@ -118,6 +119,7 @@ class TreeServer(LanguageServer):
         )
         self.project = Project()
         self.checker = Checker(self.project, self._publish, self._show, self._refresh)
+        self.was_shut_down = False
 
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
         uri = file if isinstance(file, str) else self.project.uri(file)
@@ -261,6 +263,7 @@ def _keep_up_to_date(server: TreeServer) -> None:
     @server.feature(types.SHUTDOWN)
     def shutdown(_: None) -> None:
         checker.close()
+        server.was_shut_down = True
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
     def did_open(params: types.DidOpenTextDocumentParams) -> None:

@@ -107,6 +107,7 @@ def assert_proved(
     ticks: int | None = None,
     memory: int = MEMORY_MB,
     jobs: int = 1,
+    seconds: float | None = None,
     instant_leaves: bool = False,
 ) -> None:
     """Assert that the standard questions, and others, are proved for a tree.
@@ -123,6 +124,7 @@ def assert_proved(
         ticks: As in `prove`.
         memory: As in `prove`.
         jobs: As in `prove`.
+        seconds: As in `prove`. A question that is not answered in this time is unknown.
         instant_leaves: As in `prove`.
 
     Raises:
@@ -153,6 +155,7 @@ def assert_proved(
         ticks=ticks,
         memory=memory,
         jobs=jobs,
+        seconds=seconds,
         instant_leaves=instant_leaves,
     )
     open_answers = [answer for answer in report.answers if answer.answer != PROVED]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
 
-from btcore_monitor.screen.viewer_process import LOOPBACK, ScreenError, ViewerProcess, free_port
+from btcore_monitor.screen.viewer_process import LOOPBACK, ScreenError, ViewerProcess, hold_port, port_of
 
 _EXTERNAL_LINK: Final = re.compile(rb"<link\b[^>]*\bhref=\"https?://[^>]*>")
 _HEAD: Final = b"<head>"
@@ -53,16 +53,17 @@ def page_files() -> Mapping[str, PageFile]:
     Raises:
         ScreenError: The viewer is not installed or does not start.
     """
-    port = free_port()
-    # Only rerun's program can serve its page at 127.0.0.1 alone; its SDK serves it at all addresses.
-    server = ViewerProcess("--serve-web", f"--web-viewer-port={port}", port=free_port())
-    try:
-        server.wait_until_listening(port)
-        return {path: file for path in _FILES if (file := _fetch(port, path)) is not None}
-    except (OSError, http.client.HTTPException) as error:
-        raise ScreenError(f"rerun does not serve its web viewer: {error}") from error
-    finally:
-        server.close()
+    with hold_port() as held:
+        port = port_of(held)
+        # Only rerun's program can serve its page at 127.0.0.1 alone; its SDK serves it at all addresses.
+        server = ViewerProcess("--serve-web", f"--web-viewer-port={port}")
+        try:
+            server.wait_until_listening(port)
+            return {path: file for path in _FILES if (file := _fetch(port, path)) is not None}
+        except (OSError, http.client.HTTPException) as error:
+            raise ScreenError(f"rerun does not serve its web viewer: {error}") from error
+        finally:
+            server.close()
 
 
 def _fetch(port: int, path: str) -> PageFile | None:

@@ -22,8 +22,9 @@ from btcore_monitor.screen.viewer_process import (
     ScreenError,
     ViewerProcess,
     address_of,
-    free_port,
+    hold_port,
     is_listening,
+    port_of,
 )
 
 if sys.platform != "win32":
@@ -180,7 +181,7 @@ def open_window(
     window = ViewerWindow(port)
     if not _is_viewer(window.address, port):
         options = ["--hide-welcome-screen", "--expect-data-soon", f"--memory-limit={memory_limit}"]
-        process = ViewerProcess(*options, port=free_port(port), verbose=verbose)
+        process = ViewerProcess(*options, port=port, verbose=verbose)
         process.wait_until_drawing()
         window = ViewerWindow(process.port, process)
     if files:
@@ -235,8 +236,10 @@ def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "
     relay = rr.RecordingStream("btcore")
     try:
         server = PageServer(web_port, page_files())
-        sink = rr.GrpcServerSink(LOOPBACK, free_port(grpc_port), server_memory_limit=memory_limit)
-        relay.set_sinks(sink)
+        with hold_port(grpc_port) as held:
+            sink = rr.GrpcServerSink(LOOPBACK, port_of(held), server_memory_limit=memory_limit)
+            relay.set_sinks(sink)
+            relay.flush(timeout_sec=FLUSH_WITHIN)  # raises RuntimeError if the relay cannot listen
     except (RuntimeError, OSError) as error:
         raise ScreenError(f"cannot serve the web viewer on port {web_port}: {error}") from error
     page = f"http://{LOOPBACK}:{web_port}/?hide_welcome_screen&url={quote(sink.uri, safe='')}"

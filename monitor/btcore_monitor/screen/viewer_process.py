@@ -11,6 +11,7 @@ import re
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -41,21 +42,24 @@ class ScreenError(MonitorError):
 
 
 class ViewerProcess:
-    """A process of rerun with *options* that listens at *port*.
+    """A process of rerun with *options* that listens at a port.
 
     Args:
         options: Further options of rerun's command line.
-        port: The port at which the viewer receives recordings.
+        port: The preferred port at which the viewer receives recordings; another port is used if this port
+            is in use. 0 means any port.
         verbose: Whether rerun prints its log lines on stderr.
 
     Raises:
         ScreenError: The viewer is not installed.
     """
 
-    def __init__(self, *options: str, port: int, verbose: bool = False) -> None:
-        self.port = port
-        self.address = address_of(port)
-        command = [str(viewer_program()), f"--bind={LOOPBACK}", f"--port={port}", *options]
+    def __init__(self, *options: str, port: int = 0, verbose: bool = False) -> None:
+        program = str(viewer_program())
+        self._held = hold_port(port)
+        self.port = port_of(self._held)
+        self.address = address_of(self.port)
+        command = [program, f"--bind={LOOPBACK}", f"--port={self.port}", *options]
         # A file and not a pipe, because a window stays open when this process ends.
         self._output = None if verbose else tempfile.TemporaryFile()  # noqa: SIM115
         self._process = subprocess.Popen(
@@ -90,7 +94,9 @@ class ViewerProcess:
         Raises:
             ScreenError: The viewer ends, for example because it cannot open its window.
         """
-        self.wait_until_listening()
+        # A window stays open without this process, but has its port from now on.
+        with self._held:
+            self.wait_until_listening()
         answered = threading.Event()
 
         def request() -> None:
@@ -127,6 +133,7 @@ class ViewerProcess:
 
     def close(self) -> None:
         """End the process."""
+        self._held.close()
         self._process.terminate()
         try:
             self._process.wait(10)
@@ -165,14 +172,26 @@ def is_listening(port: int) -> bool:
     return False
 
 
-def free_port(wanted: int = 0) -> int:
-    """Return the port *wanted* if it is free, otherwise another free port. 0 means any port."""
-    with socket.socket() as probe:
-        try:
-            probe.bind(("0.0.0.0", wanted))
-        except OSError:
-            probe.bind(("0.0.0.0", 0))
-        return int(probe.getsockname()[1])
+def hold_port(wanted: int = 0) -> socket.socket:
+    """Hold the port *wanted* if it is free, otherwise another free port. 0 means any port.
+
+    Until the returned socket is closed, other calls of this function, in any program, do not get the port,
+    but rerun can listen at it on 127.0.0.1.
+    """
+    held = socket.socket()
+    try:
+        held.bind(("0.0.0.0", wanted))
+    except OSError:
+        held.bind(("0.0.0.0", 0))
+    if sys.platform != "win32":
+        # rerun sets this option, too. It is set after `bind`, which would otherwise share held ports.
+        held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    return held
+
+
+def port_of(held: socket.socket) -> int:
+    """Return the number of a held port."""
+    return int(held.getsockname()[1])
 
 
 def viewer_program() -> Path:

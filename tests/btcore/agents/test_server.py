@@ -11,6 +11,9 @@ from typing import Any
 
 import pytest
 
+import btcore
+from btcore.logs import open_log
+
 pytest.importorskip("mcp", reason="the extra mcp is not installed")
 
 import anyio
@@ -186,11 +189,13 @@ def test_calls_return_what_they_have_when_their_time_ends(tmp_path: Path) -> Non
             found = await agent("prove", xml=BIG, own_models=True, declarations=entries)
             assert found["questions"][-1]["question"] == "never Parallel is SKIPPED"
             assert found["questions"][-1]["detail"] == "the search was interrupted"
+            assert found["incomplete"].startswith("'btcore prove' did not complete within 8 s")
 
         async def run() -> None:
             ended = await agent("run", xml=ENDLESS, duration=600, rate=1000)
             assert ended["ended"] == "the time limit of a call ended the run"
             assert ended["ticks"] > 10
+            assert "a higher --time-limit" in ended["incomplete"]
 
         async with anyio.create_task_group() as both:
             both.start_soon(prove)
@@ -198,3 +203,35 @@ def test_calls_return_what_they_have_when_their_time_ends(tmp_path: Path) -> Non
 
     # Long enough for the start of a process on a slow machine.
     serve(tmp_path, tmp_path / "calls.jsonl", work, "--time-limit=8")
+
+
+def test_a_call_without_a_result_explains_what_to_do_when_its_time_ends(tmp_path: Path) -> None:
+    async def work(agent: Agent) -> None:
+        refusal = await agent.refusal("validate", xml=FAILING)
+        assert refusal.startswith(
+            "'btcore validate' did not complete within 1 s, the time limit of a call; use"
+        )
+
+    plugin = tmp_path / "leaves.py"
+    plugin.write_text("import threading\nthreading.Event().wait()\n", encoding="utf-8")
+    serve(tmp_path, tmp_path / "calls.jsonl", work, f"--plugin={plugin}", "--time-limit=1")
+
+
+def test_statistics_are_returned_of_a_log_with_more_text_than_a_command_may_print(tmp_path: Path) -> None:
+    pytest.importorskip("btcore_monitor")
+    for name, ticks in (("Tür" * 100, 25_000), ("Tür" * 1000, 3_000)):
+        b = btcore.Builder()
+        tree = b.build(b.AlwaysSuccess(name=name))
+        with open_log(tree, tmp_path / f"{ticks}.btlog"):
+            for _ in range(ticks):
+                tree.tick_once()
+
+    async def work(agent: Agent) -> None:
+        read = await agent("read_log", log="25000.btlog")
+        assert read["transitions"] == 50_000
+        assert [change.endswith("SUCCESS") for change in read["changes"]] == [True]
+        read = await agent("read_log", log="3000.btlog")
+        assert read["transitions"] == 6_000
+        assert read["incomplete"].startswith("the last changes are missing: the command was stopped")
+
+    serve(tmp_path, tmp_path / "calls.jsonl", work)

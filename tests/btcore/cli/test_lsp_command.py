@@ -82,3 +82,13 @@ def test_the_server_answers_shutdown_and_invalid_requests_without_a_traceback(wh
     assert answers[3]["result"] is None
     assert "Traceback" not in complaint
     assert server.returncode == 0
+
+
+@pytest.mark.parametrize("last", [message("exit"), b""], ids=["exit", "end of input"])
+def test_the_exit_code_is_1_without_a_request_for_the_end(last: bytes) -> None:
+    pytest.importorskip("pygls")
+    first = message("initialize", {"capabilities": {}, "processId": None, "rootUri": None}, 1)
+    done = subprocess.run(
+        [sys.executable, "-m", "btcore", "lsp"], input=first + last, capture_output=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (1, b"")

@@ -126,6 +126,8 @@ def test_assert_proved_shows_the_counterexample(file: Path) -> None:
     ]
     with pytest.raises(AssertionError, match="unknown: runs of more than 1 ticks were not searched"):
         assert_proved(file, models=[file], ticks=1)
+    with pytest.raises(AssertionError, match="never Lift  unknown: the time limit of 1e-09 s was reached"):
+        assert_proved(file, "never Lift", models=[file], seconds=1e-9)
 
 
 def test_plan_repeats_the_time_that_passes_within_a_tick(file: Path) -> None:

@@ -153,8 +153,8 @@ def test_a_switch_selects_every_child_for_an_unknown_value() -> None:
 def test_decisions_of_two_scripts_in_a_tick_are_kept_apart() -> None:
     # Left and its two scripts decide at the same place: after Measure, before Left has ended.
     found = answers(
-        '<Sequence><Measure level="{x}"/><ForceSuccess><Left _onSuccess="a := x &gt; 3" _onFailure="b := x &gt; 4"/>'
-        "</ForceSuccess><Right/></Sequence>",
+        '<Sequence><Measure level="{x}"/><ForceSuccess>'
+        '<Left _onSuccess="a := x &gt; 3" _onFailure="b := x &gt; 4"/></ForceSuccess><Right/></Sequence>',
         "never Right ticked & {a} == 1",
         "never Right ticked & {a} == 0",
         "never Right ticked & {b} == 1",

@@ -1,12 +1,11 @@
 """Nodes with code of users: what the search cannot repeat makes the answers unknown, with a reason."""
 
 import random
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from inspect import get_annotations
 from itertools import count
 from random import choice
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -20,7 +19,6 @@ from btcore.proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER, Answer, Prover
 from btcore.status import FAILURE, SUCCESS
 from btcore.tree.tree import Tree
 
-TICKS = 0
 LOG: list[int] = []
 MISSING = object()
 GENERATOR = random.Random(1)
@@ -43,6 +41,15 @@ class Right(Left):
 
 class Sense(Left):
     value: btcore.Out[int]
+
+
+@pytest.fixture
+def decorator(
+    request: pytest.FixtureRequest, acceptance_script: Callable[[str], ModuleType]
+) -> type[btcore.TreeNode]:
+    """A class of this file, or by its name a class of `proof_plugins.py`, which random trees use, too."""
+    cls: type[btcore.TreeNode] | str = request.param
+    return getattr(acceptance_script("proof_plugins"), cls) if isinstance(cls, str) else cls
 
 
 def answer_about(decorator: type[btcore.TreeNode], body: str = "", question: str = QUESTION) -> Answer:
@@ -130,13 +137,6 @@ class KeepsClock(Decorator):
         self.clock = clock
 
 
-class Wall(Decorator):
-    """Reads the system's time."""
-
-    def decide(self) -> bool:
-        return time.monotonic() >= 0
-
-
 class Chance(Decorator):
     """Uses random numbers, by a function that its module imports."""
 
@@ -149,15 +149,6 @@ class SeededChance(Decorator):
 
     def decide(self) -> bool:
         return GENERATOR.random() < 2
-
-
-class Global(Decorator):
-    """Counts in a variable of its module."""
-
-    def decide(self) -> bool:
-        global TICKS
-        TICKS += 1
-        return TICKS < 1000
 
 
 class GlobalList(Decorator):
@@ -178,36 +169,6 @@ class OfClass(Decorator):
         return OfClass.count < 1000
 
 
-class Undeclared(Decorator):
-    """Counts in an attribute that is no state field."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def decide(self) -> bool:
-        self.count += 1
-        return self.count < 1000
-
-
-class Steps(Decorator):
-    """Keeps a generator."""
-
-    state_fields = ("steps",)
-
-    def __init__(self) -> None:
-        self.steps = self.forever()
-
-    @staticmethod
-    def forever() -> Iterator[bool]:
-        """Return True ten times."""
-        yield from [True] * 10
-        while True:
-            yield False
-
-    def decide(self) -> bool:
-        return next(self.steps)
-
-
 class UndeclaredSteps(Decorator):
     """Keeps a generator in an attribute that is no state field."""
 
@@ -226,21 +187,9 @@ class Writes(Decorator):
     seen = 0
 
     def decide(self) -> bool:
-        entry = self.blackboard.find("x")
+        entry = self.blackboard.find("u")
         before, self.seen = self.seen, 0 if entry is None else entry.sequence_id
         return before == self.seen or self.seen < 3
-
-
-class SwallowsAll(btcore.DecoratorNode):
-    """Catches whatever its child raises."""
-
-    state_fields = ()
-
-    def tick(self) -> Status:
-        try:
-            return self.child.execute_tick()
-        except:  # noqa: E722
-            return SUCCESS
 
 
 class Returns(btcore.DecoratorNode):
@@ -255,18 +204,6 @@ class Returns(btcore.DecoratorNode):
             return SUCCESS  # noqa: B012, SIM107
 
 
-class Guesses(Decorator):
-    """Takes a default if its port cannot be read."""
-
-    value: btcore.In[int]
-
-    def decide(self) -> bool:
-        try:
-            return self.value + 1 > 0
-        except Exception:
-            return True
-
-
 class Remembers(Decorator):
     """Compares a value with the value before, as items of tuples."""
 
@@ -279,8 +216,8 @@ class Remembers(Decorator):
         return not before or before == self.before
 
 
-WRITTEN = '<Sequence><ForceSuccess><Sense value="{x}"/></ForceSuccess>{}</Sequence>'
-ADDS = "<{0} name='it'><ScriptCondition code='x + 1 &gt; 3'/></{0}>"
+WRITTEN = '<Sequence><ForceSuccess><Sense value="{u}"/></ForceSuccess>{}</Sequence>'
+ADDS = "<{0} name='it'><ScriptCondition code='u + 1 &gt; 3'/></{0}>"
 
 
 @pytest.mark.parametrize(
@@ -290,27 +227,28 @@ ADDS = "<{0} name='it'><ScriptCondition code='x + 1 &gt; 3'/></{0}>"
         (ElapsedByBlackboard, "", "has another 'start'"),
         (Absolute, "", "reads the clock"),
         (KeepsClock, "", "keeps the clock"),
-        (Wall, "", "calls time.monotonic, which the search cannot repeat"),
+        ("UserWall", "", "calls time.monotonic, which the search cannot repeat"),
         (Chance, "", "calls random.choice"),
         (SeededChance, "", "the variable 'GENERATOR' of tests.btcore.proof.test_user_code changes"),
-        (Global, "", "the variable 'TICKS' of tests.btcore.proof.test_user_code changes"),
+        ("UserGlobal", "", "the variable '_calls' of acceptance_proof_plugins changes"),
         (GlobalList, "", "the variable 'LOG' of tests.btcore.proof.test_user_code changes"),
         (OfClass, "", "the attribute 'count' of the class OfClass changes"),
-        (Undeclared, "", "the attribute 'count' of 'it' <Undeclared> changes"),
-        (Steps, "", "keeps a generator in 'steps', which cannot be copied and compared"),
+        ("UserUndeclared", "", "the attribute 'calls' of 'it' <UserUndeclared> changes"),
+        ("UserSteps", "", "keeps a generator in 'steps', which cannot be copied and compared"),
         (UndeclaredSteps, "", "keeps a generator in 'steps', which cannot be copied and compared"),
         (Writes, WRITTEN, "has another result"),
-        (SwallowsAll, WRITTEN.replace("{}", ADDS), "the value of {x} is not known"),
-        (Returns, WRITTEN.replace("{}", ADDS), "the value of {x} is not known"),
-        (Guesses, WRITTEN, "the value of {x} is not known"),
+        ("UserSwallow", WRITTEN.replace("{}", ADDS), "the value of {u} is not known"),
+        (Returns, WRITTEN.replace("{}", ADDS), "the value of {u} is not known"),
+        ("UserCatch", WRITTEN, "the value of {u} is not known"),
         (Remembers, WRITTEN, "keeps an unknown value in 'before'"),
     ],
+    indirect=["decorator"],
 )
 def test_code_that_the_search_cannot_repeat_makes_the_answer_unknown(
     decorator: type[btcore.TreeNode], body: str, reason: str
 ) -> None:
     name = decorator.__name__
-    port = " value='{x}'" if "value" in get_annotations(decorator) else ""
+    port = " value='{u}'" if "value" in get_annotations(decorator) else ""
     inner = f"<{name} name='it'{port}><AlwaysSuccess/></{name}>"
     body = body.replace("{0}", name).replace("{}", inner)
     answer = answer_about(decorator, body)
@@ -320,7 +258,7 @@ def test_code_that_the_search_cannot_repeat_makes_the_answer_unknown(
         assert f"it' <{name}>" in answer.detail
 
 
-@pytest.mark.parametrize("decorator", [SwallowsAll, Returns])
+@pytest.mark.parametrize("decorator", ["UserSwallow", Returns], indirect=True)
 def test_a_caught_interrupt_that_changes_no_decision_makes_the_answer_unknown(
     decorator: type[btcore.TreeNode],
 ) -> None:
@@ -332,29 +270,8 @@ def test_a_caught_interrupt_that_changes_no_decision_makes_the_answer_unknown(
     assert f"<{decorator.__name__}> catches an exception with which the search ends a tick" in answer.detail
 
 
-@dataclass
-class Memory:
-    """A state whose equality ignores a part of it."""
-
-    name: str
-    calls: int = field(default=0, compare=False)
-
-
 class Plain(Decorator):
     """Keeps nothing."""
-
-
-class Counter(Decorator):
-    """Fails in every third tick."""
-
-    state_fields = ("memory",)
-
-    def __init__(self) -> None:
-        self.memory = Memory("calls")
-
-    def decide(self) -> bool:
-        self.memory.calls = (self.memory.calls + 1) % 3
-        return self.memory.calls != 0
 
 
 class Nested(Decorator):
@@ -434,14 +351,14 @@ class ReadsByKey(Decorator):
 
 
 RAISES = "<Catches name='it'><ScriptCondition code='unwritten &gt; 3'/></Catches>"
-KNOWN = "<Sequence><Script code='x := 4'/>{}</Sequence>"
+KNOWN = "<Sequence><Script code='u := 4'/>{}</Sequence>"
 
 
 @pytest.mark.parametrize(
     ("decorator", "body", "expected"),
     [
         (Plain, "", PROVED),
-        (Counter, "", REFUTED),
+        ("UserMemory", "", REFUTED),
         (Nested, "", REFUTED),
         (StateMachine, "", REFUTED),
         (Within, "", REFUTED),
@@ -449,15 +366,16 @@ KNOWN = "<Sequence><Script code='x := 4'/>{}</Sequence>"
         (Compares, KNOWN, REFUTED),
         (
             ReadsByKey,
-            WRITTEN.replace("{x}", "{written}"),
+            WRITTEN.replace("{u}", "{written}"),
             REFUTED,
         ),
     ],
+    indirect=["decorator"],
 )
 def test_code_whose_state_is_declared_is_searched(
     decorator: type[btcore.TreeNode], body: str, expected: str
 ) -> None:
-    port = " value='{x}'" if "value" in get_annotations(decorator) else ""
+    port = " value='{u}'" if "value" in get_annotations(decorator) else ""
     inner = f"<{decorator.__name__} name='it'{port}><AlwaysSuccess/></{decorator.__name__}>"
     answer = answer_about(decorator, body.replace("{}", inner))
     assert (answer.answer, answer.detail) == (expected, "")

@@ -3,7 +3,7 @@
 import math
 import os
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
 from btcore_monitor.screen.screenshot import screenshot
 from btcore_monitor.screen.sinks import RecordingSinks
-from btcore_monitor.screen.viewer_process import ScreenError
+from btcore_monitor.screen.viewer_process import ScreenError, hold_port, port_of
 from btcore_scene import Box, Cylinder, Frame, Laser, MovingScene, Scan, Sphere, StaticScene
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
@@ -223,6 +223,17 @@ def _big_tree(count: int) -> ObservedTree:
 def big_tree():
     """``big_tree(count)``: a tree of *count* nodes, in subtrees of ten."""
     return _big_tree
+
+
+@pytest.fixture(scope="session")
+def free_port() -> Callable[[], int]:
+    """``free_port()``: a port at which no program listens."""
+
+    def free_port() -> int:
+        with hold_port() as held:
+            return port_of(held)
+
+    return free_port
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from btcore_monitor.screen.sinks import serve_web
-from btcore_monitor.screen.viewer_process import environment, free_port, viewer_program
+from btcore_monitor.screen.viewer_process import ViewerProcess, environment, viewer_program
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the sockets of a process from /proc")
 
@@ -79,13 +79,26 @@ def test_a_viewer_without_its_display_is_an_error_with_the_reason(tmp_path, monk
     assert "internal error" not in done.stderr
 
 
-def test_the_web_viewer_and_its_relay_listen_at_this_machine_only():
+def test_the_web_viewer_and_its_relay_listen_at_this_machine_only(free_port):
     before = set(listening())
     view = serve_web(free_port(), free_port())
     addresses = set(listening()) - before
     assert len(addresses) == 2
     assert {address.partition(":")[0] for address in addresses} <= LOOPBACK
     assert view.address.startswith("rerun+http://127.0.0.1:")
+
+
+def test_viewers_that_start_at_the_same_moment_get_different_ports(free_port):
+    port = free_port()
+    viewers = [ViewerProcess("--serve-web", "--web-viewer-port=0", port=port) for _ in range(2)]
+    try:
+        assert viewers[0].port == port
+        assert viewers[1].port != port
+        for viewer in viewers:
+            viewer.wait_until_listening()
+    finally:
+        for viewer in viewers:
+            viewer.close()
 
 
 def test_usage_statistics_are_off_unless_the_user_forces_them(monkeypatch):

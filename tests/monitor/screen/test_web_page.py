@@ -5,11 +5,10 @@ import http.client
 import pytest
 
 from btcore_monitor.screen.page import PageServer, page_files
-from btcore_monitor.screen.viewer_process import free_port
 
 
 @pytest.fixture(scope="module")
-def fetched():
+def fetched(free_port):
     """``fetched(path)``: status, body and headers of the page server's response."""
     port = free_port()
     server = PageServer(port, page_files())

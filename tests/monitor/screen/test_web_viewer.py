@@ -14,7 +14,6 @@ import pytest
 from PIL import Image
 
 from btcore_monitor.screen.style import GROOT
-from btcore_monitor.screen.viewer_process import free_port
 
 ROOT = Path(__file__).parents[3]
 LOG = ROOT / "tests" / "btcore" / "logs" / "captures" / "v4_sample.btlog"
@@ -49,13 +48,12 @@ def fetched(url: str) -> bytes:
         return bytes(answer.read())
 
 
-def test_the_page_is_served_with_all_its_files_and_without_external_links(command):
+def test_the_page_is_served_with_all_its_files_and_without_external_links(command, free_port):
     """A second viewer has a relay of its own, and a port in use is reported."""
     port = free_port()
     replay = command("replay", LOG, "--serve-web", port)
-    url = address_of(replay)
-    # Later: two viewers that look for a free port at the same moment may find the same port.
     other = command("replay", LOG, "--serve-web", free_port())
+    url = address_of(replay)
     refused = command("replay", LOG, "--serve-web", port)
     assert url.startswith(
         f"http://127.0.0.1:{port}/?hide_welcome_screen&url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A"
@@ -77,7 +75,7 @@ def test_the_page_is_served_with_all_its_files_and_without_external_links(comman
     assert replay.end(signal.SIGINT) == 0, replay.stderr_text
 
 
-def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file):
+def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file, free_port):
     run = command("run", tree_file, "--fast", "--duration", "1", "--serve-web", free_port())
     run.wait_for("the run is over; the viewer for browsers stays open until Ctrl-C")
     assert b"<canvas" in fetched(address_of(run))
@@ -85,7 +83,7 @@ def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file):
     assert "Traceback" not in run.stderr_text
 
 
-def test_a_run_that_is_ended_closes_the_viewer(command, tree_file):
+def test_a_run_that_is_ended_closes_the_viewer(command, tree_file, free_port):
     run = command("run", tree_file, "--serve-web", free_port(), "--verbose")
     run.wait_for("by btcore's scene channel")
     page = address_of(run)
@@ -109,7 +107,9 @@ def browser():
         chromium.close()
 
 
-def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(command, tree_file, browser):
+def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(
+    command, tree_file, browser, free_port
+):
     run = command("run", tree_file, "--serve-web", free_port())
     url = address_of(run)
     context = browser.new_context(viewport={"width": 900, "height": 600}, color_scheme="dark")
