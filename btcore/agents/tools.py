@@ -210,9 +210,9 @@ class Toolbox:
         """Prove what holds in every possible run of a tree, whatever its leaves return.
 
         The standard questions are always asked. A refuted question has a counterexample: the result of each
-        leaf in each tick. With `cycle`, it repeats forever from the tick with this number; the first is 0. The
-        answer is possible if this run depends on comparisons with values that are not known, and unknown if
-        the search was ended early, for example by the time limit: see its detail.
+        leaf in each tick. With `cycle`, it repeats forever from the tick with this number; the first is 0.
+        Such an answer is only possible if it depends on comparisons with values that are not known. An
+        answer is unknown if the search was ended early, for example by the time limit: see its detail.
 
         Propositions A and B in `never` and `ask` are about a tick: 'Move' (it is RUNNING), 'Move is SUCCESS'
         (or FAILURE, SKIPPED, RUNNING, IDLE), 'Move ticked', 'Move halted', '{battery} < 20', '!A', 'A & B',
