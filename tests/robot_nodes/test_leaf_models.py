@@ -2,8 +2,8 @@
 
 Every leaf and decorator with a model runs in the simulator, and in random schedules with random robots and
 servers. A result, a write or a use of the robot that its model excludes is a fault. Inputs are always
-written, except for those that the model calls optional. The leaves of btcore_ros2 that need a ROS session run
-nowhere here: their resource cannot be made without ROS 2.
+written, except for those that the model calls optional. The leaves that need a ROS session run in
+tests/ros2/leaves/test_leaf_models.py, with the same checks.
 """
 
 import random
@@ -47,7 +47,7 @@ IDLE, RUNNING, SUCCESS, FAILURE = Status.IDLE, Status.RUNNING, Status.SUCCESS, S
 DRIVING = ("follow_path", "spin", "backup", "drive_on_heading", "navigate_to_pose", "navigate_through_poses")
 WHEELS = frozenset({"Robot", "base"})
 """What a leaf uses that drives."""
-NEEDS_ROS = {"RosActionCall", "RosServiceCall", "RosTopicPublish", "RosTopicRead"}
+ROS = frozenset({"RosSession"})
 
 
 def shipped() -> dict[str, Manifest]:
@@ -60,12 +60,11 @@ def shipped() -> dict[str, Manifest]:
         for ID, manifest in nodes.manifests_of(4).items()
         if manifest.distribution != "btcore"
         and (manifest.type in leaves or (manifest.type is NodeType.DECORATOR and resources_of(manifest)))
-        and ID not in NEEDS_ROS
     }
 
 
 SHIPPED = shipped()
-IDS = sorted(SHIPPED)
+IDS = sorted(ID for ID, manifest in SHIPPED.items() if not resources_of(manifest) & ROS)
 
 
 # --- what a model excludes
@@ -76,8 +75,9 @@ class Watch(ControlNode):
 
     state_fields: ClassVar[tuple[str, ...] | None] = ()
     choose: ClassVar[Callable[[int], str]]
+    resource: ClassVar[frozenset[str]] = WHEELS
     used: ClassVar[list[str]]
-    """What uses the wheels: a command, or the action of a goal."""
+    """What uses the resource, such as a command, or the action of a goal."""
     faults: ClassVar[list[str]]
     seen: ClassVar[set[tuple[str, str]]]
 
@@ -113,8 +113,10 @@ class Watch(ControlNode):
         written = {key for key, count in self.writes().items() if count != earlier.get(key, 0)}
         model = model_of(SHIPPED[child.id])
         self.seen.add((child.id, result.name))
-        for problem in problems(child, model, before, result, written, earlier, self.used):
-            self.faults.append(f"{child.id} {before.name} → {result.name}: {problem}")
+        found = list(problems(child, model, before, result, written, earlier))
+        if self.used and not model.uses & self.resource:
+            found.append(f"uses {sorted(self.resource)}: {self.used}")
+        self.faults += [f"{child.id} {before.name} → {result.name}: {problem}" for problem in found]
 
 
 def problems(
@@ -124,17 +126,14 @@ def problems(
     result: Status,
     written: set[str],
     earlier: Mapping[str, int],
-    used: list[str],
 ) -> Iterator[str]:
-    """Return what a model excludes in a tick, or in a halt (*result* is IDLE)."""
+    """Return results and writes that a model excludes in a tick, or in a halt (*result* is IDLE)."""
     keys = {name: output.key or "" for name, output in node.config.outputs.items()}
     free = {keys.get(name, name) for name in model.writes}
     all_outputs = set(keys.values()) - free
     if written - free - all_outputs:
         yield f"writes {sorted(written - free - all_outputs)}"
     written = written & all_outputs
-    if used and not model.uses & WHEELS:
-        yield f"uses the wheels: {used}"
     if result is IDLE:
         if written != {keys[name] for name in model.on_halt if name in keys}:
             yield f"writes {sorted(written)} at a halt"
@@ -185,7 +184,12 @@ def values_of(name: str, kind: str) -> list[object]:
     return poses if "Pose2D" in kind else []
 
 
-def xml_of(manifest: Manifest, number: int) -> str:
+def elements_of(ids: list[str]) -> list[str]:
+    """Return the elements of nodes."""
+    return [_element(SHIPPED[ID], number) for number, ID in enumerate(ids)]
+
+
+def _element(manifest: Manifest, number: int) -> str:
     """Return the element of a node: its inputs are entries with values if values are known."""
     attributes = [f'name="n{number}"']
     for port in manifest.ports.values():
@@ -200,12 +204,12 @@ def xml_of(manifest: Manifest, number: int) -> str:
     return f"<{manifest.id} {' '.join(attributes)}>{child}</{manifest.id}>"
 
 
-def tree_of(ids: list[str], resources: list[object], clock: Any, watch: type[Watch]) -> btcore.Tree:
-    """Return a tree in which *watch* ticks the nodes *ids*."""
+def tree_of(elements: list[str], resources: list[object], clock: Any, watch: type[Watch]) -> btcore.Tree:
+    """Return a tree in which *watch* ticks the nodes with these elements."""
     nodes = Registry.standard()
     nodes.add_plugins()
     nodes.add(watch, ID="Watch")
-    inside = "".join(xml_of(SHIPPED[ID], number) for number, ID in enumerate(ids))
+    inside = "".join(elements)
     text = f'<root BTCPP_format="4"><BehaviorTree ID="T"><Watch>{inside}</Watch></BehaviorTree></root>'
     return btcore.loads(text, nodes=nodes, resources=resources, clock=clock)
 
@@ -350,7 +354,7 @@ def test_leaves_follow_their_models_in_random_schedules(robot: Any, tmp_path: An
     robot.see(*([3.0] * 5))
     resources = random_resources(robot, draw, watch.used, tmp_path)
     for _ in range(4):
-        tree = tree_of(IDS, resources, robot.clock, watch)
+        tree = tree_of(elements_of(IDS), resources, robot.clock, watch)
         write_inputs(tree, IDS, draw)
         for _ in range(150):
             robot.see(*[draw.choice([0.3, 1.5, 5.0]) for _ in range(5)])
@@ -401,7 +405,7 @@ def test_leaves_follow_their_models_in_the_simulator(explores: bool, tmp_path: A
     draw = random.Random(2)
     watch = watch_of(draw, 0.9, 0.02)
     watch.used = wheels
-    tree = tree_of(ids, resources, world, watch)
+    tree = tree_of(elements_of(ids), resources, world, watch)
     write_inputs(tree, ids, draw)
     try:
         for _ in range(60):

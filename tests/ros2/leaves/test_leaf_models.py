@@ -1,0 +1,302 @@
+"""The models of the leaves that need a ROS session, which proofs assume, hold for the code of these leaves.
+
+Each leaf runs in a schedule in which it completes, waits, fails and is halted in every way. The servers and
+topics of the other side are in a second session of the same thread, so that they answer when a schedule says.
+The time of the tree is simulated. What a model excludes is defined in tests/robot_nodes/test_leaf_models.py.
+"""
+
+import random
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient, ActionServer
+from rclpy.client import Client
+from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool, Trigger
+from test_msgs.action import Fibonacci, NestedMessage
+
+import btcore
+from btcore import Status
+from btcore.clock import NS_PER_MS
+from btcore.proof.leaf_models import model_of, resources_of
+from btcore_robot.schedule import SimulatedTime
+from btcore_ros2.action_server import RosActionServer
+from btcore_ros2.session import RosSession
+from tests.robot_nodes.test_leaf_models import ROS, RUNNING, SHIPPED, Watch, records, tree_of, watch_of
+from tests.ros2.discovery import wait_until_known
+
+IDLE, SUCCESS, FAILURE = Status.IDLE, Status.SUCCESS, Status.FAILURE
+LIMIT_S = 60
+SERVER_MS = 1000
+"""The time (ms) in which a server has to answer, and a message has to arrive."""
+
+
+class Stage:
+    """A leaf whose ticks and halts are checked, and the session of the other side.
+
+    Attributes:
+        other: The session of the other side. It works while the session of the leaf drains, unless it sleeps.
+        sleeps: Whether the other side processes nothing.
+    """
+
+    def __init__(self, ID: str, watch: type[Watch]) -> None:
+        self.session, self.other = RosSession("leaf"), RosSession("other")
+        self.session.clock = SimulatedTime()
+        self.sleeps = False
+        self.session.after_drain(lambda: None if self.sleeps else self.other.drain())
+        self._id = ID
+        self._watch = watch
+        self.tree: btcore.Tree
+
+    def load(self, attributes: str, **entries: object) -> None:
+        """Load the leaf with all outputs connected, and with *entries* on its blackboard."""
+        outputs = [port.name for port in SHIPPED[self._id].ports.values() if port.writes]
+        attributes += "".join(f' {name}="{{{name}}}"' for name in outputs)
+        elements = [f"<{self._id} {attributes}/>"]
+        self.tree = tree_of(elements, [self.session], self.session.clock, self._watch)
+        for key, value in entries.items():
+            self.tree.blackboard[key] = value
+
+    def tick(self) -> Status:
+        """Tick the leaf, and return its status."""
+        return self._do("tick")
+
+    def halt(self) -> None:
+        """Halt the leaf, which is RUNNING."""
+        assert self._do("halt") is IDLE
+
+    def tick_until(self, result: Status) -> None:
+        """Tick the leaf, which remains RUNNING until it returns *result*."""
+
+        def is_complete() -> bool:
+            status = self.tick()
+            assert status in (RUNNING, result), status
+            return status is result
+
+        self.wait_for(is_complete)
+
+    def wait_for(self, condition: Callable[[], Any]) -> None:
+        """Drain both sides until *condition* returns a true value. No simulated time passes."""
+        assert self.session.wait_for(condition, LIMIT_S)
+
+    def pass_time(self, ms: int = SERVER_MS + 1) -> None:
+        """Let simulated time pass."""
+        clock = self.session.clock
+        clock.wait_until(clock.now() + ms * NS_PER_MS, threading.Event())
+
+    @property
+    def error(self) -> str:
+        """The output `error`."""
+        return str(self.tree.blackboard["error"])
+
+    def _do(self, what: str) -> Status:
+        self._watch.choose = staticmethod(lambda index: what)
+        self.tree.tick_exactly_once()
+        return next(node for node in self.tree if node.id == self._id).status
+
+    def close(self) -> None:
+        """Close both sessions."""
+        self.session.close()
+        self.other.close()
+
+
+def action_schedule(stage: Stage) -> None:
+    """Run RosActionCall: goals that end in every way, and servers that are missing, of another type, or lost.
+
+    A goal also ends because it is rejected, or because the server does not answer.
+    """
+    attributes = """type="test_msgs/action/Fibonacci" goal='json:{"order": "{n}"}'"""
+    RosActionServer[Any, Any, Any](stage.other, NestedMessage, "other_type")
+    stage.load(f'name="other_type" {attributes}', n=3)
+    stage.pass_time()
+    stage.wait_for(lambda: stage.tick() is FAILURE and "has the type" in stage.error)
+    stage.load(f'name="count" {attributes}', n=3)
+    assert stage.tick() is RUNNING
+    stage.halt()  # while the leaf waits for a server
+    assert stage.tick() is RUNNING
+    stage.pass_time()
+    assert stage.tick() is FAILURE
+    assert "no action server" in stage.error
+    assert stage.tick() is FAILURE  # at once
+    reject_reason = ""
+    server = RosActionServer[Any, Any, Any](
+        stage.other, Fibonacci, "count", reject_reason=lambda goal: reject_reason
+    )
+    wait_until_known(stage.session, "count")
+    canceller = stage.other.node.create_client(CancelGoal, "count/_action/cancel_goal")
+    stage.wait_for(canceller.service_is_ready)
+
+    def accepted() -> Any:
+        assert stage.tick() is RUNNING
+        stage.wait_for(lambda: server.waiting)
+        return server.take()
+
+    goal = accepted()
+    goal.publish_feedback(Fibonacci.Feedback(sequence=[1]))
+    stage.wait_for(lambda: stage.tick() is RUNNING and "feedback" in stage.tree.blackboard)
+    stage.halt()
+    stage.wait_for(lambda: goal.cancel_requested)
+    goal.canceled()
+
+    goal = accepted()
+    goal.publish_feedback(Fibonacci.Feedback(sequence=[2]))
+    goal.succeed(Fibonacci.Result(sequence=[0, 1]))
+    stage.tick_until(SUCCESS)
+    accepted().abort(Fibonacci.Result(sequence=[0]))
+    stage.tick_until(FAILURE)
+    assert "aborted the goal" in stage.error
+    goal = accepted()
+    canceller.call_async(CancelGoal.Request())  # all goals
+    stage.wait_for(lambda: goal.cancel_requested)
+    goal.canceled()
+    stage.tick_until(FAILURE)
+    assert "cancelled by" in stage.error
+    reject_reason = "no"
+    stage.tick_until(FAILURE)
+    assert "rejected the goal" in stage.error
+    reject_reason = ""
+
+    stage.sleeps = True
+    assert stage.tick() is RUNNING
+    stage.pass_time()
+    assert stage.tick() is FAILURE
+    assert "did not answer" in stage.error
+    stage.sleeps = False
+    stage.wait_for(lambda: not stage.session.unfinished)  # the server knows that this goal is cancelled
+    accepted()
+    for entity in tuple(stage.other.node.waitables):
+        if isinstance(entity, ActionServer):
+            entity.destroy()
+    stage.tick_until(FAILURE)
+    assert "disappeared" in stage.error
+
+
+def service_schedule(stage: Stage) -> None:
+    """Run RosServiceCall: responses, and servers that are missing, of another type, silent or lost."""
+    attributes = """type="std_srvs/SetBool" request='json:{"data": "{on}"}'"""
+    node = stage.other.node
+    node.create_service(Trigger, "other_type", lambda request, response: response)
+    stage.load(f'name="other_type" {attributes}', on=True)
+    stage.pass_time()
+    stage.wait_for(lambda: stage.tick() is FAILURE and "has the type" in stage.error)
+    stage.load(f'name="switch" {attributes}', on=True)
+    assert stage.tick() is RUNNING
+    stage.halt()  # while the leaf waits for a server
+    assert stage.tick() is RUNNING
+    stage.pass_time()
+    assert stage.tick() is FAILURE
+    assert "no service" in stage.error
+    assert stage.tick() is FAILURE  # at once
+
+    def switch(request: Any, response: Any) -> Any:
+        response.success = request.data
+        return response
+
+    service = node.create_service(SetBool, "switch", switch)
+    known = RosActionServer[Any, Any, Any](stage.other, Fibonacci, "known")
+    wait_until_known(stage.session, known.name)
+    stage.tick_until(SUCCESS)
+    stage.tree.blackboard["on"] = False
+    stage.tick_until(FAILURE)
+    assert "did not succeed" in stage.error
+    stage.sleeps = True
+    assert stage.tick() is RUNNING
+    stage.halt()
+    assert stage.tick() is RUNNING
+    stage.pass_time()
+    assert stage.tick() is FAILURE
+    assert "did not answer" in stage.error
+    assert stage.tick() is RUNNING
+    node.destroy_service(service)
+    stage.sleeps = False
+    stage.pass_time()
+    stage.tick_until(FAILURE)
+    assert "did not answer" in stage.error
+
+
+def publish_schedule(stage: Stage) -> None:
+    """Run RosTopicPublish: without a subscriber, and with subscribers of another type and of its type."""
+    attributes = """type="std_msgs/String" message='json:{"data": "{word}"}'"""
+    node, heard = stage.other.node, []
+    node.create_subscription(Bool, "other_type", heard.append, 1)
+    stage.load(f'name="other_type" {attributes}', word="one")
+    stage.wait_for(lambda: stage.session.node.count_subscribers("other_type"))
+    assert stage.tick() is SUCCESS
+    stage.load(f'name="words" {attributes}', word="one")
+    assert stage.tick() is SUCCESS
+    node.create_subscription(String, "words", lambda message: heard.append(message.data), 1)
+    stage.tree.blackboard["word"] = "two"
+    stage.wait_for(lambda: stage.tick() is SUCCESS and heard)
+    assert heard[0] == "two"
+
+
+def read_schedule(stage: Stage) -> None:
+    """Run RosTopicRead: messages before and after its start, old messages, and topics that are silent."""
+    attributes = 'type="std_msgs/String" max_age="0.5" timeout="{timeout}"'
+    node = stage.other.node
+    node.create_publisher(Bool, "other_type", 1)
+    stage.load(f'name="other_type" {attributes}', timeout=0)
+    stage.wait_for(lambda: stage.tick() is FAILURE and "its type is std_msgs/msg/Bool" in stage.error)
+    attributes += ' name="words"'
+    stage.load(attributes, timeout=SERVER_MS)
+
+    def fails() -> str:
+        assert stage.tick() is RUNNING
+        stage.pass_time()
+        assert stage.tick() is FAILURE
+        return stage.error
+
+    assert "nothing publishes it" in fails()
+    stage.tree.blackboard["timeout"] = 0
+    assert stage.tick() is FAILURE  # at once
+    stage.tree.blackboard["timeout"] = SERVER_MS
+
+    publisher = node.create_publisher(String, "words", 1)
+    stage.wait_for(publisher.get_subscription_count)
+    assert stage.tick() is RUNNING
+    stage.halt()
+    assert stage.tick() is RUNNING
+    publisher.publish(String(data="after the start"))
+    stage.tick_until(SUCCESS)
+    stage.load(attributes, timeout=SERVER_MS)
+    assert stage.tick() is SUCCESS  # at once, with the message that arrived before
+    stage.pass_time(501)
+    assert "have sent nothing" in fails()
+    assert stage.tick() is RUNNING
+    node.destroy_publisher(publisher)
+    stage.pass_time()
+    stage.wait_for(lambda: not stage.session.node.count_publishers("words"))
+    assert stage.tick() is FAILURE
+
+
+SCHEDULES = {
+    "RosActionCall": action_schedule,
+    "RosServiceCall": service_schedule,
+    "RosTopicPublish": publish_schedule,
+    "RosTopicRead": read_schedule,
+}
+
+
+@pytest.mark.parametrize("ID", sorted(ID for ID in SHIPPED if resources_of(SHIPPED[ID]) & ROS))
+def test_leaf_follows_its_model(ID: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    watch = watch_of(random.Random(1), 1.0, 0.0)
+    watch.resource = ROS
+    # A server works on a goal or a request after the tick that sends it; a published message is done.
+    for owner, name in ((ActionClient, "send_goal_async"), (Client, "call_async")):
+        monkeypatch.setattr(owner, name, getattr(owner, name))  # restored after the test
+        records(owner, name, watch.used, lambda *_, name=name: name)
+    stage = Stage(ID, watch)
+    try:
+        SCHEDULES[ID](stage)
+    finally:
+        stage.close()
+    assert sorted(set(watch.faults)) == []
+    model = model_of(SHIPPED[ID])
+    allowed = {*model.results, *([RUNNING, IDLE] if model.lasts else [])}  # IDLE: it was halted
+    assert watch.seen == {(ID, status.name) for status in allowed}
