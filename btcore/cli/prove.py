@@ -107,7 +107,7 @@ _INTERVAL_S: Final = 0.2
     metavar="FILE",
     help=f"Draw the state graph; at most {MOST_STATES} states.",
 )
-@click.option("--strict", is_flag=True, help="Exit with 1 also for 'proved: unless …'.")
+@click.option("--strict", is_flag=True, help="Exit with 1 also for 'proved: unless …' and 'proved: if …'.")
 @click.option(
     "--init",
     "is_template",
@@ -170,7 +170,7 @@ def prove(
         has_libraries = _has_libraries(prover.tree, libraries.nodes, plugins)
         used = TreeReference(path, tree, format, models, plugins, has_libraries, file)
         for number, answer in enumerate(report.answers, 1):
-            if answer.counterexample is not None:
+            if answer.answer == REFUTED and answer.counterexample is not None:
                 _save(save, file_name(number, answer.question), answer, used, examined, nodes, declared)
     if as_json:
         terminal.print_json({"questions": [_as_data(answer) for answer in report.answers]})

@@ -192,12 +192,22 @@ def test_domain_may_have_the_name_in_a_calling_tree(prove: Callable[..., Result]
     assert codes == [0, 0]
 
 
-def test_unknown_value_gives_exit_code_4(prove: Callable[..., Result]) -> None:
+def test_unknown_value_gives_exit_code_4(prove: Callable[..., Result], tmp_path: Path) -> None:
     result = prove(LOOK, "--given", "wanted")
     assert result.exit_code == 4
     assert "unknown: some of it depends on comparisons with values that are not known" in result.stdout
     assert "✔ the tree ends  proved: if scripts can compare the values of {wanted}" in result.stdout
-    possible = prove(LOOK, "--given", "wanted", "--never", "ScriptCondition is FAILURE", "--json")
+    words = (
+        "--given",
+        "wanted",
+        "--never",
+        "ScriptCondition is FAILURE",
+        "--json",
+        "--save",
+        tmp_path / "saved",
+    )
+    possible = prove(LOOK, *words)
+    assert not (tmp_path / "saved").exists()
     (tick,) = json.loads(possible.stdout)["questions"][-1]["counterexample"]
     assert (possible.exit_code, tick["assumed"]) == (4, ["{seen} == {wanted} is false"])
 
