@@ -94,15 +94,27 @@ def times_of(
 
     The times are those of `tick_times`, or None.
     """
+    results: list[LeafResults] = []
+    try:
+        return tick_times(len(moments), _deadlines_of(explorer, moments, results)), results
+    except IndexError:
+        # A node with hidden state does not repeat its timers.
+        return None, results
+
+
+def _deadlines_of(
+    explorer: Explorer, moments: Sequence[Moment], results: list[LeafResults]
+) -> list[Deadline]:
+    """Return the deadlines that are set in these ticks, and add what the leaves do in each tick to *results*.
+
+    Raises:
+        IndexError: A tick refers to a timer that the ticks before it have not set.
+    """
     keeper, table = explorer.keeper, explorer.table
     open_timers: list[int] = []
     deadlines: list[Deadline] = []
-    results: list[LeafResults] = []
     for number, moment in enumerate(moments):
         advance = keeper.advances(table.state(moment.state))[moment.advance]
-        if any(index >= len(open_timers) for index in advance.expired):
-            # A node with hidden state did not repeat the tick before.
-            return None, results
         for index in advance.expired:
             timer = open_timers[index]
             deadlines[timer] = deadlines[timer]._replace(expired_in=number)
@@ -118,7 +130,7 @@ def times_of(
             else:
                 open_timers.append(len(deadlines))
                 deadlines.append(Deadline(number, *divmod(value - NOW, READING), None, number))
-    return tick_times(len(moments), deadlines), results
+    return deadlines
 
 
 def _shown(events: Sequence[LeafEvent]) -> list[LeafEvent]:

@@ -258,6 +258,13 @@ def test_code_that_the_search_cannot_repeat_makes_the_answer_unknown(
         assert f"it' <{name}>" in answer.detail
 
 
+@pytest.mark.parametrize("decorator", ["UserUndeclared"], indirect=True)
+def test_a_run_whose_timers_are_not_repeated_is_not_shown(decorator: type[btcore.TreeNode]) -> None:
+    body = "<UserUndeclared><Delay name='wait' delay_msec='9'><Left/></Delay></UserUndeclared>"
+    answer = answer_about(decorator, body, "wait leads to Left is FAILURE within 1 ticks")
+    assert answer.answer == UNKNOWN_ANSWER
+
+
 @pytest.mark.parametrize("decorator", ["UserSwallow", Returns], indirect=True)
 def test_a_caught_interrupt_that_changes_no_decision_makes_the_answer_unknown(
     decorator: type[btcore.TreeNode],
