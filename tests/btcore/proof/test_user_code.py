@@ -54,18 +54,24 @@ def decorator(
 
 def answer_about(decorator: type[btcore.TreeNode], body: str = "", question: str = QUESTION) -> Answer:
     """Return the answer about a tree in which *decorator* decides between Left and Right."""
-    nodes = btcore.Registry.standard()
-    for cls in (Ready, Left, Right, Sense, decorator):
-        nodes.add(cls)
-    models = with_model_leaves(nodes, {})
     name = decorator.__name__
     body = body or f"<{name} name='it'><AlwaysSuccess/></{name}>"
-    xml = f"""<root BTCPP_format="4"><BehaviorTree ID="T"><KeepRunningUntilFailure><ForceSuccess>
+    tree = f"""<KeepRunningUntilFailure><ForceSuccess>
         <Sequence>
             <Fallback> <Ready/> <Ready/> </Fallback>
             <IfThenElse> {body} <Left/> <Right/> </IfThenElse>
         </Sequence>
-    </ForceSuccess></KeepRunningUntilFailure></BehaviorTree></root>"""
+    </ForceSuccess></KeepRunningUntilFailure>"""
+    return answer_about_tree(decorator, tree, question)
+
+
+def answer_about_tree(decorator: type[btcore.TreeNode], tree: str, question: str) -> Answer:
+    """Return the answer about a whole tree."""
+    nodes = btcore.Registry.standard()
+    for cls in (Ready, Left, Right, Sense, decorator):
+        nodes.add(cls)
+    models = with_model_leaves(nodes, {})
+    xml = f'<root BTCPP_format="4"><BehaviorTree ID="T">{tree}</BehaviorTree></root>'
 
     def make(choices: Choices, clock: Clock) -> Tree:
         return btcore.loads(xml, nodes=models, resources=[choices], clock=clock)
@@ -260,8 +266,8 @@ def test_code_that_the_search_cannot_repeat_makes_the_answer_unknown(
 
 @pytest.mark.parametrize("decorator", ["UserUndeclared"], indirect=True)
 def test_a_run_whose_timers_are_not_repeated_is_not_shown(decorator: type[btcore.TreeNode]) -> None:
-    body = "<UserUndeclared><Delay name='wait' delay_msec='9'><Left/></Delay></UserUndeclared>"
-    answer = answer_about(decorator, body, "wait leads to Left is FAILURE within 1 ticks")
+    tree = "<UserUndeclared><Delay name='wait' delay_msec='9'><Left/></Delay></UserUndeclared>"
+    answer = answer_about_tree(decorator, tree, "wait leads to Left is FAILURE within 1 ticks")
     assert answer.answer == UNKNOWN_ANSWER
 
 
