@@ -96,19 +96,13 @@ def _operand_text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else repr(value)
 
 
-def _are_comparable(left: object, right: object) -> bool:
-    """Return whether it is known that scripts can compare two operands."""
-    kinds = {
-        operand.operands
-        if isinstance(operand, UnknownValue)
-        else "texts"
-        if isinstance(operand, str)
-        else "numbers"
-        if number_of(operand) is not None
-        else ""
-        for operand in (left, right)
-    }
-    return len(kinds) == 1 and "" not in kinds
+def _operands(value: object) -> str:
+    """Return the values with which scripts can compare *value*, as in UnknownValue."""
+    if isinstance(value, UnknownValue):
+        return value.operands
+    if isinstance(value, str):
+        return "texts"
+    return "" if number_of(value) is None else "numbers"
 
 
 Outcome = tuple[Status, tuple[int, ...]]
@@ -223,7 +217,7 @@ class Choices:
         finally:
             sentence, self.guess = self.guess, ""
         self.guesses.append(f"{sentence} is {'true' if is_true else 'false'}")
-        if not _are_comparable(left, right):
+        if not _operands(left) or _operands(left) != _operands(right):
             unknown = [value for value in (left, right) if isinstance(value, UnknownValue)]
             untyped = [value for value in unknown if not value.operands]
             self.assumed |= {value.key for value in untyped or unknown}
