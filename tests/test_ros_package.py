@@ -127,6 +127,25 @@ def test_parameters_of_the_launch_file_are_the_defaults_of_the_tree_server() -> 
     } == defaults
 
 
+def test_reference_lists_the_executables_and_the_arguments_of_the_launch_files() -> None:
+    page = (ROOT / "docs/reference/ros2_package.md").read_text(encoding="utf-8")
+    setup = (PACKAGE / "setup.py").read_text(encoding="utf-8")
+    executables = re.findall(r'"(\w+)"', setup.partition("EXECUTABLES = ")[2].partition("\n")[0])
+    assert sorted(re.findall(r"^\| `ros2 run btcore (\w+)`", page, re.MULTILINE)) == sorted(executables)
+    documented: dict[str, dict[str, str]] = {}
+    for section in re.split(r"^(?=`\w+\.launch\.xml` )", page, flags=re.MULTILINE)[1:]:
+        rows = re.findall(r"^\| `(\w+)` \|(?: `(\S+)`[^|]*?)? \| \S", section, re.MULTILINE)
+        documented[section.split("`")[1]] = dict(rows)
+    documented["nav2_robot.launch.xml"] |= documented["tree_server.launch.xml"]
+    assert documented == {
+        file.name: {
+            arg.get("name"): arg.get("default").replace("$(find-pkg-share btcore)/", "")
+            for arg in etree.parse(file).getroot().iterchildren("arg")
+        }
+        for file in (PACKAGE / "launch").iterdir()
+    }
+
+
 def test_colcon_installs_executables_where_ros2_run_finds_them() -> None:
     options = configparser.ConfigParser()
     options.read(PACKAGE / "setup.cfg")
