@@ -13,15 +13,23 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
 NAME = PROJECT["name"]
 # Data folders of btcore: beside the package in a checkout, inside the package in an installation.
-DATA = ("benchmarks", "trees")
+DATA = ("benchmarks", "docs", "trees")
 FOLDERS = sorted(
     {
         path.parent.relative_to(ROOT)
         for folder in DATA
         for path in (ROOT / folder).rglob("*")
-        if path.suffix in {".py", ".xml"}
+        if path.suffix in {".md", ".py", ".xml"}
     }
 )
+# `ros2 run btcore NAME` starts `btcore ros2 NAME`; see btcore_ros2/executables.py.
+EXECUTABLES = ("btcore", "doctor", "navigation", "navigator", "serve", "sim")
+
+
+def files(folder: str) -> list[str]:
+    """Return the files of a folder beside this file, relative to it."""
+    return sorted(f"{folder}/{path.name}" for path in (HERE / folder).iterdir())
+
 
 setup(
     name=NAME,
@@ -32,16 +40,19 @@ setup(
     package_dir={f"{NAME}.{folder}": os.path.relpath(ROOT / folder) for folder in DATA},
     package_data={
         **PYPROJECT["tool"]["setuptools"]["package-data"],
-        **{".".join([NAME, *folder.parts]): ["*.xml"] for folder in FOLDERS},
+        **{".".join([NAME, *folder.parts]): ["*.md", "*.xml"] for folder in FOLDERS},
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}", ["package.xml", "README.md"]),
+        (f"share/{NAME}/config", files("config")),
+        (f"share/{NAME}/launch", files("launch")),
+        ("bin", files("bin")),
     ],
     python_requires=PROJECT["requires-python"],
     install_requires=PROJECT["dependencies"],
     entry_points={
-        "console_scripts": [f"{name} = {target}" for name, target in PROJECT["scripts"].items()],
+        "console_scripts": [f"{name} = btcore_ros2.executables:main" for name in EXECUTABLES],
         **{
             group: [f"{name} = {target}" for name, target in points.items()]
             for group, points in PROJECT["entry-points"].items()
