@@ -148,7 +148,8 @@ def build_and_install(package: MessagePackage, wheel: str, done: Callable[[], No
 
 def build_wheel(package: MessagePackage, wheel: str, folder: Path, done: Callable[[], None]) -> Path:
     """Build the wheel of *package* in an empty *folder*, and return its path; see `build_and_install`."""
-    build = _Build(package, folder.resolve(), done)
+    build = Build(package, folder.resolve(), done)
+    build.describe()
     build.generate()
     build.compile()
     return build.pack(wheel)
@@ -178,7 +179,7 @@ def _install_wheel(wheel: Path, folder: Path) -> None:
         )
 
 
-class _Build:
+class Build:
     """The folder of a build.
 
     Args:
@@ -198,14 +199,13 @@ class _Build:
         self.python = folder / "python" / self.name
         self.introspection = folder / "introspection" / self.name  # its files have the same names as others
         self.libraries = folder / "lib"
-        self.libraries.mkdir()
         self.extension = self.python / f"{self.name}_s__rosidl_typesupport_c.so"
 
     def _run(self, *commands: Sequence[str]) -> None:
         run_jobs(commands, self.folder, self.done)
 
-    def generate(self) -> None:
-        """Write the definitions as .idl files with type hashes, and the sources in C, C++ and Python."""
+    def describe(self) -> None:
+        """Write the definitions as .idl files, and their type descriptions with type hashes."""
         for one in self.package.interfaces:
             file = self.share / one.kind / f"{one.name}.{one.kind}"
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -216,14 +216,18 @@ class _Build:
         adapter = [sys.executable, "-m", "rosidl_adapter", "--package-name", self.name]
         outputs = ["--output-dir", str(self.share), "--output-file", str(self.folder / "idl.txt")]
         self._run([*adapter, "--arguments-file", str(tuples), *outputs])
-        installed = sorted((self.prefix / "share").iterdir())
+        shares = (self.prefix / "share", self.share.parent)  # of a package in both, the second is used
+        described = [path for share in shares for path in sorted(share.iterdir()) if (path / "msg").is_dir()]
         self._run(
             self._generator(
                 "rosidl_generator_type_description",
                 self.share,
-                include_paths=[f"{path.name}:{path}" for path in installed if (path / "msg").is_dir()],
+                include_paths=[f"{path.name}:{path}" for path in described],
             )
         )
+
+    def generate(self) -> None:
+        """Write the sources in C, C++ and Python."""
         descriptions = [
             f"{one.kind}/{one.name}.idl:{self.share / one.kind / one.name}.json"
             for one in self.package.interfaces
@@ -330,6 +334,7 @@ class _Build:
         commands.append([*c, *options, str(entry), "-o", str(module)])
         # The C++ files take longest.
         self._run(*sorted(commands, key=lambda command: command[0] != cpp[0]))
+        self.libraries.mkdir()
         libraries = self.prefix / "lib"
         runtime = [str(libraries / f"lib{name}.so") for name in _RUNTIME]
         shared = [*cpp, "-shared", "-Wl,--as-needed"]
