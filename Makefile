@@ -261,6 +261,17 @@ dist: .venv-release/ready
 	@echo '· writing the software bill of materials'
 	@mkdir -p out
 	@.venv-release/bin/python packaging/sbom.py dist/btcore-*-none-any.whl out/btcore.cdx.json
+	@$(if $(ROS2),$(MAKE) -s dist/messages)
+
+# The wheels of message packages, built by the pure wheel in an environment of its own.
+.PHONY: dist/messages
+dist/messages:
+	@test -x .venv-messages/bin/python || $(PYTHON) -m venv .venv-messages
+	@.venv-messages/bin/python $(PIP) install --quiet --force-reinstall --no-deps dist/btcore-*-none-any.whl
+	@$(PROGRESS) 'installing ROS 2 into .venv-messages' \
+		.venv-messages/bin/python $(PIP) install "$$(echo dist/btcore-*-none-any.whl)[ros2]"
+	@$(PROGRESS) 'building the wheels of message packages' \
+		.venv-messages/bin/btcore ros2 messages --force --wheels $@
 
 bench: .venv/ready .venv-compiled/bench $(if $(ROS2),.venv-ros/ready)
 	@mkdir -p out
@@ -272,5 +283,5 @@ bench: .venv/ready .venv-compiled/bench $(if $(ROS2),.venv-ros/ready)
 	@$(if $(ROS2),.venv-ros/bin/btcore bench ros2)
 
 clean:
-	rm -rf .venv .venv-compiled .venv-ros .venv-release build dist out editors/vscode/node_modules editors/vscode/out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-compiled .venv-messages .venv-ros .venv-release build dist out editors/vscode/node_modules editors/vscode/out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +
