@@ -100,7 +100,7 @@ setup: .venv/ready
 # The tests use the monitor's client, but not its viewer, which is a quarter of .venv.
 FOR_ROS2_TESTS := msgpack pytest-xdist pyzmq ros-test-msgs==2.3.0
 
-# Compiling all bundled messages takes twice as long. Messages that these contain are built, too.
+# Compiling all bundled messages takes a third longer. Messages that these contain are built, too.
 FOR_ROS2_TESTS_BUILT := TFMessage ExecuteTree GetTrees BehaviorTreeLog ParticleCloud CostmapUpdate \
 	AssistedTeleop BackUp ComputeAndTrackRoute ComputePathThroughPoses ComputePathToPose ComputeRoute DockRobot \
 	DriveOnHeading FollowGPSWaypoints FollowPath FollowWaypoints NavigateThroughPoses NavigateToPose SmoothPath \
