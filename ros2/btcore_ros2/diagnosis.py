@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from btcore_ros2.errors import RosError
 from btcore_ros2.installation import Installation, find_installation
+from btcore_ros2.message_packages.definitions import bundled_packages
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -115,7 +116,7 @@ def _package_remedy(package: str, installation: Installation) -> str:
     if installation.kind == "sourced":
         name = package.replace("_", "-")
         return f"sudo apt install ros-{installation.distribution or 'DISTRO'}-{name}"
-    source = package if package in BUNDLED_PACKAGES else f"PATH/{package}"
+    source = package if package in bundled_packages() else f"PATH/{package}"
     return f"btcore ros2 messages {source}"
 
 

@@ -10,6 +10,7 @@ from typing import Any, Final, Literal
 
 from btcore.suggestions import did_you_mean, join_names
 from btcore_ros2.errors import RosError
+from btcore_ros2.message_packages.definitions import bundled_packages
 
 InterfaceKind = Literal["msg", "srv", "action"]
 """The kind of an interface, as in its name: `geometry_msgs/msg/Twist`, `std_srvs/srv/Trigger`."""
@@ -118,7 +119,8 @@ def _not_installed(package: str) -> str:
             "or source the setup file of your ROS 2"
         )
     similar = did_you_mean(package, installed)
-    hint = f"install it with your ROS 2, or run: btcore ros2 messages PATH/{package}"
+    source = package if package in bundled_packages() else f"PATH/{package}"
+    hint = f"install it with your ROS 2, or run: btcore ros2 messages {source}"
     return f"is not installed{similar or ';'} {hint}"
 
 

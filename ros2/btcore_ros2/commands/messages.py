@@ -34,31 +34,41 @@ _SHOWN_MISSING: Final = 8
     help="Build the package with only this message, service or action, and the messages in it.",
 )
 @click.option("--force", is_flag=True, help="Build packages that are up to date again.")
-def messages(sources: Sequence[str], only: Sequence[str], force: bool) -> None:
+@click.option(
+    "--wheels",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Install the wheels in FOLDER that fit. Other packages are built, and FOLDER keeps their wheels.",
+)
+def messages(sources: Sequence[str], only: Sequence[str], force: bool, wheels: Path | None) -> None:
     """Build message packages from their definitions, and install them into this environment.
 
     FOLDER is a package with folders msg, srv or action, or a workspace that contains packages. NAME is a
-    package whose definitions come with btcore: tf2_msgs, btcpp_ros2_interfaces, or nav2_msgs without the
-    interfaces that no node of a behavior tree uses. Without arguments, these three packages are built.
+    package whose definitions come with btcore: tf2_msgs, btcpp_ros2_interfaces, geographic_msgs, or
+    nav2_msgs, with which geographic_msgs is built. Without arguments, these four packages are built.
 
     Each package becomes a wheel, which pip installs and `pip uninstall` removes. A package is built again
     only if its definitions or ROS 2's generators have changed. Building needs a C and a C++ compiler.
 
+    A wheel in the folder of --wheels fits if it was built from the same definitions with the same
+    generators, by the same version of btcore and of Python.
+
     \b
       btcore ros2 messages nav2_msgs
+      btcore ros2 messages --wheels dist/messages
       btcore ros2 messages ~/robot_ws/src
       btcore ros2 messages control_msgs --only JointJog
     """
     _check_environment()
     try:
-        _install(select(find_packages(sources or bundled_packages()), only), force)
+        _install(select(find_packages(sources or bundled_packages()), only), force, wheels)
     except RosError as error:
         raise click.ClickException(str(error)) from None
 
 
 def _check_environment() -> None:
-    """Raise an exception if the packages cannot be built here."""
-    from btcore_ros2.message_packages.wheels import missing_tools
+    """Raise an exception if the packages cannot be installed here."""
+    from btcore_ros2.message_packages.wheels import missing_generators
 
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     sourced = [
@@ -69,14 +79,17 @@ def _check_environment() -> None:
             f"ROS 2 is sourced ({sourced[0]}): build the packages with colcon, "
             "or run this command in a shell in which no setup file was sourced"
         )
-    missing = missing_tools()
+    _require(missing_generators())
+
+
+def _require(missing: Sequence[str]) -> None:
     if missing:
         lines = "".join(f"\n  {one}" for one in missing)
         raise click.ClickException(f"message packages cannot be built here:{lines}")
 
 
-def _install(packages: Sequence[MessagePackage], force: bool) -> None:
-    """Build and install *packages* in their order, and print what happens to each."""
+def _install(packages: Sequence[MessagePackage], force: bool, folder: Path | None) -> None:
+    """Install *packages* in their order, and print what happens to each; see the options of the command."""
     from btcore_ros2.message_packages import wheels
 
     own = []
@@ -103,15 +116,24 @@ def _install(packages: Sequence[MessagePackage], force: bool) -> None:
             click.echo(f"{package.name}: up to date")
             continue
         start = time.monotonic()
-        _build(package, versions[package.name])
+        wheel = folder / wheels.wheel_name(package, versions[package.name]) if folder else None
+        origin = ""
+        if wheel is not None and wheel.is_file() and not force:
+            wheels.install_wheel(wheel)
+            origin = f" from {folder}"
+        else:
+            if wheel is not None and not force:
+                click.echo(f"{package.name}: no wheel in {folder} fits, so one is built", err=True)
+            _build(package, versions[package.name], folder)
         count = len(package.interfaces)
         interfaces = "1 interface" if count == 1 else f"{count} interfaces"
-        click.echo(f"{package.name}: {interfaces} installed in {time.monotonic() - start:.0f} s")
+        click.echo(f"{package.name}: {interfaces} installed{origin} in {time.monotonic() - start:.0f} s")
 
 
-def _build(package: MessagePackage, version: str) -> None:
+def _build(package: MessagePackage, version: str, kept: Path | None) -> None:
     from btcore_ros2.message_packages import wheels
 
+    _require(wheels.missing_compilers())
     console = Console(stderr=True)
     with Progress(
         TextColumn("[bold]{task.description}"),
@@ -123,4 +145,4 @@ def _build(package: MessagePackage, version: str) -> None:
         disable=not console.is_terminal,
     ) as progress:
         task = progress.add_task(package.name, total=wheels.count_jobs(package))
-        wheels.build_and_install(package, version, lambda: progress.advance(task))
+        wheels.build_and_install(package, version, lambda: progress.advance(task), kept)

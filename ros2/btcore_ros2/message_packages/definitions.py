@@ -70,6 +70,8 @@ def bundled_packages() -> list[str]:
 def find_packages(sources: Iterable[str]) -> list[MessagePackage]:
     """Return the packages in the folders *sources*, which can also be names of `bundled_packages`.
 
+    The bundled packages that a bundled package needs are added.
+
     Raises:
         RosError: A source is unknown or contains no package, two packages have the same name, or a definition
             is not valid.
@@ -83,6 +85,10 @@ def find_packages(sources: Iterable[str]) -> list[MessagePackage]:
                     f"the package {package.name} is in {found[package.name].folder} and in {folder}; "
                     "name only one of the folders"
                 )
+    bundled = [package for package in found.values() if package.folder.parent == BUNDLED]
+    needed = {name for package in bundled for name in package.needs} & set(bundled_packages())
+    for name in sorted(needed - found.keys()):
+        found[name] = _read(BUNDLED / name)
     return list(found.values())
 
 

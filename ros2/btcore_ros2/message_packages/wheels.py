@@ -24,6 +24,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
+from btcore.output_files import write_file
 from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_ros2.errors import RosError
 from btcore_ros2.message_packages.definitions import KINDS, MessagePackage
@@ -66,8 +67,8 @@ def installed_messages(prefix: Path) -> set[tuple[str, str]]:
     return {(path.parts[-3], path.stem) for path in prefix.glob("share/*/msg/*.idl")}
 
 
-def missing_tools() -> list[str]:
-    """Return what is missing to build wheels: a sentence each, with the command that installs it."""
+def missing_generators() -> list[str]:
+    """Return what of ROS 2 is missing to build wheels: a sentence each, with the command that installs it."""
     missing = []
     generators = sysconfig.get_path("purelib")
     absent = [name for name in GENERATORS if not Path(generators, name).is_dir()]
@@ -75,14 +76,20 @@ def missing_tools() -> list[str]:
         missing.append(
             f"ROS 2's generators are not installed ({', '.join(absent)}): pip install 'btcore[ros2]'"
         )
+    if not (Path(sys.prefix) / "include" / "rosidl_runtime_c").is_dir():
+        missing.append(f"{sys.prefix} does not contain ROS 2's headers: pip install 'btcore[ros2]'")
+    return missing
+
+
+def missing_compilers() -> list[str]:
+    """Return what of the system is missing to build wheels, like `missing_generators`."""
+    missing = []
     for name, package in ((_compiler("CC", "cc"), "gcc"), (_compiler("CXX", "c++"), "g++")):
         if shutil.which(name[0]) is None:
             missing.append(f"the compiler '{name[0]}' is not installed: sudo apt install {package}")
     if not Path(sysconfig.get_path("include"), "Python.h").exists():
         headers = f"python{sys.version_info.major}.{sys.version_info.minor}-dev"
         missing.append(f"Python.h of this Python is not installed: sudo apt install {headers}")
-    if not (Path(sys.prefix) / "include" / "rosidl_runtime_c").is_dir():
-        missing.append(f"{sys.prefix} does not contain ROS 2's headers: pip install 'btcore[ros2]'")
     return missing
 
 
@@ -122,47 +129,72 @@ def wheel_version(package: MessagePackage, needed: Mapping[str, str]) -> str:
     return f"{release[0] if release else '0'}{MARK}{digest}"
 
 
+def wheel_name(package: MessagePackage, wheel: str) -> str:
+    """Return the file name of the wheel of *package* for this machine and Python; *wheel* is its version."""
+    return f"{distribution(package.name).replace('-', '_')}-{wheel}-{_tag()}.whl"
+
+
+def _tag() -> str:
+    """Return the tag of the wheels that this Python builds."""
+    python = f"cp{sys.version_info.major}{sys.version_info.minor}"
+    return f"{python}-{python}-{re.sub(r'[-.]', '_', sysconfig.get_platform())}"
+
+
 def count_jobs(package: MessagePackage) -> int:
     """Return how often `build_and_install` calls its *done*."""
     return 7 + len(_groups(package)) * 6 + 1 + len(_LIBRARIES) + 1 + 1
 
 
-def build_and_install(package: MessagePackage, wheel: str, done: Callable[[], None]) -> None:
+def build_and_install(
+    package: MessagePackage, wheel: str, done: Callable[[], None], kept: Path | None = None
+) -> None:
     """Build the wheel of *package* in a temporary folder and install it.
-
-    pip installs it in a process of its own that Ctrl-C does not reach, so that the package is installed
-    completely or not at all.
 
     Args:
         package: The package; the packages that it needs must be installed.
         wheel: Its `wheel_version`.
         done: Called after each step; see `count_jobs`.
+        kept: A folder into which the wheel is copied.
 
     Raises:
-        RosError: A generator, a compiler or pip failed.
+        RosError: A generator, a compiler or pip failed, or *kept* cannot be written.
     """
     with tempfile.TemporaryDirectory(prefix="btcore-messages-") as temporary:
-        _install_wheel(build_wheel(package, wheel, Path(temporary), done), Path(temporary))
+        built = build_wheel(package, wheel, Path(temporary), done)
+        if kept is not None:
+            try:
+                kept.mkdir(parents=True, exist_ok=True)
+                write_file(kept / built.name, built.read_bytes())
+            except OSError as error:
+                raise RosError(f"{kept}: {error.strerror or error}") from error
+        install_wheel(built)
         done()
 
 
 def build_wheel(package: MessagePackage, wheel: str, folder: Path, done: Callable[[], None]) -> Path:
     """Build the wheel of *package* in an empty *folder*, and return its path; see `build_and_install`."""
-    build = _Build(package, folder.resolve(), done)
+    build = Build(package, folder.resolve(), done)
+    build.describe()
     build.generate()
     build.compile()
     return build.pack(wheel)
 
 
-def _install_wheel(wheel: Path, folder: Path) -> None:
-    """Install a wheel with pip, in place of its other versions."""
+def install_wheel(wheel: Path) -> None:
+    """Install a wheel with pip, in place of its other versions.
+
+    pip runs in a process of its own that Ctrl-C does not reach, so that the package is installed completely
+    or not at all.
+
+    Raises:
+        RosError: pip failed.
+    """
     command = [sys.executable, "-m", "pip", "install", "--no-index", "--no-deps", "--force-reinstall"]
     quiet = ["--quiet", "--disable-pip-version-check", "--root-user-action=ignore"]
-    log = folder / "pip.log"
-    with log.open("wb") as output:
+    with tempfile.TemporaryFile() as log:
         process = subprocess.Popen(
             [*command, *quiet, str(wheel)],
-            stdout=output,
+            stdout=log,
             stderr=subprocess.STDOUT,
             start_new_session=True,
             creationflags=NEW_PROCESS_GROUP,
@@ -172,13 +204,13 @@ def _install_wheel(wheel: Path, folder: Path) -> None:
         except BaseException:
             process.wait()
             raise
+        log.seek(0)
+        output = log.read().decode(errors="replace").strip()
     if code != 0:
-        raise RosError(
-            f"pip failed with exit code {code}:\n{log.read_text(encoding='utf-8', errors='replace').strip()}"
-        )
+        raise RosError(f"pip failed with exit code {code}:\n{output}")
 
 
-class _Build:
+class Build:
     """The folder of a build.
 
     Args:
@@ -198,14 +230,13 @@ class _Build:
         self.python = folder / "python" / self.name
         self.introspection = folder / "introspection" / self.name  # its files have the same names as others
         self.libraries = folder / "lib"
-        self.libraries.mkdir()
         self.extension = self.python / f"{self.name}_s__rosidl_typesupport_c.so"
 
     def _run(self, *commands: Sequence[str]) -> None:
         run_jobs(commands, self.folder, self.done)
 
-    def generate(self) -> None:
-        """Write the definitions as .idl files with type hashes, and the sources in C, C++ and Python."""
+    def describe(self) -> None:
+        """Write the definitions as .idl files, and their type descriptions with type hashes."""
         for one in self.package.interfaces:
             file = self.share / one.kind / f"{one.name}.{one.kind}"
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -216,14 +247,18 @@ class _Build:
         adapter = [sys.executable, "-m", "rosidl_adapter", "--package-name", self.name]
         outputs = ["--output-dir", str(self.share), "--output-file", str(self.folder / "idl.txt")]
         self._run([*adapter, "--arguments-file", str(tuples), *outputs])
-        installed = sorted((self.prefix / "share").iterdir())
+        shares = (self.prefix / "share", self.share.parent)  # of a package in both, the second is used
+        described = [path for share in shares for path in sorted(share.iterdir()) if (path / "msg").is_dir()]
         self._run(
             self._generator(
                 "rosidl_generator_type_description",
                 self.share,
-                include_paths=[f"{path.name}:{path}" for path in installed if (path / "msg").is_dir()],
+                include_paths=[f"{path.name}:{path}" for path in described],
             )
         )
+
+    def generate(self) -> None:
+        """Write the sources in C, C++ and Python."""
         descriptions = [
             f"{one.kind}/{one.name}.idl:{self.share / one.kind / one.name}.json"
             for one in self.package.interfaces
@@ -330,6 +365,7 @@ class _Build:
         commands.append([*c, *options, str(entry), "-o", str(module)])
         # The C++ files take longest.
         self._run(*sorted(commands, key=lambda command: command[0] != cpp[0]))
+        self.libraries.mkdir()
         libraries = self.prefix / "lib"
         runtime = [str(libraries / f"lib{name}.so") for name in _RUNTIME]
         shared = [*cpp, "-shared", "-Wl,--as-needed"]
@@ -351,9 +387,7 @@ class _Build:
         """Write the wheel of the version *wheel*, and return its path."""
         distributed = distribution(self.name)
         stem = f"{distributed.replace('-', '_')}-{wheel}"
-        platform = re.sub(r"[-.]", "_", sysconfig.get_platform())
-        python = f"cp{sys.version_info.major}{sys.version_info.minor}"
-        tag = f"{python}-{python}-{platform}"
+        tag = _tag()
         data = f"{stem}.data/data"
         contents: dict[str, bytes] = {
             f"{data}/share/ament_index/resource_index/packages/{self.name}": b"",
@@ -382,7 +416,7 @@ class _Build:
             f"Wheel-Version: 1.0\nGenerator: btcore\nRoot-Is-Purelib: false\nTag: {tag}\n".encode()
         )
         contents[f"{stem}.dist-info/RECORD"] = _record(contents, f"{stem}.dist-info/RECORD")
-        path = self.folder / f"{stem}-{tag}.whl"
+        path = self.folder / wheel_name(self.package, wheel)
         with zipfile.ZipFile(path, "w") as archive:
             for name, content in contents.items():
                 archive.writestr(name, content)

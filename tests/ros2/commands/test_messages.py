@@ -46,9 +46,14 @@ def test_without_ros_the_command_names_the_extra() -> None:
 
 
 @needs_ros
-def test_a_missing_compiler_is_reported_with_the_command_that_installs_it() -> None:
-    code, output = run("tf2_msgs", CXX="no-such-compiler")
+def test_a_missing_compiler_is_reported_if_no_wheel_fits(tmp_path: Path) -> None:
+    workspace, wheels = tmp_path / "made_msgs", tmp_path / "wheels"
+    for folder, file in ((workspace, "msg/Made.msg"), (wheels, "ros_made_msgs-0-py3-none-any.whl")):
+        (folder / file).parent.mkdir(parents=True)
+        (folder / file).write_text("int8 x\n")
+    code, output = run(str(workspace), "--wheels", str(wheels), CXX="no-such-compiler")
     assert code == 2
+    assert f"made_msgs: no wheel in {wheels} fits, so one is built" in output
     assert "the compiler 'no-such-compiler' is not installed: sudo apt install g++" in output
 
 
@@ -56,14 +61,14 @@ def test_a_missing_compiler_is_reported_with_the_command_that_installs_it() -> N
 def test_packages_from_elsewhere_stay_and_missing_messages_are_named(tmp_path: Path) -> None:
     for file in ("geometry_msgs/msg/Point.msg", "made_msgs/msg/Made.msg"):
         (tmp_path / file).parent.mkdir(parents=True)
-        (tmp_path / file).write_text("geographic_msgs/GeoPoint here\n")
+        (tmp_path / file).write_text("far_msgs/Far here\n")
     code, output = run(str(tmp_path))
     assert code == 2
     assert (
         f"geometry_msgs: {version('ros-geometry-msgs')} is installed from elsewhere, and stays as it is"
         in output
     )
-    assert "made_msgs: Made is left out, because geographic_msgs/GeoPoint is not installed" in output
+    assert "made_msgs: Made is left out, because far_msgs/Far is not installed" in output
     assert "nothing is left to build" in output
 
 

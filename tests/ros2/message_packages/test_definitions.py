@@ -32,9 +32,21 @@ def names(packages: object) -> dict[str, list[str]]:
 
 def test_bundled_definitions_need_only_messages_of_the_extra_ros2() -> None:
     packages = find_packages(bundled_packages())
-    assert set(names(packages)) == {"btcpp_ros2_interfaces", "nav2_msgs", "tf2_msgs"}
+    assert set(names(packages)) == {"btcpp_ros2_interfaces", "geographic_msgs", "nav2_msgs", "tf2_msgs"}
     needed = {name for package in packages for name in package.needs}
-    assert needed <= {"builtin_interfaces", "geometry_msgs", "nav_msgs", "std_msgs"}
+    installed = {"builtin_interfaces", "geometry_msgs", "nav_msgs", "std_msgs", "unique_identifier_msgs"}
+    assert needed <= {*installed, "geographic_msgs"}
+
+
+def test_a_bundled_package_brings_the_bundled_packages_that_it_needs(tmp_path: Path) -> None:
+    counts = {name: len(found) for name, found in names(find_packages(["nav2_msgs"])).items()}
+    assert counts == {"nav2_msgs": 51, "geographic_msgs": 20}
+    own = write(tmp_path, {"geographic_msgs/msg/GeoPose.msg": "float64 latitude\n"})
+    assert names(find_packages(["nav2_msgs", own]))["geographic_msgs"] == ["GeoPose"]
+    assert names(select(find_packages(["nav2_msgs"]), ["FollowGPSWaypoints"])) == {
+        "nav2_msgs": ["WaypointStatus", "FollowGPSWaypoints"],
+        "geographic_msgs": ["GeoPoint", "GeoPose"],
+    }
 
 
 def test_a_workspace_contains_packages_in_any_depth_except_in_the_folders_of_colcon(tmp_path: Path) -> None:

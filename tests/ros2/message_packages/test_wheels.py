@@ -64,24 +64,20 @@ def test_a_wheel_of_messages_services_and_actions_works_with_rclpy(
     package: MessagePackage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(wheels, "_OPTIMIZATION", "-O0")  # compiles faster
+    monkeypatch.setenv("PIP_PREFIX", str(tmp_path / "first"))  # not into the environment of the tests
     steps: list[None] = []
-    (tmp_path / "build").mkdir()
+    kept = tmp_path / "wheels"
     version = wheels.wheel_version(package, {})
-    wheel = wheels.build_wheel(package, version, tmp_path / "build", lambda: steps.append(None))
-    assert len(steps) == wheels.count_jobs(package) - 1  # the last step is the installation
-    prefix = tmp_path / "prefix"
-    pip = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--no-index",
-        "--no-deps",
-        "--prefix",
-        str(prefix),
-    ]
-    subprocess.run([*pip, str(wheel)], check=True)
+    wheels.build_and_install(package, version, lambda: steps.append(None), kept)
+    assert len(steps) == wheels.count_jobs(package)
+    [wheel] = kept.iterdir()
+    assert wheel.name == wheels.wheel_name(package, version)
+
+    prefix = tmp_path / "second"
+    command = [sys.executable, "-m", "btcore", "ros2", "messages", str(package.folder), "--wheels", str(kept)]
+    without_compiler = {**os.environ, "PIP_PREFIX": str(prefix), "CXX": "no-such-compiler"}
+    done = subprocess.run(command, env=without_compiler, capture_output=True, text=True, check=False)
+    assert f"made_msgs: 4 interfaces installed from {kept} in " in done.stdout, done.stderr
     site = sysconfig.get_path("purelib", vars={"base": str(prefix)})
     libraries = os.pathsep.join([str(prefix / "lib"), os.environ.get("LD_LIBRARY_PATH", "")])
     done = subprocess.run(
