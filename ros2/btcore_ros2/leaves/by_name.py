@@ -1,48 +1,22 @@
 """Leaves that need no code: the XML names the message, service or action, and contains its fields as JSON."""
 
-import enum
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from btcore import Blackboard, Direction, In, LiteralProblem, Port, StatefulAction, Status
 from btcore.clock import NS_PER_MS, NS_PER_S
-from btcore.suggestions import did_you_mean, join_names
 from btcore.values import STRING
 from btcore_ros2.interfaces import interface_name
 from btcore_ros2.leaves.action import ActionErrorCode, RosAction
 from btcore_ros2.leaves.endpoint import Endpoint
 from btcore_ros2.leaves.message_port import TYPE_PORT, MessagePort, load_type, message_problems
+from btcore_ros2.leaves.qos import Qos, why_silent, why_unheard
 from btcore_ros2.leaves.service import RosService, ServiceErrorCode
-from btcore_ros2.leaves.topics import RosPublisher
 from btcore_ros2.message_values import read_field
 from btcore_ros2.session import RosSession
 
-if TYPE_CHECKING:
-    from rclpy.qos import QoSProfile
-
 log = logging.getLogger(__name__)
-
-
-class Qos(enum.Enum):
-    """The quality of service of a topic, by its usual names."""
-
-    reliable = 1
-    """Reliable, with a depth of 10."""
-    sensor_data = 2
-    """Best effort, with a depth of 5: for sensors, whose publishers often are best effort."""
-    latched = 3
-    """Reliable and transient local, with a depth of 1: late subscribers get the last message, as of a map."""
-
-    def profile(self) -> "QoSProfile":
-        """Return the profile."""
-        from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-
-        if self is Qos.sensor_data:
-            return qos_profile_sensor_data
-        if self is Qos.latched:
-            return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        return QoSProfile(depth=10)
 
 
 def _type_port(example: str) -> Port:
@@ -232,8 +206,11 @@ class RosServiceCall(_ByName, RosService):
         return Status.FAILURE
 
 
-class RosTopicPublish(_ByName, RosPublisher):
-    """Publishes a message to a topic of ROS 2 in each tick, and succeeds.
+class RosTopicPublish(_ByName, StatefulAction):
+    """Publishes a message to a topic of ROS 2, and succeeds.
+
+    The first message waits for a subscriber, because ROS 2 needs some time to find it. If there is none after
+    `wait_for_subscriber_timeout`, the message is published nevertheless, and `error` has the reason.
 
     `type` names the message, and `message` holds its fields. In the JSON a text "{key}" stands for the entry
     `key` of the blackboard. The name of the topic is `topic_name`; without it, the instance name (`name`) is
@@ -246,8 +223,14 @@ class RosTopicPublish(_ByName, RosPublisher):
 
     topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
     qos: Annotated[In[Qos], "the quality of service: reliable, sensor_data or latched"] = Qos.reliable
+    wait_for_subscriber_timeout: Annotated[
+        In[int], "the time (ms), after the publisher was created, in which a subscriber must appear"
+    ] = 500
     node_symbol: ClassVar[str] = "↑"
     may_return: ClassVar[frozenset[Status]] = frozenset({Status.SUCCESS})
+    may_complete_on_start: ClassVar[bool] = True
+    state_fields: ClassVar[tuple[str, ...] | None] = None
+    uses: ClassVar[frozenset[str] | None] = frozenset()
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -255,7 +238,13 @@ class RosTopicPublish(_ByName, RosPublisher):
         return [
             _type_port("geometry_msgs/msg/Twist"),
             _message_port("message", "the message"),
+            _error_output("why no subscriber gets the message, or an empty text"),
         ]
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the error is written whatever the result is, for proofs."""
+        return {"writes": "error"}
 
     @classmethod
     def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
@@ -263,16 +252,54 @@ class RosTopicPublish(_ByName, RosPublisher):
         return message_problems(literals, "msg", {"message": ""}, {})
 
     def __init__(self, session: RosSession, board: Blackboard) -> None:
-        self.message_type = load_type(self, "msg")
-        self._message_port = MessagePort(self, "message", self.message_type, session)
-        super().__init__(session)
+        self.session = session
+        self._message_type = load_type(self, "msg")
+        self._message_port = MessagePort(self, "message", self._message_type, session)
+        self._message: Any = None
+        self._unheard = ("", "")  # the topic without a subscriber, and the error
+        key = ("publisher", self._message_type, self.qos)
+        self._endpoint = Endpoint(self, session, "topic_name", key, self._connect)
 
     def _connect(self, name: str) -> Any:
-        return self.session.node.create_publisher(self.message_type, name, self.qos.profile())
+        return self.session.node.create_publisher(self._message_type, name, self.qos.profile())
 
-    def make_message(self) -> Any:
-        """Return the message in the port."""
-        return self._message_port.read()
+    def on_start(self) -> Status:
+        """Read the message, and publish it if there is a subscriber."""
+        self._message = self._message_port.read()
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        """Publish the message if there is a subscriber, or continue to wait."""
+        self.session.refresh()
+        publisher = self._endpoint.get()
+        is_heard = publisher.get_subscription_count() > 0
+        settling = self._endpoint.settling_time(is_visible=is_heard)
+        limit = self._endpoint.created + self.wait_for_subscriber_timeout * NS_PER_MS
+        must_wait = settling > 0 if is_heard else not self.has_passed(limit)
+        if must_wait and self.wait_for_subscriber_timeout > 0:
+            self.wake_at(self.now() + settling if is_heard else limit)
+            return Status.RUNNING
+        self.on_halted()
+        publisher.publish(self._message)
+        self.write_error("" if is_heard else self._report_unheard())
+        if is_heard:
+            self._unheard = ("", "")
+        return Status.SUCCESS
+
+    def _report_unheard(self) -> str:
+        """Return why no subscriber gets the message, and log it once."""
+        name = self._endpoint.name
+        if self.qos is Qos.latched:  # later subscribers get the message
+            return ""
+        if name != self._unheard[0]:
+            reason = why_unheard(self.session.node, name, interface_name(self._message_type))
+            self._unheard = (name, f"no subscriber of the topic '{name}' gets the message: {reason}")
+            log.warning("%s: %s", self.path, self._unheard[1])
+        return self._unheard[1]
+
+    def on_halted(self) -> None:
+        """Stop waiting."""
+        self.cancel_wake_up()
 
 
 class _Newest:
@@ -385,34 +412,3 @@ class RosTopicRead(_ByName, StatefulAction):
         """Stop waiting."""
         self.cancel_wake_up()
         self._endpoint.get().waiting.discard(self)
-
-
-def why_silent(node: Any, name: str, kind: str, qos: Qos) -> str:
-    """Return the probable reason why no message of the topic *name* has arrived, and what to do.
-
-    Args:
-        node: The ROS node.
-        name: The name of the topic.
-        kind: The ROS name of the message that is expected.
-        qos: The quality of service of the subscription.
-    """
-    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-
-    name = node.resolve_topic_name(name)
-    publishers = node.get_publishers_info_by_topic(name)
-    if not publishers:
-        similar = did_you_mean(
-            name, [topic for topic, _ in node.get_topic_names_and_types() if topic != name]
-        )
-        return f"nothing publishes it{similar}"
-    others = sorted({info.topic_type for info in publishers} - {kind})
-    if len(others) > 0 and not any(info.topic_type == kind for info in publishers):
-        return f"its type is {join_names(others)}"
-    profiles = [info.qos_profile for info in publishers]
-    best_effort = all(profile.reliability == ReliabilityPolicy.BEST_EFFORT for profile in profiles)
-    if best_effort and qos is not Qos.sensor_data:
-        return 'its publishers are best effort: write qos="sensor_data"'
-    volatile = all(profile.durability == DurabilityPolicy.VOLATILE for profile in profiles)
-    if volatile and qos is Qos.latched:
-        return 'its publishers are volatile: write qos="reliable"'
-    return "its publishers have sent nothing"

@@ -179,17 +179,23 @@ def test_missing_service_fails_with_a_reason(session: RosSession) -> None:
     assert "no service 'swich' (std_srvs/srv/SetBool)" in tree.blackboard["error"]
 
 
-def test_message_is_published_and_read(session: RosSession) -> None:
-    body = """<Sequence>
-      <RosTopicPublish topic_name="words" type="std_msgs/String" message='json:{"data": "{word}"}'/>
-      <RosTopicRead name="heard" type="std_msgs/String" qos="latched" message="{answer}" field="data"
-          timeout="60000"/>
-    </Sequence>"""
-    tree = tree_of(body, session, word="hello")
-    assert session.wait_for(lambda: session.node.count_subscribers("words"), LIMIT_S)
-    # A publisher connects to a subscription of another process some time after both are visible.
-    assert session.wait_for(lambda: tree.tick_while_running() is Status.SUCCESS, LIMIT_S)
-    assert tree.blackboard["answer"] == "hello"
+def test_message_of_the_first_tick_reaches_a_subscriber_and_is_read(session: RosSession) -> None:
+    publish = """<RosTopicPublish topic_name="words" type="std_msgs/String" message='json:{"data": "{word}"}'
+        wait_for_subscriber_timeout="60000" error="{error}"/>"""
+    read = """<RosTopicRead name="heard" type="std_msgs/String" qos="latched" message="{answer}" field="data"
+        timeout="60000"/>"""
+    reading = tree_of(read, session)
+
+    def answer() -> object:
+        assert reading.tick_while_running() is Status.SUCCESS
+        return reading.blackboard["answer"]
+
+    for word in ("hello", "again"):
+        with RosSession("speaker") as speaker:  # it has not discovered the subscriber yet
+            tree = tree_of(publish, speaker, word=word)
+            assert tree.tick_while_running() is Status.SUCCESS
+            assert tree.blackboard["error"] == ""
+            assert session.wait_for(lambda word=word: answer() == word, LIMIT_S)
 
 
 def test_best_effort_topic_is_read_with_the_profile_of_sensors(session: RosSession) -> None:

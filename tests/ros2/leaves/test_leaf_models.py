@@ -227,13 +227,26 @@ def publish_schedule(stage: Stage) -> None:
     node.create_subscription(Bool, "other_type", heard.append, 1)
     stage.load(f'name="other_type" {attributes}', word="one")
     stage.wait_for(lambda: stage.session.node.count_subscribers("other_type"))
+    stage.pass_time()
     assert stage.tick() is SUCCESS
+    assert stage.error.endswith("its type is std_msgs/msg/Bool")
     stage.load(f'name="words" {attributes}', word="one")
+    assert stage.tick() is RUNNING
+    stage.halt()  # while the leaf waits for a subscriber
+    assert stage.tick() is RUNNING
+    stage.pass_time()
     assert stage.tick() is SUCCESS
+    assert "no subscriber of the topic 'words' gets the message: nothing subscribes to it" in stage.error
+    stage.load(f'name="words" qos="latched" wait_for_subscriber_timeout="0" {attributes}', word="one")
+    assert stage.tick() is SUCCESS  # at once
+    assert stage.error == ""
+    stage.load(f'name="words" wait_for_subscriber_timeout="60000" {attributes}', word="two")
+    stage.pass_time(59_999)
+    assert stage.tick() is RUNNING
     node.create_subscription(String, "words", lambda message: heard.append(message.data), 1)
-    stage.tree.blackboard["word"] = "two"
-    stage.wait_for(lambda: stage.tick() is SUCCESS and heard)
-    assert heard[0] == "two"
+    stage.tick_until(SUCCESS)
+    stage.wait_for(lambda: heard)
+    assert (heard, stage.error) == (["two"], "")
 
 
 def read_schedule(stage: Stage) -> None:
