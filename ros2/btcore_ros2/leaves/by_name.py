@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Final
 
 from btcore import Blackboard, Direction, In, LiteralProblem, Port, StatefulAction, Status
 from btcore.clock import NS_PER_MS, NS_PER_S
@@ -17,6 +17,8 @@ from btcore_ros2.message_values import read_field
 from btcore_ros2.session import RosSession
 
 log = logging.getLogger(__name__)
+
+WAIT_FOR_SERVER: Final = "the time (ms), after the client was created, in which the server must appear"
 
 
 def _type_port(example: str) -> Port:
@@ -74,9 +76,9 @@ class RosActionCall(_ByName, RosAction):
     of the blackboard. The name of the action is `action_name`; without it, the instance name (`name`) is the
     name of the action.
 
-    The leaf fails if there is no server, if the server does not accept the goal within `server_timeout`, or
-    if the goal is aborted or cancelled. Then `error` gets the reason, and `result` the result of the aborted
-    goal. If the leaf is halted, the goal is cancelled.
+    The leaf fails if there is no server after `wait_for_server_timeout`, if the server does not accept the
+    goal within `server_timeout`, or if the goal is aborted or cancelled. Then `error` gets the reason, and
+    `result` the result of the aborted goal. If the leaf is halted, the goal is cancelled.
 
     Args:
         session: The session, a resource of the tree.
@@ -85,6 +87,7 @@ class RosActionCall(_ByName, RosAction):
 
     action_name: Annotated[In[str], "the action; default: the instance name"] = ""
     server_timeout: Annotated[In[int], "the time (ms) that the server has to accept the goal"] = 1000
+    wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = 500
     node_symbol: ClassVar[str] = "⇄"
 
     @staticmethod
@@ -146,8 +149,8 @@ class RosServiceCall(_ByName, RosService):
     is the name of the service.
 
     The leaf succeeds when the response has arrived. It fails if the response has a boolean field `success`
-    that is false, as in std_srvs, if there is no server, or if the server does not answer within
-    `server_timeout`; `error` then gets the reason.
+    that is false, as in std_srvs, if there is no server after `wait_for_server_timeout`, or if the server
+    does not answer within `server_timeout`; `error` then gets the reason.
 
     Args:
         session: The session, a resource of the tree.
@@ -156,6 +159,7 @@ class RosServiceCall(_ByName, RosService):
 
     service_name: Annotated[In[str], "the service; default: the instance name"] = ""
     server_timeout: Annotated[In[int], "the time (ms) that the server has to answer"] = 1000
+    wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = 500
     node_symbol: ClassVar[str] = "⇄"
 
     @staticmethod

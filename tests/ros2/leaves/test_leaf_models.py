@@ -124,6 +124,9 @@ def action_schedule(stage: Stage) -> None:
     assert stage.tick() is FAILURE
     assert "no action server" in stage.error
     assert stage.tick() is FAILURE  # at once
+    stage.load(f'name="count" wait_for_server_timeout="60000" {attributes}', n=3)
+    stage.pass_time(59_999)
+    assert stage.tick() is RUNNING
     reject_reason = ""
     server = RosActionServer[Any, Any, Any](
         stage.other, Fibonacci, "count", reject_reason=lambda goal: reject_reason
@@ -198,6 +201,9 @@ def service_schedule(stage: Stage) -> None:
         response.success = request.data
         return response
 
+    stage.load(f'name="switch" wait_for_server_timeout="60000" {attributes}', on=True)
+    stage.pass_time(59_999)
+    assert stage.tick() is RUNNING
     service = node.create_service(SetBool, "switch", switch)
     known = RosActionServer[Any, Any, Any](stage.other, Fibonacci, "known")
     wait_until_known(stage.session, known.name)
