@@ -13,7 +13,7 @@ from btcore_ros2.leaves.endpoint import Endpoint
 from btcore_ros2.leaves.message_port import TYPE_PORT, MessagePort, load_type, message_problems
 from btcore_ros2.leaves.qos import Qos, why_silent, why_unheard
 from btcore_ros2.leaves.service import RosService, ServiceErrorCode
-from btcore_ros2.message_values import read_field
+from btcore_ros2.message_values import MissingItemError, read_field
 from btcore_ros2.session import RosSession
 
 log = logging.getLogger(__name__)
@@ -56,17 +56,30 @@ class _ByName:
         name: str = self.config.name
         return "" if name == self.config.id else name
 
-    def write(self, port: str, message: Any, field_port: str) -> None:
-        """Write *message*, or its field that the port *field_port* names, to an output that is connected."""
+    def write(self, port: str, message: Any, field_port: str) -> str:
+        """Write *message*, or its field that the port *field_port* names, to an output that is connected.
+
+        Returns:
+            Why nothing was written, if the field is an item that a list does not have; otherwise "".
+        """
         output = self.config.outputs.get(port)
         if output is not None and output.key is not None:
-            output.write(read_field(message, self.get_input(field_port)))
+            try:
+                output.write(read_field(message, self.get_input(field_port)))
+            except MissingItemError as error:
+                return f"{field_port}={error}"
+        return ""
 
     def write_error(self, text: str) -> None:
         """Write *text* to the output `error`, if it is connected."""
         output = self.config.outputs.get("error")
         if output is not None and output.key is not None:
             output.write(text)
+
+    def complete(self, error: str) -> Status:
+        """Write *error*, and return SUCCESS if there is none."""
+        self.write_error(error)
+        return Status.FAILURE if error else Status.SUCCESS
 
 
 class RosActionCall(_ByName, RosAction):
@@ -124,21 +137,18 @@ class RosActionCall(_ByName, RosAction):
         return self._goal_port.read()
 
     def on_feedback(self, feedback: Any) -> Any:
-        """Write the feedback."""
+        """Write the feedback. While a list has no such item, the last value remains."""
         self.write("feedback", feedback, "feedback_field")
 
     def on_result(self, result: Any) -> Any:
         """Write the result."""
-        self.write("result", result, "result_field")
-        self.write_error("")
-        return Status.SUCCESS
+        return self.complete(self.write("result", result, "result_field"))
 
     def on_failure(self, error: ActionErrorCode) -> Any:
         """Write the error, and the result of an aborted goal."""
         if error in (ActionErrorCode.ACTION_ABORTED, ActionErrorCode.ACTION_CANCELLED):
             self.write("result", self.last_result, "result_field")
-        self.write_error(self.error_message)
-        return Status.FAILURE
+        return self.complete(self.error_message)
 
 
 class RosServiceCall(_ByName, RosService):
@@ -194,20 +204,15 @@ class RosServiceCall(_ByName, RosService):
 
     def on_response(self, response: Any) -> Any:
         """Write the response."""
-        self.write("response", response, "response_field")
+        problem = self.write("response", response, "response_field")
         if getattr(response, "success", True) is False:
             message = getattr(response, "message", "")
-            self.write_error(
-                f"the service '{self._endpoint.name}' did not succeed" + (message and f": {message}")
-            )
-            return Status.FAILURE
-        self.write_error("")
-        return Status.SUCCESS
+            problem = f"the service '{self._endpoint.name}' did not succeed" + (message and f": {message}")
+        return self.complete(problem)
 
     def on_failure(self, error: ServiceErrorCode) -> Any:
         """Write the error."""
-        self.write_error(self.error_message)
-        return Status.FAILURE
+        return self.complete(self.error_message)
 
 
 class RosTopicPublish(_ByName, StatefulAction):
@@ -395,9 +400,7 @@ class RosTopicRead(_ByName, StatefulAction):
             age = self.session.clock.now() - newest.stamp
             if self.max_age <= 0 or age <= self.max_age * NS_PER_S:
                 self.on_halted()
-                self.write("message", newest.message, "field")
-                self.write_error("")
-                return Status.SUCCESS
+                return self.complete(self.write("message", newest.message, "field"))
         if self.timeout > 0 and not self.has_passed(self._deadline):
             newest.waiting.add(self)
             self.wake_at(self._deadline)
@@ -409,8 +412,7 @@ class RosTopicRead(_ByName, StatefulAction):
         if newest.message is None and error != self._logged:
             self._logged = error
             log.warning("%s: %s", self.path, error)
-        self.write_error(error)
-        return Status.FAILURE
+        return self.complete(error)
 
     def on_halted(self) -> None:
         """Stop waiting."""

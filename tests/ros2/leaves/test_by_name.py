@@ -63,6 +63,26 @@ def test_goal_in_json_is_sent_to_the_action_that_the_instance_name_names(session
     assert tree.blackboard["error"] == ""
 
 
+def test_item_that_a_list_does_not_have_is_a_failure_with_a_reason(session: RosSession) -> None:
+    fields = 'result_field="sequence[3]" feedback_field="sequence[1]"/>'
+    tree = tree_of(COUNT.replace("/>", fields), session, feedback="before")
+    assert tree.tick_while_running() is Status.FAILURE
+    assert tree.blackboard["error"] == "result_field='sequence[3]': the list 'sequence' has 3 items"
+    assert tree.blackboard["feedback"] == "before"
+    with pytest.raises(KeyError):
+        tree.blackboard["result"]
+    call = """<RosServiceCall name="/plain_server/list_parameters" type="rcl_interfaces/srv/ListParameters"
+        response="{name}" response_field="result.names[99]" error="{error}" server_timeout="60000"/>"""
+    tree = tree_of(call, session)
+    assert tree.tick_while_running() is Status.FAILURE
+    assert "response_field='result.names[99]': the list 'result.names' has" in tree.blackboard["error"]
+    read = """<RosTopicRead name="battery" type="sensor_msgs/msg/BatteryState" qos="sensor_data"
+        field="cell_voltage[0]" message="{volt}" error="{error}" timeout="60000"/>"""
+    tree = tree_of(read, session)
+    assert tree.tick_while_running() is Status.FAILURE
+    assert tree.blackboard["error"] == "field='cell_voltage[0]': the list 'cell_voltage' has 0 items"
+
+
 def test_action_name_has_precedence_over_the_instance_name(session: RosSession) -> None:
     tree = tree_of(
         COUNT.replace('name="/count"', 'name="Count to 3" action_name="{action}"'), session, action="count"
