@@ -176,7 +176,12 @@ def action_schedule(stage: Stage) -> None:
     for entity in tuple(stage.other.node.waitables):
         if isinstance(entity, ActionServer):
             entity.destroy()
-    stage.tick_until(FAILURE)
+
+    def is_lost() -> bool:
+        stage.pass_time()  # the time between two checks whether the server exists
+        return stage.tick() is FAILURE
+
+    stage.wait_for(is_lost)
     assert "disappeared" in stage.error
 
 
