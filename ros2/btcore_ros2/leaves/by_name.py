@@ -11,7 +11,7 @@ from btcore_ros2.interfaces import interface_name
 from btcore_ros2.leaves.action import ActionErrorCode, RosAction
 from btcore_ros2.leaves.endpoint import Endpoint
 from btcore_ros2.leaves.message_port import TYPE_PORT, MessagePort, load_type, message_problems
-from btcore_ros2.leaves.qos import Qos, why_silent, why_unheard
+from btcore_ros2.leaves.qos import Durability, Qos, Reliability, profile_of, why_silent, why_unheard
 from btcore_ros2.leaves.service import RosService, ServiceErrorCode
 from btcore_ros2.message_values import MissingItemError, read_field
 from btcore_ros2.session import RosSession
@@ -215,7 +215,39 @@ class RosServiceCall(_ByName, RosService):
         return self.complete(self.error_message)
 
 
-class RosTopicPublish(_ByName, StatefulAction):
+class _TopicLeaf(_ByName, StatefulAction):
+    """What the leaves with a topic have in common: its name, type and quality of service."""
+
+    topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
+    qos: Annotated[In[Qos], "the quality of service: reliable, sensor_data or latched"] = Qos.reliable
+    depth: Annotated[In[int], "the number of messages that are kept; 0 = that of qos"] = 0
+    reliability: Annotated[In[Reliability], "reliable or best_effort; default: that of qos"] = (
+        Reliability.as_qos
+    )
+    durability: Annotated[In[Durability], "volatile or transient_local; default: that of qos"] = (
+        Durability.as_qos
+    )
+    may_complete_on_start: ClassVar[bool] = True
+    state_fields: ClassVar[tuple[str, ...] | None] = None
+
+    def __init__(self, session: RosSession) -> None:
+        self.session = session
+        self._message_type = load_type(self, "msg")
+        self._profile = profile_of(self.qos, self.depth, self.reliability, self.durability)
+        profile = (self._profile.depth, self._profile.reliability, self._profile.durability)
+        key = (type(self).__name__, self._message_type, profile)
+        self._endpoint: Endpoint[Any] = Endpoint(self, session, "topic_name", key, self._connect)
+
+    def _connect(self, name: str) -> Any:
+        """Create the publisher or the subscription."""
+        raise NotImplementedError
+
+    def on_halted(self) -> None:
+        """Stop waiting."""
+        self.cancel_wake_up()
+
+
+class RosTopicPublish(_TopicLeaf):
     """Publishes a message to a topic of ROS 2, and succeeds.
 
     The first message waits for a subscriber, because ROS 2 needs some time to find it. If there is none after
@@ -230,15 +262,11 @@ class RosTopicPublish(_ByName, StatefulAction):
         board: The blackboard. Because of this parameter, checks know that the leaf can read any entry.
     """
 
-    topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
-    qos: Annotated[In[Qos], "the quality of service: reliable, sensor_data or latched"] = Qos.reliable
     wait_for_subscriber_timeout: Annotated[
         In[int], "the time (ms), after the publisher was created, in which a subscriber must appear"
     ] = 500
     node_symbol: ClassVar[str] = "↑"
     may_return: ClassVar[frozenset[Status]] = frozenset({Status.SUCCESS})
-    may_complete_on_start: ClassVar[bool] = True
-    state_fields: ClassVar[tuple[str, ...] | None] = None
     uses: ClassVar[frozenset[str] | None] = frozenset()
 
     @staticmethod
@@ -261,16 +289,13 @@ class RosTopicPublish(_ByName, StatefulAction):
         return message_problems(literals, "msg", {"message": ""}, {})
 
     def __init__(self, session: RosSession, board: Blackboard) -> None:
-        self.session = session
-        self._message_type = load_type(self, "msg")
+        super().__init__(session)
         self._message_port = MessagePort(self, "message", self._message_type, session)
         self._message: Any = None
         self._unheard = ("", "")  # the topic without a subscriber, and the error
-        key = ("publisher", self._message_type, self.qos)
-        self._endpoint = Endpoint(self, session, "topic_name", key, self._connect)
 
     def _connect(self, name: str) -> Any:
-        return self.session.node.create_publisher(self._message_type, name, self.qos.profile())
+        return self.session.node.create_publisher(self._message_type, name, self._profile)
 
     def on_start(self) -> Status:
         """Read the message, and publish it if there is a subscriber."""
@@ -297,18 +322,16 @@ class RosTopicPublish(_ByName, StatefulAction):
 
     def _report_unheard(self) -> str:
         """Return why no subscriber gets the message, and log it once."""
+        from rclpy.qos import DurabilityPolicy
+
         name = self._endpoint.name
-        if self.qos is Qos.latched:  # later subscribers get the message
+        if self._profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:  # later subscribers get the message
             return ""
         if name != self._unheard[0]:
             reason = why_unheard(self.session.node, name, interface_name(self._message_type))
             self._unheard = (name, f"no subscriber of the topic '{name}' gets the message: {reason}")
             log.warning("%s: %s", self.path, self._unheard[1])
         return self._unheard[1]
-
-    def on_halted(self) -> None:
-        """Stop waiting."""
-        self.cancel_wake_up()
 
 
 class _Newest:
@@ -328,26 +351,22 @@ class _Newest:
             leaf.wake_up()
 
 
-class RosTopicRead(_ByName, StatefulAction):
+class RosTopicRead(_TopicLeaf):
     """Reads the newest message of a topic of ROS 2, or waits for a message and fails after `timeout`.
 
     If a message has arrived since the tree was loaded, the leaf succeeds at once. With `max_age`, an older
     message does not count. After a failure, `error` has the reason.
 
     `type` names the message. The name of the topic is `topic_name`; without it, the instance name (`name`) is
-    the name of the topic. `qos` must be compatible with the publishers.
+    the name of the topic. The quality of service must be compatible with the publishers.
 
     Args:
         session: The session, a resource of the tree.
     """
 
-    topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
-    qos: Annotated[In[Qos], "the quality of service: reliable, sensor_data or latched"] = Qos.reliable
     timeout: Annotated[In[int], "how long (ms) the leaf waits for a message"] = 1000
     max_age: Annotated[In[float], "the maximum time (s) since the message arrived; 0 = no limit"] = 0.0
     node_symbol: ClassVar[str] = "↓"
-    may_complete_on_start: ClassVar[bool] = True
-    state_fields: ClassVar[tuple[str, ...] | None] = None
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -370,12 +389,9 @@ class RosTopicRead(_ByName, StatefulAction):
         return message_problems(literals, "msg", {}, {"field": ""})
 
     def __init__(self, session: RosSession) -> None:
-        self.session = session
-        self._message_type = load_type(self, "msg")
+        super().__init__(session)
         self._deadline = 0
         self._logged = ""
-        key = ("newest", self._message_type, self.qos)
-        self._endpoint = Endpoint(self, session, "topic_name", key, self._connect)
 
     def _connect(self, name: str) -> _Newest:
         from rclpy.event_handler import SubscriptionEventCallbacks
@@ -383,8 +399,9 @@ class RosTopicRead(_ByName, StatefulAction):
         newest = _Newest(self.session.clock.now)
         # The default callbacks log incompatible publishers, which why_silent() describes.
         callbacks = SubscriptionEventCallbacks(use_default_callbacks=False)
-        node, qos = self.session.node, self.qos.profile()
-        node.create_subscription(self._message_type, name, newest.take, qos, event_callbacks=callbacks)
+        self.session.node.create_subscription(
+            self._message_type, name, newest.take, self._profile, event_callbacks=callbacks
+        )
         return newest
 
     def on_start(self) -> Status:
@@ -407,7 +424,7 @@ class RosTopicRead(_ByName, StatefulAction):
             return Status.RUNNING
         self.on_halted()
         name = self._endpoint.name
-        reason = why_silent(self.session.node, name, interface_name(self._message_type), self.qos)
+        reason = why_silent(self.session.node, name, interface_name(self._message_type), self._profile)
         error = f"no message on the topic '{name}' within {self.timeout} ms: {reason}"
         if newest.message is None and error != self._logged:
             self._logged = error
@@ -416,5 +433,5 @@ class RosTopicRead(_ByName, StatefulAction):
 
     def on_halted(self) -> None:
         """Stop waiting."""
-        self.cancel_wake_up()
+        super().on_halted()
         self._endpoint.get().waiting.discard(self)

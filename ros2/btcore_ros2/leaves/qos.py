@@ -2,8 +2,9 @@
 
 import enum
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
+from btcore import NodeError
 from btcore.suggestions import did_you_mean, join_names
 
 if TYPE_CHECKING:
@@ -20,25 +21,71 @@ class Qos(enum.Enum):
     latched = 3
     """Reliable and transient local, with a depth of 1: late subscribers get the last message, as of a map."""
 
-    def profile(self) -> "QoSProfile":
-        """Return the profile."""
-        from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 
-        if self is Qos.sensor_data:
-            return qos_profile_sensor_data
-        if self is Qos.latched:
-            return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        return QoSProfile(depth=10)
+class Reliability(enum.Enum):
+    """Whether lost messages are sent again."""
+
+    as_qos = 0
+    """As the port `qos` says."""
+    reliable = 1
+    """Lost messages are sent again."""
+    best_effort = 2
+    """Lost messages are not sent again."""
 
 
-def why_silent(node: Any, name: str, kind: str, qos: Qos) -> str:
+class Durability(enum.Enum):
+    """Whether late subscribers get earlier messages."""
+
+    as_qos = 0
+    """As the port `qos` says."""
+    volatile = 1
+    """Late subscribers get no earlier messages."""
+    transient_local = 2
+    """Late subscribers get the last messages, as many as the depth of the publisher."""
+
+
+DEPTHS: Final = {Qos.reliable: 10, Qos.sensor_data: 5, Qos.latched: 1}
+"""The number of messages that are kept."""
+
+MAX_DEPTH: Final = 1_000_000
+"""The maximum of the port `depth`."""
+
+
+def profile_of(qos: Qos, depth: int, reliability: Reliability, durability: Durability) -> "QoSProfile":
+    """Return the profile of the ports of a leaf.
+
+    Args:
+        qos: The profile of which the other ports replace parts.
+        depth: The number of messages that are kept; 0 = that of *qos*.
+        reliability: The reliability.
+        durability: The durability.
+
+    Raises:
+        NodeError: The depth is out of range.
+    """
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+    if not 0 <= depth <= MAX_DEPTH:
+        raise NodeError(f"port [depth] = {depth}: write a number from 1 to {MAX_DEPTH}, or 0 for that of qos")
+    if reliability is Reliability.as_qos:
+        reliability = Reliability.best_effort if qos is Qos.sensor_data else Reliability.reliable
+    if durability is Durability.as_qos:
+        durability = Durability.transient_local if qos is Qos.latched else Durability.volatile
+    return QoSProfile(
+        depth=depth or DEPTHS[qos],
+        reliability=ReliabilityPolicy[reliability.name.upper()],
+        durability=DurabilityPolicy[durability.name.upper()],
+    )
+
+
+def why_silent(node: Any, name: str, kind: str, profile: "QoSProfile") -> str:
     """Return the probable reason why no message of the topic *name* has arrived, and what to do.
 
     Args:
         node: The ROS node.
         name: The name of the topic.
         kind: The ROS name of the message that is expected.
-        qos: The quality of service of the subscription.
+        profile: The quality of service of the subscription.
     """
     from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
@@ -48,13 +95,13 @@ def why_silent(node: Any, name: str, kind: str, qos: Qos) -> str:
         return f"nothing publishes it{_similar(node, name)}"
     if others := _other_types(publishers, kind):
         return others
-    profiles = [info.qos_profile for info in publishers]
-    best_effort = all(profile.reliability == ReliabilityPolicy.BEST_EFFORT for profile in profiles)
-    if best_effort and qos is not Qos.sensor_data:
-        return 'its publishers are best effort: write qos="sensor_data"'
-    volatile = all(profile.durability == DurabilityPolicy.VOLATILE for profile in profiles)
-    if volatile and qos is Qos.latched:
-        return 'its publishers are volatile: write qos="reliable"'
+    offers = [info.qos_profile for info in publishers]
+    best_effort = all(offer.reliability == ReliabilityPolicy.BEST_EFFORT for offer in offers)
+    if best_effort and profile.reliability != ReliabilityPolicy.BEST_EFFORT:
+        return 'its publishers are best effort: write reliability="best_effort"'
+    volatile = all(offer.durability == DurabilityPolicy.VOLATILE for offer in offers)
+    if volatile and profile.durability != DurabilityPolicy.VOLATILE:
+        return 'its publishers are volatile: write durability="volatile"'
     return "its publishers have sent nothing"
 
 

@@ -10,7 +10,9 @@ import pytest
 pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import Pose, PoseStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
+from std_msgs.msg import String
 from test_msgs.action import Fibonacci
 
 import btcore
@@ -218,9 +220,13 @@ def test_message_of_the_first_tick_reaches_a_subscriber_and_is_read(session: Ros
             assert session.wait_for(lambda word=word: answer() == word, LIMIT_S)
 
 
-def test_best_effort_topic_is_read_with_the_profile_of_sensors(session: RosSession) -> None:
-    body = """<RosTopicRead name="battery" type="sensor_msgs/msg/BatteryState" qos="sensor_data"
-        message="{battery}" timeout="60000"/>"""
+@pytest.mark.parametrize(
+    "qos", ['qos="sensor_data"', 'reliability="best_effort"', 'qos="latched" reliability="best_effort" {}']
+)
+def test_best_effort_topic_is_read_with_the_profile_of_sensors(session: RosSession, qos: str) -> None:
+    qos = qos.format('durability="volatile"')
+    body = f"""<RosTopicRead name="battery" type="sensor_msgs/msg/BatteryState" {qos}
+        message="{{battery}}" timeout="60000"/>"""
     tree = tree_of(body, session)
     assert tree.tick_while_running() is Status.SUCCESS
     assert isinstance(tree.blackboard["battery"], BatteryState)
@@ -235,10 +241,10 @@ def test_best_effort_topic_is_read_with_the_profile_of_sensors(session: RosSessi
             "battery",
             "sensor_msgs/BatteryState",
             "reliable",
-            'publishers are best effort: write qos="sensor_data"',
+            'publishers are best effort: write reliability="best_effort"',
         ),
         ("other_battery", "std_msgs/String", "reliable", "its type is sensor_msgs/msg/BatteryState"),
-        ("silence", "std_msgs/String", "latched", 'its publishers are volatile: write qos="reliable"'),
+        ("silence", "std_msgs/String", "latched", 'its publishers are volatile: write durability="volatile"'),
         ("silence", "std_msgs/String", "reliable", "its publishers have sent nothing"),
         ("batery", "std_msgs/String", "reliable", "nothing publishes it; did you mean '/battery'?"),
     ],
@@ -253,6 +259,23 @@ def test_topic_without_a_message_fails_with_the_reason(
     assert error.startswith(f"no message on the topic '{name}' within 100 ms: ")
     assert problem in error
     assert error in caplog.text
+
+
+def test_late_subscriber_gets_as_many_messages_as_the_depth_of_the_publisher(session: RosSession) -> None:
+    body = """<RosTopicPublish name="kept" type="std_msgs/String" message='json:{"data": "{word}"}'
+        durability="transient_local" depth="2" wait_for_subscriber_timeout="0"/>"""
+    tree = tree_of(body, session)
+    for word in "abc":
+        tree.blackboard["word"] = word
+        assert tree.tick_once() is Status.SUCCESS
+    received: list[str] = []
+    with RosSession("late") as late:
+        qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        late.node.create_subscription(String, "kept", lambda message: received.append(message.data), qos)
+        assert late.wait_for(lambda: "c" in received, LIMIT_S)
+    assert received == ["b", "c"]
+    with pytest.raises(TreeError, match=r"port \[depth\] = -1: write a number from 1 to 1000000"):
+        tree_of(body.replace('depth="2"', 'depth="-1"'), session)
 
 
 def test_old_message_does_not_count(session: RosSession) -> None:
