@@ -264,7 +264,7 @@ class RosTopicPublish(_TopicLeaf):
 
     wait_for_subscriber_timeout: Annotated[
         In[int], "the time (ms), after the publisher was created, in which a subscriber must appear"
-    ] = 500
+    ] = 5000  # DDS repeats an announcement that was lost, as on a busy machine, after 3 s
     node_symbol: ClassVar[str] = "↑"
     may_return: ClassVar[frozenset[Status]] = frozenset({Status.SUCCESS})
     uses: ClassVar[frozenset[str] | None] = frozenset()

@@ -238,14 +238,14 @@ def publish_schedule(stage: Stage) -> None:
     node.create_subscription(Bool, "other_type", heard.append, 1)
     stage.load(f'name="other_type" {attributes}', word="one")
     stage.wait_for(lambda: stage.session.node.count_subscribers("other_type"))
-    stage.pass_time()
+    stage.pass_time(5001)
     assert stage.tick() is SUCCESS
     assert stage.error.endswith("its type is std_msgs/msg/Bool")
     stage.load(f'name="words" {attributes}', word="one")
     assert stage.tick() is RUNNING
     stage.halt()  # while the leaf waits for a subscriber
     assert stage.tick() is RUNNING
-    stage.pass_time()
+    stage.pass_time(5001)
     assert stage.tick() is SUCCESS
     assert "no subscriber of the topic 'words' gets the message: nothing subscribes to it" in stage.error
     stage.load(f'name="words" qos="latched" wait_for_subscriber_timeout="0" {attributes}', word="one")
