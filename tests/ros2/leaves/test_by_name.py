@@ -73,11 +73,13 @@ def test_item_that_a_list_does_not_have_is_a_failure_with_a_reason(session: RosS
     assert tree.blackboard["feedback"] == "before"
     with pytest.raises(KeyError):
         tree.blackboard["result"]
-    call = """<RosServiceCall name="/plain_server/list_parameters" type="rcl_interfaces/srv/ListParameters"
-        response="{name}" response_field="result.names[99]" error="{error}" server_timeout="60000"/>"""
+    call = """<RosServiceCall name="/driver/get_parameters" type="rcl_interfaces/srv/GetParameters"
+        request='json:{"names": ["undeclared"]}' response="{name}" response_field="values[0].double_value"
+        error="{error}" server_timeout="60000" wait_for_server_timeout="60000"/>"""
     tree = tree_of(call, session)
     assert tree.tick_while_running() is Status.FAILURE
-    assert "response_field='result.names[99]': the list 'result.names' has" in tree.blackboard["error"]
+    reason = "response_field='values[0].double_value': the list 'values' has 0 items"
+    assert tree.blackboard["error"] == reason
     read = """<RosTopicRead name="battery" type="sensor_msgs/msg/BatteryState" qos="sensor_data"
         field="cell_voltage[0]" message="{volt}" error="{error}" timeout="60000"/>"""
     tree = tree_of(read, session)
@@ -193,6 +195,21 @@ def test_service_is_called_and_its_field_success_is_the_result(session: RosSessi
     assert tree.tick_while_running() is Status.FAILURE
     assert tree.blackboard["response"] == "cannot be switched off"
     assert tree.blackboard["error"] == "the service 'switch' did not succeed: cannot be switched off"
+
+
+def test_example_of_parameters_and_lifecycle_of_the_reference_page(session: RosSession) -> None:
+    page = Path(__file__).parents[3] / "docs/reference/ros2_leaves.md"
+    _, example = page.read_text().split("```xml lifecycle.xml\n")
+    text, _, _ = example.partition("```")
+    nodes = Registry.standard()
+    register(nodes)
+    text = text.replace("<RosServiceCall", '<RosServiceCall server_timeout="60000"')
+    text = text.replace("server_timeout", 'wait_for_server_timeout="60000" server_timeout')
+    tree = btcore.loads(text, nodes=nodes, resources=[session], clock=session.clock)
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert tree.blackboard["state"] == "inactive"
+    assert tree.blackboard["speed"] == 0.25
+    assert tree.tick_while_running() is Status.FAILURE  # it is configured already
 
 
 def test_missing_service_fails_with_a_reason(session: RosSession) -> None:
