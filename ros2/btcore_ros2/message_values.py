@@ -170,6 +170,10 @@ def path_text(path: Sequence[str | int]) -> str:
     return text
 
 
+class MissingItemError(RosError):
+    """Raised when a list does not have the item that a path names."""
+
+
 class JsonTextError(ConversionError):
     """Raised when a text is not JSON.
 
@@ -600,7 +604,8 @@ def read_field(message: Any, path: str) -> object:
         path: The path of the field as in `field_type`; "" = the message itself.
 
     Raises:
-        RosError: There is no such field, or a list has no such item.
+        MissingItemError: A list has no such item.
+        RosError: There is no such field.
     """
     value: Any = message
     kind = FieldType("", message=type(message))
@@ -611,7 +616,8 @@ def read_field(message: Any, path: str) -> object:
         elif part < len(value):
             value = value[part]
         else:
-            raise RosError(f"'{path}': the list '{before}' has {len(value)} items")
+            count = f"{len(value)} items" if len(value) != 1 else "1 item"
+            raise MissingItemError(f"'{path}': the list '{before}' has {count}")
     read: Any = field_value(kind, value)
     return read.item() if kind.basic and hasattr(read, "item") else read  # a number of numpy
 

@@ -1,48 +1,24 @@
 """Leaves that need no code: the XML names the message, service or action, and contains its fields as JSON."""
 
-import enum
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Final
 
 from btcore import Blackboard, Direction, In, LiteralProblem, Port, StatefulAction, Status
 from btcore.clock import NS_PER_MS, NS_PER_S
-from btcore.suggestions import did_you_mean, join_names
 from btcore.values import STRING
 from btcore_ros2.interfaces import interface_name
 from btcore_ros2.leaves.action import ActionErrorCode, RosAction
 from btcore_ros2.leaves.endpoint import Endpoint
 from btcore_ros2.leaves.message_port import TYPE_PORT, MessagePort, load_type, message_problems
+from btcore_ros2.leaves.qos import Durability, Qos, Reliability, profile_of, why_silent, why_unheard
 from btcore_ros2.leaves.service import RosService, ServiceErrorCode
-from btcore_ros2.leaves.topics import RosPublisher
-from btcore_ros2.message_values import read_field
+from btcore_ros2.message_values import MissingItemError, read_field
 from btcore_ros2.session import RosSession
-
-if TYPE_CHECKING:
-    from rclpy.qos import QoSProfile
 
 log = logging.getLogger(__name__)
 
-
-class Qos(enum.Enum):
-    """The quality of service of a topic, by its usual names."""
-
-    reliable = 1
-    """Reliable, with a depth of 10."""
-    sensor_data = 2
-    """Best effort, with a depth of 5: for sensors, whose publishers often are best effort."""
-    latched = 3
-    """Reliable and transient local, with a depth of 1: late subscribers get the last message, as of a map."""
-
-    def profile(self) -> "QoSProfile":
-        """Return the profile."""
-        from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-
-        if self is Qos.sensor_data:
-            return qos_profile_sensor_data
-        if self is Qos.latched:
-            return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        return QoSProfile(depth=10)
+WAIT_FOR_SERVER: Final = "the time (ms), after the client was created, in which the server must appear"
 
 
 def _type_port(example: str) -> Port:
@@ -80,17 +56,30 @@ class _ByName:
         name: str = self.config.name
         return "" if name == self.config.id else name
 
-    def write(self, port: str, message: Any, field_port: str) -> None:
-        """Write *message*, or its field that the port *field_port* names, to an output that is connected."""
+    def write(self, port: str, message: Any, field_port: str) -> str:
+        """Write *message*, or its field that the port *field_port* names, to an output that is connected.
+
+        Returns:
+            Why nothing was written, if the field is an item that a list does not have; otherwise "".
+        """
         output = self.config.outputs.get(port)
         if output is not None and output.key is not None:
-            output.write(read_field(message, self.get_input(field_port)))
+            try:
+                output.write(read_field(message, self.get_input(field_port)))
+            except MissingItemError as error:
+                return f"{field_port}={error}"
+        return ""
 
     def write_error(self, text: str) -> None:
         """Write *text* to the output `error`, if it is connected."""
         output = self.config.outputs.get("error")
         if output is not None and output.key is not None:
             output.write(text)
+
+    def complete(self, error: str) -> Status:
+        """Write *error*, and return SUCCESS if there is none."""
+        self.write_error(error)
+        return Status.FAILURE if error else Status.SUCCESS
 
 
 class RosActionCall(_ByName, RosAction):
@@ -100,9 +89,9 @@ class RosActionCall(_ByName, RosAction):
     of the blackboard. The name of the action is `action_name`; without it, the instance name (`name`) is the
     name of the action.
 
-    The leaf fails if there is no server, if the server does not accept the goal within `server_timeout`, or
-    if the goal is aborted or cancelled. Then `error` gets the reason, and `result` the result of the aborted
-    goal. If the leaf is halted, the goal is cancelled.
+    The leaf fails if there is no server after `wait_for_server_timeout`, if the server does not accept the
+    goal within `server_timeout`, or if the goal is aborted or cancelled. Then `error` gets the reason, and
+    `result` the result of the aborted goal. If the leaf is halted, the goal is cancelled.
 
     Args:
         session: The session, a resource of the tree.
@@ -111,6 +100,7 @@ class RosActionCall(_ByName, RosAction):
 
     action_name: Annotated[In[str], "the action; default: the instance name"] = ""
     server_timeout: Annotated[In[int], "the time (ms) that the server has to accept the goal"] = 1000
+    wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = 500
     node_symbol: ClassVar[str] = "⇄"
 
     @staticmethod
@@ -147,21 +137,18 @@ class RosActionCall(_ByName, RosAction):
         return self._goal_port.read()
 
     def on_feedback(self, feedback: Any) -> Any:
-        """Write the feedback."""
+        """Write the feedback. While a list has no such item, the last value remains."""
         self.write("feedback", feedback, "feedback_field")
 
     def on_result(self, result: Any) -> Any:
         """Write the result."""
-        self.write("result", result, "result_field")
-        self.write_error("")
-        return Status.SUCCESS
+        return self.complete(self.write("result", result, "result_field"))
 
     def on_failure(self, error: ActionErrorCode) -> Any:
         """Write the error, and the result of an aborted goal."""
         if error in (ActionErrorCode.ACTION_ABORTED, ActionErrorCode.ACTION_CANCELLED):
             self.write("result", self.last_result, "result_field")
-        self.write_error(self.error_message)
-        return Status.FAILURE
+        return self.complete(self.error_message)
 
 
 class RosServiceCall(_ByName, RosService):
@@ -172,8 +159,8 @@ class RosServiceCall(_ByName, RosService):
     is the name of the service.
 
     The leaf succeeds when the response has arrived. It fails if the response has a boolean field `success`
-    that is false, as in std_srvs, if there is no server, or if the server does not answer within
-    `server_timeout`; `error` then gets the reason.
+    that is false, as in std_srvs, if there is no server after `wait_for_server_timeout`, or if the server
+    does not answer within `server_timeout`; `error` then gets the reason.
 
     Args:
         session: The session, a resource of the tree.
@@ -182,6 +169,7 @@ class RosServiceCall(_ByName, RosService):
 
     service_name: Annotated[In[str], "the service; default: the instance name"] = ""
     server_timeout: Annotated[In[int], "the time (ms) that the server has to answer"] = 1000
+    wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = 500
     node_symbol: ClassVar[str] = "⇄"
 
     @staticmethod
@@ -216,24 +204,54 @@ class RosServiceCall(_ByName, RosService):
 
     def on_response(self, response: Any) -> Any:
         """Write the response."""
-        self.write("response", response, "response_field")
+        problem = self.write("response", response, "response_field")
         if getattr(response, "success", True) is False:
             message = getattr(response, "message", "")
-            self.write_error(
-                f"the service '{self._endpoint.name}' did not succeed" + (message and f": {message}")
-            )
-            return Status.FAILURE
-        self.write_error("")
-        return Status.SUCCESS
+            problem = f"the service '{self._endpoint.name}' did not succeed" + (message and f": {message}")
+        return self.complete(problem)
 
     def on_failure(self, error: ServiceErrorCode) -> Any:
         """Write the error."""
-        self.write_error(self.error_message)
-        return Status.FAILURE
+        return self.complete(self.error_message)
 
 
-class RosTopicPublish(_ByName, RosPublisher):
-    """Publishes a message to a topic of ROS 2 in each tick, and succeeds.
+class _TopicLeaf(_ByName, StatefulAction):
+    """What the leaves with a topic have in common: its name, type and quality of service."""
+
+    topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
+    qos: Annotated[In[Qos], "the quality of service: reliable, sensor_data or latched"] = Qos.reliable
+    depth: Annotated[In[int], "the number of messages that are kept; 0 = that of qos"] = 0
+    reliability: Annotated[In[Reliability], "reliable or best_effort; default: that of qos"] = (
+        Reliability.as_qos
+    )
+    durability: Annotated[In[Durability], "volatile or transient_local; default: that of qos"] = (
+        Durability.as_qos
+    )
+    may_complete_on_start: ClassVar[bool] = True
+    state_fields: ClassVar[tuple[str, ...] | None] = None
+
+    def __init__(self, session: RosSession) -> None:
+        self.session = session
+        self._message_type = load_type(self, "msg")
+        self._profile = profile_of(self.qos, self.depth, self.reliability, self.durability)
+        profile = (self._profile.depth, self._profile.reliability, self._profile.durability)
+        key = (type(self).__name__, self._message_type, profile)
+        self._endpoint: Endpoint[Any] = Endpoint(self, session, "topic_name", key, self._connect)
+
+    def _connect(self, name: str) -> Any:
+        """Create the publisher or the subscription."""
+        raise NotImplementedError
+
+    def on_halted(self) -> None:
+        """Stop waiting."""
+        self.cancel_wake_up()
+
+
+class RosTopicPublish(_TopicLeaf):
+    """Publishes a message to a topic of ROS 2, and succeeds.
+
+    The first message waits for a subscriber, because ROS 2 needs some time to find it. If there is none after
+    `wait_for_subscriber_timeout`, the message is published nevertheless, and `error` has the reason.
 
     `type` names the message, and `message` holds its fields. In the JSON a text "{key}" stands for the entry
     `key` of the blackboard. The name of the topic is `topic_name`; without it, the instance name (`name`) is
@@ -244,10 +262,12 @@ class RosTopicPublish(_ByName, RosPublisher):
         board: The blackboard. Because of this parameter, checks know that the leaf can read any entry.
     """
 
-    topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
-    qos: Annotated[In[Qos], "the quality of service: reliable, sensor_data or latched"] = Qos.reliable
+    wait_for_subscriber_timeout: Annotated[
+        In[int], "the time (ms), after the publisher was created, in which a subscriber must appear"
+    ] = 5000  # DDS repeats an announcement that was lost, as on a busy machine, after 3 s
     node_symbol: ClassVar[str] = "↑"
     may_return: ClassVar[frozenset[Status]] = frozenset({Status.SUCCESS})
+    uses: ClassVar[frozenset[str] | None] = frozenset()
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -255,7 +275,13 @@ class RosTopicPublish(_ByName, RosPublisher):
         return [
             _type_port("geometry_msgs/msg/Twist"),
             _message_port("message", "the message"),
+            _error_output("why no subscriber gets the message, or an empty text"),
         ]
+
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the error is written whatever the result is, for proofs."""
+        return {"writes": "error"}
 
     @classmethod
     def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
@@ -263,16 +289,49 @@ class RosTopicPublish(_ByName, RosPublisher):
         return message_problems(literals, "msg", {"message": ""}, {})
 
     def __init__(self, session: RosSession, board: Blackboard) -> None:
-        self.message_type = load_type(self, "msg")
-        self._message_port = MessagePort(self, "message", self.message_type, session)
         super().__init__(session)
+        self._message_port = MessagePort(self, "message", self._message_type, session)
+        self._message: Any = None
+        self._unheard = ("", "")  # the topic without a subscriber, and the error
 
     def _connect(self, name: str) -> Any:
-        return self.session.node.create_publisher(self.message_type, name, self.qos.profile())
+        return self.session.node.create_publisher(self._message_type, name, self._profile)
 
-    def make_message(self) -> Any:
-        """Return the message in the port."""
-        return self._message_port.read()
+    def on_start(self) -> Status:
+        """Read the message, and publish it if there is a subscriber."""
+        self._message = self._message_port.read()
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        """Publish the message if there is a subscriber, or continue to wait."""
+        self.session.refresh()
+        publisher = self._endpoint.get()
+        is_heard = publisher.get_subscription_count() > 0
+        settling = self._endpoint.settling_time(is_visible=is_heard)
+        limit = self._endpoint.created + self.wait_for_subscriber_timeout * NS_PER_MS
+        must_wait = settling > 0 if is_heard else not self.has_passed(limit)
+        if must_wait and self.wait_for_subscriber_timeout > 0:
+            self.wake_at(self.now() + settling if is_heard else limit)
+            return Status.RUNNING
+        self.on_halted()
+        publisher.publish(self._message)
+        self.write_error("" if is_heard else self._report_unheard())
+        if is_heard:
+            self._unheard = ("", "")
+        return Status.SUCCESS
+
+    def _report_unheard(self) -> str:
+        """Return why no subscriber gets the message, and log it once."""
+        from rclpy.qos import DurabilityPolicy
+
+        name = self._endpoint.name
+        if self._profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:  # later subscribers get the message
+            return ""
+        if name != self._unheard[0]:
+            reason = why_unheard(self.session.node, name, interface_name(self._message_type))
+            self._unheard = (name, f"no subscriber of the topic '{name}' gets the message: {reason}")
+            log.warning("%s: %s", self.path, self._unheard[1])
+        return self._unheard[1]
 
 
 class _Newest:
@@ -292,26 +351,22 @@ class _Newest:
             leaf.wake_up()
 
 
-class RosTopicRead(_ByName, StatefulAction):
+class RosTopicRead(_TopicLeaf):
     """Reads the newest message of a topic of ROS 2, or waits for a message and fails after `timeout`.
 
     If a message has arrived since the tree was loaded, the leaf succeeds at once. With `max_age`, an older
     message does not count. After a failure, `error` has the reason.
 
     `type` names the message. The name of the topic is `topic_name`; without it, the instance name (`name`) is
-    the name of the topic. `qos` must be compatible with the publishers.
+    the name of the topic. The quality of service must be compatible with the publishers.
 
     Args:
         session: The session, a resource of the tree.
     """
 
-    topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
-    qos: Annotated[In[Qos], "the quality of service: reliable, sensor_data or latched"] = Qos.reliable
     timeout: Annotated[In[int], "how long (ms) the leaf waits for a message"] = 1000
     max_age: Annotated[In[float], "the maximum time (s) since the message arrived; 0 = no limit"] = 0.0
     node_symbol: ClassVar[str] = "↓"
-    may_complete_on_start: ClassVar[bool] = True
-    state_fields: ClassVar[tuple[str, ...] | None] = None
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -334,12 +389,9 @@ class RosTopicRead(_ByName, StatefulAction):
         return message_problems(literals, "msg", {}, {"field": ""})
 
     def __init__(self, session: RosSession) -> None:
-        self.session = session
-        self._message_type = load_type(self, "msg")
+        super().__init__(session)
         self._deadline = 0
         self._logged = ""
-        key = ("newest", self._message_type, self.qos)
-        self._endpoint = Endpoint(self, session, "topic_name", key, self._connect)
 
     def _connect(self, name: str) -> _Newest:
         from rclpy.event_handler import SubscriptionEventCallbacks
@@ -347,8 +399,9 @@ class RosTopicRead(_ByName, StatefulAction):
         newest = _Newest(self.session.clock.now)
         # The default callbacks log incompatible publishers, which why_silent() describes.
         callbacks = SubscriptionEventCallbacks(use_default_callbacks=False)
-        node, qos = self.session.node, self.qos.profile()
-        node.create_subscription(self._message_type, name, newest.take, qos, event_callbacks=callbacks)
+        self.session.node.create_subscription(
+            self._message_type, name, newest.take, self._profile, event_callbacks=callbacks
+        )
         return newest
 
     def on_start(self) -> Status:
@@ -364,55 +417,21 @@ class RosTopicRead(_ByName, StatefulAction):
             age = self.session.clock.now() - newest.stamp
             if self.max_age <= 0 or age <= self.max_age * NS_PER_S:
                 self.on_halted()
-                self.write("message", newest.message, "field")
-                self.write_error("")
-                return Status.SUCCESS
+                return self.complete(self.write("message", newest.message, "field"))
         if self.timeout > 0 and not self.has_passed(self._deadline):
             newest.waiting.add(self)
             self.wake_at(self._deadline)
             return Status.RUNNING
         self.on_halted()
         name = self._endpoint.name
-        reason = why_silent(self.session.node, name, interface_name(self._message_type), self.qos)
+        reason = why_silent(self.session.node, name, interface_name(self._message_type), self._profile)
         error = f"no message on the topic '{name}' within {self.timeout} ms: {reason}"
         if newest.message is None and error != self._logged:
             self._logged = error
             log.warning("%s: %s", self.path, error)
-        self.write_error(error)
-        return Status.FAILURE
+        return self.complete(error)
 
     def on_halted(self) -> None:
         """Stop waiting."""
-        self.cancel_wake_up()
+        super().on_halted()
         self._endpoint.get().waiting.discard(self)
-
-
-def why_silent(node: Any, name: str, kind: str, qos: Qos) -> str:
-    """Return the probable reason why no message of the topic *name* has arrived, and what to do.
-
-    Args:
-        node: The ROS node.
-        name: The name of the topic.
-        kind: The ROS name of the message that is expected.
-        qos: The quality of service of the subscription.
-    """
-    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-
-    name = node.resolve_topic_name(name)
-    publishers = node.get_publishers_info_by_topic(name)
-    if not publishers:
-        similar = did_you_mean(
-            name, [topic for topic, _ in node.get_topic_names_and_types() if topic != name]
-        )
-        return f"nothing publishes it{similar}"
-    others = sorted({info.topic_type for info in publishers} - {kind})
-    if len(others) > 0 and not any(info.topic_type == kind for info in publishers):
-        return f"its type is {join_names(others)}"
-    profiles = [info.qos_profile for info in publishers]
-    best_effort = all(profile.reliability == ReliabilityPolicy.BEST_EFFORT for profile in profiles)
-    if best_effort and qos is not Qos.sensor_data:
-        return 'its publishers are best effort: write qos="sensor_data"'
-    volatile = all(profile.durability == DurabilityPolicy.VOLATILE for profile in profiles)
-    if volatile and qos is Qos.latched:
-        return 'its publishers are volatile: write qos="reliable"'
-    return "its publishers have sent nothing"

@@ -1,7 +1,6 @@
 """A goal on an action server: sent, watched and cancelled without waiting."""
 
 import logging
-import time
 import uuid
 from collections import deque
 from collections.abc import Callable
@@ -12,16 +11,16 @@ from btcore_robot.robot import NS_PER_S
 from btcore_ros2.session import RosSession
 
 CHECK_NS: Final = NS_PER_S
-"""The time (ns) between two checks whether the server still exists."""
+"""The time (ns, tree's clock) between two checks: whether the server still exists, and has answered."""
 
 FOLLOW_UP_S: Final = 30
-"""How long (s) a cancelled goal is watched for its outcome."""
+"""How long (s, tree's clock) a cancelled goal is watched for its outcome."""
 
 FEEDBACK_LIMIT: Final = 1000
 """How many messages of feedback are kept for the leaf; older messages are dropped."""
 
-CANCEL_REJECTED: Final = 1  # of action_msgs/srv/CancelGoal
-GOAL_ENDED: Final = 3
+UNKNOWN_GOAL: Final = 2  # of action_msgs/srv/CancelGoal
+GOAL_ENDED: Final = 3  # also the answer if the goal is being cancelled
 
 log = logging.getLogger(__name__)
 
@@ -42,8 +41,9 @@ class ClientGoal:
     The goal makes progress whenever the session takes messages. It is watched until it has ended. After
     `cancel`, this happens in the background: a goal that the server has not accepted yet is cancelled when it
     is accepted. If no answer arrives, the goal is cancelled by its ID, because the answer may be lost: a
-    server that has not discovered the client completely accepts a goal, but cannot answer. The outcome of
-    the cancellation is logged once.
+    server that has not discovered the client completely accepts a goal, but cannot answer. The cancellation
+    and the request of the result are repeated every second until they are answered. The outcome of the
+    cancellation is logged once.
 
     Args:
         session: The session.
@@ -85,9 +85,11 @@ class ClientGoal:
         self._on_progress = on_progress
         self._handle: Any = None
         self._results: list[Any] = []
-        self._cancellation: Any = None
+        self._cancellations: list[Any] = []  # those without an answer
+        self._is_cancellation_known = False
+        self._is_unknown = False  # to the server, when it last answered a cancellation
         self._server_count = 0
-        self._next_check = time.monotonic_ns() + CHECK_NS
+        self._next_check = session.clock.now() + CHECK_NS
         self._follow_until = 0
         self._id = _new_id()
         self._acceptance = client.send_goal_async(
@@ -105,10 +107,11 @@ class ClientGoal:
         if self.done or self.cancel_requested:
             return
         self.cancel_requested = True
-        self._next_check = time.monotonic_ns() + CHECK_NS
+        now = self._session.clock.now()
+        self._next_check = now + CHECK_NS
         self._session.unfinished.add(self)
         self._on_progress = _do_nothing
-        self._follow_until = time.monotonic_ns() + FOLLOW_UP_S * NS_PER_S
+        self._follow_until = now + FOLLOW_UP_S * NS_PER_S
         if self._handle is not None:
             self._send_cancellation()
 
@@ -123,10 +126,12 @@ class ClientGoal:
                 self._accept(self._acceptance.result())
         else:
             self._read_results()
-        if not self.done and self._cancellation is not None and self._cancellation.done():
-            self._read_cancellation()
+        answered = next((future for future in self._cancellations if future.done()), None)
+        if not self.done and answered is not None:
+            self._cancellations.remove(answered)
+            self._read_cancellation(answered.result())
         if not self.done:
-            self._check(time.monotonic_ns())
+            self._check(self._session.clock.now())
 
     def _accept(self, handle: Any) -> None:
         """Process the server's answer to the goal."""
@@ -160,23 +165,29 @@ class ClientGoal:
                 return
 
     def _send_cancellation(self) -> None:
-        self._cancellation = self._handle.cancel_goal_async()
+        handle = self._handle if self._handle is not None else self._handle_by_id()
+        self._cancellations.append(handle.cancel_goal_async())
 
-    def _read_cancellation(self) -> None:
-        answer = self._cancellation.result()
-        self._cancellation = None
-        if answer.goals_canceling:
+    def _read_cancellation(self, answer: Any) -> None:
+        if answer.goals_canceling or answer.return_code == GOAL_ENDED:
+            self._is_cancellation_known = True
+            self._cancellations.clear()
             if self.accepted is None:  # the server's answer was lost
                 self._watch_result(self._handle_by_id())
-            self.status = GoalStatus.CANCELING
+            if answer.goals_canceling:
+                self.status = GoalStatus.CANCELING
             self._session.unfinished.discard(self)
-        elif self.accepted and answer.return_code != GOAL_ENDED:
+        elif answer.return_code != UNKNOWN_GOAL:
             log.warning(
                 "%s: the action server '%s' refused to cancel the goal, and continues to work on it",
                 self._sender,
                 self._server,
             )
             self._stop_watching()
+        elif self.accepted:
+            self._lose()
+        else:  # the server has rejected the goal, or gets it later
+            self._is_unknown = True
 
     def _check(self, now: int) -> None:
         """Check from time to time whether the server still exists, and whether the cancelled goal has ended.
@@ -188,28 +199,39 @@ class ClientGoal:
         the goal may have ended before the server had discovered the client completely.
         """
         if self.cancel_requested and now > self._follow_until:
-            state = "answered" if self._handle is None else "ended"
-            log.warning(
-                "%s: the goal was cancelled %d s ago, but the action server '%s' has not %s the goal; "
-                "it may still work on it",
-                self._sender,
-                FOLLOW_UP_S,
-                self._server,
-                state,
-            )
-            self._stop_watching()
+            self._give_up()
         elif now >= self._next_check:
             self._next_check = now + CHECK_NS
             if not self._client.server_is_ready():
-                self.lost = True
-                self._finish()
-            elif self._handle is not None:
+                self._lose()
+                return
+            if self.cancel_requested and not self._is_cancellation_known:
+                self._send_cancellation()
+            if self._handle is not None:
                 count = self._count_servers()
-                if count != self._server_count or len(self._results) == 1:
+                if count != self._server_count or len(self._results) == 1 or self.cancel_requested:
                     self._server_count = count
                     self._results.append(self._handle.get_result_async())
-            elif self.cancel_requested and self._cancellation is None:
-                self._cancellation = self._handle_by_id().cancel_goal_async()
+
+    def _give_up(self) -> None:
+        """Stop watching a cancelled goal that has not ended."""
+        if self._handle is None and self._is_unknown:
+            self._lose()
+            return
+        log.warning(
+            "%s: the goal was cancelled %d s ago, but the action server '%s' has not %s the goal; "
+            "it may still work on it",
+            self._sender,
+            FOLLOW_UP_S,
+            self._server,
+            "answered" if self._handle is None else "ended",
+        )
+        self._stop_watching()
+
+    def _lose(self) -> None:
+        """End the watch of a goal whose server has disappeared or does not know the goal."""
+        self.lost = True
+        self._finish()
 
     def _handle_by_id(self) -> Any:
         """Return a handle of the goal, for a server that accepted the goal, but whose answer was lost."""
@@ -226,7 +248,7 @@ class ClientGoal:
     def _finish(self) -> None:
         if self.cancel_requested:
             if self.lost:
-                outcome = "its server disappeared"
+                outcome = "its server disappeared, or does not know it"
             elif self.accepted is False:
                 outcome = "the server had rejected it"
             else:

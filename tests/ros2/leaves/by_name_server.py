@@ -1,4 +1,4 @@
-"""A plain rclpy program with an action, a service and topics, for tests of leaves that need no code.
+"""A plain rclpy program for leaves that need no code: an action, a service, topics and a lifecycle node.
 
 It prints "ready" when everything is offered, and ends when its standard input is closed.
 """
@@ -9,6 +9,7 @@ import threading
 import rclpy
 from rclpy.action import ActionServer
 from rclpy.executors import MultiThreadedExecutor
+from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String
@@ -48,6 +49,9 @@ heard = node.create_publisher(String, "heard", latched)
 node.create_subscription(String, "words", heard.publish, 10)
 executor = MultiThreadedExecutor(4)
 executor.add_node(node)
+driver = LifecycleNode("driver")
+driver.declare_parameter("max_speed", 0.5)
+executor.add_node(driver)
 spinning = threading.Thread(target=executor.spin)
 spinning.start()
 print("ready", flush=True)

@@ -10,7 +10,9 @@ import pytest
 pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import Pose, PoseStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
+from std_msgs.msg import String
 from test_msgs.action import Fibonacci
 
 import btcore
@@ -61,6 +63,28 @@ def test_goal_in_json_is_sent_to_the_action_that_the_instance_name_names(session
     assert list(tree.blackboard["result"].sequence) == [0, 1, 2]
     assert list(tree.blackboard["feedback"].sequence) == [3]
     assert tree.blackboard["error"] == ""
+
+
+def test_item_that_a_list_does_not_have_is_a_failure_with_a_reason(session: RosSession) -> None:
+    fields = 'result_field="sequence[3]" feedback_field="sequence[1]"/>'
+    tree = tree_of(COUNT.replace("/>", fields), session, feedback="before")
+    assert tree.tick_while_running() is Status.FAILURE
+    assert tree.blackboard["error"] == "result_field='sequence[3]': the list 'sequence' has 3 items"
+    assert tree.blackboard["feedback"] == "before"
+    with pytest.raises(KeyError):
+        tree.blackboard["result"]
+    call = """<RosServiceCall name="/driver/get_parameters" type="rcl_interfaces/srv/GetParameters"
+        request='json:{"names": ["undeclared"]}' response="{name}" response_field="values[0].double_value"
+        error="{error}" server_timeout="60000" wait_for_server_timeout="60000"/>"""
+    tree = tree_of(call, session)
+    assert tree.tick_while_running() is Status.FAILURE
+    reason = "response_field='values[0].double_value': the list 'values' has 0 items"
+    assert tree.blackboard["error"] == reason
+    read = """<RosTopicRead name="battery" type="sensor_msgs/msg/BatteryState" qos="sensor_data"
+        field="cell_voltage[0]" message="{volt}" error="{error}" timeout="60000"/>"""
+    tree = tree_of(read, session)
+    assert tree.tick_while_running() is Status.FAILURE
+    assert tree.blackboard["error"] == "field='cell_voltage[0]': the list 'cell_voltage' has 0 items"
 
 
 def test_action_name_has_precedence_over_the_instance_name(session: RosSession) -> None:
@@ -173,28 +197,53 @@ def test_service_is_called_and_its_field_success_is_the_result(session: RosSessi
     assert tree.blackboard["error"] == "the service 'switch' did not succeed: cannot be switched off"
 
 
+def test_example_of_parameters_and_lifecycle_of_the_reference_page(session: RosSession) -> None:
+    page = Path(__file__).parents[3] / "docs/reference/ros2_leaves.md"
+    _, example = page.read_text().split("```xml lifecycle.xml\n")
+    text, _, _ = example.partition("```")
+    nodes = Registry.standard()
+    register(nodes)
+    text = text.replace("<RosServiceCall", '<RosServiceCall server_timeout="60000"')
+    text = text.replace("server_timeout", 'wait_for_server_timeout="60000" server_timeout')
+    tree = btcore.loads(text, nodes=nodes, resources=[session], clock=session.clock)
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert tree.blackboard["state"] == "inactive"
+    assert tree.blackboard["speed"] == 0.25
+    assert tree.tick_while_running() is Status.FAILURE  # it is configured already
+
+
 def test_missing_service_fails_with_a_reason(session: RosSession) -> None:
     tree = tree_of(SWITCH.replace('"switch"', '"swich"'), session)
     assert tree.tick_while_running() is Status.FAILURE
     assert "no service 'swich' (std_srvs/srv/SetBool)" in tree.blackboard["error"]
 
 
-def test_message_is_published_and_read(session: RosSession) -> None:
-    body = """<Sequence>
-      <RosTopicPublish topic_name="words" type="std_msgs/String" message='json:{"data": "{word}"}'/>
-      <RosTopicRead name="heard" type="std_msgs/String" qos="latched" message="{answer}" field="data"
-          timeout="60000"/>
-    </Sequence>"""
-    tree = tree_of(body, session, word="hello")
-    assert session.wait_for(lambda: session.node.count_subscribers("words"), LIMIT_S)
-    # A publisher connects to a subscription of another process some time after both are visible.
-    assert session.wait_for(lambda: tree.tick_while_running() is Status.SUCCESS, LIMIT_S)
-    assert tree.blackboard["answer"] == "hello"
+def test_message_of_the_first_tick_reaches_a_subscriber_and_is_read(session: RosSession) -> None:
+    publish = """<RosTopicPublish topic_name="words" type="std_msgs/String" message='json:{"data": "{word}"}'
+        wait_for_subscriber_timeout="60000" error="{error}"/>"""
+    read = """<RosTopicRead name="heard" type="std_msgs/String" qos="latched" message="{answer}" field="data"
+        timeout="60000"/>"""
+    reading = tree_of(read, session)
+
+    def answer() -> object:
+        assert reading.tick_while_running() is Status.SUCCESS
+        return reading.blackboard["answer"]
+
+    for word in ("hello", "again"):
+        with RosSession("speaker") as speaker:  # it has not discovered the subscriber yet
+            tree = tree_of(publish, speaker, word=word)
+            assert tree.tick_while_running() is Status.SUCCESS
+            assert tree.blackboard["error"] == ""
+            assert session.wait_for(lambda word=word: answer() == word, LIMIT_S)
 
 
-def test_best_effort_topic_is_read_with_the_profile_of_sensors(session: RosSession) -> None:
-    body = """<RosTopicRead name="battery" type="sensor_msgs/msg/BatteryState" qos="sensor_data"
-        message="{battery}" timeout="60000"/>"""
+@pytest.mark.parametrize(
+    "qos", ['qos="sensor_data"', 'reliability="best_effort"', 'qos="latched" reliability="best_effort" {}']
+)
+def test_best_effort_topic_is_read_with_the_profile_of_sensors(session: RosSession, qos: str) -> None:
+    qos = qos.format('durability="volatile"')
+    body = f"""<RosTopicRead name="battery" type="sensor_msgs/msg/BatteryState" {qos}
+        message="{{battery}}" timeout="60000"/>"""
     tree = tree_of(body, session)
     assert tree.tick_while_running() is Status.SUCCESS
     assert isinstance(tree.blackboard["battery"], BatteryState)
@@ -209,10 +258,10 @@ def test_best_effort_topic_is_read_with_the_profile_of_sensors(session: RosSessi
             "battery",
             "sensor_msgs/BatteryState",
             "reliable",
-            'publishers are best effort: write qos="sensor_data"',
+            'publishers are best effort: write reliability="best_effort"',
         ),
         ("other_battery", "std_msgs/String", "reliable", "its type is sensor_msgs/msg/BatteryState"),
-        ("silence", "std_msgs/String", "latched", 'its publishers are volatile: write qos="reliable"'),
+        ("silence", "std_msgs/String", "latched", 'its publishers are volatile: write durability="volatile"'),
         ("silence", "std_msgs/String", "reliable", "its publishers have sent nothing"),
         ("batery", "std_msgs/String", "reliable", "nothing publishes it; did you mean '/battery'?"),
     ],
@@ -227,6 +276,23 @@ def test_topic_without_a_message_fails_with_the_reason(
     assert error.startswith(f"no message on the topic '{name}' within 100 ms: ")
     assert problem in error
     assert error in caplog.text
+
+
+def test_late_subscriber_gets_as_many_messages_as_the_depth_of_the_publisher(session: RosSession) -> None:
+    body = """<RosTopicPublish name="kept" type="std_msgs/String" message='json:{"data": "{word}"}'
+        durability="transient_local" depth="2" wait_for_subscriber_timeout="0"/>"""
+    tree = tree_of(body, session)
+    for word in "abc":
+        tree.blackboard["word"] = word
+        assert tree.tick_once() is Status.SUCCESS
+    received: list[str] = []
+    with RosSession("late") as late:
+        qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        late.node.create_subscription(String, "kept", lambda message: received.append(message.data), qos)
+        assert late.wait_for(lambda: "c" in received, LIMIT_S)
+    assert received == ["b", "c"]
+    with pytest.raises(TreeError, match=r"port \[depth\] = -1: write a number from 1 to 1000000"):
+        tree_of(body.replace('depth="2"', 'depth="-1"'), session)
 
 
 def test_old_message_does_not_count(session: RosSession) -> None:

@@ -124,6 +124,9 @@ def action_schedule(stage: Stage) -> None:
     assert stage.tick() is FAILURE
     assert "no action server" in stage.error
     assert stage.tick() is FAILURE  # at once
+    stage.load(f'name="count" wait_for_server_timeout="60000" {attributes}', n=3)
+    stage.pass_time(59_999)
+    assert stage.tick() is RUNNING
     reject_reason = ""
     server = RosActionServer[Any, Any, Any](
         stage.other, Fibonacci, "count", reject_reason=lambda goal: reject_reason
@@ -173,7 +176,12 @@ def action_schedule(stage: Stage) -> None:
     for entity in tuple(stage.other.node.waitables):
         if isinstance(entity, ActionServer):
             entity.destroy()
-    stage.tick_until(FAILURE)
+
+    def is_lost() -> bool:
+        stage.pass_time()  # the time between two checks whether the server exists
+        return stage.tick() is FAILURE
+
+    stage.wait_for(is_lost)
     assert "disappeared" in stage.error
 
 
@@ -198,6 +206,9 @@ def service_schedule(stage: Stage) -> None:
         response.success = request.data
         return response
 
+    stage.load(f'name="switch" wait_for_server_timeout="60000" {attributes}', on=True)
+    stage.pass_time(59_999)
+    assert stage.tick() is RUNNING
     service = node.create_service(SetBool, "switch", switch)
     known = RosActionServer[Any, Any, Any](stage.other, Fibonacci, "known")
     wait_until_known(stage.session, known.name)
@@ -227,13 +238,26 @@ def publish_schedule(stage: Stage) -> None:
     node.create_subscription(Bool, "other_type", heard.append, 1)
     stage.load(f'name="other_type" {attributes}', word="one")
     stage.wait_for(lambda: stage.session.node.count_subscribers("other_type"))
+    stage.pass_time(5001)
     assert stage.tick() is SUCCESS
+    assert stage.error.endswith("its type is std_msgs/msg/Bool")
     stage.load(f'name="words" {attributes}', word="one")
+    assert stage.tick() is RUNNING
+    stage.halt()  # while the leaf waits for a subscriber
+    assert stage.tick() is RUNNING
+    stage.pass_time(5001)
     assert stage.tick() is SUCCESS
+    assert "no subscriber of the topic 'words' gets the message: nothing subscribes to it" in stage.error
+    stage.load(f'name="words" qos="latched" wait_for_subscriber_timeout="0" {attributes}', word="one")
+    assert stage.tick() is SUCCESS  # at once
+    assert stage.error == ""
+    stage.load(f'name="words" wait_for_subscriber_timeout="60000" {attributes}', word="two")
+    stage.pass_time(59_999)
+    assert stage.tick() is RUNNING
     node.create_subscription(String, "words", lambda message: heard.append(message.data), 1)
-    stage.tree.blackboard["word"] = "two"
-    stage.wait_for(lambda: stage.tick() is SUCCESS and heard)
-    assert heard[0] == "two"
+    stage.tick_until(SUCCESS)
+    stage.wait_for(lambda: heard)
+    assert (heard, stage.error) == (["two"], "")
 
 
 def read_schedule(stage: Stage) -> None:
