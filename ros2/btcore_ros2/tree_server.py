@@ -197,6 +197,7 @@ class TreeServer:
         self._is_closed = True
         self._unsubscribe()
         self._server.close()
+        self._release()
         self.session.node.destroy_service(self._service)
 
     def __enter__(self) -> "TreeServer":
@@ -244,12 +245,18 @@ class TreeServer:
     def _create(self, tree_id: str, payload: str) -> Tree:
         """Create the tree of a goal from the files."""
         self._trees = trees = LoadedTrees(self._files, self._nodes)
+        self._release()
         tree = trees.create(tree_id, self._resources, Blackboard(self.blackboard), self._clock)
         tree.blackboard[PAYLOAD] = payload
         if payload.startswith(JSON_PREFIX):
             import_blackboard(tree.blackboard, _members(payload), tree.registry.types)
         self.on_tree_created(tree, payload)
         return tree
+
+    def _release(self) -> None:
+        """Let the session destroy the ROS entities of the last tree, unless the next tree takes them over."""
+        if self.tree is not None:
+            self.session.entities.release(self.tree)
 
     def _tick(self, tree: Tree, goal: ServerGoal[Any, Any, Any]) -> tuple[Status, str, Any]:
         """Tick until *tree* or *goal* ends. Return the status, the message and how the goal ends."""

@@ -171,6 +171,7 @@ class Run:
         self.sessions = [RosSession("first"), RosSession("second")]
         self.nodes = Registry.standard()
         self.nodes.add(Send)
+        self.connected: list[Tree] = []  # whose clients stay, because these trees use them
         self.lives = 0
         self.number = 0
         self.server: ServerProcess
@@ -192,6 +193,7 @@ class Run:
         self.lives += 1
         self.namespace = f"/life{self.lives}"
         self.server = ServerProcess(self.namespace)
+        self.connected.clear()
         for session in self.sessions:
             self.connect(session)
 
@@ -202,6 +204,7 @@ class Run:
         while tree.tick_while_running(period=0.01) is not Status.SUCCESS:
             self.lost_goals += 1
             assert self.lost_goals < 100, "the server does not answer"
+        self.connected.append(tree)
 
     def close(self) -> None:
         """End the server and the clients."""

@@ -279,6 +279,7 @@ class _Newest:
     """The newest message of a topic, and the time (ns) at which it arrived."""
 
     def __init__(self, now: Callable[[], int]) -> None:
+        self.subscription: Any = None
         self.message: Any = None
         self.stamp = 0
         self.waiting: set[RosTopicRead] = set()
@@ -348,7 +349,9 @@ class RosTopicRead(_ByName, StatefulAction):
         # The default callbacks log incompatible publishers, which why_silent() describes.
         callbacks = SubscriptionEventCallbacks(use_default_callbacks=False)
         node, qos = self.session.node, self.qos.profile()
-        node.create_subscription(self._message_type, name, newest.take, qos, event_callbacks=callbacks)
+        newest.subscription = node.create_subscription(
+            self._message_type, name, newest.take, qos, event_callbacks=callbacks
+        )
         return newest
 
     def on_start(self) -> Status:

@@ -72,6 +72,8 @@ class ClientGoal:
         sender: str,
         on_progress: Callable[[], None],
     ) -> None:
+        from btcore_ros2.direct_take import send_goal
+
         self.accepted: bool | None = None
         self.status = GoalStatus.UNKNOWN
         self.feedback: deque[Any] = deque(maxlen=FEEDBACK_LIMIT)
@@ -90,9 +92,10 @@ class ClientGoal:
         self._next_check = time.monotonic_ns() + CHECK_NS
         self._follow_until = 0
         self._id = _new_id()
-        self._acceptance = client.send_goal_async(
-            message, feedback_callback=self._take_feedback, goal_uuid=self._id
-        )
+        self._shared = session.entities.find(client)
+        if self._shared is not None:
+            self._shared.users.add(self)
+        self._acceptance = send_goal(client, message, self._id, self._take_feedback)
         self._ignore: Callable[[], None] = session.after_drain(self._advance)
 
     @property
@@ -236,6 +239,22 @@ class ClientGoal:
         self._on_progress()
 
     def _stop_watching(self) -> None:
-        self._ignore()
-        self._ignore = _do_nothing
         self._session.unfinished.discard(self)
+        self._ignore()
+        self._ignore = self._session.after_drain(self._forget)
+        self._next_check = time.monotonic_ns() + CHECK_NS
+        self._forget()
+
+    def _forget(self) -> None:
+        """Remove what the client keeps of the goal, when all requests are answered, or after `CHECK_NS`."""
+        from btcore_ros2.direct_take import forget_goal
+
+        requests = [self._acceptance, *self._results]
+        if self._cancellation is not None:
+            requests.append(self._cancellation)
+        if time.monotonic_ns() > self._next_check or all(request.done() for request in requests):
+            self._ignore()
+            self._ignore = _do_nothing
+            forget_goal(self._client, self._id, requests)
+            if self._shared is not None:
+                self._shared.users.discard(self)
