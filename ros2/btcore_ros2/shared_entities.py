@@ -32,8 +32,13 @@ class SharedEntity:
         self.is_destroyed = False
         self._was_unused = False
 
+    def add(self, user: object) -> None:
+        """Add a user."""
+        self.users.add(user)
+        self._was_unused = False
+
     def is_over(self) -> bool:
-        """Return whether there is no user, and was none in the call before."""
+        """Return whether there is no user, and was none since the call before."""
         was_unused, self._was_unused = self._was_unused, not self.users
         return was_unused and self._was_unused
 
@@ -76,7 +81,7 @@ class SharedEntities:
                 self._destroy([key for key, other in self._entities.items() if not other.users])
                 entity = create()
             self._entities[key] = shared = SharedEntity(entity)
-        shared.users.add(user)
+        shared.add(user)
         return shared
 
     def find(self, entity: object) -> SharedEntity | None:
@@ -112,6 +117,6 @@ class SharedEntities:
                 self._node.destroy_publisher(entity)
             else:
                 self._node.destroy_subscription(entity.subscription)
-            # rclpy keeps a weak reference to each entity that ever was.
-            group = self._node.default_callback_group.entities
-            group -= {reference for reference in group if reference() is None}
+        # rclpy keeps a weak reference to each entity that ever was.
+        group = self._node.default_callback_group.entities
+        group -= {reference for reference in group if reference() is None}

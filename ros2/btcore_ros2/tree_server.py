@@ -1,5 +1,6 @@
 """The tree server: trees that run as goals of an action, as by BehaviorTree.ROS2's TreeExecutionServer."""
 
+import gc
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,6 +36,12 @@ STOPPED = "the server was stopped"
 
 IDLE_NS = 10_000_000
 """The longest wait (ns) for a goal between two checks whether the server has to stop."""
+
+COLLECT_GOALS = 20
+"""After how many goals the objects of the past trees are freed, which takes some ten milliseconds.
+
+Python would not do it: a new tree is moved to the oldest generation, whose collections this does not cause.
+"""
 
 
 class TreeServer:
@@ -170,6 +177,7 @@ class TreeServer:
 
     def run(self) -> None:
         """Execute goals until `stop` is called."""
+        ended = 0
         while not self._is_stopping:
             goal = self._server.take()
             if goal is None:
@@ -181,6 +189,9 @@ class TreeServer:
                 self._execute(goal)
             finally:
                 self._goal = None
+            ended += 1
+            if ended % COLLECT_GOALS == 0:
+                gc.collect()
 
     def stop(self) -> None:
         """End `run` after the present tick; its goal is aborted. For signal handlers and other threads."""

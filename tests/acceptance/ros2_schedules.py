@@ -23,6 +23,7 @@ from planned_server import Answer, Cancel, End, Plan, ServerProcess
 
 import btcore
 from btcore import In, Registry, Status, Tree
+from btcore_ros2.direct_take import action_clients
 from btcore_ros2.leaves import ActionErrorCode as Code
 from btcore_ros2.leaves import RosAction
 from btcore_ros2.session import RosSession
@@ -247,6 +248,14 @@ class Run:
             self.start_server()
         self.number += 1
 
+    def check_clients(self) -> None:
+        """Check that the action clients keep nothing of the goals."""
+        clients = [client for session in self.sessions for client, _, _ in action_clients(session.node)]
+        if not self.wait(
+            lambda: not any(client._futures or client._feedback_callbacks for client in clients)
+        ):
+            self.wrong.append("an action client keeps something of goals that have ended")
+
     def start_client(self) -> Client:
         """Draw a client and load its tree."""
         tag = 1 + self.number * 2 % 510 + self.rng.randrange(2)
@@ -341,6 +350,7 @@ def main() -> int:
             run.schedule()
             if number % 50 == 49:
                 print(f"{number + 1} schedules, {time.monotonic() - began:.0f} s", flush=True)
+        run.check_clients()
     finally:
         run.close()
     for name, count in run.outcomes.most_common():

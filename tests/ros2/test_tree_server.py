@@ -8,9 +8,10 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from click.testing import CliRunner
@@ -29,7 +30,7 @@ from btcore_ros2 import shared_entities
 from btcore_ros2.errors import RosError
 from btcore_ros2.leaves import RosSubscriber, register
 from btcore_ros2.session import RosSession
-from btcore_ros2.tree_server import TreeServer
+from btcore_ros2.tree_server import COLLECT_GOALS, TreeServer
 from tests.ros2.action_client import LIMIT_S, ClientProcess
 
 EXECUTE_TREE = "btcpp_ros2_interfaces/action/ExecuteTree"
@@ -406,6 +407,11 @@ PAST_TREES = """
 class Hear(RosSubscriber):
     topic_name = "/heard"
     message_type = "std_msgs/msg/String"
+    alive: ClassVar[weakref.WeakSet["Hear"]] = weakref.WeakSet()
+
+    def __init__(self, session: RosSession) -> None:
+        super().__init__(session)
+        self.alive.add(self)
 
     def on_message(self, message: Any) -> bool:
         return True
@@ -442,6 +448,7 @@ def test_trees_of_the_past_leave_nothing(
         before = counts()
         run_all("Listen", *("again" for _ in range(50)))
         assert counts() == before
+        assert len(Hear.alive) <= COLLECT_GOALS + 1
         run_all("Say", *(f"/topic{number}" for number in range(50)))
         run_all("Typed", "")
         file.write_text(PAST_TREES.format("Bool"))

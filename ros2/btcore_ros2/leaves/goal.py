@@ -94,7 +94,7 @@ class ClientGoal:
         self._id = _new_id()
         self._shared = session.entities.find(client)
         if self._shared is not None:
-            self._shared.users.add(self)
+            self._shared.add(self)
         self._acceptance = send_goal(client, message, self._id, self._take_feedback)
         self._ignore: Callable[[], None] = session.after_drain(self._advance)
 
