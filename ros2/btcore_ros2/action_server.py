@@ -203,7 +203,16 @@ def _server_class() -> Any:
             try:
                 self._execute_goal(execute, handle).send(None)
             except StopIteration:
+                self.remove_future(self._result_futures[bytes(handle.goal_id.uuid)])
                 return
             raise AssertionError("rclpy did not send the result of a goal")
+
+        def remove_future(self, future: object) -> None:
+            """Remove *future* from those that get the executor for each request, when its goal ends.
+
+            rclpy does so when the goal expires, 10 s after its end.
+            """
+            if future in self._futures:
+                super().remove_future(future)
 
     return DeferredServer

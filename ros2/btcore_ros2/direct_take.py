@@ -6,7 +6,7 @@ uses undocumented parts of rclpy; `missing_parts` names those that another versi
 """
 
 import time
-from collections.abc import Callable, Coroutine, Generator, Sequence
+from collections.abc import Callable, Coroutine, Generator, Iterable, Sequence
 from types import CoroutineType, coroutine
 from typing import TYPE_CHECKING, Any
 
@@ -74,6 +74,41 @@ def action_clients(node: "Node") -> Sequence[tuple[ActionClient, str, type]]:
         return [(client, client._action_name, client._action_type) for client in clients]
     except AttributeError:  # another version of rclpy
         return []
+
+
+def send_goal(
+    client: ActionClient, message: Any, goal_id: Any, on_feedback: Callable[[Any], None]
+) -> Future[Any]:
+    """Send a goal with *client*, and return the future of the answer.
+
+    Args:
+        client: The action client.
+        message: The goal message.
+        goal_id: The ID of the goal, a message.
+        on_feedback: Called with each message of feedback.
+    """
+    futures = getattr(client, "_futures", [])
+    count = len(futures)
+    answer = client.send_goal_async(message, feedback_callback=on_feedback, goal_uuid=goal_id)
+    # rclpy of Kilted creates a second future, which it neither uses nor removes.
+    for future in futures[count:]:
+        if future is not answer:
+            client.remove_future(future)
+    return answer
+
+
+def forget_goal(client: ActionClient, goal_id: Any, requests: Iterable[Future[Any]]) -> None:
+    """Remove from *client* what it keeps of a goal: its feedback callback, and unanswered requests.
+
+    Args:
+        client: The action client.
+        goal_id: The ID of the goal, a message.
+        requests: The requests for the goal, which may be answered.
+    """
+    getattr(client, "_feedback_callbacks", {}).pop(bytes(goal_id.uuid), None)
+    for request in requests:
+        if not request.done():
+            request.cancel()
 
 
 def missing_parts() -> Sequence[str]:

@@ -13,6 +13,7 @@ from btcore_robot.robot import NS_PER_S, Phase, RobotClock, Schedule
 from btcore_robot.schedule import RealTime
 from btcore_ros2.errors import RosError
 from btcore_ros2.installation import check_installation
+from btcore_ros2.shared_entities import SharedEntities
 
 if TYPE_CHECKING:
     from btcore_ros2.direct_take import DirectTake
@@ -90,7 +91,7 @@ class RosSession:
         context: The context of the ROS node.
         node: The ROS node.
         clock: The clock for the tree; may be replaced by a `LockstepClock`.
-        shared: ROS entities that several leaves use, by type and name.
+        entities: The ROS entities of the leaves.
         unfinished: The work that `close` waits for, at most `CLOSE_S`. Each object removes itself.
 
     Raises:
@@ -132,7 +133,7 @@ class RosSession:
         self._taker = _taker(self.node, self._executor, use_executor)
         self._draining = False
         self.clock: SessionClock = RosClock(self)
-        self.shared: dict[tuple[Any, ...], Any] = {}
+        self.entities = SharedEntities(self.node)
         self.unfinished: set[object] = set()
         self._after_drain: list[Callable[[], None]] = []
         self._drained = 0
@@ -168,6 +169,7 @@ class RosSession:
             for callback in tuple(self._after_drain):
                 callback()
             self._checks.check()
+            self.entities.check()
         except Exception as error:
             if self.context.ok():
                 raise

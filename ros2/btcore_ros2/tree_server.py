@@ -1,5 +1,6 @@
 """The tree server: trees that run as goals of an action, as by BehaviorTree.ROS2's TreeExecutionServer."""
 
+import gc
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,6 +36,12 @@ STOPPED = "the server was stopped"
 
 IDLE_NS = 10_000_000
 """The longest wait (ns) for a goal between two checks whether the server has to stop."""
+
+COLLECT_GOALS = 20
+"""After how many goals the objects of the past trees are freed, which takes some ten milliseconds.
+
+Python would not do it: a new tree is moved to the oldest generation, whose collections this does not cause.
+"""
 
 
 class TreeServer:
@@ -170,6 +177,7 @@ class TreeServer:
 
     def run(self) -> None:
         """Execute goals until `stop` is called."""
+        ended = 0
         while not self._is_stopping:
             goal = self._server.take()
             if goal is None:
@@ -181,6 +189,9 @@ class TreeServer:
                 self._execute(goal)
             finally:
                 self._goal = None
+            ended += 1
+            if ended % COLLECT_GOALS == 0:
+                gc.collect()
 
     def stop(self) -> None:
         """End `run` after the present tick; its goal is aborted. For signal handlers and other threads."""
@@ -197,6 +208,7 @@ class TreeServer:
         self._is_closed = True
         self._unsubscribe()
         self._server.close()
+        self._release()
         self.session.node.destroy_service(self._service)
 
     def __enter__(self) -> "TreeServer":
@@ -244,12 +256,18 @@ class TreeServer:
     def _create(self, tree_id: str, payload: str) -> Tree:
         """Create the tree of a goal from the files."""
         self._trees = trees = LoadedTrees(self._files, self._nodes)
+        self._release()
         tree = trees.create(tree_id, self._resources, Blackboard(self.blackboard), self._clock)
         tree.blackboard[PAYLOAD] = payload
         if payload.startswith(JSON_PREFIX):
             import_blackboard(tree.blackboard, _members(payload), tree.registry.types)
         self.on_tree_created(tree, payload)
         return tree
+
+    def _release(self) -> None:
+        """Let the session destroy the ROS entities of the last tree, unless the next tree takes them over."""
+        if self.tree is not None:
+            self.session.entities.release(self.tree)
 
     def _tick(self, tree: Tree, goal: ServerGoal[Any, Any, Any]) -> tuple[Status, str, Any]:
         """Tick until *tree* or *goal* ends. Return the status, the message and how the goal ends."""

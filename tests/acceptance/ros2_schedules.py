@@ -23,6 +23,7 @@ from planned_server import Answer, Cancel, End, Plan, ServerProcess
 
 import btcore
 from btcore import In, Registry, Status, Tree
+from btcore_ros2.direct_take import action_clients
 from btcore_ros2.leaves import ActionErrorCode as Code
 from btcore_ros2.leaves import RosAction
 from btcore_ros2.session import RosSession
@@ -171,6 +172,7 @@ class Run:
         self.sessions = [RosSession("first"), RosSession("second")]
         self.nodes = Registry.standard()
         self.nodes.add(Send)
+        self.connected: list[Tree] = []  # whose clients stay, because these trees use them
         self.lives = 0
         self.number = 0
         self.server: ServerProcess
@@ -192,6 +194,7 @@ class Run:
         self.lives += 1
         self.namespace = f"/life{self.lives}"
         self.server = ServerProcess(self.namespace)
+        self.connected.clear()
         for session in self.sessions:
             self.connect(session)
 
@@ -202,6 +205,7 @@ class Run:
         while tree.tick_while_running(period=0.01) is not Status.SUCCESS:
             self.lost_goals += 1
             assert self.lost_goals < 100, "the server does not answer"
+        self.connected.append(tree)
 
     def close(self) -> None:
         """End the server and the clients."""
@@ -243,6 +247,14 @@ class Run:
             self.server.kill()
             self.start_server()
         self.number += 1
+
+    def check_clients(self) -> None:
+        """Check that the action clients keep nothing of the goals."""
+        clients = [client for session in self.sessions for client, _, _ in action_clients(session.node)]
+        if not self.wait(
+            lambda: not any(client._futures or client._feedback_callbacks for client in clients)
+        ):
+            self.wrong.append("an action client keeps something of goals that have ended")
 
     def start_client(self) -> Client:
         """Draw a client and load its tree."""
@@ -338,6 +350,7 @@ def main() -> int:
             run.schedule()
             if number % 50 == 49:
                 print(f"{number + 1} schedules, {time.monotonic() - began:.0f} s", flush=True)
+        run.check_clients()
     finally:
         run.close()
     for name, count in run.outcomes.most_common():

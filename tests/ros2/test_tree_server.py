@@ -8,9 +8,10 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from click.testing import CliRunner
@@ -25,9 +26,11 @@ from btcore import Status
 from btcore.cli.main import main
 from btcore_monitor.events import TreeSeen
 from btcore_monitor.watch.feed import Feed
+from btcore_ros2 import shared_entities
 from btcore_ros2.errors import RosError
+from btcore_ros2.leaves import RosSubscriber, register
 from btcore_ros2.session import RosSession
-from btcore_ros2.tree_server import TreeServer
+from btcore_ros2.tree_server import COLLECT_GOALS, TreeServer
 from tests.ros2.action_client import LIMIT_S, ClientProcess
 
 EXECUTE_TREE = "btcpp_ros2_interfaces/action/ExecuteTree"
@@ -386,6 +389,77 @@ def test_python_server(session: RosSession, folder: Path) -> None:
         thread.join(LIMIT_S)
         assert not thread.is_alive()
         client.close()
+
+
+PAST_TREES = """
+<root BTCPP_format="4">
+  <BehaviorTree ID="Listen"><Hear/></BehaviorTree>
+  <BehaviorTree ID="Say">
+    <RosTopicPublish topic_name="{{payload}}" type="std_msgs/msg/String" message='json:{{}}'/>
+  </BehaviorTree>
+  <BehaviorTree ID="Typed">
+    <RosTopicPublish topic_name="/typed" type="std_msgs/msg/{}" message='json:{{}}'/>
+  </BehaviorTree>
+</root>
+"""
+
+
+class Hear(RosSubscriber):
+    topic_name = "/heard"
+    message_type = "std_msgs/msg/String"
+    alive: ClassVar[weakref.WeakSet["Hear"]] = weakref.WeakSet()
+
+    def __init__(self, session: RosSession) -> None:
+        super().__init__(session)
+        self.alive.add(self)
+
+    def on_message(self, message: Any) -> bool:
+        return True
+
+
+def test_trees_of_the_past_leave_nothing(
+    session: RosSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shared_entities, "CHECK_NS", 100_000_000)
+    file = tmp_path / "past.xml"
+    file.write_text(PAST_TREES.format("String"))
+    nodes = btcore.Registry.standard()
+    register(nodes)
+    nodes.add(Hear)
+    node = session.node
+
+    def counts() -> list[int]:
+        parts = (node.publishers, node.subscriptions, node.waitables)
+        return [*(len(list(part)) for part in parts), len(session._after_drain), threading.active_count()]
+
+    with TreeServer(session, [file], nodes=nodes, action_name="past", tick_frequency=1000.0) as server:
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        client = ClientProcess(poll)
+
+        def run_all(tree: str, *payloads: str) -> None:
+            goals = [{"target_tree": tree, "payload": payload} for payload in payloads]
+            sent = [client.send("past", EXECUTE_TREE, goal) for goal in goals]
+            for number in sent:
+                status, result = client.result(number)
+                assert status == GoalStatus.STATUS_SUCCEEDED, result["return_message"]
+
+        run_all("Listen", "")
+        before = counts()
+        run_all("Listen", *("again" for _ in range(50)))
+        assert counts() == before
+        assert len(Hear.alive) <= COLLECT_GOALS + 1
+        run_all("Say", *(f"/topic{number}" for number in range(50)))
+        run_all("Typed", "")
+        file.write_text(PAST_TREES.format("Bool"))
+        run_all("Typed", "")
+        run_all("Listen", "")
+        assert poll(lambda: counts() == before)
+        assert server._server._server._futures == []  # of rclpy
+        server.stop()
+        thread.join(LIMIT_S)
+        client.close()
+    assert session.wait_for(lambda: not list(node.subscriptions), LIMIT_S)
 
 
 def test_missing_folder_contents(session: RosSession, tmp_path: Path) -> None:

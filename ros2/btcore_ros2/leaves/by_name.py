@@ -338,6 +338,7 @@ class _Newest:
     """The newest message of a topic, and the time (ns) at which it arrived."""
 
     def __init__(self, now: Callable[[], int]) -> None:
+        self.subscription: Any = None
         self.message: Any = None
         self.stamp = 0
         self.waiting: set[RosTopicRead] = set()
@@ -399,7 +400,7 @@ class RosTopicRead(_TopicLeaf):
         newest = _Newest(self.session.clock.now)
         # The default callbacks log incompatible publishers, which why_silent() describes.
         callbacks = SubscriptionEventCallbacks(use_default_callbacks=False)
-        self.session.node.create_subscription(
+        newest.subscription = self.session.node.create_subscription(
             self._message_type, name, newest.take, self._profile, event_callbacks=callbacks
         )
         return newest

@@ -1,5 +1,6 @@
 """The ROS entity of a leaf: an action client, a service client, a publisher or a subscription."""
 
+import functools
 import time
 from collections.abc import Callable
 from typing import Any, Final, Generic, TypeVar
@@ -9,6 +10,7 @@ from btcore_robot.robot import NS_PER_S
 from btcore_robot.schedule import SimulatedTime
 from btcore_ros2.interfaces import InterfaceError, InterfaceKind, load_interface
 from btcore_ros2.session import RosSession
+from btcore_ros2.shared_entities import SharedEntity
 
 Entity = TypeVar("Entity")
 
@@ -28,7 +30,7 @@ class Endpoint(Generic[Entity]):
 
     With a literal as the name, the entity is created together with the leaf. With a blackboard entry, it is
     created by the first `get`, and replaced when the entry has another value. Leaves that need the same
-    entity share it.
+    entity share it; see `SharedEntities` for its end.
 
     Args:
         node: The leaf.
@@ -58,9 +60,9 @@ class Endpoint(Generic[Entity]):
         self._port = port
         self._key = key
         self._create = create
-        self._entity: Entity | None = None
-        self._shared_key: tuple[Any, ...] = ()
+        self._shared: SharedEntity | None = None
         self._binding = node.config.input(port)
+        self._value = ""
         self.name = ""
         self.created = 0
         if self._binding.key is None:
@@ -73,12 +75,14 @@ class Endpoint(Generic[Entity]):
             NodeError: The value is not a valid name.
             BlackboardError: The port is a blackboard entry that was never written.
         """
+        shared = self._shared
         if self._binding.key is not None:
             name = str(self._node.get_input(self._port))
-            if self._entity is None or name != self.name:
-                self._open(name)
-        entity = self._entity
-        assert entity is not None
+            if shared is None or name != self._value or shared.is_destroyed:
+                shared = self._open(name)
+        elif shared is None or shared.is_destroyed:
+            shared = self._open(self._binding.text)
+        entity: Entity = shared.entity
         return entity
 
     def settling_time(self, *, is_visible: bool) -> int:
@@ -87,21 +91,21 @@ class Endpoint(Generic[Entity]):
         Args:
             is_visible: Whether the server is visible.
         """
-        shared, key = self._session.shared, ("settled", *self._shared_key)
-        if isinstance(self._session.clock, SimulatedTime):
+        shared = self._shared
+        if shared is None or isinstance(self._session.clock, SimulatedTime):
             return 0  # a wait in real time would let an unpredictable simulated time pass
         now = time.monotonic_ns()
         if not is_visible:
-            shared[key] = now + SETTLING_NS
-        settled: int = shared[key]
-        return max(0, settled - now)
+            shared.unsettled = now
+        return max(0, shared.unsettled + SETTLING_NS - now)
 
-    def _open(self, name: str) -> None:
+    def _open(self, value: str) -> SharedEntity:
         from rclpy.exceptions import NameValidationException
         from rclpy.validate_topic_name import validate_topic_name
 
         # As in BehaviorTree.ROS2, an empty text stands for the default. A class may compute the default.
         default_name: str | None = getattr(self._node, "default_name", None)
+        name = value
         if name in ("", PLACEHOLDER):
             name = self._binding.port.default or default_name or ""
         if not name:
@@ -109,21 +113,19 @@ class Endpoint(Generic[Entity]):
             if default_name is not None:
                 otherwise = "give the node a name"
             raise NodeError(f"port [{self._port}] is empty: set it in the XML, or {otherwise}")
-        key = (*self._key, name)
-        entity = self._session.shared.get(key)
-        if entity is None:
-            try:
-                validate_topic_name(name)
-            except NameValidationException as error:
-                reason = str(error).splitlines()[0]
-                raise NodeError(f"port [{self._port}] = '{name}' is not a valid ROS name: {reason}") from None
-            entity = self._create(name)
-            self._session.shared[key] = entity
-            self._session.shared["settled", *key] = time.monotonic_ns() + SETTLING_NS
-        self._entity = entity
-        self._shared_key = key
+        try:
+            validate_topic_name(name)
+        except NameValidationException as error:
+            reason = str(error).splitlines()[0]
+            raise NodeError(f"port [{self._port}] = '{name}' is not a valid ROS name: {reason}") from None
+        if self._shared is not None:
+            self._shared.users.discard(self._node)
+        create = functools.partial(self._create, name)
+        self._shared = shared = self._session.entities.use(self._node, (*self._key, name), create)
+        self._value = value
         self.name = name
         self.created = self._node.now()
+        return shared
 
 
 def interface_of(node: TreeNode, attribute: str, kind: InterfaceKind) -> Any:

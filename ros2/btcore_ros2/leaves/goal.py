@@ -72,6 +72,8 @@ class ClientGoal:
         sender: str,
         on_progress: Callable[[], None],
     ) -> None:
+        from btcore_ros2.direct_take import send_goal
+
         self.accepted: bool | None = None
         self.status = GoalStatus.UNKNOWN
         self.feedback: deque[Any] = deque(maxlen=FEEDBACK_LIMIT)
@@ -85,16 +87,17 @@ class ClientGoal:
         self._on_progress = on_progress
         self._handle: Any = None
         self._results: list[Any] = []
-        self._cancellations: list[Any] = []  # those without an answer
+        self._cancellations: list[Any] = []
         self._is_cancellation_known = False
         self._is_unknown = False  # to the server, when it last answered a cancellation
         self._server_count = 0
         self._next_check = session.clock.now() + CHECK_NS
         self._follow_until = 0
         self._id = _new_id()
-        self._acceptance = client.send_goal_async(
-            message, feedback_callback=self._take_feedback, goal_uuid=self._id
-        )
+        self._shared = session.entities.find(client)
+        if self._shared is not None:
+            self._shared.add(self)
+        self._acceptance = send_goal(client, message, self._id, self._take_feedback)
         self._ignore: Callable[[], None] = session.after_drain(self._advance)
 
     @property
@@ -126,9 +129,8 @@ class ClientGoal:
                 self._accept(self._acceptance.result())
         else:
             self._read_results()
-        answered = next((future for future in self._cancellations if future.done()), None)
-        if not self.done and answered is not None:
-            self._cancellations.remove(answered)
+        answered = next((future for future in reversed(self._cancellations) if future.done()), None)
+        if not self.done and not self._is_cancellation_known and answered is not None:
             self._read_cancellation(answered.result())
         if not self.done:
             self._check(self._session.clock.now())
@@ -171,7 +173,6 @@ class ClientGoal:
     def _read_cancellation(self, answer: Any) -> None:
         if answer.goals_canceling or answer.return_code == GOAL_ENDED:
             self._is_cancellation_known = True
-            self._cancellations.clear()
             if self.accepted is None:  # the server's answer was lost
                 self._watch_result(self._handle_by_id())
             if answer.goals_canceling:
@@ -258,6 +259,20 @@ class ClientGoal:
         self._on_progress()
 
     def _stop_watching(self) -> None:
-        self._ignore()
-        self._ignore = _do_nothing
         self._session.unfinished.discard(self)
+        self._ignore()
+        self._ignore = self._session.after_drain(self._forget)
+        self._next_check = self._session.clock.now() + CHECK_NS
+        self._forget()
+
+    def _forget(self) -> None:
+        """Remove what the client keeps of the goal, when all requests are answered, or after `CHECK_NS`."""
+        from btcore_ros2.direct_take import forget_goal
+
+        requests = [self._acceptance, *self._results, *self._cancellations]
+        if self._session.clock.now() > self._next_check or all(request.done() for request in requests):
+            self._ignore()
+            self._ignore = _do_nothing
+            forget_goal(self._client, self._id, requests)
+            if self._shared is not None:
+                self._shared.users.discard(self)

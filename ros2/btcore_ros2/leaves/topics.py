@@ -72,15 +72,16 @@ class RosPublisher(Condition):
 
 
 class _Topic:
-    """A subscription that several leaves share. Each leaf has its own newest message."""
+    """A subscription that several leaves share. Each leaf knows which messages it has read."""
 
-    def __init__(self) -> None:
-        self.inboxes: list[list[Any]] = []
+    def __init__(self, session: RosSession, message_type: Any, name: str, qos: Any) -> None:
+        self.message: Any = None
+        self.count = 0
+        self.subscription = session.node.create_subscription(message_type, name, self._take, qos)
 
-    def take(self, message: Any) -> None:
-        """Put *message* into the inboxes of the leaves."""
-        for inbox in self.inboxes:
-            inbox[:] = [message]
+    def _take(self, message: Any) -> None:
+        self.message = message
+        self.count += 1
 
 
 class RosSubscriber(Condition):
@@ -115,11 +116,11 @@ class RosSubscriber(Condition):
 
     state_fields = ()
 
-    _listening: "_Topic | None" = None
+    _listening: _Topic | None = None
+    _read = 0  # of the messages of _listening
 
     def __init__(self, session: RosSession) -> None:
         self.session = session
-        self._inbox: list[Any] = []
         self.message_type = interface_of(self, "message_type", "msg")
         self._endpoint = Endpoint(
             self, session, "topic_name", ("subscription", self.message_type, repr(self.qos)), self._connect
@@ -128,18 +129,14 @@ class RosSubscriber(Condition):
             self._listen()
 
     def _connect(self, name: str) -> _Topic:
-        topic = _Topic()
-        self.session.node.create_subscription(self.message_type, name, topic.take, self.qos)
-        return topic
+        return _Topic(self.session, self.message_type, name, self.qos)
 
-    def _listen(self) -> None:
-        topic = self._endpoint.get()
+    def _listen(self) -> _Topic:
+        topic: _Topic = self._endpoint.get()
         if topic is not self._listening:
-            if self._listening is not None:
-                self._listening.inboxes.remove(self._inbox)
-            self._inbox = []
-            topic.inboxes.append(self._inbox)
             self._listening = topic
+            self._read = topic.count
+        return topic
 
     def on_message(self, message: Any) -> Any:
         """Process a message.
@@ -157,9 +154,9 @@ class RosSubscriber(Condition):
 
     def tick(self) -> Any:
         """Pass the newest message to `on_message`."""
-        self._listen()
+        topic = self._listen()
         self.session.refresh()
-        message = self._inbox[0] if self._inbox else None
+        message = topic.message if topic.count > self._read else None
         if not self.latch:
-            self._inbox.clear()
+            self._read = topic.count
         return completed(self.on_message(message), "on_message()")

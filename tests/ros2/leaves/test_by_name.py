@@ -32,11 +32,12 @@ def session() -> Iterator[RosSession]:
         assert server.stdout is not None
         assert server.stdout.readline() == "ready\n"
         with RosSession("by_name") as made:
-            tree_of(COUNT, made)  # its client is used by all trees
+            tree = tree_of(COUNT, made)  # its client is used by all trees
             wait_until_known(made, "count")
             for topic in ("battery", "other_battery", "silence"):
                 assert made.wait_for(lambda topic=topic: made.node.count_publishers(topic), LIMIT_S)
             yield made
+            del tree
         assert server.stdin is not None
         server.stdin.close()
         assert server.wait(LIMIT_S) == 0

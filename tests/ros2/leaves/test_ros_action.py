@@ -104,9 +104,10 @@ def server() -> Iterator[ServerProcess]:
 @pytest.fixture(scope="module")
 def session(server: ServerProcess) -> Iterator[RosSession]:
     with RosSession("leaves") as made:
-        load(made, '<Planned order="0"/>')  # its client is used by all trees
+        tree = load(made, '<Planned order="0"/>')  # its client is used by all trees
         wait_until_known(made, "planned")
         yield made
+        del tree
 
 
 def load(session: RosSession, body: str, **entries: Any) -> Tree:
@@ -176,6 +177,14 @@ def test_failed_goals(
     assert (status, leaf.errors) == (F, [code])
     assert message in leaf.error_message
     assert f"Planned::1: {code.name}: {leaf.error_message}" in caplog.messages
+
+
+@pytest.mark.parametrize("plan", [Plan(answer=Answer.REJECT), Plan(work_slots=2)])
+def test_client_forgets_a_goal_that_has_ended(server: ServerProcess, session: RosSession, plan: Plan) -> None:
+    _, leaf = run(session, plan)
+    client = leaf._endpoint.get()
+    assert session.wait_for(lambda: not client._futures, LIMIT_S)
+    assert client._feedback_callbacks == {}
 
 
 def test_invalid_goal_is_not_sent(server: ServerProcess, session: RosSession) -> None:

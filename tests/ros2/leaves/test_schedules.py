@@ -14,6 +14,7 @@ def test_random_schedules(acceptance_script: Callable[[str], ModuleType]) -> Non
     try:
         for _ in range(15):
             run.schedule()
+        run.check_clients()
     finally:
         run.close()
     assert run.wrong == []

@@ -206,7 +206,7 @@ def test_newest_message_since_the_last_tick(
     for word in ("one", "two", "three"):
         publisher.publish(String(data=word))
     leaf = leaf_of(tree)
-    assert session.wait_for(lambda: leaf._inbox and leaf._inbox[0].data == "three", LIMIT_S)
+    assert session.wait_for(lambda: leaf._listening.message == String(data="three"), LIMIT_S)
     assert tree.tick_once() is S
     assert tree.blackboard["heard"] == "three"
     assert tree.tick_once() is again
@@ -218,7 +218,9 @@ def test_two_leaves_share_a_subscription_but_not_the_message(session: RosSession
     publisher = other.node.create_publisher(String, "speech", 10)
     assert other.wait_for(publisher.get_subscription_count, LIMIT_S)
     publisher.publish(String(data="both"))
-    assert session.wait_for(lambda: all(node._inbox for node in tree if isinstance(node, Hear)), LIMIT_S)
+    assert session.wait_for(
+        lambda: all(node._listening.count for node in tree if isinstance(node, Hear)), LIMIT_S
+    )
     assert tree.tick_once() is S
     assert (tree.blackboard["a"], tree.blackboard["b"]) == ("both", "both")
     other.node.destroy_publisher(publisher)
