@@ -19,7 +19,7 @@ from btcore_monitor.display import has_display
 from btcore_monitor.display_options import DisplayOptions, create_options, explicit_options
 from btcore_monitor.keys import KeyFileError, RobotKeys, create_keys
 from btcore_monitor.monitor_process import MonitorProcess, print_message, wait_until_listening
-from btcore_monitor.viewer_setup import check_is_recording, check_writable
+from btcore_monitor.viewer_setup import check_is_recording, check_writable, exit_on_sigterm
 from btcore_monitor.wire.groot1 import BESIDE_GROOT2, PUBLISH_PORT
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
@@ -188,6 +188,8 @@ class MonitorExtension(RunExtension):
 
         port, groot1 = _ports(settings)
         with ExitStack() as stack:
+            # The loop of ticks handles signals only later.
+            stack.enter_context(exit_on_sigterm())
             keys, key_options = _robot_keys(settings, stack)
             try:
                 publisher = serve(

@@ -83,13 +83,16 @@ def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file, fr
     assert "Traceback" not in run.stderr_text
 
 
-def test_a_run_that_is_ended_closes_the_viewer(command, tree_file, free_port):
-    run = command("run", tree_file, "--serve-web", free_port(), "--verbose")
-    run.wait_for("by btcore's scene channel")
-    page = address_of(run)
+@pytest.mark.parametrize(
+    "message", ["publishing at", "by btcore's scene channel"], ids=["starting", "running"]
+)
+def test_a_run_that_is_ended_closes_the_viewer(command, tree_file, free_port, message):
+    port = free_port()
+    run = command("run", tree_file, "--serve-web", port, "--verbose")
+    run.wait_for(message)
     assert run.end(signal.SIGTERM) == 143, run.stderr_text
     with pytest.raises(OSError, match="refused"):
-        fetched(page)
+        fetched(f"http://127.0.0.1:{port}/")
 
 
 @pytest.fixture
