@@ -14,7 +14,8 @@ from btcore_ros2.leaves import RosSubscriber, register
 from btcore_ros2.session import RosSession
 
 LIMIT_S = 60
-PUBLISH = """<RosTopicPublish topic_name="{}" type="std_msgs/msg/{}" message='json:{{}}'/>"""
+PUBLISH = """<RosTopicPublish topic_name="{}" type="std_msgs/msg/{}" message='json:{{}}'
+                              wait_for_subscriber_timeout="0"/>"""
 
 
 @pytest.fixture

@@ -395,10 +395,12 @@ PAST_TREES = """
 <root BTCPP_format="4">
   <BehaviorTree ID="Listen"><Hear/></BehaviorTree>
   <BehaviorTree ID="Say">
-    <RosTopicPublish topic_name="{{payload}}" type="std_msgs/msg/String" message='json:{{}}'/>
+    <RosTopicPublish topic_name="{{payload}}" type="std_msgs/msg/String" message='json:{{}}'
+                     wait_for_subscriber_timeout="0"/>
   </BehaviorTree>
   <BehaviorTree ID="Typed">
-    <RosTopicPublish topic_name="/typed" type="std_msgs/msg/{}" message='json:{{}}'/>
+    <RosTopicPublish topic_name="/typed" type="std_msgs/msg/{}" message='json:{{}}'
+                     wait_for_subscriber_timeout="0"/>
   </BehaviorTree>
 </root>
 """
