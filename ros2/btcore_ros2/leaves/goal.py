@@ -88,6 +88,7 @@ class ClientGoal:
         self._handle: Any = None
         self._results: list[Any] = []
         self._cancellations: list[Any] = []
+        self._open_cancellations: list[Any] = []  # those whose answers were not read
         self._is_cancellation_known = False
         self._is_unknown = False  # to the server, when it last answered a cancellation
         self._server_count = 0
@@ -129,8 +130,9 @@ class ClientGoal:
                 self._accept(self._acceptance.result())
         else:
             self._read_results()
-        answered = next((future for future in reversed(self._cancellations) if future.done()), None)
-        if not self.done and not self._is_cancellation_known and answered is not None:
+        answered = next((future for future in self._open_cancellations if future.done()), None)
+        if not self.done and answered is not None:
+            self._open_cancellations.remove(answered)
             self._read_cancellation(answered.result())
         if not self.done:
             self._check(self._session.clock.now())
@@ -169,10 +171,12 @@ class ClientGoal:
     def _send_cancellation(self) -> None:
         handle = self._handle if self._handle is not None else self._handle_by_id()
         self._cancellations.append(handle.cancel_goal_async())
+        self._open_cancellations.append(self._cancellations[-1])
 
     def _read_cancellation(self, answer: Any) -> None:
         if answer.goals_canceling or answer.return_code == GOAL_ENDED:
             self._is_cancellation_known = True
+            self._open_cancellations.clear()
             if self.accepted is None:  # the server's answer was lost
                 self._watch_result(self._handle_by_id())
             if answer.goals_canceling:
