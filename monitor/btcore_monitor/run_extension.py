@@ -189,7 +189,7 @@ class MonitorExtension(RunExtension):
         port, groot1 = _ports(settings)
         with ExitStack() as stack:
             # The loop of ticks handles signals only later.
-            stack.enter_context(exit_on_sigterm())
+            delayed_exit = stack.enter_context(exit_on_sigterm())
             keys, key_options = _robot_keys(settings, stack)
             try:
                 publisher = serve(
@@ -225,16 +225,18 @@ class MonitorExtension(RunExtension):
             options.append("--verbose" if verbose else "--quiet")
             monitors: list[MonitorProcess] = []
             failures: list[str] = []
-            if files:
-                arguments = [str(part) for item in files.items() for part in item]
-                name = f"writing {' and '.join(map(str, files.values()))}"
-                monitors.append(MonitorProcess(publisher, [*arguments, "--no-view", *options], name))
-            if settings["monitor"]:
-                monitors.append(MonitorProcess(publisher, options, "the viewer"))
-            if settings["serve_web"]:
-                arguments = ["--serve-web", str(settings["serve_web"]), *options]
-                monitors.append(MonitorProcess(publisher, arguments, "the viewer for browsers", stays=True))
             try:
+                with delayed_exit():
+                    if files:
+                        arguments = [str(part) for item in files.items() for part in item]
+                        name = f"writing {' and '.join(map(str, files.values()))}"
+                        monitors.append(MonitorProcess(publisher, [*arguments, "--no-view", *options], name))
+                    if settings["monitor"]:
+                        monitors.append(MonitorProcess(publisher, options, "the viewer"))
+                    if settings["serve_web"]:
+                        arguments = ["--serve-web", str(settings["serve_web"]), *options]
+                        name = "the viewer for browsers"
+                        monitors.append(MonitorProcess(publisher, arguments, name, stays=True))
                 wait_until_listening(publisher, monitors)
                 self._publisher = publisher
                 yield

@@ -152,18 +152,37 @@ def check_writable(option: str, path: Path) -> None:
 
 
 @contextlib.contextmanager
-def exit_on_sigterm() -> Iterator[None]:
-    """Let SIGTERM raise SystemExit, so that the processes that were started are ended."""
+def exit_on_sigterm() -> Iterator[Callable[[], contextlib.AbstractContextManager[None]]]:
+    """Let SIGTERM raise SystemExit, so that the processes that were started are ended.
+
+    Yield a function whose context delays the exception until its end: raised while a process is being
+    started, it would leave the process behind.
+    """
+    delayed = False
+    received: list[int] = []
 
     def handle(number: int, frame: FrameType | None) -> None:
-        raise SystemExit(128 + number)
+        received.append(number)
+        if not delayed:
+            raise SystemExit(128 + number)
+
+    @contextlib.contextmanager
+    def delay() -> Iterator[None]:
+        nonlocal delayed
+        delayed = True
+        try:
+            yield
+        finally:
+            delayed = False
+        if received:
+            raise SystemExit(128 + received[0])
 
     if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may set handlers
+        yield delay  # only the main thread may set handlers
         return
     before = signal.signal(signal.SIGTERM, handle)
     try:
-        yield
+        yield delay
     finally:
         signal.signal(signal.SIGTERM, before)
 

@@ -138,7 +138,7 @@ class Command:
             text=True,
         )
         self.stderr_text = ""
-        self._reader = threading.Thread(target=self._read)
+        self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def _read(self) -> None:
@@ -160,7 +160,8 @@ class Command:
         if number is not None:
             self.process.send_signal(number)
         code = self.process.wait(200)
-        self._reader.join()
+        self._reader.join(20)
+        assert not self._reader.is_alive(), "a process that the command started has not ended"
         return code
 
 

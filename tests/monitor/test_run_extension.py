@@ -1,11 +1,13 @@
 """``btcore run`` with --publish, --save and --port: the run is unchanged, and all events arrive."""
 
 import json
+import os
 import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,7 @@ from btcore_monitor.events import (
 from btcore_monitor.keys import create_keys
 from btcore_monitor.screen.style import COLOUR_BLIND
 from btcore_monitor.serve import serve
+from btcore_monitor.viewer_setup import exit_on_sigterm
 from btcore_monitor.watch.feed import Feed
 
 BUMPGO = ["bumpgo", "--world", "arena", "--seed", "3", "--fast", "--json"]
@@ -346,3 +349,19 @@ def test_monitor_without_a_display_is_refused_before_the_run(tree_file, monkeypa
         "error: --monitor: there is no display here. --serve-web shows the run in a browser, --save FILE.rrd "
         "records it for later, and --publish groot2 lets a monitor connect from elsewhere\n"
     )
+
+
+def test_sigterm_waits_for_the_start_of_a_process():
+    done = []
+
+    def start(delayed: bool) -> None:
+        with exit_on_sigterm() as delayed_exit:
+            with delayed_exit() if delayed else nullcontext():
+                os.kill(os.getpid(), signal.SIGTERM)
+                done.append("started")
+            done.append("ticked")
+
+    for delayed in (True, False):
+        with pytest.raises(SystemExit, match="143"):
+            start(delayed)
+    assert done == ["started"]
