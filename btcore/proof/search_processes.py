@@ -148,7 +148,7 @@ class SearchProcesses:
     def close(self) -> None:
         """End the processes, and add their counts of the results of leaves to those of the tree."""
         for connection, process in zip(self._connections, self._processes, strict=True):
-            process.terminate()
+            process.kill()
             process.join()
             connection.close()
         for reply in self._replies:
