@@ -66,7 +66,7 @@ def test_the_robot_stands_while_the_laser_fails_and_then_goes_on(body: Simulated
     assert body.contacts.events == []
 
 
-@pytest.mark.parametrize("leaf", ["Forward", "Back", "Turn"])
+@pytest.mark.parametrize("leaf", ["Forward", "Back", "TurnToFree"])
 def test_the_robot_stops_within_a_second_of_a_laser_failure_in_any_leaf(leaf: str, nodes: Registry):
     """Run once to find out when the leaf is at work, and let the laser fail at that time in a second run."""
     seeing = SimulatedRobot(World(load_scene("arena_boxes"), seed=11))
