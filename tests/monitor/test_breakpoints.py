@@ -78,7 +78,7 @@ def robot() -> Iterator[Robot]:
 
 
 def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "btcore", "hook", *arguments]
+    return [sys.executable, "-m", "btcore", "hook", "--wait", str(LIMIT), *arguments]
 
 
 def hook(*arguments: str) -> subprocess.CompletedProcess[str]:
