@@ -247,7 +247,7 @@ npm-checks: .venv/ready
 	@MAKEFLAGS= .ci/vscode
 
 docs: .venv/ready
-	@$(PROGRESS) 'building the documentation site' .venv/bin/python -u docs/site/build.py
+	@$(PROGRESS) 'building the documentation site' .venv/bin/python -u docs/site/build_site.py
 	@echo '  out/docs/site/index.html'
 
 # Both wheels are built from the sdist, which proves that the sdist is complete.

@@ -1,4 +1,4 @@
-"""The generated pages of the reference: nodes and commands. docs/site/build.py writes them into the site."""
+"""The generated pages of the reference, of nodes and commands, which docs/site/build_site.py writes."""
 
 import contextlib
 import inspect
@@ -79,7 +79,7 @@ def test_files_that_the_pages_link_to_exist(pages: Path) -> None:
     for page in pages.rglob("*.md"):
         for link in linked(page):
             written = Path(os.path.normpath(ROOT / "docs" / "reference" / page.parent.name / link))
-            # docs/site/build.py checks the links to pages of the API, which the tests do not generate.
+            # docs/site/build_site.py checks the links to pages of the API, which the tests do not generate.
             generated = (page.parent / link).exists() or link.startswith("../api/")
             if "://" not in link and not generated and not written.exists():
                 dead.append(f"{page.name}: {link}")

@@ -30,7 +30,7 @@ def missing_references(text: str, folder: Path) -> list[str]:
     """Return line and name of each reference in *text* to a Markdown file that does not exist.
 
     A reference is relative to *folder*, to the repository or to docs/. Web addresses and the pages that
-    docs/site/build.py writes are ignored.
+    docs/site/build_site.py writes are ignored.
     """
     return [
         f"{number}: {name}"

@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 pytest.importorskip("griffe")
 sys.path.insert(0, str(ROOT / "docs" / "site"))
 
-import build  # noqa: E402
+import build_site  # noqa: E402
 import field_defaults  # noqa: E402
 import griffe  # noqa: E402
 import links  # noqa: E402
@@ -48,7 +48,7 @@ def test_problems_are_found(name: str, body: str, problem: str, tmp_path: Path) 
 
 def test_fences_of_the_site_have_no_notes_for_tests_and_file_names_are_titles() -> None:
     page = "```python\n```\n```console unrun: it is slow\n```\n  ```xml tree.xml\n```\n"
-    assert build.FENCE.sub(build.with_title, page) == (
+    assert build_site.FENCE.sub(build_site.with_title, page) == (
         '```python\n```\n```console\n```\n  ```xml title="tree.xml"\n```\n'
     )
 
@@ -56,16 +56,17 @@ def test_fences_of_the_site_have_no_notes_for_tests_and_file_names_are_titles() 
 def test_blocks_without_text_are_not_shown(tmp_path: Path) -> None:
     page = tmp_path / "page"
     page.write_text("# E001\n\n```xml E001\n```\n\n```xml\n<a/>\n```\n", encoding="utf-8")
-    assert build.for_site(page) == "# E001\n\n\n```xml\n<a/>\n```\n"
+    assert build_site.for_site(page) == "# E001\n\n\n```xml\n<a/>\n```\n"
 
 
 def test_links_to_other_files_of_the_repository_lead_to_the_repository() -> None:
-    public_api = build.with_site_links(ROOT / "docs/reference/public_api.md")
+    public_api = build_site.with_site_links(ROOT / "docs/reference/public_api.md")
     assert "(../CHANGELOG.md)" in public_api
     assert "guides/batch.md)" in public_api
-    conformance = build.with_site_links(ROOT / "docs/reference/conformance.md")
+    conformance = build_site.with_site_links(ROOT / "docs/reference/conformance.md")
     assert (
-        f"({build.PROJECT['urls']['Repository']}/blob/main/tests/btcore/nodes/test_loops.py)" in conformance
+        f"({build_site.PROJECT['urls']['Repository']}/blob/main/tests/btcore/nodes/test_loops.py)"
+        in conformance
     )
 
 

@@ -38,7 +38,7 @@ def test_a_code_links_to_its_heading() -> None:
     anchors = {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
     links = [str(code.url).split("#") for code in ALL_CODES]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    # The plugin "offline" of the documentation site gives pages the suffix .html; docs/site/build.py
+    # The plugin "offline" of the documentation site gives pages the suffix .html; docs/site/build_site.py
     # compares the links with the built pages.
     assert {page for page, _ in links} == {project["urls"]["Documentation"] + "reference/errors.html"}
     assert {anchor for _, anchor in links} < anchors
