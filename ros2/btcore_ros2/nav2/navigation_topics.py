@@ -215,6 +215,7 @@ class NavigationTopics:
             return
         covariance = np.array(message.pose.covariance).reshape(6, 6)[np.ix_(_COVARIANCES, _COVARIANCES)]
         try:
+            self._published_pose = None  # as AMCL, publish the pose even if it is the same
             localiser.set_pose(pose_from_message(message.pose.pose), covariance if covariance.any() else None)
         except RosError as error:
             self._warn(f"initialpose: {error}")
@@ -233,9 +234,9 @@ class CostmapTopics:
     """The topics of a costmap, as Nav2's Costmap2DROS publishes them, all below its name.
 
     `costmap` and `costmap_raw` are the whole costmap, with the costs as occupancies and as they are. Both are
-    latched. If origin and size have not changed since they were published, `costmap_updates` and
-    `costmap_raw_updates` follow instead, with the smallest rectangle that contains all changed costs.
-    `published_footprint` is the outline of the robot at its pose.
+    latched. While origin, size, resolution and subscribers stay the same, `costmap_updates` and
+    `costmap_raw_updates` follow instead, with the smallest rectangle that contains all changed costs, unless
+    the parameter `always_send_full_costmap` is set. `published_footprint` is the robot's outline at its pose.
 
     Args:
         node: The ROS node.
@@ -274,10 +275,10 @@ class CostmapTopics:
         self._footprint = node.create_publisher(
             PolygonStamped, f"{name}/published_footprint", qos_profile_system_default
         )
-        self._origin: tuple[float, float] | None = None
+        self._published: tuple[object, ...] = ()
+        """Origin, size and resolution of the costmap that was published, and its number of subscribers."""
         self._costs = np.empty((0, 0), np.uint8)
         """The costs that the subscribers have."""
-        self._subscribers = 0
 
     @property
     def _costmap(self) -> Costmap:
@@ -287,16 +288,15 @@ class CostmapTopics:
     def publish(self, now: int) -> None:
         """Publish the costmap, or what has changed in it."""
         costmap = self._costmap
-        subscribers = self._grid.get_subscription_count() + self._raw.get_subscription_count()
-        is_known = costmap.origin == self._origin and costmap.costs.shape == self._costs.shape
+        counts = self._grid.get_subscription_count(), self._raw.get_subscription_count()
         # A new subscriber has received the last whole costmap, without later updates.
-        if self._always_full or not is_known or subscribers != self._subscribers:
-            self._subscribers = subscribers
-            self._origin, self._costs = costmap.origin, costmap.costs.copy()
-            if self._grid.get_subscription_count():
+        now_published = costmap.origin, costmap.costs.shape, costmap.resolution, counts
+        if self._always_full or now_published != self._published:
+            self._published, self._costs = now_published, costmap.costs.copy()
+            if counts[0]:
                 cells = _OCCUPANCY[costmap.costs]
                 self._grid.publish(occupancy_grid(costmap, cells, costmap.frame, self._stamp()))
-            if self._raw.get_subscription_count():
+            if counts[1]:
                 self._raw.publish(costmap_message(costmap, self._stamp()))
         elif (changed := costmap.costs != self._costs).any():
             self._publish_update(costmap, changed)
