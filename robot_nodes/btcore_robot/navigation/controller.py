@@ -365,10 +365,11 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             except TransformError:
                 return None
         here = self._robot.odometry().pose
-        ahead = _transform_points(to_frame, way.ahead(_LOOK_AHEAD, _STEP))
-        points = np.vstack(((here.x, here.y), ahead))
-        (x, y), (east, north) = points[-1].tolist(), (points[-1] - points[-2]).tolist()
-        return path_through(points, Pose2D(x, y, math.atan2(north, east)), self._last, frame)
+        points = _transform_points(to_frame, way.ahead(_LOOK_AHEAD, _STEP))
+        points[0] = here.x, here.y
+        (x, y), (east, north) = points[-1].tolist(), (points[-1] - points[-2:][0]).tolist()
+        goal = Pose2D(x, y, math.atan2(north, east) if len(points) > 1 else here.yaw)
+        return path_through(points, goal, self._last, frame)
 
     def stop(self, handle: FollowPathHandle, now: int) -> None:
         """Brake; later steps brake further until the robot stands."""

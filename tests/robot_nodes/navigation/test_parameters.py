@@ -303,7 +303,7 @@ def test_every_field_is_read_by_the_navigation(floor, path, follow):
     robot = floor((1.5, -2.0, 1.6, 2.0), (-1.6, -2.0, -1.5, 2.0)).robot
     defaults = NavigationParameters().for_robot(robot.base)
     sections = {name: recorded(name, getattr(defaults, name)) for name in SECTIONS.values()}
-    # The footprint is read when the radius is determined, here by the line above. btcore_ros2 reads the others.
+    # The footprint is read when the radius is determined, by the line above. btcore_ros2 reads the others.
     for costmap in ("global_costmap", "local_costmap"):
         unread[costmap] -= {"footprint", "publish_frequency", "always_send_full_costmap"}
 
