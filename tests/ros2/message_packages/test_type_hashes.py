@@ -14,7 +14,7 @@ from btcore_ros2.message_packages.wheels import Build, installed_messages
 
 HASHES = Path(__file__).with_name("type_hashes.txt")
 """What ROS 2's generator computed from the definitions of the releases for kilted: nav2_msgs 1.4.2,
-geographic_msgs 1.0.6 and map_msgs 2.4.0. A type hash covers the names, types and order of all fields."""
+geographic_msgs 1.0.6 and map_msgs 2.5.0. A type hash covers the names, types and order of all fields."""
 
 
 def test_type_hashes_are_those_of_the_original_packages(tmp_path: Path) -> None:
