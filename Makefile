@@ -102,10 +102,10 @@ FOR_ROS2_TESTS := msgpack pytest-xdist pyzmq ros-test-msgs==2.3.0
 
 # Compiling all bundled messages takes a third longer. Messages that these contain are built, too.
 FOR_ROS2_TESTS_BUILT := TFMessage ExecuteTree GetTrees BehaviorTreeLog ParticleCloud CostmapUpdate \
-	AssistedTeleop BackUp ComputeAndTrackRoute ComputePathThroughPoses ComputePathToPose ComputeRoute DockRobot \
-	DriveOnHeading FollowGPSWaypoints FollowPath FollowWaypoints NavigateThroughPoses NavigateToPose SmoothPath \
-	Spin UndockRobot Wait ClearCostmapAroundRobot ClearCostmapExceptRegion ClearEntireCostmap GetCostmap \
-	GetCosts IsPathValid LoadMap ManageLifecycleNodes SetInitialPose
+	OccupancyGridUpdate AssistedTeleop BackUp ComputeAndTrackRoute ComputePathThroughPoses ComputePathToPose \
+	ComputeRoute DockRobot DriveOnHeading FollowGPSWaypoints FollowPath FollowWaypoints NavigateThroughPoses \
+	NavigateToPose SmoothPath Spin UndockRobot Wait ClearCostmapAroundRobot ClearCostmapExceptRegion \
+	ClearEntireCostmap GetCostmap GetCosts IsPathValid LoadMap ManageLifecycleNodes SetInitialPose
 
 # An environment of its own, because ROS 2's wheels restart each Python that starts in their environment.
 .venv-ros/ready: pyproject.toml setup.py $(MESSAGES)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 BUNDLED_PACKAGES = {
     "tf2_msgs": "transforms",
     "nav2_msgs": "Nav2's actions and services",
+    "map_msgs": "the updates of costmaps",
     "btcpp_ros2_interfaces": "the tree server",
 }
 """The message packages that parts of btcore need and PyPI lacks, and what they are for."""

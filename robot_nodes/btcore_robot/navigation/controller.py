@@ -20,7 +20,7 @@ from btcore_robot.navigation.costmap import LocalCostmap
 from btcore_robot.navigation.detour import find_detour
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.parameters import ControllerParameters
-from btcore_robot.navigation.path import NavPath
+from btcore_robot.navigation.path import NavPath, path_through
 from btcore_robot.navigation.pure_pursuit import Carrot, PurePursuit
 from btcore_robot.navigation.sensor_watch import SensorWatch
 from btcore_robot.navigation.velocity_smoother import VelocityLimits, VelocitySmoother
@@ -345,6 +345,31 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
                 Nav2ErrorCode.NO_VALID_CONTROL,
                 "no way along the path keeps clear of obstacles",
             )
+
+    def local_plan(self) -> NavPath | None:
+        """Return the way that the robot is about to drive, in the frame of the local costmap.
+
+        It leads from the robot along the detour or the path, as far as obstacles are considered.
+
+        Returns:
+            The way, or None while no path is followed or a transform is missing.
+        """
+        handle, way, frame = self.current, self._detour, self._costmap.frame
+        if handle is None or handle.done or self._pursuit is None:
+            return None
+        to_frame = Transform()
+        if way is None:
+            way = self._pursuit
+            try:
+                to_frame = self._tree.lookup(frame, handle.goal.path.frame)
+            except TransformError:
+                return None
+        here = self._robot.odometry().pose
+        points = _transform_points(to_frame, way.ahead(_LOOK_AHEAD, _STEP))
+        points[0] = here.x, here.y
+        (x, y), (east, north) = points[-1].tolist(), (points[-1] - points[-2:][0]).tolist()
+        goal = Pose2D(x, y, math.atan2(north, east) if len(points) > 1 else here.yaw)
+        return path_through(points, goal, self._last, frame)
 
     def stop(self, handle: FollowPathHandle, now: int) -> None:
         """Brake; later steps brake further until the robot stands."""

@@ -95,9 +95,14 @@ class CostmapParameters:
     circle around its centre that contains them. Without a footprint, *robot_radius* is this circle's radius.
     The least radius is that of the robot and a margin of 3 cm, so that every planned path is wide enough for
     the controller: 0.3 m for Tiago. (The book's file has 0.2 m for the global costmap.)
+
+    *publish_frequency* and *always_send_full_costmap* are for the topics of ROS 2: how often a costmap is
+    published, and whether completely each time, or only the part that has changed.
     """
 
     update_frequency: float = number_field(1.0, minimum=0.0)
+    publish_frequency: float = number_field(1.0, minimum=0.0)
+    always_send_full_costmap: bool = False
     resolution: float = number_field(0.05, minimum=0.005)
     robot_radius: float = number_field(0.0, minimum=0.0)
     footprint: str = ""

@@ -44,8 +44,8 @@ def messages(sources: Sequence[str], only: Sequence[str], force: bool, wheels: P
     """Build message packages from their definitions, and install them into this environment.
 
     FOLDER is a package with folders msg, srv or action, or a workspace that contains packages. NAME is a
-    package whose definitions come with btcore: tf2_msgs, btcpp_ros2_interfaces, geographic_msgs, or
-    nav2_msgs, with which geographic_msgs is built. Without arguments, these four packages are built.
+    package whose definitions come with btcore: tf2_msgs, map_msgs, btcpp_ros2_interfaces, geographic_msgs,
+    or nav2_msgs, with which geographic_msgs is built. Without arguments, these five packages are built.
 
     Each package becomes a wheel, which pip installs and `pip uninstall` removes. A package is built again
     only if its definitions or ROS 2's generators have changed. Building needs a C and a C++ compiler.

@@ -53,7 +53,8 @@ def sim(ctx: click.Context, /, **settings: Any) -> int:
 def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> int:
     if settings.get("ros2_robot") is not None:
         raise click.UsageError("--ros2 does not belong here: this command simulates its own robot")
-    gathered = require_resources(ctx, {**settings, "lockstep": False}, (Robot,))
+    session_settings = {**settings, "lockstep": False, "ros_session": session}
+    gathered = require_resources(ctx, session_settings, (RosSession, Robot))
     # Imported here: the simulator is installed, since there is a robot, and so is ROS 2.
     from btcore_ros2.simulation.lockstep import LockstepServer
     from btcore_ros2.simulation.services import offer_services

@@ -256,7 +256,7 @@ class BagRobot(TopicRobot):
         twist = getattr(message, "twist", message)
         values = {"v": twist.linear.x, "w": twist.angular.z}
         if all(map(math.isfinite, values.values())):
-            self._comparison.add_recorded(topic, self._time.now(), values)
+            self._comparison.add_recorded(_resolved(topic), self._time.now(), values)
 
     def _receive_trajectory(self, topic: str, message: Any) -> None:
         if message.points:
@@ -264,7 +264,7 @@ class BagRobot(TopicRobot):
             names = self._joints_of(topic)
             if all(math.isfinite(positions.get(name, math.nan)) for name in names):
                 values = {name: positions[name] for name in names}
-                self._comparison.add_recorded(topic, self._time.now(), values)
+                self._comparison.add_recorded(_resolved(topic), self._time.now(), values)
 
     def _joints_of(self, topic: str) -> tuple[str, ...]:
         """Return the joints that are moved by trajectories on *topic*."""
@@ -276,10 +276,10 @@ class BagRobot(TopicRobot):
     # Commands
 
     def _publish_velocity(self, topic: str, twist: Twist2D) -> None:
-        self._comparison.add_sent(topic, self._time.now(), {"v": twist.v, "w": twist.w})
+        self._comparison.add_sent(_resolved(topic), self._time.now(), {"v": twist.v, "w": twist.w})
 
     def _move_joints(self, topic: str, positions: Mapping[str, float], seconds: float) -> None:
-        self._comparison.add_sent(topic, self._time.now(), positions)
+        self._comparison.add_sent(_resolved(topic), self._time.now(), positions)
 
     # The start, and supervision
 

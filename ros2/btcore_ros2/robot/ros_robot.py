@@ -124,8 +124,9 @@ class RosRobot(TopicRobot):
         ):
             from sensor_msgs.msg import CameraInfo as InfoMessage
 
+            topic = self._node.resolve_topic_name(source.info)
             raise RosError(
-                f"{source.info}: {topic_problem(self._node, source.info, InfoMessage)}; "
+                f"{topic}: {topic_problem(self._node, topic, InfoMessage)}; "
                 f"correct 'camera.info' in {self.description.path}, or remove 'camera'"
             )
         return self._camera_info
@@ -376,7 +377,8 @@ class RosRobot(TopicRobot):
         from sensor_msgs.msg import CameraInfo as InfoMessage
         from sensor_msgs.msg import Image
 
-        topic, kind = (source.image.topic, Image) if self._raw_image is None else (source.info, InfoMessage)
+        name, kind = (source.image.topic, Image) if self._raw_image is None else (source.info, InfoMessage)
+        topic = self._node.resolve_topic_name(name)
         problem = topic_problem(self._node, topic, kind)
         _log.warning("there are no pictures: %s: %s; leaves that look for objects find none", topic, problem)
 

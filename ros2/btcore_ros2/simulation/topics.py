@@ -86,17 +86,28 @@ class Topic:
 class RobotTopics:
     """Publishes the readings of a simulated robot, and passes the commands that arrive on to it.
 
-    Stamps are the simulated time. A reading is published once, when it is new: if a sensor has failed, its
-    topic is silent. Nothing is published on a topic without subscribers, and the camera renders no picture
-    then.
+    A reading is published once, when it is new: if a sensor has failed, its topic is silent. Nothing is
+    published on a topic without subscribers, and the camera renders no picture then. All names are relative,
+    except `/tf`, `/tf_static` and `/clock`.
 
     Args:
         session: The ROS node.
         robot: The simulated robot.
+        scan: The name of the laser's topic.
+        ros_time: Returns the ROS time (ns) for stamps from a simulated time (ns). Without it, stamps are the
+            simulated time, which is published on `/clock`.
     """
 
-    def __init__(self, session: RosSession, robot: SimulatedRobot) -> None:
+    def __init__(
+        self,
+        session: RosSession,
+        robot: SimulatedRobot,
+        *,
+        scan: str = "scan_raw",
+        ros_time: Callable[[int], int] | None = None,
+    ) -> None:
         self._robot = robot
+        self._ros_time = ros_time or (lambda now: now)
         self._logger = session.node.get_logger()
         self._kinematics = Kinematics(robot.description)
         self._published_stamps: dict[Topic, int] = {}
@@ -108,8 +119,8 @@ class RobotTopics:
             self._topics.append(made)
             return made
 
-        self._clock = topic(Clock, "/clock")
-        self._scan = topic(LaserScan, "scan_raw", BEST_EFFORT)
+        self._clock = topic(Clock, "/clock") if ros_time is None else None
+        self._scan = topic(LaserScan, scan, BEST_EFFORT)
         self._odometry = topic(Odometry, "mobile_base_controller/odom")
         self._joints = topic(JointState, "joint_states")
         self._battery = topic(BatteryState, "power/battery")
@@ -123,7 +134,7 @@ class RobotTopics:
             self._logger.warning(_WITHOUT_TF2)
         else:
             self._tf = topic(TFMessage, "/tf", TRANSFORMS)
-            static = _transforms(self._frames(moving=False))
+            static = self._transforms(self._frames(moving=False))
             topic(TFMessage, "/tf_static", LATCHED).publish(static)
         self._received: dict[str, int] = {}
         for name, priority in VELOCITY_TOPICS.items():
@@ -153,7 +164,7 @@ class RobotTopics:
 
     def publish_clock(self, now: int) -> None:
         """Publish the simulated time *now* (ns)."""
-        if self._is_new(self._clock, now):
+        if self._clock is not None and self._is_new(self._clock, now):
             self._clock.publish(Clock(clock=time_of(now)))
 
     def publish_again(self) -> None:
@@ -186,14 +197,14 @@ class RobotTopics:
             # rclpy takes an array 15 times faster than numpy's
             ranges=array("f", scan.ranges.tobytes()),
         )
-        _set_header(message, scan.stamp, scan.frame)
+        self._set_header(message, scan.stamp, scan.frame)
         self._scan.publish(message)
 
     def _publish_motion(self, now: int) -> None:
         odometry = self._robot.odometry()
         if self._is_new(self._odometry, odometry.stamp):
             message = Odometry(child_frame_id=FOOTPRINT)
-            _set_header(message, odometry.stamp, "odom")
+            self._set_header(message, odometry.stamp, "odom")
             place = Transform.from_pose(odometry.pose)
             _set_xyz(message.pose.pose.position, place.position)
             _set_quaternion(message.pose.pose.orientation, place.quaternion)
@@ -203,11 +214,11 @@ class RobotTopics:
         if self._tf is not None and self._is_new(self._tf, now):
             place = Transform.from_pose(odometry.pose)
             base = TransformStamped(FOOTPRINT, "odom", place.position, place.quaternion, odometry.stamp)
-            self._tf.publish(_transforms([base, *self._frames(moving=True)]))
+            self._tf.publish(self._transforms([base, *self._frames(moving=True)]))
         if self._is_new(self._joints, now):
             positions = self._robot.joint_positions()
             joints = JointState(name=list(positions), position=list(positions.values()))
-            _set_header(joints, now, "")
+            self._set_header(joints, now, "")
             self._joints.publish(joints)
 
     def _publish_battery(self, now: int) -> None:
@@ -221,7 +232,7 @@ class RobotTopics:
             present=True,
             **unknown,
         )
-        _set_header(message, state.stamp, "")
+        self._set_header(message, state.stamp, "")
         self._battery.publish(message)
 
     def _publish_camera(self, now: int) -> None:
@@ -231,9 +242,9 @@ class RobotTopics:
         picture = self._robot.camera() if self._rgb.is_subscribed or self._depth.is_subscribed else None
         if picture is not None:
             if self._is_new(self._rgb, picture.stamp):
-                self._rgb.publish(_image(picture, "rgb8", picture.rgb.tobytes(), 3))
+                self._rgb.publish(self._image(picture, "rgb8", picture.rgb.tobytes(), 3))
             if picture.depth is not None and self._is_new(self._depth, picture.stamp):
-                self._depth.publish(_image(picture, "32FC1", picture.depth.tobytes(), 4))
+                self._depth.publish(self._image(picture, "32FC1", picture.depth.tobytes(), 4))
         stamp = now if picture is None else picture.stamp
         if self._is_new(self._camera_info, stamp):
             fx, fy, cx, cy = lens.fx, lens.fy, lens.cx, lens.cy
@@ -246,12 +257,34 @@ class RobotTopics:
                 r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
                 p=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
             )
-            _set_header(message, stamp, lens.frame)
+            self._set_header(message, stamp, lens.frame)
             self._camera_info.publish(message)
 
     def _frames(self, *, moving: bool) -> list[TransformStamped]:
         children = self._kinematics.moving_frames
         return [frame for frame in self._robot.frames() if (frame.child in children) is moving]
+
+    def _set_header(self, message: Any, stamp: int, frame: str) -> None:
+        message.header.stamp = time_of(self._ros_time(stamp))
+        message.header.frame_id = frame
+
+    def _transforms(self, frames: Sequence[TransformStamped]) -> object:
+        messages = []
+        for frame in frames:
+            message = TransformMessage(child_frame_id=frame.child)
+            self._set_header(message, frame.stamp, frame.parent)
+            _set_xyz(message.transform.translation, frame.position)
+            _set_quaternion(message.transform.rotation, frame.quaternion)
+            messages.append(message)
+        return TFMessage(transforms=messages)
+
+    def _image(self, picture: CameraImage, encoding: str, data: bytes, pixel_size: int) -> Image:
+        height, width = picture.rgb.shape[:2]
+        message = Image(
+            height=height, width=width, encoding=encoding, step=width * pixel_size, data=array("B", data)
+        )
+        self._set_header(message, picture.stamp, picture.frame)
+        return message
 
     def _subscribe(self, node: Any, kind: type, name: str, take: Callable[[Any], None]) -> None:
         topic = node.resolve_topic_name(name)
@@ -361,34 +394,9 @@ def time_of(stamp: int) -> Time:
     return Time(sec=stamp // NS_PER_S, nanosec=stamp % NS_PER_S)
 
 
-def _set_header(message: Any, stamp: int, frame: str) -> None:
-    message.header.stamp = time_of(stamp)
-    message.header.frame_id = frame
-
-
 def _set_xyz(vector: Any, xyz: Sequence[float]) -> None:
     vector.x, vector.y, vector.z = xyz
 
 
 def _set_quaternion(message: Any, quaternion: Sequence[float]) -> None:
     message.x, message.y, message.z, message.w = quaternion
-
-
-def _transforms(frames: Sequence[TransformStamped]) -> object:
-    messages = []
-    for frame in frames:
-        message = TransformMessage(child_frame_id=frame.child)
-        _set_header(message, frame.stamp, frame.parent)
-        _set_xyz(message.transform.translation, frame.position)
-        _set_quaternion(message.transform.rotation, frame.quaternion)
-        messages.append(message)
-    return TFMessage(transforms=messages)
-
-
-def _image(picture: CameraImage, encoding: str, data: bytes, pixel_size: int) -> Image:
-    height, width = picture.rgb.shape[:2]
-    message = Image(
-        height=height, width=width, encoding=encoding, step=width * pixel_size, data=array("B", data)
-    )
-    _set_header(message, picture.stamp, picture.frame)
-    return message

@@ -84,6 +84,35 @@ def test_a_path_in_the_map_frame_is_followed_in_odom(floor, path, follow):
     assert course.robot.pose.y == pytest.approx(0.0, abs=0.1)
 
 
+def test_the_local_plan_leads_from_the_robot_along_the_path(floor, path, follow):
+    course = floor()
+    course.map_at((1.0, 2.0, math.pi / 2))
+    assert course.follow_path.local_plan() is None
+    handle = course.follow_path.send_goal(follow(path((1, 2), (1, 4), yaw=math.pi / 2)))
+    course.run(2.0)
+    plan, pose = course.follow_path.local_plan(), course.robot.pose
+    assert plan.frame == "odom"
+    assert (plan[0].x, plan[0].y) == (pose.x, pose.y)
+    assert plan[-1].x == pytest.approx(pose.x + 1.3, abs=0.1)
+    assert np.abs(plan.poses[:, 1:]).max() < 0.05
+    course.run(60.0, lambda: handle.done)
+    assert course.follow_path.local_plan() is None
+
+
+def test_the_local_plan_leads_around_an_obstacle(floor, path, follow):
+    course = floor(*CORRIDOR, (2.0, -0.3, 2.5, 0.2))
+    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+    sides = []
+
+    def done():
+        plan = course.follow_path.local_plan()
+        sides.append(np.abs(plan.poses[:, 1]).max() if plan is not None else 0.0)
+        return handle.done
+
+    course.run(60.0, done)
+    assert max(sides) > 0.3
+
+
 def test_feedback_has_the_remaining_distance_and_the_speed(floor, path, follow):
     course = floor()
     handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))

@@ -32,10 +32,11 @@ def names(packages: object) -> dict[str, list[str]]:
 
 def test_bundled_definitions_need_only_messages_of_the_extra_ros2() -> None:
     packages = find_packages(bundled_packages())
-    assert set(names(packages)) == {"btcpp_ros2_interfaces", "geographic_msgs", "nav2_msgs", "tf2_msgs"}
+    bundled = {"btcpp_ros2_interfaces", "geographic_msgs", "map_msgs", "nav2_msgs", "tf2_msgs"}
+    assert set(names(packages)) == bundled
     needed = {name for package in packages for name in package.needs}
-    installed = {"builtin_interfaces", "geometry_msgs", "nav_msgs", "std_msgs", "unique_identifier_msgs"}
-    assert needed <= {*installed, "geographic_msgs"}
+    installed = {"builtin_interfaces", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs"}
+    assert needed <= {*installed, "geographic_msgs", "unique_identifier_msgs"}
 
 
 def test_a_bundled_package_brings_the_bundled_packages_that_it_needs(tmp_path: Path) -> None:

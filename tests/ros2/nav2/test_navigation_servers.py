@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,14 +20,17 @@ pytest.importorskip("pybullet")
 
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from nav_msgs.msg import OccupancyGrid, Path
+from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
 
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_ros2.interfaces import load_interface
 from btcore_ros2.session import RosSession
 from tests.ros2.action_client import LIMIT_S, ClientProcess
 from tests.ros2.nav2.conftest import PATIENT
+from tests.ros2.nav2.rviz_displays import DISPLAYS, Qos
 
 SUCCEEDED, CANCELED, ABORTED = (
     GoalStatus.STATUS_SUCCEEDED,
@@ -35,15 +39,24 @@ SUCCEEDED, CANCELED, ABORTED = (
 )
 
 
+PARAMETERS = """
+global_costmap: {ros__parameters: {obstacle_max_range: 5.0}}
+local_costmap: {ros__parameters: {obstacle_max_range: 5.0, width: 6}}
+"""
+"""Parameters with which the costmaps contain observed walls, which change with the noise of the laser."""
+
+
 class NavigationProcess:
     """The process of the navigation, and a client of its topics and actions."""
 
-    def __init__(self, session: RosSession) -> None:
+    def __init__(self, session: RosSession, parameters: Path) -> None:
         self.session = session
+        self.started = time.time()
         self.process = subprocess.Popen(
             [
                 *(sys.executable, "-m", "btcore", "ros2", "navigation"),
                 *("--world", "arena", "--camera", "off", "--start", "0,0,0"),
+                *("--nav-params", str(parameters)),
             ],
             stderr=subprocess.PIPE,
             text=True,
@@ -55,11 +68,11 @@ class NavigationProcess:
         self.newest: dict[str, Any] = {}
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         for name, kind, qos in (
-            ("/map", OccupancyGrid, latched),
+            ("map", OccupancyGrid, latched),
             ("amcl_pose", PoseWithCovarianceStamped, latched),
             ("global_costmap/costmap", OccupancyGrid, latched),
             ("local_costmap/costmap", OccupancyGrid, latched),
-            ("plan", Path, 1),
+            ("plan", PathMessage, 1),
         ):
             session.node.create_subscription(kind, name, self._keep(name), qos)
         session.node.create_subscription(TFMessage, "/tf", self._keep_transforms, 100)
@@ -102,9 +115,11 @@ class NavigationProcess:
 
 
 @pytest.fixture(scope="module")
-def navigation() -> Iterator[NavigationProcess]:
+def navigation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[NavigationProcess]:
+    parameters = tmp_path_factory.mktemp("navigation") / "parameters.yaml"
+    parameters.write_text(PARAMETERS)
     with RosSession("test") as session:
-        made = NavigationProcess(session)
+        made = NavigationProcess(session, parameters)
         yield made
         if made.process.poll() is None:
             made.end()
@@ -116,8 +131,8 @@ def stamped(x: float, y: float, frame: str = "map") -> dict[str, Any]:
 
 
 def test_map_and_transforms(navigation: NavigationProcess) -> None:
-    navigation.wait(lambda: {"/map", "odom", "base_footprint"} <= navigation.newest.keys())
-    grid = navigation.newest["/map"]
+    navigation.wait(lambda: {"map", "odom", "base_footprint"} <= navigation.newest.keys())
+    grid = navigation.newest["map"]
     assert grid.header.frame_id == "map"
     assert len(grid.data) == grid.info.width * grid.info.height
     assert {0, 100} <= set(grid.data)
@@ -290,6 +305,69 @@ def test_default_tree_of_nav2_in_another_process(navigation: NavigationProcess) 
     assert "SUCCESS" in text
     x, y, _ = navigation.pose()
     assert math.hypot(x - 0.2, y + 0.2) < 0.4
+
+
+def test_displays_of_rviz(navigation: NavigationProcess) -> None:
+    """RViz's default configuration for Nav2 receives what it displays, with the frames of Nav2."""
+    pytest.importorskip("map_msgs")
+    node, newest = navigation.session.node, dict[str, Any]()
+    transforms: dict[str, str] = {"map": ""}
+
+    def keep(topic: str) -> Callable[[Any], None]:
+        return lambda message: newest.update({topic: message})
+
+    def keep_transforms(message: Any) -> None:
+        transforms.update({each.child_frame_id: each.header.frame_id for each in message.transforms})
+
+    subscriptions = []
+    for display in DISPLAYS:
+        # RViz receives the description only if it runs first, from robot_state_publisher too.
+        qos = display.publisher if display.topic == "robot_description" else display.subscription
+        kind = load_interface(display.type, "msg")
+        subscriptions.append(
+            node.create_subscription(kind, display.topic, keep(display.topic), qos.profile())
+        )
+    static = Qos("reliable", "latched", 100).profile()
+    subscriptions += [
+        node.create_subscription(TFMessage, topic, keep_transforms, qos)
+        for topic, qos in (("/tf", 100), ("/tf_static", static))
+    ]
+    x, _, _ = navigation.pose()
+    goal = navigation.send("navigate_to_pose", "NavigateToPose", {"pose": stamped(-x, 0.5)})
+    topics = {display.topic for display in DISPLAYS}
+    navigation.wait(lambda: topics <= newest.keys() and newest["scan"].header.frame_id in transforms)
+    navigation.client.cancel(goal)
+    navigation.client.result(goal)
+
+    for topic, kind, _, publisher, frame in DISPLAYS:
+        [info] = node.get_publishers_info_by_topic(topic)
+        assert info.topic_type.replace("/msg/", "/") == kind
+        if publisher.reliability != "default":
+            expected = publisher.profile()
+            assert info.qos_profile.reliability == expected.reliability, topic
+            assert info.qos_profile.durability == expected.durability, topic
+        if frame != "none":
+            header = newest[topic].header
+            assert header.frame_id == frame or frame == "any", topic
+            assert 0.0 <= time.time() - header.stamp.sec < time.time() - navigation.started + 1.0, topic
+            parent = header.frame_id
+            while parent:
+                parent = transforms[parent]  # each frame is connected with the frame of RViz
+    assert "<robot" in newest["robot_description"].data
+    assert newest["plan"].poses[-1].pose.position.x == pytest.approx(-x, abs=0.1)
+    assert len(newest["particle_cloud"].particles) > 100
+    # The footprint surrounds the robot, where its local plan begins.
+    start = newest["local_plan"].poses[0].pose.position
+    outline = [(point.x, point.y) for point in newest["local_costmap/published_footprint"].polygon.points]
+    assert len(outline) == 16
+    assert all(math.hypot(x - start.x, y - start.y) < 0.6 for x, y in outline)
+    for scope in ("global", "local"):
+        grid, update = (newest[f"{scope}_costmap/costmap{part}"] for part in ("", "_updates"))
+        assert update.x + update.width <= grid.info.width
+        assert update.y + update.height <= grid.info.height
+        assert len(update.data) == update.width * update.height > 0
+    for subscription in subscriptions:
+        node.destroy_subscription(subscription)
 
 
 def test_goal_pose_and_interrupt(navigation: NavigationProcess) -> None:

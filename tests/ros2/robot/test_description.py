@@ -1,11 +1,14 @@
 """Descriptions of robots: the bundled files are valid, and each mistake is reported with its line."""
 
+import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 from btcore_robot.robot import BaseInfo
 from btcore_ros2.errors import RosError
+from btcore_ros2.robot import description
 from btcore_ros2.robot.description import bundled_robots, load_robot
 from btcore_sim.robot_description import load_description
 from tests.ros2.robot.conftest import DESCRIPTION, PARTS
@@ -13,9 +16,9 @@ from tests.ros2.robot.conftest import DESCRIPTION, PARTS
 BUNDLED = {
     # The topic for velocities and whether it is stamped, the topics of laser and odometry, the frame of the
     # base, and the limits (m/s, rad/s).
-    "tiago": ("/cmd_vel", False, "/scan_raw", "/mobile_base_controller/odom", "base_footprint", (1.0, 2.09)),
-    "turtlebot3": ("/cmd_vel", True, "/scan", "/odom", "base_footprint", (0.22, 2.84)),
-    "turtlebot4": ("/cmd_vel", False, "/scan", "/odom", "base_link", (0.306, 1.9)),
+    "tiago": ("cmd_vel", False, "scan_raw", "mobile_base_controller/odom", "base_footprint", (1.0, 2.09)),
+    "turtlebot3": ("cmd_vel", True, "scan", "odom", "base_footprint", (0.22, 2.84)),
+    "turtlebot4": ("cmd_vel", False, "scan", "odom", "base_link", (0.306, 1.9)),
 }
 
 
@@ -36,6 +39,13 @@ def test_bundled_robots_have_the_topics_of_their_repositories() -> None:
         assert robot.battery is None or not robot.battery.source.reliable
 
 
+@pytest.mark.parametrize("name", BUNDLED)
+def test_names_of_bundled_robots_are_relative(name: str) -> None:
+    """Robots in two namespaces share only the transforms."""
+    content = yaml.safe_load((Path(description.__file__).parent / f"{name}.yaml").read_text("utf-8"))
+    assert set(re.findall(r"'(/[\w/]+)'", str(content))) == {"/tf", "/tf_static"}
+
+
 def test_tiago_has_the_facts_of_the_simulated_tiago() -> None:
     tiago, simulated = load_robot("tiago"), load_description()
     assert tiago.base == simulated.base
@@ -48,7 +58,7 @@ def test_tiago_has_the_facts_of_the_simulated_tiago() -> None:
     assert tiago.torso.info == simulated.torso.facts
     facts = simulated.laser.facts
     assert (tiago.scan.rate, tiago.scan.sigma) == (facts.rate, facts.sigma)
-    assert tiago.velocity.priorities == {"/cmd_vel": 10, "/key_vel": 90, "/joy_vel": 100}
+    assert tiago.velocity.priorities == {"cmd_vel": 10, "key_vel": 90, "joy_vel": 100}
 
 
 def test_defaults(tmp_path: Path) -> None:

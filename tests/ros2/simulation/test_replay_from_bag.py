@@ -40,7 +40,8 @@ def record_messages(session: RosSession, writer: Writer) -> None:
     store, connections = get_typestore(Stores.ROS2_KILTED), {}
     create_subscription, create_publisher = node.create_subscription, node.create_publisher
 
-    def write(topic: str, message: Any) -> None:
+    def write(name: str, message: Any) -> None:
+        topic = session.node.resolve_topic_name(name)
         if topic not in connections:
             kind = type_name(type(message))
             connections[topic] = writer.add_connection(topic, kind, typestore=store)

@@ -47,6 +47,7 @@ def test_duration_and_options_of_the_simulator_apply(start: Callable[..., Simula
     result = simulation.result()
     assert result["time_s"] == 0.5
     assert 41.0 < result["robot"]["battery_min"] < 42.0
+    assert "has no effect" not in simulation.errors
 
 
 @pytest.mark.parametrize(
