@@ -114,6 +114,7 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
             goal_callback=self._on_request,
             handle_accepted_callback=lambda handle: self.waiting.append(ServerGoal(handle, self._end)),
             cancel_callback=lambda handle: CancelResponse.ACCEPT,
+            callback_group=session.callback_group,
         )
         self._stop_watching = session.after_drain(self._end_cancelled)
 

@@ -11,6 +11,7 @@ from types import CoroutineType, coroutine
 from typing import TYPE_CHECKING, Any
 
 from rclpy.action import ActionClient, ActionServer
+from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
 from rclpy.executors import Executor
@@ -147,12 +148,14 @@ class DirectTake:
 
     Args:
         node: The ROS node.
-        executor: The executor, to which *node* was added.
+        executor: The executor of *node*, or of *group*.
+        group: Take for the entities of this callback group only; None = for all entities of *node*.
     """
 
-    def __init__(self, node: "Node", executor: Executor) -> None:
+    def __init__(self, node: "Node", executor: Executor, group: CallbackGroup | None = None) -> None:
         self._node = node
         self._executor = executor
+        self._group = group
         self._rounds = ExecutorTake(executor)
         self._next_round = 0
 
@@ -165,19 +168,20 @@ class DirectTake:
         node = self._node
         # The entities are listed first, because callbacks create and destroy entities.
         waiting: list[tuple[Callable[[Any], bool], Any]] = [
-            (self._take_message, subscription) for subscription in node.subscriptions
+            (self._take_message, subscription) for subscription in self._own(node.subscriptions)
         ]
-        waiting += [(self._take_response, client) for client in node.clients if client._pending_requests]
-        waiting += [(self._take_request, service) for service in node.services]
-        others = next(node.guards, None) is not None
-        for waitable in node.waitables:
+        clients = self._own(node.clients)
+        waiting += [(self._take_response, client) for client in clients if client._pending_requests]
+        waiting += [(self._take_request, service) for service in self._own(node.services)]
+        others = next(iter(self._own(node.guards)), None) is not None
+        for waitable in self._own(node.waitables):
             if isinstance(waitable, ActionClient):
                 waiting.append((self._take_for_action_client, waitable))
             elif isinstance(waitable, ActionServer):
                 waiting.append((self._take_for_action_server, waitable))
             else:
                 others = others or not isinstance(waitable, EventHandler)
-        for timer in tuple(node.timers):
+        for timer in tuple(self._own(node.timers)):
             self._call_timer(timer)
         called = 0
         while called < MAX_CALLBACKS:
@@ -212,6 +216,11 @@ class DirectTake:
             else:
                 wait_set.add_service(entity.handle)
             wait_set.wait(REST_NS)
+
+    def _own(self, entities: Iterable[Any]) -> Iterable[Any]:
+        """Return those of *entities* for which to take."""
+        group = self._group
+        return entities if group is None else [item for item in entities if item.callback_group is group]
 
     def _is_blocked(self, entity: Any) -> bool:
         """Whether a suspended callback of the same callback group excludes *entity*."""

@@ -1,15 +1,56 @@
 """Taking what has arrived for a ROS node with rclpy's executor."""
 
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from rclpy.executors import TimeoutException
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
+    from rclpy.node import Node
 
 MAX_CALLBACKS = 100
 """The number of callbacks after which `take` returns. A flood of messages cannot keep it longer."""
+
+
+class HiddenGroup(MutuallyExclusiveCallbackGroup):
+    """A callback group that the executor of the ROS node ignores.
+
+    Args:
+        is_taking: Returns whether this thread takes for the group.
+    """
+
+    def __init__(self, is_taking: Callable[[], bool]) -> None:
+        super().__init__()
+        self._is_taking = is_taking
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether an executor may take for *entity* on this thread."""
+        return self._is_taking() and super().can_execute(entity)
+
+
+class GroupExecutor(SingleThreadedExecutor):
+    """An executor of a callback group. The ROS node stays with its own executor.
+
+    Args:
+        node: The ROS node.
+        group: The callback group.
+    """
+
+    def __init__(self, node: "Node", group: HiddenGroup) -> None:
+        super().__init__(context=node.context)
+        self._node = node
+        self._group = group
+
+    def get_nodes(self) -> "list[Node]":
+        """Return the ROS node."""
+        return [self._node]
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether *entity* belongs to the group and may be taken for."""
+        return entity.callback_group is self._group and super().can_execute(entity)
 
 
 class ExecutorTake:

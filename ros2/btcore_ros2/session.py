@@ -16,6 +16,10 @@ from btcore_ros2.installation import check_installation
 from btcore_ros2.shared_entities import SharedEntities
 
 if TYPE_CHECKING:
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+
     from btcore_ros2.direct_take import DirectTake
     from btcore_ros2.executor_take import ExecutorTake
 
@@ -73,11 +77,15 @@ class RosClock(SystemClock):
 
 
 class RosSession:
-    """A ROS node in a context of its own, and the clock on which a tree waits while messages are taken.
+    """A ROS node for a tree, and the clock on which the tree waits while messages are taken.
 
     There is no executor thread: `drain` takes what has arrived and calls the callbacks, on the thread of its
     caller. Waiting on `clock` drains too, so that a tree that is run by `btcore run`, `tick_while_running` or
     `run` needs no call. Leaves call `refresh`, which covers programs that call `tick_once` on their own.
+
+    With *node*, the session uses the ROS node of a program, for example in the callback of a timer. The
+    executor of that ROS node ignores the entities of the leaves, which are in a callback group of their own,
+    and serves all others. `close` destroys the entities of the leaves only.
 
     Args:
         name: The name of the ROS node.
@@ -86,17 +94,21 @@ class RosSession:
         use_executor: Whether `drain` uses rclpy's executor, which is slower: 0.3 ms instead of 0.05 ms for
             ten subscriptions without a message. The default uses parts of rclpy that are not documented; if
             the installed version lacks them, the executor is used, with a warning.
+        node: An existing ROS node, with the name, the arguments and the domain that it has; None = a new ROS
+            node in a context of its own.
 
     Attributes:
         context: The context of the ROS node.
         node: The ROS node.
+        callback_group: The callback group of the subscriptions, clients and services that `drain` takes for.
+            With a new ROS node, it is the default group.
         clock: The clock for the tree; may be replaced by a `LockstepClock`.
         entities: The ROS entities of the leaves.
         unfinished: The work that `close` waits for, at most `CLOSE_S`. Each object removes itself.
 
     Raises:
-        RosError: ROS 2 is not installed or mixed with another ROS 2, the arguments are invalid, or there is
-            no such domain.
+        RosError: ROS 2 is not installed or mixed with another ROS 2, the arguments are invalid, there is no
+            such domain, or arguments or a domain are given together with *node*.
     """
 
     def __init__(
@@ -106,32 +118,35 @@ class RosSession:
         arguments: Sequence[str] = (),
         domain: int | None = None,
         use_executor: bool = False,
+        node: "Node | None" = None,
     ) -> None:
         check_installation()
         try:
-            from rclpy.context import Context
             from rclpy.executors import SingleThreadedExecutor
-            from rclpy.impl.implementation_singleton import rclpy_implementation
-            from rclpy.node import Node
 
             from btcore_ros2.connection_checks import ConnectionChecks
+            from btcore_ros2.executor_take import GroupExecutor, HiddenGroup
         except ImportError as error:
             raise RosError(f"ROS 2 cannot be imported: {error}; run: btcore ros2 doctor") from error
-        _check_domain(str(domain) if domain is not None else os.environ.get("ROS_DOMAIN_ID") or "0")
-        self.context = Context()
-        # Without signal handlers, which are installed by rclpy.init() only: a last stop command can be sent
-        # after Ctrl-C.
-        ros_arguments = ["--ros-args", *arguments] if arguments else []
-        try:
-            self.context.init(args=ros_arguments, domain_id=domain)
-            self.node: Node = Node(name, context=self.context)
-        except rclpy_implementation.RCLError as error:
-            reason, _, _ = str(error).partition(", at /")  # then places in the source of rcl
-            raise RosError(f"ROS 2 cannot start: {reason}") from error
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
-        self._taker = _taker(self.node, self._executor, use_executor)
-        self._draining = False
+        self._owns_node = node is None
+        self._draining_thread: int | None = None
+        self.callback_group: CallbackGroup
+        self._executor: Executor
+        if node is None:
+            self.node = _create_node(name, arguments, domain)
+            self.callback_group = self.node.default_callback_group
+            self._executor = SingleThreadedExecutor(context=self.node.context)
+            self._executor.add_node(self.node)
+        elif arguments or domain is not None:
+            raise RosError("a RosSession takes arguments and a domain only without a ROS node")
+        else:
+            self.node = node
+            self.callback_group = hidden = HiddenGroup(lambda: self._draining_thread == threading.get_ident())
+            self._executor = GroupExecutor(node, hidden)
+        self.context = self.node.context
+        self._taker = _taker(
+            self.node, self._executor, None if self._owns_node else self.callback_group, use_executor
+        )
         self.clock: SessionClock = RosClock(self)
         self.entities = SharedEntities(self.node)
         self.unfinished: set[object] = set()
@@ -158,12 +173,12 @@ class RosSession:
         Raises:
             RosError: The session was closed, its context was shut down, or this is a forked process.
         """
-        if self._draining:
+        if self._draining_thread is not None:
             return
         self._raise_kept_error()
-        if not self.context.ok() or self._process != os.getpid():
+        if self._is_closed or not self.context.ok() or self._process != os.getpid():
             raise RosError(self._unusable())
-        self._draining = True
+        self._draining_thread = threading.get_ident()
         try:
             self._taker.take()
             for callback in tuple(self._after_drain):
@@ -175,7 +190,7 @@ class RosSession:
                 raise
             raise RosError(self._unusable()) from error
         finally:
-            self._draining = False
+            self._draining_thread = None
         self._drained = time.monotonic_ns()
 
     def refresh(self) -> None:
@@ -238,14 +253,20 @@ class RosSession:
     def close(self) -> None:
         """Destroy the ROS node and its context. Further calls have no effect.
 
+        Of a ROS node that was given to the session, only the entities of the leaves are destroyed.
+
         Waits, for at most `CLOSE_S`, for unfinished work and for the arrival of the last messages. Exceptions
         in callbacks are logged.
         """
-        if self._process != os.getpid():  # shutting down the context of the parent process would crash
+        # Shutting down the context of the parent process would crash.
+        if self._is_closed or self._process != os.getpid():
             return
+        if self.context.ok():
+            self._end()
         self._is_closed = True
-        if not self.context.ok():
-            return
+
+    def _end(self) -> None:
+        """Wait for unfinished work and the last messages, and destroy what the session has created."""
         end = time.monotonic_ns() + round(CLOSE_S * NS_PER_S)
         while self.unfinished and self.context.ok() and (left := end - time.monotonic_ns()) > 0:
             try:
@@ -254,8 +275,11 @@ class RosSession:
                 log.error("a callback raised while the ROS session was closed: %r", error)
         self._wait_for_subscribers(end)
         self._executor.shutdown()
-        self.node.destroy_node()
-        self.context.try_shutdown()
+        if self._owns_node:
+            self.node.destroy_node()
+            self.context.try_shutdown()
+        else:
+            self.entities.close(self.callback_group)
 
     def _wait_for_subscribers(self, end: int) -> None:
         """Wait until the messages of all reliable publishers are acknowledged, or until *end* (ns)."""
@@ -308,8 +332,29 @@ def _check_domain(domain: str) -> None:
         raise RosError(f"ROS_DOMAIN_ID: there is no domain {domain}, only 0 to {MAX_DOMAIN}")
 
 
-def _taker(node: Any, executor: Any, use_executor: bool) -> "DirectTake | ExecutorTake":
-    """Return the object that takes what has arrived for *node*, which was added to *executor*."""
+def _create_node(name: str, arguments: Sequence[str], domain: int | None) -> "Node":
+    """Create a ROS node in a context of its own; see `RosSession`."""
+    from rclpy.context import Context
+    from rclpy.impl.implementation_singleton import rclpy_implementation
+    from rclpy.node import Node
+
+    _check_domain(str(domain) if domain is not None else os.environ.get("ROS_DOMAIN_ID") or "0")
+    context = Context()
+    # Without signal handlers, which are installed by rclpy.init() only: a last stop command can be sent
+    # after Ctrl-C.
+    ros_arguments = ["--ros-args", *arguments] if arguments else []
+    try:
+        context.init(args=ros_arguments, domain_id=domain)
+        return Node(name, context=context)
+    except rclpy_implementation.RCLError as error:
+        reason, _, _ = str(error).partition(", at /")  # then places in the source of rcl
+        raise RosError(f"ROS 2 cannot start: {reason}") from error
+
+
+def _taker(
+    node: "Node", executor: "Executor", group: "CallbackGroup | None", use_executor: bool
+) -> "DirectTake | ExecutorTake":
+    """Return the object that takes what has arrived for *node*, or for *group* of its entities."""
     from btcore_ros2.direct_take import DirectTake, missing_parts
     from btcore_ros2.executor_take import ExecutorTake
 
@@ -322,4 +367,4 @@ def _taker(node: Any, executor: Any, use_executor: bool) -> "DirectTake | Execut
             stacklevel=3,
         )
         return ExecutorTake(executor)
-    return DirectTake(node, executor)
+    return DirectTake(node, executor, group)

@@ -9,6 +9,7 @@ from weakref import WeakSet
 from btcore_robot.robot import NS_PER_S
 
 if TYPE_CHECKING:
+    from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
 
 CHECK_NS: Final = NS_PER_S
@@ -99,6 +100,20 @@ class SharedEntities:
         if (now := time.monotonic_ns()) >= self._next_check:
             self._next_check = now + CHECK_NS
             self._destroy([key for key, shared in self._entities.items() if shared.is_over()])
+
+    def close(self, group: "CallbackGroup") -> None:
+        """Destroy all entities of leaves, and all other entities of the callback group *group*."""
+        self._destroy([*self._entities])
+        node = self._node
+        for entities, destroy in (
+            (node.subscriptions, node.destroy_subscription),
+            (node.clients, node.destroy_client),
+            (node.services, node.destroy_service),
+            (node.timers, node.destroy_timer),
+            (node.waitables, lambda waitable: waitable.destroy()),
+        ):
+            for entity in [entity for entity in entities if entity.callback_group is group]:
+                destroy(entity)
 
     def _destroy(self, keys: Iterable[tuple[Any, ...]]) -> None:
         from rclpy.action import ActionClient

@@ -114,7 +114,12 @@ class TreeServer:
             reject_reason=lambda goal: self.reject_reason(goal.target_tree, goal.payload),
             untaken_result=self._result(Status.IDLE, "the tree was not started"),
         )
-        self._service = session.node.create_service(get_trees, "get_loaded_trees", self._answer_trees)
+        self._service = session.node.create_service(
+            get_trees,
+            "get_loaded_trees",
+            self._answer_trees,
+            callback_group=session.callback_group,
+        )
         self._unsubscribe = session.after_drain(self._notice_requests)
 
     @property

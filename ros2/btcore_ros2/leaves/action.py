@@ -82,7 +82,9 @@ class RosAction(ServerLeaf):
     def _connect(self, name: str) -> Any:
         from rclpy.action import ActionClient
 
-        return ActionClient(self.session.node, self.action_type, name)
+        return ActionClient(
+            self.session.node, self.action_type, name, callback_group=self.session.callback_group
+        )
 
     # --- for subclasses
 

@@ -401,7 +401,12 @@ class RosTopicRead(_TopicLeaf):
         # The default callbacks log incompatible publishers, which why_silent() describes.
         callbacks = SubscriptionEventCallbacks(use_default_callbacks=False)
         newest.subscription = self.session.node.create_subscription(
-            self._message_type, name, newest.take, self._profile, event_callbacks=callbacks
+            self._message_type,
+            name,
+            newest.take,
+            self._profile,
+            callback_group=self.session.callback_group,
+            event_callbacks=callbacks,
         )
         return newest
 

@@ -66,7 +66,9 @@ class RosService(ServerLeaf):
         )
 
     def _connect(self, name: str) -> Any:
-        return self.session.node.create_client(self.service_type, name)
+        return self.session.node.create_client(
+            self.service_type, name, callback_group=self.session.callback_group
+        )
 
     # --- for subclasses
 

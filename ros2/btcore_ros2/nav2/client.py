@@ -77,7 +77,9 @@ class Nav2Client(NavigationServers):
             kind = converter.type
             named = self._clients.get((kind, server))
             if named is None:
-                client = ActionClient(self._session.node, kind, server)
+                client = ActionClient(
+                    self._session.node, kind, server, callback_group=self._session.callback_group
+                )
                 named = self._clients[kind, server] = NamedClient(client, server, client.server_is_ready)
             handle: AnyGoalHandle = Nav2GoalHandle(self._session, named, goal, converter)
         except RosError as error:
@@ -183,7 +185,7 @@ class Nav2Client(NavigationServers):
         self._session.refresh()
         named = self._clients.get((kind, name))
         if named is None:
-            client = self._session.node.create_client(kind, name)
+            client = self._session.node.create_client(kind, name, callback_group=self._session.callback_group)
             named = self._clients[kind, name] = NamedClient(client, name, client.service_is_ready)
         return Nav2RequestHandle(self._session, named, request, message)
 
@@ -213,7 +215,9 @@ class Nav2Client(NavigationServers):
         else:
             # Receives from publishers of both reliabilities.
             profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._session.node.create_subscription(kind, topic, take, profile)
+        self._session.node.create_subscription(
+            kind, topic, take, profile, callback_group=self._session.callback_group
+        )
 
 
 def _read_odometry(message: Any) -> Odometry:

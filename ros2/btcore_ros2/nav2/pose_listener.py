@@ -36,7 +36,7 @@ class PoseListener:
         self._pose: Pose2D | None = None
         self._warned = False
         latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node = session.node
+        node, group = session.node, session.callback_group
         try:
             from tf2_msgs.msg import TFMessage
         except ModuleNotFoundError:
@@ -46,10 +46,16 @@ class PoseListener:
                 "the package tf2_msgs is missing (generate it: btcore ros2 messages FOLDER): "
                 "the robot's pose is read from the topic amcl_pose, which changes rarely"
             )
-            node.create_subscription(PoseWithCovarianceStamped, "amcl_pose", self._take_pose, latched)
+            node.create_subscription(
+                PoseWithCovarianceStamped, "amcl_pose", self._take_pose, latched, callback_group=group
+            )
             return
-        node.create_subscription(TFMessage, "/tf", lambda message: self._take(message, False), 100)
-        node.create_subscription(TFMessage, "/tf_static", lambda message: self._take(message, True), latched)
+        node.create_subscription(
+            TFMessage, "/tf", lambda message: self._take(message, False), 100, callback_group=group
+        )
+        node.create_subscription(
+            TFMessage, "/tf_static", lambda message: self._take(message, True), latched, callback_group=group
+        )
 
     def pose(self) -> Pose2D | None:
         """Return the robot's newest pose in the frame map, or None if it is unknown."""

@@ -286,7 +286,9 @@ class RosRobot(TopicRobot):
             except RosError as error:
                 self._fail(f"{watch.topic}: {error}")
 
-        self._node.create_subscription(kind, source.topic, received, qos)
+        self._node.create_subscription(
+            kind, source.topic, received, qos, callback_group=self._session.callback_group
+        )
 
     def _watch_camera(self) -> None:
         """Subscribe to the camera, unless that was done before."""

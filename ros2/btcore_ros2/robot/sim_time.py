@@ -44,7 +44,9 @@ class SimTime(RealTime):
         # Initialised before the base class, which reads the time.
         super().__init__()
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._subscription = session.node.create_subscription(Clock, topic, self._receive, qos)
+        self._subscription = session.node.create_subscription(
+            Clock, topic, self._receive, qos, callback_group=session.callback_group
+        )
 
     def now(self) -> int:
         """Return the newest time (ns) of the topic. It never decreases."""
