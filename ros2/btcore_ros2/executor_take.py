@@ -15,7 +15,7 @@ MAX_CALLBACKS = 100
 """The number of callbacks after which `take` returns. A flood of messages cannot keep it longer."""
 
 
-class HiddenGroup(MutuallyExclusiveCallbackGroup):
+class HiddenGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]
     """A callback group that the executor of the ROS node ignores.
 
     Args:
@@ -28,10 +28,10 @@ class HiddenGroup(MutuallyExclusiveCallbackGroup):
 
     def can_execute(self, entity: Any) -> bool:
         """Return whether an executor may take for *entity* on this thread."""
-        return self._is_taking() and super().can_execute(entity)
+        return self._is_taking() and bool(super().can_execute(entity))
 
 
-class GroupExecutor(SingleThreadedExecutor):
+class GroupExecutor(SingleThreadedExecutor):  # type: ignore[misc]
     """An executor of a callback group. The ROS node stays with its own executor.
 
     Args:
@@ -50,7 +50,7 @@ class GroupExecutor(SingleThreadedExecutor):
 
     def can_execute(self, entity: Any) -> bool:
         """Return whether *entity* belongs to the group and may be taken for."""
-        return entity.callback_group is self._group and super().can_execute(entity)
+        return entity.callback_group is self._group and bool(super().can_execute(entity))
 
 
 class ExecutorTake:

@@ -26,9 +26,11 @@ LIMIT_S = 60.0
 CALLS = """
 <root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
   <RosActionCall action_name="fibonacci" type="test_msgs/action/Fibonacci" goal='json:{"order": 3}'
-                 result="{sequence}" result_field="sequence" wait_for_server_timeout="60000" server_timeout="60000"/>
+                 result="{sequence}" result_field="sequence"
+                 wait_for_server_timeout="60000" server_timeout="60000"/>
   <RosServiceCall service_name="set_bool" type="std_srvs/srv/SetBool" request='json:{"data": true}'
-                  response="{answer}" response_field="message" wait_for_server_timeout="60000" server_timeout="60000"/>
+                  response="{answer}" response_field="message"
+                  wait_for_server_timeout="60000" server_timeout="60000"/>
   <RosTopicRead topic_name="echo" type="std_msgs/msg/String" message="{heard}" field="data" timeout="60000"/>
 </Sequence></BehaviorTree></root>
 """
@@ -39,7 +41,7 @@ class Endless(RosAction):
     """A goal that lasts until it is cancelled."""
 
     action_name = "fibonacci"
-    action_type = "test_msgs/action/Fibonacci"
+    action_type: Any = "test_msgs/action/Fibonacci"
     wait_for_server_timeout = 60_000
     server_timeout = 60_000
     received = 0
@@ -53,7 +55,7 @@ class Endless(RosAction):
         self.received += 1
 
 
-class Program(Node):
+class Program(Node):  # type: ignore[misc]
     """A ROS node with a timer, a subscription and a service; a second timer may tick a tree."""
 
     def __init__(self, context: Context, executor: Executor) -> None:
@@ -90,12 +92,12 @@ class Program(Node):
         return [len(list(kind)) for kind in (*kinds, self.waitables)]
 
 
-@pytest.fixture(params=[SingleThreadedExecutor, MultiThreadedExecutor])
+@pytest.fixture
 def program(request: pytest.FixtureRequest) -> Iterator[Program]:
     """A ROS node in a program's executor."""
     context = Context()
     context.init()
-    executor = request.param(context=context)
+    executor = getattr(request, "param", SingleThreadedExecutor)(context=context)
     made = Program(context, executor)
     yield made
     executor.shutdown()
@@ -111,7 +113,11 @@ def create_tree(text: str, session: RosSession) -> btcore.Tree:
 
 
 @pytest.mark.usefixtures("server")
-@pytest.mark.parametrize("use_executor", [False, True])
+@pytest.mark.parametrize(
+    ("program", "use_executor"),
+    [(SingleThreadedExecutor, False), (MultiThreadedExecutor, True)],
+    indirect=["program"],
+)
 def test_tree_is_ticked_by_a_timer_of_the_same_node(program: Program, use_executor: bool) -> None:
     before = program.entities()
     session = RosSession(node=program, use_executor=use_executor)
@@ -125,7 +131,8 @@ def test_tree_is_ticked_by_a_timer_of_the_same_node(program: Program, use_execut
     timer = program.create_timer(0.01, tick)
     assert program.spin_until(lambda: statuses and statuses[-1] is not Status.RUNNING)
     assert statuses[-1] is Status.SUCCESS
-    assert list(tree.blackboard["sequence"]) == [0, 1, 1, 2, 3]
+    sequence: Any = tree.blackboard["sequence"]
+    assert list(sequence) == [0, 1, 1, 2, 3]
     assert (tree.blackboard["answer"], tree.blackboard["heard"]) == ("set", "word")
     assert "word" in program.heard, "the program receives, too"
     assert program.turns > 1
