@@ -1,32 +1,58 @@
-"""Read-only ROS parameters of a server."""
+"""ROS parameters of a server: checked, and read-only or changeable."""
 
+from collections.abc import Callable
 from typing import Any
 
 from btcore_ros2.errors import RosError
 
 
-def declare_parameter(node: Any, name: str, default: Any) -> Any:
-    """Declare a read-only parameter, and return its value.
+def declare_parameter(
+    node: Any, name: str, default: Any, *, fixed: str = "", check: Callable[[Any], object] | None = None
+) -> Any:
+    """Declare a parameter unless the ROS node has it, and return its value.
 
     Args:
         node: The ROS node.
         name: The name of the parameter.
         default: The value if none is given. The parameter must have its type; if it is a float, an integer
             is also allowed. A list is a list of texts.
+        fixed: Why the parameter is read-only, for `ros2 param describe`; "" = a valid value can be set.
+        check: Raises a RosError for a value that is invalid, in spite of its type.
 
     Raises:
-        RosError: The given value has another type.
+        RosError: The given value has another type or is invalid.
     """
-    from rcl_interfaces.msg import ParameterDescriptor
+    from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
-    # With dynamic typing an integer for a float is not an error of rclpy.
-    descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True)
-    value = node.declare_parameter(name, default, descriptor).value
-    allowed = (int, float) if isinstance(default, float) else type(default)
-    is_valid = isinstance(value, allowed) and not isinstance(value, bool)
-    if isinstance(default, list):
-        is_valid = isinstance(value, list) and all(isinstance(item, str) for item in value)
-    if not is_valid:
-        kinds = {str: "a text", int: "an integer", float: "a number", list: "a list of texts"}
-        raise RosError(f"the ROS parameter {name} has to be {kinds[type(default)]}, not {value!r}")
+    def examine(value: Any) -> None:
+        allowed = (int, float) if isinstance(default, float) else type(default)
+        is_valid = isinstance(value, allowed) and not isinstance(value, bool)
+        if isinstance(default, list):
+            is_valid = isinstance(value, list) and all(isinstance(item, str) for item in value)
+        if not is_valid:
+            kinds = {str: "a text", int: "an integer", float: "a number", list: "a list of texts"}
+            raise RosError(f"the ROS parameter {name} has to be {kinds[type(default)]}, not {value!r}")
+        if check is not None:
+            check(value)
+
+    def allow(changes: list[Any]) -> Any:
+        try:
+            for change in changes:
+                if change.name == name:
+                    examine(change.value)
+        except RosError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    is_new = not node.has_parameter(name)
+    if is_new:
+        # With dynamic typing an integer for a float is not an error of rclpy.
+        descriptor = ParameterDescriptor(
+            read_only=bool(fixed), dynamic_typing=True, additional_constraints=fixed
+        )
+        node.declare_parameter(name, default, descriptor)
+    value = node.get_parameter(name).value
+    examine(value)
+    if is_new and not fixed:
+        node.add_on_set_parameters_callback(allow)
     return value

@@ -4,7 +4,7 @@ import gc
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from btcore import Blackboard, BtcoreError, Registry, Status, Tree, make
 from btcore.blackboard.ports import UNSET
@@ -31,6 +31,8 @@ PAYLOAD = "payload"
 
 JSON_PREFIX = "json:"
 """The prefix of a payload that sets several entries."""
+
+FIXED_NAME = "read-only, because clients use this name until the server ends"
 
 STOPPED = "the server was stopped"
 
@@ -63,7 +65,8 @@ class TreeServer:
         files: XML files, and folders, of which all XML files are read.
         nodes: The nodes that the trees may use; default `Registry.standard`.
         action_name: The name of the action, unless the ROS parameter `action_name` is given.
-        tick_frequency: Ticks per second (Hz), unless the ROS parameter `tick_frequency` is given.
+        tick_frequency: Ticks per second (Hz), unless the ROS parameter `tick_frequency` is given. A change of
+            the parameter takes effect with the next goal.
         resources: Objects that leaves get by the types of their parameters. The session is among them.
         clock: The clock of the trees; default the clock of the session.
 
@@ -102,7 +105,8 @@ class TreeServer:
         for wanted in self._trees.check():
             if find_resource(self._resources, wanted, "the trees") is UNSET:
                 raise RosError(f"the trees need a resource of the type {wanted.__name__}, and none is given")
-        self._period = round(NS_PER_S / _frequency(session, tick_frequency))
+        self._tick_frequency = tick_frequency
+        self._period = self._read_period()
         self._goal: ServerGoal[Any, Any, Any] | None = None
         self._wake = threading.Event()
         self._is_stopping = False
@@ -110,7 +114,7 @@ class TreeServer:
         self._server: RosActionServer[Any, Any, Any] = RosActionServer(
             session,
             self._action,
-            declare_parameter(session.node, "action_name", action_name),
+            declare_parameter(session.node, "action_name", action_name, fixed=FIXED_NAME),
             reject_reason=lambda goal: self.reject_reason(goal.target_tree, goal.payload),
             untaken_result=self._result(Status.IDLE, "the tree was not started"),
         )
@@ -151,6 +155,14 @@ class TreeServer:
             payload: The payload of the goal.
         """
 
+    def on_before_tick(self) -> Status | None:
+        """Prepare a tick; C++: `onLoopBeforeTick`.
+
+        Returns:
+            None to tick the tree, or a status: the tree is halted, and its goal is aborted with this status.
+        """
+        return None
+
     def on_tick(self, status: Status) -> Status | None:
         """Handle the result of a tick; C++: `onLoopAfterTick`.
 
@@ -171,7 +183,7 @@ class TreeServer:
 
         Args:
             status: The status of the tree.
-            was_cancelled: Whether the goal was cancelled, or `on_tick` ended the tree.
+            was_cancelled: Whether the goal was cancelled, or `on_before_tick` or `on_tick` ended the tree.
 
         Returns:
             The message of the result; None for the default message.
@@ -216,7 +228,7 @@ class TreeServer:
         self._release()
         self.session.node.destroy_service(self._service)
 
-    def __enter__(self) -> "TreeServer":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -260,6 +272,7 @@ class TreeServer:
 
     def _create(self, tree_id: str, payload: str) -> Tree:
         """Create the tree of a goal from the files."""
+        self._read_parameters()
         self._trees = trees = LoadedTrees(self._files, self._nodes)
         self._release()
         tree = trees.create(tree_id, self._resources, Blackboard(self.blackboard), self._clock)
@@ -268,6 +281,17 @@ class TreeServer:
             import_blackboard(tree.blackboard, _members(payload), tree.registry.types)
         self.on_tree_created(tree, payload)
         return tree
+
+    def _read_parameters(self) -> None:
+        """Read the ROS parameters that may have changed since the last goal."""
+        self._period = self._read_period()
+
+    def _read_period(self) -> int:
+        """Return the time (ns) between two ticks."""
+        frequency: float = declare_parameter(
+            self.session.node, "tick_frequency", float(self._tick_frequency), check=_check_frequency
+        )
+        return round(NS_PER_S / frequency)
 
     def _release(self) -> None:
         """Let the session destroy the ROS entities of the last tree, unless the next tree takes them over."""
@@ -284,12 +308,14 @@ class TreeServer:
                 return status, message or "cancelled: the tree was halted", goal.canceled
             if self._is_stopping:
                 return status, STOPPED, goal.abort
-            status = tree.tick_exactly_once()
-            replaced = self.on_tick(status)
+            replaced, method = self.on_before_tick(), "on_before_tick"
+            if replaced is None:
+                status = tree.tick_exactly_once()
+                replaced, method = self.on_tick(status), "on_tick"
             if replaced is not None:
                 tree.halt()
                 message = self.on_completed(replaced, True)
-                return replaced, message or "ended by on_tick: the tree was halted", goal.abort
+                return replaced, message or f"ended by {method}: the tree was halted", goal.abort
             feedback = self.feedback()
             if feedback is not None:
                 goal.publish_feedback(self._action.Feedback(message=feedback))
@@ -385,8 +411,6 @@ def _members(payload: str) -> dict[str, Any]:
     return members
 
 
-def _frequency(session: RosSession, default: float) -> float:
-    value = float(declare_parameter(session.node, "tick_frequency", float(default)))
+def _check_frequency(value: float) -> None:
     if not 0.0 < value <= 10_000.0:
         raise RosError(f"the ROS parameter tick_frequency has to be between 0 and 10000 (Hz), not {value:g}")
-    return value

@@ -20,6 +20,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("btcpp_ros2_interfaces")
 
 from action_msgs.msg import GoalStatus
+from rclpy.parameter import Parameter
 
 import btcore
 from btcore import Status
@@ -330,8 +331,54 @@ def test_trees_and_plugins_of_a_parameter_file(folder: Path, client: ClientProce
     server = ServerProcess("--ros-args", f"--params-file {parameters}")
     number = client.send("from_file", EXECUTE_TREE, {"target_tree": "Quick"})
     assert ended(client, number)[1] is Status.SUCCESS
+    check_changes_of_parameters(folder, client)
     assert server.end() == 130
     assert "'btcpp_ros2_samples/bt_plugins' of the ROS parameter is ignored" in " ".join(server.text.split())
+
+
+def check_changes_of_parameters(folder: Path, client: ClientProcess) -> None:
+    """Change the parameters of the server, of which the next goal uses the new values."""
+
+    def change(name: str, kind: int, field: str, value: Any) -> str:
+        parameter = {"name": name, "value": {"type": kind, field: value}}
+        response = client.call(
+            "/bt_action_server/set_parameters",
+            "rcl_interfaces/srv/SetParameters",
+            parameters=[parameter],
+        )
+        (result,) = response["results"]
+        return str(result["reason"]) if not result["successful"] else ""
+
+    def set_texts(name: str, *texts: str) -> str:
+        return change(name, 9, "string_array_value", texts)
+
+    def goal(tree: str) -> str:
+        return ended(client, client.send("from_file", EXECUTE_TREE, {"target_tree": tree}))[2]
+
+    other = folder / "other_plugin.py"
+    other.write_text(PLUGIN.replace("break_", "shake").replace("Break", "Shake"))
+    shaking = folder / "shaking.xml"
+    shaking.write_text('<root BTCPP_format="4"><BehaviorTree ID="Shaking"><Shake/></BehaviorTree></root>')
+    assert set_texts("behavior_trees", str(shaking)) == ""
+    assert "E101 unknown node <Shake>" in goal("Shaking")
+    assert set_texts("plugins", str(other)) == ""
+    assert "<Shake> raised while ticking: OSError" in goal("Shaking")
+    assert "unknown tree 'Quick'" in goal("Quick")
+    assert "there is no file, folder or ROS package for 'nothing'" in set_texts("behavior_trees", "nothing")
+    assert "there are no trees to serve" in set_texts("behavior_trees")
+    assert "tick_frequency has to be between 0 and 10000" in change("tick_frequency", 2, "integer_value", 0)
+    assert "tick_frequency has to be a number" in change("tick_frequency", 4, "string_value", "often")
+    assert change("tick_frequency", 3, "double_value", 20.0) == ""
+    assert "read-only parameter: action_name" in change("action_name", 4, "string_value", "other")
+    described = client.call(
+        "/bt_action_server/describe_parameters",
+        "rcl_interfaces/srv/DescribeParameters",
+        names=["action_name", "groot2_port", "plugins"],
+    )
+    assert [
+        (item["read_only"], item["additional_constraints"].partition(",")[0])
+        for item in described["descriptors"]
+    ] == [(True, "read-only"), (True, "read-only"), (False, "")]
 
 
 class CountingServer(TreeServer):
@@ -343,8 +390,12 @@ class CountingServer(TreeServer):
         return "" if payload.isdigit() else "the payload is not a number"
 
     def on_tree_created(self, tree: btcore.Tree, payload: str) -> None:
-        tree.blackboard["limit"] = int(payload)
-        self.ticks = 0
+        tree.blackboard["limit"] = self.limit = int(payload)
+        self.begun = self.ticks = 0
+
+    def on_before_tick(self) -> Status | None:
+        self.begun += 1
+        return Status.FAILURE if self.limit == 0 else None
 
     def on_tick(self, status: Status) -> Status | None:
         self.ticks += 1
@@ -384,7 +435,13 @@ def test_python_server(session: RosSession, folder: Path) -> None:
         assert status == GoalStatus.STATUS_ABORTED
         assert result["node_status"]["status"] == Status.SKIPPED
         assert result["return_message"] == f"SKIPPED after {server.ticks} ticks, cancelled"
+        assert server.begun == server.ticks
         assert [message["message"] for message in client.feedback(number)] == ["tick 1", "tick 2"]
+        assert session.node.set_parameters([Parameter("tick_frequency", value=500)])[0].successful
+        status, result = client.result(send("0"))
+        assert server._period == 2_000_000
+        assert (status, result["node_status"]["status"]) == (GoalStatus.STATUS_ABORTED, Status.FAILURE)
+        assert result["return_message"] == "FAILURE after 0 ticks, cancelled"
         server.stop()
         thread.join(LIMIT_S)
         assert not thread.is_alive()

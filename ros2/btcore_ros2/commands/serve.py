@@ -32,6 +32,8 @@ NODE_NAME = "bt_action_server"
 
 GROOT2_PORT = 1667
 
+FIXED_PORT = "read-only, because viewers stay connected to this port between goals"
+
 
 @click.command("serve", cls=RunCommand, short_help="Serve trees as goals of an action.")
 @click.argument("trees", nargs=-1, type=click.Path(exists=True, path_type=Path))
@@ -65,7 +67,8 @@ def serve(ctx: click.Context, /, trees: tuple[Path, ...], **settings: Any) -> in
         try:
             session = stack.enter_context(RosSession(NODE_NAME, arguments=arguments))
             files = trees or _files_of_parameter(session)
-            nodes = _load_nodes(session, settings["plugins"])
+            plugins = _plugins_of_parameter(session)
+            nodes = _load_nodes(settings["plugins"], plugins)
             wanted = LoadedTrees(files, nodes).check()
             settings = {**settings, "ros_session": session, "fast": False}
             _publish_by_default(session, settings)
@@ -80,6 +83,7 @@ def serve(ctx: click.Context, /, trees: tuple[Path, ...], **settings: Any) -> in
         except RosError as error:
             raise click.UsageError(str(error)) from error
         server.extensions, server.settings = gathered.extensions, settings
+        server.has_arguments, server.plugins = bool(trees), plugins
 
         def run() -> None:
             with server:
@@ -96,10 +100,24 @@ class PublishedTreeServer(TreeServer):
     Attributes:
         extensions: The extensions, which are attached already.
         settings: The options of the command.
+        has_arguments: Whether the files are arguments of the command. They are those of the ROS parameter
+            `behavior_trees` otherwise.
+        plugins: The value of the ROS parameter `plugins` when the last goal began.
     """
 
     extensions: Sequence[RunExtension] = ()
     settings: dict[str, Any]
+    has_arguments = True
+    plugins: Sequence[str] = ()
+
+    def _read_parameters(self) -> None:
+        super()._read_parameters()
+        if not self.has_arguments:
+            self._files = _files_of_parameter(self.session)
+        plugins = _plugins_of_parameter(self.session)
+        if plugins != self.plugins:
+            self._nodes = _load_nodes(self.settings["plugins"], plugins)
+            self.plugins = plugins
 
     def on_tree_created(self, tree: Tree, payload: str) -> None:
         """Publish *tree* instead of the previous tree; clients stay connected."""
@@ -109,7 +127,7 @@ class PublishedTreeServer(TreeServer):
 
 def _publish_by_default(session: RosSession, settings: dict[str, Any]) -> None:
     """Publish for Groot 2 at the port of the ROS parameter `groot2_port`, unless options choose otherwise."""
-    port = declare_parameter(session.node, "groot2_port", GROOT2_PORT)
+    port = declare_parameter(session.node, "groot2_port", GROOT2_PORT, fixed=FIXED_PORT)
     if "publish" not in settings or importlib.util.find_spec("zmq") is None:
         _warn("the trees are not published for Groot: pip install 'btcore[monitor]'")
         return
@@ -118,10 +136,21 @@ def _publish_by_default(session: RosSession, settings: dict[str, Any]) -> None:
         settings["port"] = port
 
 
-def _load_nodes(session: RosSession, plugins: tuple[str, ...]) -> Registry:
-    """Return the nodes of the installed libraries, of the options and of the ROS parameter `plugins`."""
-    named = list(plugins)
-    for plugin in declare_parameter(session.node, "plugins", []):
+def _plugins_of_parameter(session: RosSession) -> Sequence[str]:
+    """Return the ROS parameter `plugins`."""
+    plugins: list[str] = declare_parameter(session.node, "plugins", [])
+    return plugins
+
+
+def _load_nodes(given: Sequence[str], plugins: Sequence[str]) -> Registry:
+    """Return the nodes of the installed libraries, of the options and of the ROS parameter `plugins`.
+
+    Args:
+        given: The values of the option `--plugin`.
+        plugins: The value of the parameter.
+    """
+    named = list(given)
+    for plugin in plugins:
         if "/" in plugin and not plugin.endswith(".py"):
             _warn(
                 f"the plugin '{plugin}' of the ROS parameter is ignored: C++ libraries cannot be loaded; "
@@ -138,7 +167,10 @@ def _files_of_parameter(session: RosSession) -> tuple[Path, ...]:
     Raises:
         RosError: The parameter is not given, or names a package or folder that does not exist.
     """
-    names = declare_parameter(session.node, "behavior_trees", [])
+    return _find_files(declare_parameter(session.node, "behavior_trees", [], check=_find_files))
+
+
+def _find_files(names: Sequence[str]) -> tuple[Path, ...]:
     if not names:
         raise RosError("there are no trees to serve: give TREES, or the ROS parameter behavior_trees")
     return tuple(_find_trees(name) for name in names)
