@@ -51,6 +51,11 @@ class UnavailableEntryPoint(NamedTuple):
                 return f"{reason}; install it with: pip install '{OWN_DISTRIBUTION}[{extra}]'"
         return f"{reason} (from the distribution '{self.distribution}')"
 
+    @property
+    def note(self) -> str:
+        """A note for a message about an unknown node: the node library was not searched."""
+        return f"the node library '{self.name}' was not searched; it cannot be loaded: {self.remedy}"
+
 
 class Loaded(NamedTuple):
     """The object that an entry point names, and the distribution that declares the entry point."""

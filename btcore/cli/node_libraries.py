@@ -88,10 +88,7 @@ class NodeLibraries:
         """Return a note for each absent library, if *diagnostics* report an unknown node."""
         if not any(diagnostic.code == UNKNOWN_NODE for diagnostic in diagnostics):
             return []
-        return [
-            f"the node library '{library.name}' was not searched; it cannot be loaded: {library.remedy}"
-            for library in self.absent
-        ]
+        return [library.note for library in self.absent]
 
 
 def load_libraries(

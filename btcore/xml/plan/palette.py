@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from functools import cache, cached_property, partial
 from typing import Final
 
+from btcore.entry_points import UnavailableEntryPoint
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name
@@ -51,12 +52,22 @@ class NodePalette:
             )
         if not self.names:
             return "the registry is empty: start with Registry.standard(), which has the built-in nodes"
+        # A registry without installed libraries is that of a program: the commands load them all.
+        is_program = not any(manifest.is_overridable for manifest in self.names.values())
+        installed, unavailable = _installed_nodes() if is_program else (self._registry, [])
+        provided = installed.get(name, self._format)
+        if provided is not None:
+            return (
+                f"the installed library {provided.distribution} provides it: call nodes.add_plugins() of the "
+                "registry, and pass nodes=nodes"
+            )
         searched = "searched: " + ", ".join(self.distributions())
         near = nearest_name(name, [*self.names, *EXPLICIT_TAGS])
         hint = searched if near is None else f"did you mean <{near}>?   {searched}"
         if not self._plugin_suggested:
             self._plugin_suggested = True
             hint += "; load a plugin that provides it (--plugin, or nodes.add_plugin)"
+            hint += "".join(f"; {library.note}" for library in unavailable)
         return hint
 
     def distributions(self) -> list[str]:
@@ -65,6 +76,13 @@ class NodePalette:
         if "__main__" in names:
             names = (names - {"__main__"}) | {"your program"}
         return sorted(names, key=lambda name: (name != "btcore", name))
+
+
+@cache
+def _installed_nodes() -> tuple[Registry, list[UnavailableEntryPoint]]:
+    """Return the nodes of all installed libraries, and the libraries that cannot be loaded."""
+    nodes = Registry()
+    return nodes, nodes.add_installed()
 
 
 def port_hint(manifest: Manifest, name: str) -> str:

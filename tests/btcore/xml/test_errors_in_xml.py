@@ -6,10 +6,11 @@ from textwrap import dedent
 
 import pytest
 
-from btcore import Registry
+from btcore import Registry, loads
 from btcore.errors import TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.xml.build import build
 from btcore.xml.lint.validate import validate_document
+from btcore.xml.plan import palette
 from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_file, parse_text
 
@@ -417,3 +418,33 @@ def test_error_in_an_included_file_names_that_file(tmp_path: Path, nodes: Regist
     assert [(one.file, one.line, one.column, one.code) for one in found] == [
         (f"{tmp_path}/lib/charge.xml", 2, 29, "E101")
     ]
+
+
+def test_node_of_an_installed_library(document: Write) -> None:
+    with pytest.raises(UnknownNodeError) as caught:
+        loads(document("<RosActionCall/>"))
+    assert caught.value.diagnostics[0].hint == (
+        "the installed library btcore_ros2 provides it: call nodes.add_plugins() of the registry, and pass "
+        "nodes=nodes"
+    )
+
+
+def test_library_that_cannot_be_loaded(
+    document: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    information = tmp_path / "arm-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: arm\nVersion: 1.0\n")
+    (information / "entry_points.txt").write_text("[btcore.nodes]\narm = arm_leaves\n")
+    (tmp_path / "arm_leaves.py").write_text("import arm_driver\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    palette._installed_nodes.cache_clear()
+    try:
+        with pytest.raises(UnknownNodeError) as caught:
+            loads(document("<Grasp/>"))
+    finally:
+        palette._installed_nodes.cache_clear()
+    assert str(caught.value.diagnostics[0].hint).endswith(
+        "; the node library 'arm' was not searched; it cannot be loaded: the module 'arm_driver' is not "
+        "installed (from the distribution 'arm')"
+    )
