@@ -6,6 +6,7 @@ services and actions of a ROS node with those of the other ROS nodes that were d
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -113,7 +114,10 @@ class ConnectionChecks:
 
     def _connections(self) -> Iterator[Problem]:
         node = self._node
-        topics = {entity.topic_name for part in (node.subscriptions, node.publishers) for entity in part}
+        topics = set()
+        for entity in (*node.subscriptions, *node.publishers):
+            with suppress(InvalidHandle):  # destroyed by a thread of the program since the list was made
+                topics.add(entity.topic_name)
         for topic in sorted(topics - IGNORED_TOPICS):
             yield f"topic {topic}", "\n".join(dict.fromkeys(self._topic_problems(topic)))
         for client in tuple(node.clients):

@@ -39,6 +39,12 @@ DRAIN_RATE = 200.0
 MAX_DOMAIN = 232
 """The last domain of DDS. Those above 101 may share ports with other programs on Linux."""
 
+NAMESPACED_TF = ("-r", "/tf:=tf", "-r", "/tf_static:=tf_static")
+"""Arguments that give each namespace its own transforms, as those of Nav2's launch files do.
+
+The rules of a user come first, so that `-r /tf:=/tf` keeps the common topic.
+"""
+
 CLOSE_S = 1.0
 """How long (s) `close` waits for unfinished work, such as a cancellation, and for acknowledged messages."""
 
@@ -89,7 +95,8 @@ class RosSession:
 
     Args:
         name: The name of the ROS node.
-        arguments: Arguments in the form of `--ros-args`, for example `["-r", "scan:=/scan_raw"]`.
+        arguments: Arguments in the form of `--ros-args`, for example `["-r", "scan:=/scan_raw"]`. With a
+            namespace, `["-r", "__ns:=/robot1"]`, the topics `/tf` and `/tf_static` are in it, too.
         domain: The domain (0 to 101); None = that of the environment.
         use_executor: Whether `drain` uses rclpy's executor, which is slower: 0.3 ms instead of 0.05 ms for
             ten subscriptions without a message. The default uses parts of rclpy that are not documented; if
@@ -342,9 +349,8 @@ def _create_node(name: str, arguments: Sequence[str], domain: int | None) -> "No
     context = Context()
     # Without signal handlers, which are installed by rclpy.init() only: a last stop command can be sent
     # after Ctrl-C.
-    ros_arguments = ["--ros-args", *arguments] if arguments else []
     try:
-        context.init(args=ros_arguments, domain_id=domain)
+        context.init(args=["--ros-args", *arguments, *NAMESPACED_TF], domain_id=domain)
         return Node(name, context=context)
     except rclpy_implementation.RCLError as error:
         reason, _, _ = str(error).partition(", at /")  # then places in the source of rcl

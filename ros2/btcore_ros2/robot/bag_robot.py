@@ -110,7 +110,8 @@ class BagRobot(TopicRobot):
 
         The commands at the present time do not count: among them is the stop at the end of a run.
         """
-        return self._comparison.report(self._start, self._time.now())
+        report = self._comparison.report(self._start, self._time.now())
+        return {_resolved(topic): result for topic, result in report.items()}
 
     def close(self) -> None:
         """Close the bag."""

@@ -184,7 +184,8 @@ class RosRobot(TopicRobot):
                 self._start_time_left() / 2,
             )
             search = CLOCK_SEARCH if visible else 0.0
-            wanted = session.wait_for(lambda: self._node.count_publishers("/clock"), search)
+            clock = self._node.resolve_topic_name("/clock")
+            wanted = session.wait_for(lambda: self._node.count_publishers(clock), search)
         self._stamps = StampConverter(shared=bool(wanted))
         if not wanted:
             assert isinstance(session.clock, RosClock)

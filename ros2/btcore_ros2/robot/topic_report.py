@@ -57,14 +57,22 @@ def topic_problem(node: Any, topic: str, kind: type, *, published: bool = True) 
 
 def sees_others(node: Any) -> bool:
     """Return whether a ROS node of another process or session is visible."""
-    return any(name != node.get_name() for name in node.get_node_names())
+    return any(other != _own_name(node) for other in node.get_node_names_and_namespaces())
 
 
 def _endpoints(node: Any, topic: str, published: bool) -> list[Any]:
     name = node.resolve_topic_name(topic)
     if published:
         return list(node.get_publishers_info_by_topic(name))
-    return [info for info in node.get_subscriptions_info_by_topic(name) if info.node_name != node.get_name()]
+    return [
+        info
+        for info in node.get_subscriptions_info_by_topic(name)
+        if (info.node_name, info.node_namespace) != _own_name(node)
+    ]
+
+
+def _own_name(node: Any) -> tuple[str, str]:
+    return node.get_name(), node.get_namespace()
 
 
 def _topics_of(node: Any, name: str, published: bool) -> list[str]:
