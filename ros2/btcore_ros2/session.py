@@ -91,7 +91,8 @@ class RosSession:
 
     With *node*, the session uses the ROS node of a program, for example in the callback of a timer. The
     executor of that ROS node ignores the entities of the leaves, which are in a callback group of their own,
-    and serves all others. `close` destroys the entities of the leaves only.
+    and serves all others; rclpy's experimental EventsExecutor has no callback groups and cannot be used.
+    `close` destroys the entities of the leaves only.
 
     Args:
         name: The name of the ROS node.

@@ -1,13 +1,14 @@
 """A session with the ROS node of a program, whose executor serves the rest of the program meanwhile."""
 
+import threading
+import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
-
-import time
 
 from rclpy.context import Context
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
@@ -20,6 +21,7 @@ from btcore import Status
 from btcore_ros2.errors import RosError
 from btcore_ros2.leaves import RosAction, register
 from btcore_ros2.session import RosSession
+from btcore_ros2.tree_server import TreeServer
 
 LIMIT_S = 60.0
 
@@ -33,6 +35,13 @@ CALLS = """
                   wait_for_server_timeout="60000" server_timeout="60000"/>
   <RosTopicRead topic_name="echo" type="std_msgs/msg/String" message="{heard}" field="data" timeout="60000"/>
 </Sequence></BehaviorTree></root>
+"""
+EXECUTE = """
+<root BTCPP_format="4"><BehaviorTree ID="Main">
+  <RosActionCall action_name="bt_execution" type="btcpp_ros2_interfaces/action/ExecuteTree"
+                 goal='json:{"target_tree": "Quick"}' result="{message}" result_field="return_message"
+                 wait_for_server_timeout="60000" server_timeout="60000"/>
+</BehaviorTree></root>
 """
 ENDLESS = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Endless/></BehaviorTree></root>'
 
@@ -82,9 +91,11 @@ class Program(Node):  # type: ignore[misc]
     def spin_until(self, condition: Callable[[], Any]) -> bool:
         """Let the executor work until *condition* is met."""
         end = time.monotonic() + LIMIT_S
-        while not condition() and time.monotonic() < end:
+        while not condition():
+            if time.monotonic() > end:
+                return False
             self.spinning.spin_once(0.05)
-        return bool(condition())
+        return True
 
     def entities(self) -> list[int]:
         """Return how many entities of each type there are."""
@@ -175,6 +186,25 @@ def test_halt_and_close_in_a_timer(program: Program) -> None:
     assert program.context.ok()
     with pytest.raises(RosError, match="session was closed"):
         session.refresh()
+
+
+def test_tree_server_in_a_thread_beside_the_executor(
+    program: Program, session: RosSession, tmp_path: Path
+) -> None:
+    pytest.importorskip("btcpp_ros2_interfaces")
+    file = tmp_path / "quick.xml"
+    file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Quick"><AlwaysSuccess/></BehaviorTree></root>')
+    before = program.entities()
+    own = RosSession(node=program)
+    with own, TreeServer(own, [file]) as server:
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        tree = create_tree(EXECUTE, session)
+        assert program.spin_until(lambda: tree.tick_once() is not Status.RUNNING)
+        assert tree.blackboard["message"] == "the tree ended in SUCCESS"
+        server.stop()
+        thread.join(LIMIT_S)
+    assert program.entities() == before
 
 
 def test_node_has_its_own_arguments(program: Program) -> None:
