@@ -110,8 +110,7 @@ class BagRobot(TopicRobot):
 
         The commands at the present time do not count: among them is the stop at the end of a run.
         """
-        report = self._comparison.report(self._start, self._time.now())
-        return {_resolved(topic): result for topic, result in report.items()}
+        return self._comparison.report(self._start, self._time.now())
 
     def close(self) -> None:
         """Close the bag."""

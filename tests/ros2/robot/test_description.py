@@ -41,7 +41,7 @@ def test_bundled_robots_have_the_topics_of_their_repositories() -> None:
 
 @pytest.mark.parametrize("name", BUNDLED)
 def test_names_of_bundled_robots_are_relative(name: str) -> None:
-    """Robots in two namespaces share only the transforms."""
+    """Robots in two namespaces share nothing; RosSession moves the transforms into the namespace."""
     content = yaml.safe_load((Path(description.__file__).parent / f"{name}.yaml").read_text("utf-8"))
     assert set(re.findall(r"'(/[\w/]+)'", str(content))) == {"/tf", "/tf_static"}
 
