@@ -47,12 +47,12 @@ def record_messages(session: RosSession, writer: Writer) -> None:
             connections[topic] = writer.add_connection(topic, kind, typestore=store)
         writer.write(connections[topic], session.clock.now(), serialize_message(message))
 
-    def subscribe(kind: type, topic: str, callback: Callable[[Any], None], qos: Any) -> Any:
+    def subscribe(kind: type, topic: str, callback: Callable[[Any], None], qos: Any, **settings: Any) -> Any:
         def receive(message: Any) -> None:
             write(topic, message)
             callback(message)
 
-        return create_subscription(kind, topic, receive, qos)
+        return create_subscription(kind, topic, receive, qos, **settings)
 
     def advertise(kind: type, topic: str, qos: Any) -> Any:
         publisher = create_publisher(kind, topic, qos)
