@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Generic, TypeVar
 
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
+
 Goal = TypeVar("Goal")
 Feedback = TypeVar("Feedback")
 Value = TypeVar("Value")
@@ -125,12 +127,14 @@ class ActionServer(Generic[Goal, Feedback, Value]):
 
     Attributes:
         name: The name of the action.
+        is_active: Whether goals are accepted. While it is False, all goals are aborted.
         current: The handle of the goal that is being executed, or None.
     """
 
     name = "action"
 
     def __init__(self) -> None:
+        self.is_active = True
         self._next: GoalHandle[Goal, Feedback, Value] | None = None
         self.current: GoalHandle[Goal, Feedback, Value] | None = None
 
@@ -140,6 +144,10 @@ class ActionServer(Generic[Goal, Feedback, Value]):
         The new goal replaces other goals: a waiting goal becomes CANCELED at once, a running goal at the next
         step.
         """
+        if not self.is_active:
+            rejected: GoalHandle[Goal, Feedback, Value] = GoalHandle(goal)
+            self._reject(rejected)
+            return rejected
         if self._next is not None:
             self._next.canceled("a newer goal took its place")
         self._next = GoalHandle(goal)
@@ -157,11 +165,20 @@ class ActionServer(Generic[Goal, Feedback, Value]):
             self.stop(current, now)
             current.canceled()
         new, self._next = self._next, None
-        if new is not None:
+        if not self.is_active:
+            if current is not None and not current.done:
+                self.stop(current, now)
+                self._reject(current)
+            if new is not None:
+                self._reject(new)
+        elif new is not None:
             self._accept(new, now)
         current = self.current
         if current is not None and not current.done:
             self.work(current, now)
+
+    def _reject(self, handle: GoalHandle[Goal, Feedback, Value]) -> None:
+        handle.abort(Nav2ErrorCode.GOAL_REJECTED, f"the server of {self.name} is not active")
 
     def _accept(self, new: GoalHandle[Goal, Feedback, Value], now: int) -> None:
         if new.cancel_requested:

@@ -1,4 +1,4 @@
-"""Recovery behaviours of a robot that is stuck: Nav2's Spin, BackUp, DriveOnHeading and Wait.
+"""The behaviours of Nav2's `behavior_server`: Spin, BackUp, DriveOnHeading, Wait and AssistedTeleop.
 
 A behaviour simulates the motion for `simulate_ahead_time` and ends before the robot touches something. It
 checks the newest scan, the obstacles that the local costmap remembers (no laser covers the area behind the
@@ -7,7 +7,7 @@ robot) and the sonars. Parameters and defaults are Nav2's.
 
 import math
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,17 @@ from btcore_robot.navigation.parameters import BehaviourParameters
 from btcore_robot.navigation.sensor_watch import SensorWatch
 from btcore_robot.navigation.velocity_smoother import VelocityLimits, VelocitySmoother
 from btcore_robot.rigid_transform import wrap_angle
-from btcore_robot.robot import NS_PER_S, Odometry, Robot
+from btcore_robot.robot import NS_PER_S, Odometry, Robot, Twist2D
 from btcore_robot.transforms import TransformError, TransformTree
 
-__all__ = ["BackUpGoal", "BehaviourFeedback", "DriveOnHeadingGoal", "SpinGoal", "WaitGoal"]
+__all__ = [
+    "AssistedTeleopGoal",
+    "BackUpGoal",
+    "BehaviourFeedback",
+    "DriveOnHeadingGoal",
+    "SpinGoal",
+    "WaitGoal",
+]
 
 _STEP = 0.1  # s between the simulated poses
 _ALLOWED_LOSS = 0.01  # m of clearance that the robot may lose where it is too near an obstacle already
@@ -75,13 +82,25 @@ class WaitGoal:
 
 
 @dataclass(frozen=True, slots=True)
+class AssistedTeleopGoal:
+    """Let a user drive the robot for at most *time_allowance* (s; 0 = no limit); stop it before obstacles."""
+
+    time_allowance: float = 10.0
+    dist: ClassVar[float] = math.inf
+    disable_collision_checks: ClassVar[bool] = False
+
+
+@dataclass(frozen=True, slots=True)
 class BehaviourFeedback:
-    """The progress: *travelled* is a distance (m); for Spin an angle (rad), for Wait the time left (s)."""
+    """The progress: *travelled* is a distance (m), and for Spin an angle (rad).
+
+    For Wait it is the time left (s), for AssistedTeleop the time that has passed (s).
+    """
 
     travelled: float
 
 
-MotionGoal = TypeVar("MotionGoal", SpinGoal, BackUpGoal, DriveOnHeadingGoal)
+MotionGoal = TypeVar("MotionGoal", SpinGoal, BackUpGoal, DriveOnHeadingGoal, AssistedTeleopGoal)
 Handle = GoalHandle[MotionGoal, BehaviourFeedback, None]
 WaitHandle = GoalHandle[WaitGoal, BehaviourFeedback, None]
 
@@ -256,15 +275,32 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
 
     def _collides(self, v: float, remaining: float, odometry: Odometry) -> bool:
         pose = odometry.pose
-        here = self._clearance.distance_at(pose.x, pose.y)
         if v == 0.0:
+            here = self._clearance.distance_at(pose.x, pose.y)
             return here < self._robot.base.radius - _GRID_ERROR
         times = np.arange(1, round(self.parameters.simulate_ahead_time / _STEP) + 1) * _STEP
         along = np.minimum(abs(v) * times, remaining) * math.copysign(1.0, v)
         x, y = pose.x + math.cos(pose.yaw) * along, pose.y + math.sin(pose.yaw) * along
-        if bool((self._clearance.distances_at(x, y) < min(self._min_clearance, here - _ALLOWED_LOSS)).any()):
-            return True
-        return self._approaches_echo(along)
+        return self._is_blocked(odometry, x, y, along)
+
+    def _is_blocked(
+        self,
+        odometry: Odometry,
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
+        along: NDArray[np.float64],
+    ) -> bool:
+        """Return whether the robot comes too near something.
+
+        Args:
+            odometry: The robot's present pose.
+            x: The x coordinates (m) of the robot's next positions in odom.
+            y: The y coordinates (m) of these positions.
+            along: The distances (m) of these positions along the robot's axis.
+        """
+        here = self._clearance.distance_at(odometry.pose.x, odometry.pose.y)
+        least = min(self._min_clearance, here - _ALLOWED_LOSS)
+        return bool((self._clearance.distances_at(x, y) < least).any()) or self._approaches_echo(along)
 
     def _approaches_echo(self, along: NDArray[np.float64]) -> bool:
         """Return whether the robot, moving *along* (m) its axis, comes too near an echo of a sonar."""
@@ -350,6 +386,77 @@ class DriveOnHeadingBehaviour(MotionBehaviour[DriveOnHeadingGoal]):
     def _velocity(self, goal: DriveOnHeadingGoal, remaining: float) -> tuple[float, float]:
         base = self._robot.base
         return min(max(goal.speed, base.v_min), base.v_max), 0.0
+
+
+class AssistedTeleopBehaviour(MotionBehaviour[AssistedTeleopGoal]):
+    """A drive by the commands of a user, which are slowed down or stopped before obstacles.
+
+    A command is valid until the next command, as in Nav2.
+    """
+
+    name = "assisted_teleop"
+    _codes = _Codes(
+        Nav2ErrorCode.ASSISTED_TELEOP_TIMEOUT,
+        Nav2ErrorCode.ASSISTED_TELEOP_TF_ERROR,
+        Nav2ErrorCode.ASSISTED_TELEOP_UNKNOWN,
+        Nav2ErrorCode.ASSISTED_TELEOP_UNKNOWN,
+    )
+    _command = Twist2D(0.0, 0.0)
+    _is_finished = False
+
+    def command(self, velocity: Twist2D) -> None:
+        """Set the velocity that the user wants. Without a goal it has no effect."""
+        self._command = velocity
+
+    def finish(self) -> None:
+        """End the present goal as SUCCEEDED."""
+        self._is_finished = True
+
+    def start(
+        self,
+        handle: Handle[AssistedTeleopGoal],
+        now: int,
+        previous: Handle[AssistedTeleopGoal] | None,
+    ) -> None:
+        """Begin to stand."""
+        self._command, self._is_finished = Twist2D(0.0, 0.0), False
+        super().start(handle, now, previous)
+
+    def _goal_error(self, goal: AssistedTeleopGoal) -> str:
+        return ""
+
+    def _amount(self, goal: AssistedTeleopGoal) -> float:
+        return 0.0 if self._is_finished else goal.dist
+
+    def _progress(self, odometry: Odometry) -> float:
+        return (self._last - self._started) / NS_PER_S
+
+    def _move(
+        self, handle: Handle[AssistedTeleopGoal], remaining: float, odometry: Odometry, now: int
+    ) -> None:
+        try:
+            self._update_clearance()
+        except TransformError as error:
+            handle.abort(self._codes.transform, str(error))
+            return
+        share = self._safe_share(odometry)
+        self._smoother.send_command(share * self._command.v, share * self._command.w, now, self.period)
+
+    def _safe_share(self, odometry: Odometry) -> float:
+        """Return the share (0–1) of the command that is safe, by Nav2's rule.
+
+        It is the share of the simulated time before the first collision, and 0 for a collision at once.
+        """
+        pose, v, w = odometry.pose, self._command.v, self._command.w
+        count = round(self.parameters.simulate_ahead_time / _STEP)
+        yaws = pose.yaw + w * _STEP * (np.arange(count) + 0.5)
+        x, y = pose.x + v * _STEP * np.cumsum(np.cos(yaws)), pose.y + v * _STEP * np.cumsum(np.sin(yaws))
+        along: NDArray[np.float64] = v * _STEP * np.arange(1, count + 1, dtype=np.float64)
+        if v == 0.0 or not self._is_blocked(odometry, x, y, along):
+            return 1.0
+        blocked = (self._is_blocked(odometry, *part) for part in zip(x, y, along, strict=True))
+        first = next(index for index, is_blocked in enumerate(blocked) if is_blocked)
+        return (first + 1) / count if first else 0.0
 
 
 class WaitBehaviour(ActionServer[WaitGoal, BehaviourFeedback, None]):

@@ -216,10 +216,25 @@ class GlobalCostmap(LayeredCostmap):
         )
         inflation = InflationLayer(radius, inflation_radius, scaling, map.resolution)
         super().__init__(shape, map.origin, "map", inflation, obstacles)
+        self._track_unknown = track_unknown
+        self._draw(map)
+
+    def change_map(self, map: OccupancyMap) -> None:
+        """Replace the map by *map*, of any size and resolution, and forget the observations."""
+        shape, given = (map.height, map.width), self.inflation
+        self.inflation = InflationLayer(given.radius, given.inflation_radius, given.scaling, map.resolution)
+        self.obstacles.resolution = self.resolution = map.resolution
+        self.obstacles.restart(shape)
+        self._pending.clear()
+        self.costs, self.origin = np.zeros(shape, dtype=np.uint8), map.origin
+        self._draw(map)
+
+    def _draw(self, map: OccupancyMap) -> None:
         self.map = map
-        self._static = static_costs(map, track_unknown=track_unknown)
-        self.lower_bound = inflation.inflate(np.where(self._static == LETHAL, LETHAL, FREE).astype(np.uint8))
-        self.map_costs = inflation.inflate(self._static)
+        self._static = static_costs(map, track_unknown=self._track_unknown)
+        is_lethal = np.where(self._static == LETHAL, LETHAL, FREE).astype(np.uint8)
+        self.lower_bound = self.inflation.inflate(is_lethal)
+        self.map_costs = self.inflation.inflate(self._static)
         self._refresh(self._everywhere())
 
     def update(self, now: int, robot_pose: Pose2D | None = None) -> None:
@@ -293,7 +308,7 @@ class LocalCostmap(LayeredCostmap):
         inflation = InflationLayer(radius, inflation_radius, scaling, resolution)
         super().__init__((side, side), (0.0, 0.0), frame, inflation, obstacles)
         self._corner = (0, 0)
-        self._keepout = keepout
+        self.keepout = keepout
         self._map_in_frame: Pose2D | None = None
         self._center_on(Pose2D(0.0, 0.0, 0.0))
 
@@ -325,9 +340,9 @@ class LocalCostmap(LayeredCostmap):
             self.origin = (corner[1] * self.resolution, corner[0] * self.resolution)
 
     def _base(self, window: GridWindow) -> NDArray[np.uint8]:
-        if not self._keepout or self._map_in_frame is None:
+        if not self.keepout or self._map_in_frame is None:
             return self.obstacles.values[window.slices]
         # Drawn on a copy: `map_pose` changes with each correction of the localiser.
         base = self.obstacles.values.copy()
-        draw_keepouts(base, self.resolution, self.origin, self._keepout, self._map_in_frame)
+        draw_keepouts(base, self.resolution, self.origin, self.keepout, self._map_in_frame)
         return base[window.slices]

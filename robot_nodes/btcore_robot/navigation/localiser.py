@@ -111,21 +111,8 @@ class Localiser:
         self._random = random
         self._least_range = max(robot.laser.range_min, settings.laser_min_range)
         self._most_range = min(robot.laser.range_max, settings.laser_max_range)
-        self._field = LikelihoodField(
-            field_map,
-            sigma_hit=settings.sigma_hit,
-            z_hit=settings.z_hit,
-            z_rand=settings.z_rand,
-            max_distance=settings.laser_likelihood_max_dist,
-            range_max=self._most_range,
-        )
-        self._visibility = RayCaster(field_map, self._most_range, robot.laser)
-        self._surfaces = SignedDistanceField(field_map, robot.laser, self._visibility)
-        self._validator = PoseValidator(self._surfaces, self._visibility)
-        self._relocaliser = Relocaliser(SearchSpace(field_map), self._surfaces, self._visibility)
         self._alphas = (settings.alpha1, settings.alpha2, settings.alpha3, settings.alpha4)
-        self._free = np.argwhere(field_map.free)
-        self._map = field_map
+        self._use_map(field_map)
         self.map_to_odom = Transform()
         """The pose of `odom` in `map`."""
         self._known_pose: tuple[Transform, Odometry | None, Pose2D]
@@ -179,6 +166,34 @@ class Localiser:
             pose = self._estimate(odometry.pose)
             self._known_pose = (self.map_to_odom, odometry, pose)
         return pose
+
+    def change_map(self, field_map: OccupancyMap) -> None:
+        """Replace the map, and keep the pose, which the next scans confirm or contradict.
+
+        If the pose is unknown, the new map is searched for it.
+        """
+        self._use_map(field_map)
+        if self.searching:
+            self.reinitialise_global_localisation()
+        else:
+            self.set_pose(self.pose())
+
+    def _use_map(self, field_map: OccupancyMap) -> None:
+        settings = self.parameters
+        self._field = LikelihoodField(
+            field_map,
+            sigma_hit=settings.sigma_hit,
+            z_hit=settings.z_hit,
+            z_rand=settings.z_rand,
+            max_distance=settings.laser_likelihood_max_dist,
+            range_max=self._most_range,
+        )
+        self._visibility = RayCaster(field_map, self._most_range, self._robot.laser)
+        self._surfaces = SignedDistanceField(field_map, self._robot.laser, self._visibility)
+        self._validator = PoseValidator(self._surfaces, self._visibility)
+        self._relocaliser = Relocaliser(SearchSpace(field_map), self._surfaces, self._visibility)
+        self._free = np.argwhere(field_map.free)
+        self._map = field_map
 
     def set_pose(self, pose: Pose2D, covariance: NDArray[np.float64] | None = None) -> None:
         """Set the robot's present pose.

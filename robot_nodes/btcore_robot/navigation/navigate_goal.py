@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from btcore_robot.navigation.action import GoalHandle
+from btcore_robot.navigation.nodes.goals import WaypointStatus
 from btcore_robot.robot import Pose2D
 
 
@@ -30,6 +31,7 @@ class NavigateFeedback:
         distance_remaining: The remaining distance along the path (m).
         number_of_poses_remaining: The number of poses of the goal that are not yet reached.
         estimated_time_remaining: The remaining time (s) at the present speed; 0 if it is unknown.
+        waypoint_statuses: The state of each pose of a goal of navigate_through_poses.
     """
 
     current_pose: Pose2D | None
@@ -38,7 +40,8 @@ class NavigateFeedback:
     distance_remaining: float
     number_of_poses_remaining: int
     estimated_time_remaining: float = 0.0
+    waypoint_statuses: tuple[WaypointStatus, ...] = ()
 
 
-NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, None]
-"""The handle of a `NavigateGoal`."""
+NavigateHandle = GoalHandle[NavigateGoal, NavigateFeedback, tuple[WaypointStatus, ...]]
+"""The handle of a `NavigateGoal`; its result is the state of each pose of navigate_through_poses."""

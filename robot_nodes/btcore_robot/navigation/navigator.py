@@ -3,6 +3,7 @@
 import logging
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import btcore
@@ -15,7 +16,7 @@ from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal
 from btcore_robot.navigation.navigation_servers import AnyGoalHandle, NavigationServers
 from btcore_robot.navigation.nodes.action_node import RECOVERIES, BtActionNode, BtServiceNode
 from btcore_robot.navigation.nodes.decorators import GoalUpdater
-from btcore_robot.navigation.nodes.goals import WaypointStatus
+from btcore_robot.navigation.nodes.goals import WaypointState, WaypointStatus
 from btcore_robot.navigation.path import NavPath, empty_path
 from btcore_robot.navigation.planner import THROUGH_OFFSET, PlannerError
 from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
@@ -30,6 +31,9 @@ MIN_SPEED = 0.01
 MIN_REMAINING = 0.1
 """The remaining distance (m) from which on the remaining time is estimated, as in Nav2."""
 
+STATUSES = "waypoint_statuses"
+"""The entry with the states of the poses of navigate_through_poses."""
+
 CHECK_PERIOD = NS_PER_S // 2
 """The time (ns) between two checks of the progress."""
 SLOWEST = 0.15
@@ -40,7 +44,7 @@ _ELSEWHERE = "the robot reached the goal by its estimated pose, but its scans co
 log = logging.getLogger(__name__)
 
 
-class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
+class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatus, ...]]):
     """The action server `navigate_to_pose`; with *through*, the server `navigate_through_poses`.
 
     The tree finds the goal in the blackboard entry `goal` (with *through*: `goals`). A new goal for the
@@ -150,7 +154,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         if self.through:
             board["goals"] = list(handle.goal.goals)
             statuses = [WaypointStatus(goal, index) for index, goal in enumerate(handle.goal.goals)]
-            board["waypoint_statuses"] = statuses
+            board[STATUSES] = statuses
         else:
             board["goal"] = handle.goal.goals[-1]
         board[RECOVERIES] = 0
@@ -180,7 +184,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         elif status is Status.SUCCESS and self.servers.is_pose_contradicted:
             self._end(handle, Nav2ErrorCode.NAVIGATE_TF_ERROR, _ELSEWHERE, now)
         elif status is Status.SUCCESS:
-            handle.succeed()
+            handle.succeed(self._final_statuses(WaypointState.COMPLETED))
             self._report_outcome(handle, now)
         elif status is not Status.RUNNING:
             tree.halt()
@@ -235,6 +239,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         recoveries = _entry(tree, RECOVERIES)
         goals = _entry(tree, "goals")
         number_of_poses = len(goals) if isinstance(goals, list) else 0
+        statuses = self._statuses()
         pose, odometry = self.servers.pose(), self.servers.odometry()
         elapsed = (now - self._began) / NS_PER_S
 
@@ -250,9 +255,22 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
                 remaining,
                 number_of_poses,
                 remaining / speed if speed > MIN_SPEED and remaining > MIN_REMAINING else 0.0,
+                statuses,
             )
 
         handle.defer_feedback(compute)
+
+    def _statuses(self) -> tuple[WaypointStatus, ...]:
+        """Return the states of the poses of the present goal of navigate_through_poses."""
+        statuses = _entry(self.tree, STATUSES) if self.through and self.tree is not None else None
+        return tuple(statuses) if isinstance(statuses, list) else ()
+
+    def _final_statuses(self, state: WaypointState) -> tuple[WaypointStatus, ...]:
+        """Return the states at the end of a goal: *state* for each pose that is still pending."""
+        return tuple(
+            replace(status, state=state) if status.state is WaypointState.PENDING else status
+            for status in self._statuses()
+        )
 
     def _check_progress(self, handle: NavigateHandle, now: int) -> None:
         """Abort the goal if the robot has come no closer to it for too long."""
@@ -290,7 +308,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, None]):
         return int(Nav2ErrorCode.NAVIGATE_UNKNOWN), "the behavior tree failed"
 
     def _end(self, handle: NavigateHandle, code: int, message: str, now: int) -> None:
-        handle.abort(int(code), f"{_code_name(code)}: {message}" if code else message)
+        statuses = self._final_statuses(WaypointState.FAILED)
+        handle.abort(int(code), f"{_code_name(code)}: {message}" if code else message, statuses)
         self._report_outcome(handle, now)
 
     def _report_outcome(self, handle: NavigateHandle, now: int, status: GoalStatus | None = None) -> None:

@@ -35,7 +35,16 @@ from btcore_robot.errors import RobotError
 from btcore_robot.field_reader import FieldReader, did_you_mean, read_text
 from btcore_robot.yaml_errors import yaml_errors
 
-__all__ = ["Grid", "MapError", "OccupancyMap", "Rectangle", "keepout_path", "load_map", "save_map"]
+__all__ = [
+    "Grid",
+    "MapError",
+    "MapImageError",
+    "OccupancyMap",
+    "Rectangle",
+    "keepout_path",
+    "load_map",
+    "save_map",
+]
 
 Rectangle = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax (m) in the frame map."""
@@ -58,6 +67,10 @@ _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thr
 
 class MapError(RobotError):
     """A map can't be read, written or created; the message has the place, the reason and a remedy."""
+
+
+class MapImageError(MapError):
+    """The image of a map can't be read."""
 
 
 class YamlEntries(FieldReader):
@@ -299,7 +312,8 @@ def load_map(path: Path) -> OccupancyMap:
     The keep-out rectangles are read from `keepout_path`, if that file exists.
 
     Raises:
-        MapError: A file cannot be read or is invalid; the message has the file and the line.
+        MapError: A file cannot be read or is invalid; the message has the file and the line. It is a
+            `MapImageError` if this file is the image.
     """
     entries = read_entries(path, "a map")
     entries.check_keys(_KEYS)
@@ -321,7 +335,10 @@ def load_map(path: Path) -> OccupancyMap:
             "free_thresh" if entries.has("free_thresh") else "occupied_thresh",
             f"must satisfy 0 ≤ free_thresh ({free:g}) < occupied_thresh ({occupied:g}) ≤ 1",
         )
-    pixels, opaque = _read_image(entries, path)
+    try:
+        pixels, opaque = _read_image(entries, path)
+    except MapError as error:
+        raise MapImageError(str(error)) from error
     if mode == "raw":
         cells = np.where(pixels <= 100, pixels, -1).astype(np.int8)
     else:

@@ -35,6 +35,7 @@ __all__ = [
     "NavigationParameters",
     "NavigatorParameters",
     "PlannerParameters",
+    "WaypointFollowerParameters",
     "load_parameters",
 ]
 
@@ -220,6 +221,18 @@ class NavigatorParameters:
 
 
 @dataclass(frozen=True, slots=True)
+class WaypointFollowerParameters:
+    """The waypoint follower: `waypoint_follower`.
+
+    With *stop_on_failure* a goal ends at the first pose that is not reached. The robot stays at each pose for
+    *waypoint_pause_duration* (ms).
+    """
+
+    stop_on_failure: bool = True
+    waypoint_pause_duration: int = number_field(0, minimum=0)
+
+
+@dataclass(frozen=True, slots=True)
 class NavigationParameters:
     """The parameters of every server.
 
@@ -234,6 +247,7 @@ class NavigationParameters:
     controller: ControllerParameters = ControllerParameters()
     behaviours: BehaviourParameters = BehaviourParameters()
     navigator: NavigatorParameters = NavigatorParameters()
+    waypoints: WaypointFollowerParameters = WaypointFollowerParameters()
     unknown: Mapping[str, object] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
@@ -281,6 +295,7 @@ _SERVERS = {
     "behavior_server": "behaviours",
     "recoveries_server": "behaviours",
     "bt_navigator": "navigator",
+    "waypoint_follower": "waypoints",
 }
 """The server's name in Nav2's files, and the attribute of `NavigationParameters` for this server."""
 

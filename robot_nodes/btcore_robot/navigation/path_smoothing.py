@@ -59,9 +59,9 @@ def smooth_path(costs: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray
     if len(way) < 3:
         return way
     limit = float(_step_prices(costs, way).sum())
-    pulled = _resample(_straighten(costs, way), 1.0)
+    pulled = resample(_straighten(costs, way), 1.0)
     for stiffness in _STIFFNESSES:
-        relaxed = _resample(_relax(costs, pulled, stiffness), 1.0)
+        relaxed = resample(_relax(costs, pulled, stiffness), 1.0)
         if _price(costs, relaxed) <= limit * MAX_COST_RATIO:
             return relaxed
     return pulled if _price(costs, pulled) <= limit else way
@@ -87,7 +87,7 @@ def anchor_path(
     way = np.array([first, *cells[1:-1], last], dtype=np.float64)
     if len(cells) > 1:
         for end, middle, at in ((way[-2:], cells[-1], -1), (way[:2], cells[0], 1)):
-            if not np.isfinite(_price(costs, _resample(end, 1.0))):
+            if not np.isfinite(_price(costs, resample(end, 1.0))):
                 way = np.insert(way, at, middle, axis=0)
     return way
 
@@ -185,7 +185,7 @@ def _inner_forces(count: int, stiffness: float) -> NDArray[np.float64]:
     return bands
 
 
-def _resample(way: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+def resample(way: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
     """Return points along *way*, with its ends, that are *distance* (cells) apart or slightly less."""
     along = _distances(way)
     places = np.linspace(0.0, along[-1], max(2, int(np.ceil(along[-1] / distance)) + 1))

@@ -26,7 +26,7 @@ from btcore_robot.navigation.grid_search import (
     reachable_cells,
 )
 from btcore_robot.navigation.path import NavPath, join_paths, path_through
-from btcore_robot.navigation.path_smoothing import anchor_path, smooth_path
+from btcore_robot.navigation.path_smoothing import anchor_path, resample, smooth_path
 from btcore_robot.robot import Pose2D
 
 __all__ = [
@@ -89,6 +89,7 @@ class Planner:
         self.radius = radius
         self.tolerance = tolerance
         self.allow_unknown = allow_unknown
+        self._lower_bound = costmap.lower_bound
         self._lower_costs = None if costmap.lower_bound is None else grid_costs(costmap.lower_bound)
         self._bounds_by_goal: dict[Cell, CostBounds | None] = {}
 
@@ -122,6 +123,22 @@ class Planner:
         points = self._points(smooth_path(costs, way))
         points[0], points[-1] = (start.x, start.y), place
         return path_through(points, goal, now, self.costmap.frame)
+
+    def smooth(self, path: NavPath, now: int) -> NavPath | None:
+        """Return a smooth path with the ends of *path*; None if *path* leads through obstacles.
+
+        Args:
+            path: The path, in the costmap's frame.
+            now: The stamp (ns) of the result.
+        """
+        costs = grid_costs(self.costmap.costs, allow_unknown=self.allow_unknown)
+        way = resample(np.array([self._pixel(x, y) for x, y, _ in path.poses.tolist()]), 1.0)
+        cells = np.rint(way).astype(np.intp)
+        if (cells < 0).any() or (cells >= costs.shape).any() or (costs[cells[:, 0], cells[:, 1]] < 0).any():
+            return None
+        points = self._points(smooth_path(costs, way))
+        points[[0, -1]] = path.poses[[0, -1], :2]
+        return path_through(points, path[-1], now, path.frame)
 
     def check_goal(self, goal: Pose2D) -> None:
         """Raise an error if *goal* can't be reached because of the map, whatever the robot observes.
@@ -274,6 +291,10 @@ class Planner:
 
     def _bounds(self, first: Cell, end: Cell) -> CostBounds | None:
         """Return lower bounds for paths to *end*; computed only for a goal that is planned for again."""
+        if self.costmap.lower_bound is not self._lower_bound:  # the map was replaced
+            self._lower_bound = self.costmap.lower_bound
+            self._lower_costs = None if self._lower_bound is None else grid_costs(self._lower_bound)
+            self._bounds_by_goal.clear()
         if self._lower_costs is None:
             return None
         bounds = None

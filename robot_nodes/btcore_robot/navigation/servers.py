@@ -7,6 +7,7 @@ from typing import Any, Protocol, cast
 
 from btcore_robot.navigation.action import ActionServer, GoalHandle
 from btcore_robot.navigation.behaviours import (
+    AssistedTeleopBehaviour,
     BackUpBehaviour,
     DriveOnHeadingBehaviour,
     SpinBehaviour,
@@ -26,11 +27,10 @@ from btcore_robot.navigation.navigation_servers import (
     NavigationServers,
     PathCheck,
     ReinitializeLocalization,
-    SmoothedPath,
-    SmoothPathGoal,
 )
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.planner import PlannerServer
+from btcore_robot.navigation.smoother import SmootherServer
 from btcore_robot.robot import NS_PER_S, Odometry, Pose2D, Robot
 from btcore_robot.transforms import TransformTree
 
@@ -90,6 +90,8 @@ class Servers(NavigationServers):
         back_up: The server of `BackUpGoal`.
         drive_on_heading: The server of `DriveOnHeadingGoal`.
         wait: The server of `WaitGoal`.
+        assisted_teleop: The server of `AssistedTeleopGoal`.
+        smooth_path: The smoother's server.
         goal_tolerance: The distance (m) at which GoalReached succeeds.
         topics: The newest message by name of the topic, for ROS topics that no sensor provides: for instance
             the name of the planner that PlannerSelector chooses, or the moved goal of GoalUpdater.
@@ -107,6 +109,8 @@ class Servers(NavigationServers):
     back_up: BackUpBehaviour
     drive_on_heading: DriveOnHeadingBehaviour
     wait: WaitBehaviour
+    assisted_teleop: AssistedTeleopBehaviour
+    smooth_path: SmootherServer
     goal_tolerance: float = 0.25
     topics: dict[str, object] = field(default_factory=dict)
     navigators: dict[str, ActionServer[Any, Any, Any]] = field(default_factory=dict)
@@ -141,9 +145,6 @@ class Servers(NavigationServers):
 
     def send_goal(self, goal: object, action: str, server_name: str = "") -> AnyGoalHandle:
         """Send a goal; see `NavigationServers.send_goal`."""
-        if isinstance(goal, SmoothPathGoal):
-            # This planner's paths are smooth already.
-            return _succeeded(goal, SmoothedPath(goal.path, 0.0, True))
         server = self._server(action)
         if server is None:
             return _aborted(
@@ -213,7 +214,7 @@ class Servers(NavigationServers):
         return self.localiser.is_contradicted
 
     def _recoveries(self) -> tuple[ActionServer[Any, Any, Any], ...]:
-        return self.spin, self.back_up, self.drive_on_heading, self.wait
+        return self.spin, self.back_up, self.drive_on_heading, self.wait, self.assisted_teleop
 
     def _server(self, action: str) -> ActionServer[Any, Any, Any] | None:
         match action:
@@ -229,6 +230,10 @@ class Servers(NavigationServers):
                 return self.drive_on_heading
             case "wait":
                 return self.wait
+            case "assisted_teleop":
+                return self.assisted_teleop
+            case "smooth_path":
+                return self.smooth_path
         return self.navigators.get(action)
 
     def _clear(self, request: ClearCostmap, service_name: str) -> AnyGoalHandle:

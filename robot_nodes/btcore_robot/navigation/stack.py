@@ -8,7 +8,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from btcore_robot.errors import RobotError
 from btcore_robot.navigation.behaviours import (
+    AssistedTeleopBehaviour,
     BackUpBehaviour,
     DriveOnHeadingBehaviour,
     SpinBehaviour,
@@ -26,6 +28,7 @@ from btcore_robot.navigation.planner import Planner, PlannerServer
 from btcore_robot.navigation.scene import NavigationScene
 from btcore_robot.navigation.sensor_watch import SensorWatch
 from btcore_robot.navigation.servers import PoseSource, Servers
+from btcore_robot.navigation.smoother import SmootherServer
 from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot, Waypoints
 from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME, FrameBroadcaster, TransformError, TransformTree
 from btcore_scene import MovingScene, StaticScene
@@ -83,6 +86,7 @@ class Navigation:
         global_costmap: The costmap of the planner.
         local_costmap: The costmap of the controller and of the recoveries.
         servers: The action servers.
+        localises: Whether scans correct the pose. While it is False, the pose counts as unknown.
         navigate_to_pose: The server for goals with a single pose.
         navigate_through_poses: The server for goals with several poses.
 
@@ -118,6 +122,7 @@ class Navigation:
         limits = parameters.controller
         self.sensors = SensorWatch(robot, self.transforms, limits.scan_timeout, limits.odometry_timeout)
         self.localiser = self._make_localiser(random)
+        self.localises = True
         self.global_costmap = self._make_global_costmap()
         local_parameters = parameters.local_costmap
         self.local_costmap = LocalCostmap(
@@ -155,6 +160,8 @@ class Navigation:
             BackUpBehaviour(robot, tree, local, behaviours, sensors, radius),
             DriveOnHeadingBehaviour(robot, tree, local, behaviours, sensors, radius),
             WaitBehaviour(),
+            AssistedTeleopBehaviour(robot, tree, local, behaviours, sensors, radius),
+            SmootherServer(planner),
             parameters.navigator.goal_reached_tol,
         )
         self._outcomes: list[GoalOutcome] = []
@@ -204,6 +211,21 @@ class Navigation:
         """Send *goals* (in the frame map), to pass in order, and return their handle."""
         return self.navigate_through_poses.send_goal(NavigateGoal(tuple(goals)))
 
+    def change_map(self, map: OccupancyMap) -> None:
+        """Replace the map; goals in progress continue with a newly planned path.
+
+        Raises:
+            RobotError: The robot is making the map.
+        """
+        if not isinstance(self.localiser, Localiser):
+            raise RobotError("the robot is making its map, which cannot be replaced")
+        self.map = map
+        self.localiser.change_map(map)
+        self.global_costmap.change_map(map)
+        self.local_costmap.keepout = map.keepout
+        self.navigate_to_pose.restart_goal()
+        self.navigate_through_poses.restart_goal()
+
     def estimate(self) -> Pose2D | None:
         """Return the robot's estimated pose in the frame map; None while the pose is unknown."""
         return None if self.must_wait() else self.localiser.pose()
@@ -245,7 +267,7 @@ class Navigation:
         return self._is_battery_empty()
 
     def _is_localised(self) -> bool:
-        return self._processed_scans >= INITIAL_SCANS and self.localiser.confident
+        return self.localises and self._processed_scans >= INITIAL_SCANS and self.localiser.confident
 
     def _is_battery_empty(self) -> bool:
         battery = self.robot.battery()
@@ -261,6 +283,11 @@ class Navigation:
         """
         if self._is_battery_empty():
             return Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, "the battery is empty"
+        if not self.localises:
+            return (
+                Nav2ErrorCode.NAVIGATE_TF_ERROR,
+                "the robot's pose is unknown: the localisation is not active",
+            )
         now = self.robot.clock.now()
         outage = self.sensors.outage(now)
         if outage is not None and outage.exceeds_patience(now):
@@ -283,8 +310,12 @@ class Navigation:
         every(parameters.local_costmap.update_frequency, Phase.COSTMAPS, self._update_local)
         every(parameters.global_costmap.update_frequency, Phase.COSTMAPS, self._update_global)
         every(PLANNER_RATE, Phase.PLANNER, servers.compute_path.step)
+        every(PLANNER_RATE, Phase.PLANNER, servers.smooth_path.step)
         every(parameters.controller.controller_frequency, Phase.CONTROLLER, servers.follow_path.step)
-        for behaviour in (servers.spin, servers.back_up, servers.drive_on_heading, servers.wait):
+        for behaviour in (
+            *(servers.spin, servers.back_up, servers.drive_on_heading),
+            *(servers.wait, servers.assisted_teleop),
+        ):
             every(parameters.behaviours.cycle_frequency, Phase.CONTROLLER, behaviour.step)
         rate = MS_PER_S / parameters.navigator.bt_loop_duration
         every(rate, Phase.CONTROLLER, self._step_navigators)
@@ -295,11 +326,12 @@ class Navigation:
 
     def _localise(self, now: int) -> None:
         before = self.localiser.stamp
-        self.localiser.step(now)
+        if self.localises:
+            self.localiser.step(now)
         self._processed_scans += self.localiser.stamp != before
         confident = not self.must_wait()
         self._odometry_was_missing |= self.sensors.odometry_outage(now) is not None
-        if self.localiser.searching:
+        if self.localiser.searching and self.localises:
             self._look_around(now)
         else:
             self._gave_up = None

@@ -27,7 +27,8 @@ def navigation(ctx: click.Context, /, **settings: Any) -> int:
     """Offer btcore's navigation as Nav2's actions, services and topics, so that other trees can use it.
 
     The robot is that of --ros2 on the map of --map, or the simulated robot in --world. --nav-params reads
-    parameters from a file of Nav2. Ctrl-C ends the navigation.
+    parameters from a file of Nav2. Ctrl-C ends the navigation, and so does a client that shuts down its
+    lifecycle nodes.
     """
     try:
         session = RosSession("navigation", arguments=shlex.split(settings.get("ros_args") or ""))
@@ -64,6 +65,13 @@ def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> i
         served.close()
         robot.stop()
 
-    done = run_program("Navigation", gathered, settings, end, clock=robot.clock)
+    done = run_program(
+        "Navigation",
+        gathered,
+        settings,
+        end,
+        clock=robot.clock,
+        goes_on=lambda: not served.is_shut_down,
+    )
     print_result("navigation", done, {})
     return done.code

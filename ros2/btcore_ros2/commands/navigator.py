@@ -51,7 +51,7 @@ def navigator(ctx: click.Context, /, **settings: Any) -> int:
 
     Start Nav2 without bt_navigator. The trees send goals to Nav2's servers, such as planner_server and
     controller_server. A goal may name another tree in the field behavior_tree. Ctrl-C cancels the goals and
-    ends the navigator.
+    ends the navigator, and so does a client that shuts down the lifecycle node bt_navigator.
     """
     with ExitStack() as stack:
         try:
@@ -84,7 +84,7 @@ def _run(ctx: click.Context, server: "NavigatorServer", settings: dict[str, Any]
             published = server.tree
             for extension in gathered.extensions:
                 extension.replace_tree(published, (), settings)
-        return True
+        return not server.is_shut_down
 
     clock = server.session.clock
     done = run_program("Navigator", gathered, settings, server.close, clock=clock, goes_on=publish)

@@ -15,6 +15,7 @@ from nav_msgs.msg import Goals, Path
 from std_msgs.msg import Header
 
 from btcore_robot.navigation.behaviours import (
+    AssistedTeleopGoal,
     BackUpGoal,
     BehaviourFeedback,
     DriveOnHeadingGoal,
@@ -22,16 +23,26 @@ from btcore_robot.navigation.behaviours import (
     WaitGoal,
 )
 from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal
+from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal
 from btcore_robot.navigation.navigation_servers import SmoothedPath, SmoothPathGoal
+from btcore_robot.navigation.nodes.goals import WaypointState, WaypointStatus
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.planner import ComputePathGoal
+from btcore_robot.navigation.waypoint_follower import FollowWaypointsGoal, MissedWaypoint
 from btcore_robot.robot import NS_PER_S, Pose2D
 from btcore_ros2.errors import RosError
-from btcore_ros2.nav2.nodes import AssistedTeleopGoal, ComputedRoute, ComputeRouteGoal, Route
+from btcore_ros2.nav2.nodes import ComputedRoute, ComputeRouteGoal, Route
 
 MAP: Final = "map"
 """The frame of goals and planned paths."""
+
+THROUGH_OFFSET = 100
+"""The difference between the error codes of NavigateThroughPoses and NavigateToPose."""
+
+
+class FrameError(RosError):
+    """A pose is in another frame than the receiver needs."""
 
 
 def nav2_type(kind: str, name: str) -> Any:
@@ -100,11 +111,12 @@ def pose_from_stamped(message: PoseStamped, frame: str = MAP, default: str = "")
         default: The frame of a message that names no frame; "" = *frame*.
 
     Raises:
-        RosError: The pose is in another frame, or a number is not finite.
+        FrameError: The pose is in another frame.
+        RosError: A number is not finite.
     """
     found = (message.header.frame_id or default).strip("/")
     if found not in ("", frame):
-        raise RosError(f"a pose is in the frame '{found}', but it must be in '{frame}'")
+        raise FrameError(f"a pose is in the frame '{found}', but it must be in '{frame}'")
     return pose_from_message(message.pose)
 
 
@@ -201,6 +213,10 @@ class ActionConverter:
     def type(self) -> Any:
         """The class in `nav2_msgs.action`. Raises RosError if it is missing."""
         return nav2_type("action", self.type_name)
+
+    def error_code(self, code: int) -> int:
+        """Return the error code of the action for an error code of our server."""
+        return code
 
     def write_goal(self, goal: Any, message: Any) -> None:
         """Copy *goal* into the goal message. Raises RosError for a goal that the message can't express."""
@@ -407,6 +423,12 @@ class _AssistedTeleop(ActionConverter):
     def read_goal(self, message: Any) -> AssistedTeleopGoal:
         return AssistedTeleopGoal(duration_to_seconds(message.time_allowance))
 
+    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
+        message.current_teleop_duration = seconds_to_duration(feedback.travelled)
+
+    def read_feedback(self, message: Any) -> BehaviourFeedback:
+        return BehaviourFeedback(duration_to_seconds(message.current_teleop_duration))
+
 
 class _ComputeRoute(ActionConverter):
     name, type_name, goal_type = "compute_route", "ComputeRoute", ComputeRouteGoal
@@ -434,11 +456,44 @@ class _ComputeRoute(ActionConverter):
         return ComputedRoute(Route(nodes), path, duration_to_seconds(message.planning_time))
 
 
+class _FollowWaypoints(ActionConverter):
+    name, type_name, goal_type = "follow_waypoints", "FollowWaypoints", FollowWaypointsGoal
+
+    def write_goal(self, goal: FollowWaypointsGoal, message: Any) -> None:
+        message.poses = [pose_to_stamped(pose) for pose in goal.goals]
+        message.number_of_loops, message.goal_index = goal.loops, goal.first
+
+    def read_goal(self, message: Any) -> FollowWaypointsGoal:
+        goals = tuple(pose_from_stamped(pose) for pose in message.poses)
+        return FollowWaypointsGoal(goals, message.number_of_loops, message.goal_index)
+
+    def write_feedback(self, feedback: int, message: Any) -> None:
+        message.current_waypoint = feedback
+
+    def read_feedback(self, message: Any) -> int:
+        return int(message.current_waypoint)
+
+    def write_result(self, value: tuple[MissedWaypoint, ...] | None, message: Any) -> None:
+        for missed in value or ():
+            if "WaypointStatus" in message.get_fields_and_field_types()["missed_waypoints"]:
+                entry = _status_to_message(WaypointStatus(missed.goal, missed.index, WaypointState.FAILED))
+                entry.error_msg = missed.message
+            else:  # Jazzy
+                entry = nav2_type("msg", "MissedWaypoint")(
+                    index=missed.index, goal=pose_to_stamped(missed.goal)
+                )
+            entry.error_code = missed.code
+            message.missed_waypoints.append(entry)
+
+
 class _Navigate(ActionConverter):
     goal_type = NavigateGoal
 
     def __init__(self, name: str, type_name: str, *, through: bool) -> None:
         self.name, self.type_name, self.through = name, type_name, through
+
+    def error_code(self, code: int) -> int:
+        return code + THROUGH_OFFSET if self.through and code >= Nav2ErrorCode.NAVIGATE_UNKNOWN else code
 
     def write_goal(self, goal: NavigateGoal, message: Any) -> None:
         if self.through:
@@ -462,6 +517,7 @@ class _Navigate(ActionConverter):
         message.distance_remaining = feedback.distance_remaining
         if self.through:
             message.number_of_poses_remaining = feedback.number_of_poses_remaining
+            _write_statuses(feedback.waypoint_statuses, message)
 
     def read_feedback(self, message: Any) -> NavigateFeedback:
         return NavigateFeedback(
@@ -472,6 +528,23 @@ class _Navigate(ActionConverter):
             message.number_of_poses_remaining if self.through else 1,
             duration_to_seconds(message.estimated_time_remaining),
         )
+
+    def write_result(self, value: tuple[WaypointStatus, ...] | None, message: Any) -> None:
+        _write_statuses(value or (), message)
+
+
+def _write_statuses(statuses: tuple[WaypointStatus, ...], message: Any) -> None:
+    if hasattr(message, "waypoint_statuses"):
+        message.waypoint_statuses = [_status_to_message(status) for status in statuses]
+
+
+def _status_to_message(status: WaypointStatus) -> Any:
+    """Return *status* as a `nav2_msgs/WaypointStatus`."""
+    return nav2_type("msg", "WaypointStatus")(
+        waypoint_status=int(status.state),
+        waypoint_index=status.index,
+        waypoint_pose=pose_to_stamped(status.goal),
+    )
 
 
 ACTIONS: Final[dict[str, ActionConverter]] = {
@@ -487,6 +560,7 @@ ACTIONS: Final[dict[str, ActionConverter]] = {
         _Wait(),
         _AssistedTeleop(),
         _ComputeRoute(),
+        _FollowWaypoints(),
         _Navigate("navigate_to_pose", "NavigateToPose", through=False),
         _Navigate("navigate_through_poses", "NavigateThroughPoses", through=True),
     )

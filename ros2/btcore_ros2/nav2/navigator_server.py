@@ -15,6 +15,7 @@ from btcore_robot.robot import NS_PER_S, Phase
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.client import Nav2Client
 from btcore_ros2.nav2.conversions import ACTIONS, pose_from_stamped
+from btcore_ros2.nav2.lifecycle import LifecycleManager, ServedNode
 from btcore_ros2.nav2.pose_listener import POSE_IS_UNKNOWN
 from btcore_ros2.nav2.served_action import ServedAction
 from btcore_ros2.session import RosSession
@@ -24,9 +25,6 @@ ROS_NODES = "btcore_ros2.nav2.nodes"
 
 POSE_PATIENCE_S = 2.0
 """The time (s) after which a goal fails if the robot's pose is unknown."""
-
-THROUGH_OFFSET = 100
-"""The difference between the error codes of NavigateThroughPoses and NavigateToPose."""
 
 log = logging.getLogger(__name__)
 
@@ -74,8 +72,16 @@ class NavigatorServer:
             self._serve(self._to_pose, self._through_poses),
             self._serve(self._through_poses, self._to_pose),
         )
+        self._manager = LifecycleManager(
+            session, "lifecycle_manager_navigator", {"bt_navigator": ServedNode(self._set_active)}
+        )
         session.node.create_subscription(PoseStamped, "goal_pose", self._take_goal_pose, 1)
         session.clock.schedule.every(rate, Phase.CONTROLLER, self._step)
+
+    @property
+    def is_shut_down(self) -> bool:
+        """Whether a client has shut down the lifecycle node."""
+        return self._manager.is_shut_down
 
     @property
     def tree(self) -> Tree | None:
@@ -105,8 +111,6 @@ class NavigatorServer:
         )
 
     def _serve(self, navigator: Navigator, other: Navigator) -> ServedAction:
-        offset = THROUGH_OFFSET if navigator.through else 0
-
         def reject_reason(message: Any) -> str:
             return f"{other.name} has a goal in progress" if other.busy else ""
 
@@ -116,8 +120,10 @@ class NavigatorServer:
             navigator,
             reject_reason=reject_reason,
             refusal=lambda goal: _refusal(navigator, goal),
-            adapt_code=lambda code: code + offset if code >= Nav2ErrorCode.NAVIGATE_UNKNOWN else code,
         )
+
+    def _set_active(self, active: bool) -> None:
+        self._to_pose.is_active = self._through_poses.is_active = active
 
     def _step(self, now: int) -> None:
         for served, navigator in zip(self._served, (self._to_pose, self._through_poses), strict=True):

@@ -6,6 +6,7 @@ from typing import Annotated
 from btcore import Direction, In, Out, Registry, Status, SyncAction
 from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.action import GoalStatus
+from btcore_robot.navigation.behaviours import AssistedTeleopGoal
 from btcore_robot.navigation.navigation_servers import AnyGoalHandle
 from btcore_robot.navigation.nodes.action_node import (
     BtActionNode,
@@ -50,13 +51,6 @@ class ComputedRoute:
     route: Route
     path: NavPath
     planning_time: float
-
-
-@dataclass(frozen=True, slots=True)
-class AssistedTeleopGoal:
-    """Let a user drive the robot for at most *time_allowance* (s), and stop it before obstacles."""
-
-    time_allowance: float = 10.0
 
 
 class ComputeRoute(BtActionNode):

@@ -7,7 +7,7 @@ from btcore_robot.navigation.action import ActionServer, GoalHandle, GoalStatus
 from btcore_robot.robot import NS_PER_S
 from btcore_ros2.action_server import DELIVERY_S, RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError
-from btcore_ros2.nav2.conversions import ActionConverter
+from btcore_ros2.nav2.conversions import ActionConverter, FrameError, seconds_to_duration
 from btcore_ros2.session import RosSession
 
 FEEDBACK_PERIOD_NS = NS_PER_S // 10
@@ -25,10 +25,10 @@ class ServedAction:
         converter: The converter of the action.
         server: The server.
         name: The name of the action; "" = that of *converter*.
-        reject_reason: Called with a goal message; it returns why the goal is rejected, or "".
+        reject_reason: Called with a goal message; it returns why the goal is rejected, or "". Without a call,
+            the goals of a server that is not active are rejected.
         refusal: Called with a goal; it returns why an accepted goal is aborted at once, or "". The goal in
             progress continues.
-        adapt_code: Returns the error code of the action for an error code of *server*.
     """
 
     def __init__(
@@ -40,19 +40,19 @@ class ServedAction:
         *,
         reject_reason: Callable[[Any], str] = lambda message: "",
         refusal: Callable[[Any], str] = lambda goal: "",
-        adapt_code: Callable[[int], int] = lambda code: code,
     ) -> None:
         self._session = session
         self._converter = converter
         self._server = server
+        self._reason = reject_reason
         self._refusal = refusal
-        self._adapt_code = adapt_code
         self._type = converter.type
         self._ros: RosActionServer[Any, Any, Any] = RosActionServer(
-            session, self._type, name or converter.name, reject_reason=reject_reason
+            session, self._type, name or converter.name, reject_reason=self._reject_reason
         )
-        self._goals: list[tuple[ServerGoal[Any, Any, Any], GoalHandle[Any, Any, Any]]] = []
-        self._next_feedback = 0
+        self._goals: list[tuple[ServerGoal[Any, Any, Any], GoalHandle[Any, Any, Any], int]] = []
+        """The goals and the times (ns) at which they began."""
+        self._now = self._next_feedback = 0
 
     @property
     def is_active(self) -> bool:
@@ -61,40 +61,47 @@ class ServedAction:
 
     def step(self, now: int) -> None:
         """Pass on goals, cancellations, feedback and results that are new at *now* (ns)."""
+        self._now = now
         while (ros := self._ros.take()) is not None:
             self._start(ros)
-        for ros, handle in self._goals:
+        for ros, handle, _ in self._goals:
             if ros.cancel_requested and not handle.cancel_requested:
                 handle.cancel()
-        self._goals = [(ros, handle) for ros, handle in self._goals if not self._end(ros, handle)]
+        self._goals = [goal for goal in self._goals if not self._end(*goal)]
         if self._goals and now >= self._next_feedback:
             self._next_feedback = now + FEEDBACK_PERIOD_NS
-            self._send_feedback(*self._goals[-1])
+            self._send_feedback(*self._goals[-1][:2])
 
     def cancel_all(self) -> None:
         """Cancel all goals; the next step of the server stops its work."""
-        for _, handle in self._goals:
+        for _, handle, _ in self._goals:
             handle.cancel()
 
     def close(self) -> None:
         """Send the results of goals that have ended, abort the others, and destroy the server."""
-        ended = [self._end(ros, handle) for ros, handle in self._goals]
+        ended = [self._end(*goal) for goal in self._goals]
         if any(ended) and self._session.context.ok():
             # Clients request a result only when they have received the acceptance.
             self._session.wait_for(lambda: False, DELIVERY_S)
         self._ros.close()
 
+    def _reject_reason(self, request: Any) -> str:
+        return self._reason(request) if self._server.is_active else f"{self._server.name} is not active"
+
     def _start(self, ros: ServerGoal[Any, Any, Any]) -> None:
         try:
             goal = self._converter.read_goal(ros.request)
         except RosError as error:
-            ros.abort(self._result(self._type.Result.UNKNOWN, str(error)))
+            code = self._type.Result.UNKNOWN
+            if isinstance(error, FrameError):
+                code = getattr(self._type.Result, "TF_ERROR", code)
+            ros.abort(self._result(code, str(error)))
             return
         reason = self._refusal(goal)
         if reason:
             ros.abort(self._result(self._type.Result.UNKNOWN, reason))
             return
-        self._goals.append((ros, self._server.send_goal(goal)))
+        self._goals.append((ros, self._server.send_goal(goal), self._now))
 
     def _send_feedback(self, ros: ServerGoal[Any, Any, Any], handle: GoalHandle[Any, Any, Any]) -> None:
         if handle.feedback is not None:
@@ -102,16 +109,18 @@ class ServedAction:
             self._converter.write_feedback(handle.feedback, message)
             ros.publish_feedback(message)
 
-    def _end(self, ros: ServerGoal[Any, Any, Any], handle: GoalHandle[Any, Any, Any]) -> bool:
+    def _end(self, ros: ServerGoal[Any, Any, Any], handle: GoalHandle[Any, Any, Any], began: int) -> bool:
         """Send the result if *handle* has ended, and return whether it has."""
         if not handle.done:
             return False
         self._send_feedback(ros, handle)
         outcome = handle.result
-        code = self._adapt_code(outcome.code) if outcome is not None and outcome.code else 0
+        code = self._converter.error_code(outcome.code) if outcome is not None and outcome.code else 0
         result = self._result(code, outcome.message if outcome is not None else "")
         if outcome is not None:
             self._converter.write_result(outcome.value, result)
+        if hasattr(result, "total_elapsed_time"):
+            result.total_elapsed_time = seconds_to_duration((self._now - began) / NS_PER_S)
         if handle.status is GoalStatus.SUCCEEDED:
             ros.succeed(result)
         elif handle.status is GoalStatus.CANCELED:

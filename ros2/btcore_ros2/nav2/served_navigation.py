@@ -1,9 +1,11 @@
 """Our navigation under the names and types of Nav2's servers, so that other programs' trees can use it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from std_srvs.srv import Empty
+from geometry_msgs.msg import TwistStamped
+from std_msgs.msg import Empty
+from std_srvs.srv import Empty as EmptyService
 
 from btcore_robot.navigation.action import ActionServer
 from btcore_robot.navigation.navigation_servers import (
@@ -15,14 +17,29 @@ from btcore_robot.navigation.navigation_servers import (
     ReinitializeLocalization,
 )
 from btcore_robot.navigation.stack import Navigation
-from btcore_robot.robot import Phase
+from btcore_robot.navigation.waypoint_follower import WaypointFollower
+from btcore_robot.robot import Phase, Twist2D
 from btcore_ros2.errors import RosError
+from btcore_ros2.nav2.client import Nav2Client
 from btcore_ros2.nav2.conversions import ACTIONS, nav2_type, path_from_message, pose_from_stamped
+from btcore_ros2.nav2.lifecycle import LifecycleManager, ServedNode
+from btcore_ros2.nav2.map_server import MapServer
+from btcore_ros2.nav2.navigation_topics import costmap_message
 from btcore_ros2.nav2.served_action import ServedAction
 from btcore_ros2.session import RosSession
 
 RATE = 100.0
 """The rate (Hz) at which goals, feedback and results are passed on."""
+
+NODES = {
+    "controller_server": ("follow_path",),
+    "smoother_server": ("smooth_path",),
+    "planner_server": ("compute_path_to_pose", "compute_path_through_poses"),
+    "behavior_server": ("spin", "backup", "drive_on_heading", "wait", "assisted_teleop"),
+    "bt_navigator": ("navigate_to_pose", "navigate_through_poses"),
+    "waypoint_follower": ("follow_waypoints",),
+}
+"""The actions of each node of Nav2, in the order in which Nav2 starts the nodes."""
 
 
 class ServedNavigation:
@@ -51,6 +68,8 @@ class ServedNavigation:
             "backup": servers.back_up,
             "drive_on_heading": servers.drive_on_heading,
             "wait": servers.wait,
+            "assisted_teleop": servers.assisted_teleop,
+            "smooth_path": servers.smooth_path,
         }
         if navigates:
             served["navigate_to_pose"] = navigation.navigate_to_pose
@@ -64,13 +83,25 @@ class ServedNavigation:
             other = others.get(name)
             return lambda message: f"{other.name} is in progress" if other is not None and other.busy else ""
 
+        schedule = navigation.robot.schedule
+        # Without our navigators, another program's navigator drives to the waypoints.
+        navigator = servers if navigates else Nav2Client(session)
+        follower = WaypointFollower(navigator, navigation.parameters.waypoints)
+        served["follow_waypoints"] = follower
+        schedule.every(follower.RATE, Phase.CONTROLLER, follower.step)
         self._actions = [
             ServedAction(session, ACTIONS[name], server, reject_reason=rejection(name))
             for name, server in served.items()
         ]
         self._offer_services()
         # Before the servers take their steps, of which those of the planner come first.
-        navigation.robot.schedule.every(RATE, Phase.COSTMAPS, self._step)
+        schedule.every(RATE, Phase.COSTMAPS, self._step)
+        self._managers = self._offer_lifecycle(navigation, served)
+
+    @property
+    def is_shut_down(self) -> bool:
+        """Whether clients have shut down all nodes."""
+        return all(manager.is_shut_down for manager in self._managers)
 
     def close(self) -> None:
         """Abort the goals that have not ended, and remove the actions."""
@@ -83,21 +114,59 @@ class ServedNavigation:
         for action in self._actions:
             action.step(now)
 
+    def _offer_lifecycle(
+        self, navigation: Navigation, served: Mapping[str, ActionServer[Any, Any, Any]]
+    ) -> list[LifecycleManager]:
+        maps = MapServer(self._session, navigation)
+
+        def set_map_server(active: bool) -> None:
+            maps.is_active = active
+
+        def set_localiser(active: bool) -> None:
+            navigation.localises = active
+
+        def node_of(servers: Sequence[ActionServer[Any, Any, Any]]) -> ServedNode:
+            def set_active(active: bool) -> None:
+                for server in servers:
+                    server.is_active = active
+
+            return ServedNode(set_active)
+
+        localisation = {"map_server": ServedNode(set_map_server), "amcl": ServedNode(set_localiser)}
+        navigating = {
+            node: node_of([served[action] for action in actions if action in served])
+            for node, actions in NODES.items()
+            if any(action in served for action in actions)
+        }
+        return [
+            LifecycleManager(self._session, "lifecycle_manager_localization", localisation),
+            LifecycleManager(self._session, "lifecycle_manager_navigation", navigating),
+        ]
+
     def _offer_services(self) -> None:
         node = self._session.node
+        teleop = self._servers.assisted_teleop
+        node.create_subscription(TwistStamped, "cmd_vel_teleop", self._take_command, 10)
+        node.create_subscription(Empty, "preempt_teleop", lambda message: teleop.finish(), 10)
         for scope in ("global", "local"):
             for verb, type_name, area in (
                 ("clear_entirely", "ClearEntireCostmap", ClearedArea.ENTIRE),
                 ("clear_around", "ClearCostmapAroundRobot", ClearedArea.AROUND_ROBOT),
                 ("clear_except", "ClearCostmapExceptRegion", ClearedArea.EXCEPT_REGION),
             ):
-                name = f"{scope}_costmap/{verb}_{scope}_costmap"
-                node.create_service(nav2_type("srv", type_name), name, self._clearing(name, area))
+                names = [f"{scope}_costmap/{verb}_{scope}_costmap"]
+                if scope == "local" and area is not ClearedArea.ENTIRE:
+                    # nav2_simple_commander uses these names, which Nav2's own servers lack.
+                    names.append(f"local_costmap/clear_costmap_{area.value.replace(' ', '_')}")
+                for name in names:
+                    node.create_service(nav2_type("srv", type_name), name, self._clearing(name, area))
+            name = f"{scope}_costmap/get_costmap"
+            node.create_service(nav2_type("srv", "GetCostmap"), name, self._returning_costmap(name))
         node.create_service(
             nav2_type("srv", "GetCosts"), "global_costmap/get_cost_global_costmap", self._answer_costs
         )
         node.create_service(nav2_type("srv", "IsPathValid"), "is_path_valid", self._answer_path_check)
-        node.create_service(Empty, "reinitialize_global_localization", self._answer_reinitialize)
+        node.create_service(EmptyService, "reinitialize_global_localization", self._answer_reinitialize)
 
     def _clearing(self, name: str, area: ClearedArea) -> Callable[[Any, Any], Any]:
         def answer(request: Any, response: Any) -> Any:
@@ -107,6 +176,17 @@ class ServedNavigation:
             return response
 
         return answer
+
+    def _returning_costmap(self, name: str) -> Callable[[Any, Any], Any]:
+        def answer(request: object, response: Any) -> Any:
+            stamp = self._session.node.get_clock().now().to_msg()
+            response.map = costmap_message(self._servers.costmap(name), stamp)
+            return response
+
+        return answer
+
+    def _take_command(self, message: TwistStamped) -> None:
+        self._servers.assisted_teleop.command(Twist2D(message.twist.linear.x, message.twist.angular.z))
 
     def _answer_costs(self, request: Any, response: Any) -> Any:
         try:

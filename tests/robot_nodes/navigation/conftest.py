@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from btcore_robot.navigation.behaviours import (
+    AssistedTeleopBehaviour,
     BackUpBehaviour,
     DriveOnHeadingBehaviour,
     SpinBehaviour,
@@ -216,11 +217,13 @@ class NavigationRig:
         self.back_up = BackUpBehaviour(robot, self.tree, self.costmap)
         self.drive_on_heading = DriveOnHeadingBehaviour(robot, self.tree, self.costmap)
         self.wait = WaitBehaviour()
+        self.assisted_teleop = AssistedTeleopBehaviour(robot, self.tree, self.costmap)
         every = robot.schedule.every
         every(50.0, Phase.TRANSFORMS, broadcaster.step)
         every(5.0, Phase.COSTMAPS, self._see)
         every(20.0, Phase.CONTROLLER, self.follow_path.step)
-        for behaviour in (self.spin, self.back_up, self.drive_on_heading, self.wait):
+        behaviours = (self.spin, self.back_up, self.drive_on_heading, self.wait, self.assisted_teleop)
+        for behaviour in behaviours:
             every(10.0, Phase.CONTROLLER, behaviour.step)
 
     def map_at(self, pose: tuple[float, float, float]) -> None:

@@ -14,6 +14,7 @@ from btcore_robot.navigation.costmap import GlobalCostmap
 from btcore_robot.navigation.occupancy_map import OccupancyMap
 from btcore_robot.navigation.planner import Planner, PlannerServer
 from btcore_robot.navigation.servers import Servers
+from btcore_robot.navigation.smoother import SmootherServer
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import TransformTree
 
@@ -60,6 +61,7 @@ class Bench:
         self.localiser = TransformLocaliser(course.tree)
         self.costmap = GlobalCostmap(hall())
         self.compute_path = PlannerServer(Planner(self.costmap), self.localiser.pose)
+        self.smooth_path = SmootherServer(self.compute_path.planner)
         self.servers = Servers(
             course.robot,
             course.tree,
@@ -72,8 +74,11 @@ class Bench:
             course.back_up,
             course.drive_on_heading,
             course.wait,
+            course.assisted_teleop,
+            self.smooth_path,
         )
         self.robot.schedule.every(20.0, Phase.PLANNER, self.compute_path.step)
+        self.robot.schedule.every(20.0, Phase.PLANNER, self.smooth_path.step)
 
     def tree(self, inside: str, **board: object) -> Tree:
         """Return a tree with the content *inside*, on a blackboard with the entries *board*."""

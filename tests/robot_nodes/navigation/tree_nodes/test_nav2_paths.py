@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from btcore import Status
 from btcore_robot.navigation.nodes.goals import WaypointState, WaypointStatus
 from btcore_robot.robot import Pose2D
 
@@ -182,14 +183,32 @@ def test_is_path_valid_is_validate_path_as_a_condition(seen, path, y, letter):
     assert seen.letters(tree, 1) == letter
 
 
-def test_smooth_path_returns_a_smooth_path_unchanged(bench, path):
+def test_smooth_path_cuts_a_detour(bench, path):
     tree = bench.tree(
         '<SmoothPath unsmoothed_path="{path}" smoothed_path="{out}" was_completed="{done}"/>',
-        path=path((0, 0), (1, 0)),
+        path=path((0, 0), (1, 1), (2, 0)),
     )
-    assert bench.letters(tree, 1) == "S"
-    assert tree.blackboard["out"] is tree.blackboard["path"]
+    assert bench.run(tree, 1.0) is Status.SUCCESS
     assert tree.blackboard["done"] is True
+    smooth = tree.blackboard["out"]
+    assert smooth.length() == pytest.approx(2.0, abs=0.1)
+    assert (smooth[0].x, smooth[0].y, smooth[-1].x, smooth[-1].y) == (0, 0, 2, 0)
+
+
+@pytest.mark.parametrize(
+    ("ports", "points", "code"),
+    [
+        ('smoother_id="other"', [(0, 0), (1, 0)], 501),
+        ('check_for_collisions="true"', [(0, 0), (6, 0)], 503),
+        ("", [(0, 0), (6, 0)], 0),
+    ],
+)
+def test_smooth_path_through_obstacles_and_with_an_unknown_smoother(bench, path, ports, points, code):
+    text = '<SmoothPath unsmoothed_path="{path}" was_completed="{done}" error_code_id="{code}" '
+    tree = bench.tree(f"{text}{ports}/>", path=path(*points))
+    assert bench.run(tree, 1.0) is (Status.FAILURE if code else Status.SUCCESS)
+    assert tree.blackboard["code"] == code
+    assert code or tree.blackboard["done"] is False
 
 
 def test_smooth_path_sets_the_error_code_without_a_path(bench):
