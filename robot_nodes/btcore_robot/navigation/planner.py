@@ -361,6 +361,21 @@ class PlannerServer(ActionServer[ComputePathGoal, None, NavPath]):
         self.latest_path: NavPath | None = None
         """The last path that was found; public for displays."""
         self._accepted = 0
+        self._earlier: list[ComputePathHandle | None] = []
+
+    def send_goal(self, goal: ComputePathGoal) -> ComputePathHandle:
+        """Send *goal* and return its handle. Goals that wait for the same step don't replace each other."""
+        if self._next is not None:
+            self._earlier.append(self._next)
+            self._next = None
+        return super().send_goal(goal)
+
+    def step(self, now: int) -> None:
+        """Plan for all goals that wait: those of the trees, and those of other clients."""
+        waiting, self._earlier = [*self._earlier, self._next], []
+        for handle in waiting:
+            self._next = handle
+            super().step(now)
 
     def start(self, handle: ComputePathHandle, now: int, previous: ComputePathHandle | None) -> None:
         """Remember the time of acceptance."""

@@ -70,6 +70,20 @@ def test_a_cancelled_goal_is_stopped_once(server):
     assert (handle.status, server.stopped) == (GoalStatus.CANCELED, [5])
 
 
+def test_a_server_that_is_not_active_rejects_goals_and_aborts_the_goal_in_progress(server):
+    running = server.send_goal(5)
+    server.step(0)
+    server.is_active = False
+    rejected = server.send_goal(1)
+    server.step(1)
+    assert (running.status, rejected.status, server.stopped) == (GoalStatus.ABORTED, GoalStatus.ABORTED, [5])
+    assert rejected.result.message == "the server of action is not active"
+    server.is_active = True
+    accepted = server.send_goal(1)
+    server.step(2)
+    assert accepted.status == GoalStatus.SUCCEEDED
+
+
 def test_a_goal_cancelled_before_its_turn_never_starts(server):
     handle = server.send_goal(5)
     handle.cancel()

@@ -5,9 +5,15 @@ import pytest
 
 from btcore_robot.navigation import sensor_watch
 from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
+from btcore_robot.navigation.behaviours import (
+    AssistedTeleopGoal,
+    BackUpGoal,
+    DriveOnHeadingGoal,
+    SpinGoal,
+    WaitGoal,
+)
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.robot import SonarReading
+from btcore_robot.robot import SonarReading, Twist2D
 
 
 def ended(course, handle, seconds=30.0):
@@ -93,6 +99,30 @@ def test_back_up_uses_the_sonars(floor):
     ended(course, handle)
     assert handle.result.code == Nav2ErrorCode.BACKUP_COLLISION_AHEAD
     assert course.robot.pose.x > -0.05
+
+
+def test_assisted_teleop_drives_by_the_commands_and_stops_before_a_wall(floor):
+    course = floor((2.0, -1.0, 2.2, 1.0))
+    handle = course.assisted_teleop.send_goal(AssistedTeleopGoal(0.0))
+    course.run(0.5)
+    assert course.robot.pose.x == 0.0
+    course.assisted_teleop.command(Twist2D(0.4, 0.0))
+    course.run(3.0)
+    assert 0.5 < course.robot.pose.x < 1.2
+    course.run(20.0)
+    assert handle.status == GoalStatus.EXECUTING
+    assert course.robot.pose.x > 1.0
+    assert course.robot.nearest > 0.02
+    course.assisted_teleop.finish()
+    course.run(1.0)
+    assert handle.status == GoalStatus.SUCCEEDED
+    assert handle.feedback.travelled == pytest.approx(23.5, abs=0.3)
+    # A command of an earlier goal has no effect.
+    still = course.robot.pose
+    handle = course.assisted_teleop.send_goal(AssistedTeleopGoal(1.0))
+    course.run(2.0)
+    assert handle.result.code == Nav2ErrorCode.ASSISTED_TELEOP_TIMEOUT
+    assert course.robot.pose == still
 
 
 def test_disabled_collision_checks_ignore_a_wall(floor):

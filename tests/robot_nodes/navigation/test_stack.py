@@ -4,6 +4,7 @@ import math
 import re
 import threading
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,11 @@ from btcore_robot.navigation.costmap import INSCRIBED
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.navigator import NavigateGoal
 from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.parameters import NavigationParameters
+from btcore_robot.navigation.parameters import NavigationParameters, WaypointFollowerParameters
+from btcore_robot.navigation.planner import ComputePathGoal
 from btcore_robot.navigation.stack import SEARCH_TURN, Navigation
-from btcore_robot.robot import Pose2D
+from btcore_robot.navigation.waypoint_follower import FollowWaypointsGoal, WaypointFollower
+from btcore_robot.robot import Phase, Pose2D
 from btcore_sim.faults import Fault
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import Scene, SceneObject
@@ -246,6 +249,67 @@ def test_several_goals_are_passed_in_their_order(flat):
     assert home.distance_to(2.5, 0.0) < 0.35
     board = home.navigation.navigate_through_poses.tree.blackboard
     assert [one.state.name for one in board["waypoint_statuses"]][:2] == ["COMPLETED", "COMPLETED"]
+    assert [one.state.name for one in handle.result.value] == ["COMPLETED"] * 3
+
+
+def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat):
+    home = flat()
+    goals = (Pose2D(0.5, 0.0, 0.0), Pose2D(50.0, 0.0, 0.0), Pose2D(0.0, 0.3, 0.0))
+    results = []
+    for stops in (False, True):
+        follower = WaypointFollower(
+            home.navigation.servers, WaypointFollowerParameters(stop_on_failure=stops)
+        )
+        home.body.schedule.every(follower.RATE, Phase.CONTROLLER, follower.step)
+        handle = follower.send_goal(FollowWaypointsGoal(goals, loops=1))
+        home.run(60.0, partial(getattr, handle, "done"))
+        missed = handle.result.value
+        assert all(one.code == Nav2ErrorCode.GOAL_OUTSIDE_MAP for one in missed)
+        results.append((handle.status.name, handle.result.code, [one.index for one in missed]))
+    assert results == [("SUCCEEDED", 0, [1, 1]), ("ABORTED", Nav2ErrorCode.STOP_ON_MISSED_WAYPOINT, [1])]
+    handle = follower.send_goal(FollowWaypointsGoal(goals, first=3))
+    home.run(0.2)
+    assert handle.result.code == Nav2ErrorCode.NO_VALID_WAYPOINTS
+
+
+def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(flat):
+    home = flat()
+    home.run(2.0)
+    x0, y0 = home.navigation.map.origin
+    finer = home.navigation.map.cells.repeat(2, axis=0).repeat(2, axis=1)
+    wide = np.full((len(finer) + 40, len(finer[0]) + 20), -1, dtype=np.int8)
+    wide[40:, 20:] = finer
+    side = home.navigation.map.resolution / 2
+    changed = OccupancyMap(wide, side, (x0 - 20 * side, y0 - 40 * side))
+    row, col = changed.cell(1.0, 0.4)
+    changed.cells[row - 5 : row + 5, col - 5 : col + 5] = 100
+    handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    home.run(1.0)
+    home.navigation.change_map(changed)
+    compute_path = home.navigation.servers.compute_path
+    blocked, free = (compute_path.send_goal(ComputePathGoal((Pose2D(x, 0.4, 0.0),))) for x in (1.0, 2.0))
+    home.run(0.2)
+    assert free.status is GoalStatus.SUCCEEDED
+    assert blocked.result.code == Nav2ErrorCode.GOAL_OCCUPIED
+    home.run(60.0, lambda: handle.done)
+    assert handle.status is GoalStatus.SUCCEEDED
+    assert home.distance_to(3.0, -1.0) < 0.35
+    assert home.navigation.global_costmap.costs.shape == wide.shape
+
+
+def test_without_localisation_the_robot_stands_and_goals_fail(flat):
+    home = flat()
+    handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    home.run(3.0)
+    home.navigation.localises = False
+    home.run(1.0, lambda: handle.done)
+    assert handle.result.code == Nav2ErrorCode.NAVIGATE_TF_ERROR
+    home.run(1.0)
+    assert home.body.ramped_twist() == pytest.approx((0.0, 0.0), abs=0.01)
+    assert home.navigation.estimate() is None
+    home.navigation.localises = True
+    home.run(1.0)
+    assert home.navigation.estimate() is not None
 
 
 def test_a_goal_can_have_its_own_tree(flat):
