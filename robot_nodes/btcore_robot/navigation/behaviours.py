@@ -405,22 +405,17 @@ class AssistedTeleopBehaviour(MotionBehaviour[AssistedTeleopGoal]):
     _is_finished = False
 
     def command(self, velocity: Twist2D) -> None:
-        """Set the velocity that the user wants. Without a goal it has no effect."""
+        """Set the velocity that the user wants; without a goal it has no effect."""
         self._command = velocity
 
     def finish(self) -> None:
         """End the present goal as SUCCEEDED."""
         self._is_finished = True
 
-    def start(
-        self,
-        handle: Handle[AssistedTeleopGoal],
-        now: int,
-        previous: Handle[AssistedTeleopGoal] | None,
-    ) -> None:
-        """Begin to stand."""
+    def send_goal(self, goal: AssistedTeleopGoal) -> Handle[AssistedTeleopGoal]:
+        """Send *goal* and return its handle. Earlier commands have no effect."""
         self._command, self._is_finished = Twist2D(0.0, 0.0), False
-        super().start(handle, now, previous)
+        return super().send_goal(goal)
 
     def _goal_error(self, goal: AssistedTeleopGoal) -> str:
         return ""

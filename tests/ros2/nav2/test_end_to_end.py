@@ -16,7 +16,8 @@ pytest.importorskip("nav2_msgs")
 pytest.importorskip("tf2_msgs")
 pytest.importorskip("pybullet")
 
-from nav2_msgs.action import NavigateToPose
+from nav2_msgs.action import FollowWaypoints, NavigateToPose
+from nav2_msgs.srv import ManageLifecycleNodes
 from rclpy.action import ActionClient
 
 from btcore_robot.navigation.action import GoalStatus
@@ -32,12 +33,12 @@ NAVIGATION = "navigation --world arena --camera off --start 0,0,0 --without-navi
 
 
 @contextmanager
-def running(arguments: str) -> Iterator[None]:
-    """Run a command of `btcore ros2`, and end it like Ctrl-C."""
+def running(arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a command of `btcore ros2`, and end it like Ctrl-C unless it has ended."""
     command = [sys.executable, "-c", PATIENT, "ros2", *arguments.split()]
     with subprocess.Popen(command, text=True, env={**os.environ, "NO_COLOR": "1"}) as process:
         try:
-            yield
+            yield process
             process.send_signal(signal.SIGINT)
             process.wait(LIMIT)
         finally:
@@ -45,17 +46,25 @@ def running(arguments: str) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def session() -> Iterator[RosSession]:
+def processes() -> list[subprocess.Popen[str]]:
+    """The running processes: the robot with its servers, and the navigator."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def session(processes: list[subprocess.Popen[str]]) -> Iterator[RosSession]:
     """A session of a client, while the robot runs."""
-    with RosSession("client") as made, running(NAVIGATION):
+    with RosSession("client") as made, running(NAVIGATION) as process:
+        processes.append(process)
         yield made
 
 
 @pytest.fixture(scope="module")
-def listener(session: RosSession) -> Iterator[PoseListener]:
+def listener(session: RosSession, processes: list[subprocess.Popen[str]]) -> Iterator[PoseListener]:
     """A listener that knows the robot's pose, while the navigator runs."""
     made = PoseListener(session)
-    with running("navigator"):
+    with running("navigator") as process:
+        processes.append(process)
         assert session.wait_for(made.pose, LIMIT)
         yield made
 
@@ -91,3 +100,30 @@ def test_navigate_to_pose(session: RosSession, listener: PoseListener) -> None:
     status, result = send(session, NavigateToPose, "navigate_to_pose", goal)
     assert status is GoalStatus.SUCCEEDED, result.error_msg
     assert distance(listener, 0.5, 0.0) < 0.4
+
+
+def test_follow_waypoints(session: RosSession, listener: PoseListener) -> None:
+    """The waypoint follower of the navigation uses the navigator of the other process."""
+    goal = FollowWaypoints.Goal(poses=[pose_to_stamped(Pose2D(0.5, 0.2, 0.5))])
+    status, result = send(session, FollowWaypoints, "follow_waypoints", goal)
+    assert status is GoalStatus.SUCCEEDED, result.error_msg
+
+
+def test_shutdown_by_the_lifecycle_managers(
+    session: RosSession, processes: list[subprocess.Popen[str]], listener: PoseListener
+) -> None:
+    """The last test: both programs end without an error when all their nodes are shut down."""
+    kind = "nav2_msgs/srv/ManageLifecycleNodes"
+    names = [name for name, kinds in session.node.get_service_names_and_types() if kind in kinds]
+    assert names == [
+        f"/lifecycle_manager_{scope}/manage_nodes" for scope in ("localization", "navigation", "navigator")
+    ]
+    for name in names:
+        client = session.node.create_client(ManageLifecycleNodes, name)
+        assert session.wait_for(client.service_is_ready, LIMIT)
+        for _ in range(20):  # a response to a client that the server does not know yet is lost
+            response = client.call_async(ManageLifecycleNodes.Request(command=4))
+            if session.wait_for(response.done, LIMIT / 20):
+                break
+        assert response.result().success
+    assert [process.wait(LIMIT) for process in processes] == [0, 0]

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
@@ -19,13 +20,18 @@ pytest.importorskip("tf2_msgs")
 pytest.importorskip("pybullet")
 
 from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
+from lifecycle_msgs.msg import Transition
+from nav2_msgs.action import NavigateThroughPoses
+from nav2_msgs.srv import ManageLifecycleNodes
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Empty
 from tf2_msgs.msg import TFMessage
 
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_robot.navigation.occupancy_map import OccupancyMap, save_map
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.session import RosSession
 from tests.ros2.action_client import LIMIT_S, ClientProcess
@@ -186,7 +192,7 @@ def test_goal_in_an_unknown_frame(navigation: NavigationProcess) -> None:
         navigation.send("compute_path_to_pose", "ComputePathToPose", goal)
     )
     assert status == ABORTED
-    assert result["error_code"] != 0
+    assert result["error_code"] == Nav2ErrorCode.COMPUTE_PATH_TF_ERROR
     assert "'kitchen'" in result["error_msg"]
 
 
@@ -283,9 +289,165 @@ def test_navigate_through_poses(navigation: NavigationProcess) -> None:
         "NavigateThroughPoses",
         {"poses": {"header": {"frame_id": "map"}, "goals": goals}},
     )
-    assert navigation.client.result(number)[0] == SUCCEEDED
+    status, result = navigation.client.result(number)
+    assert status == SUCCEEDED
+    assert [one["waypoint_status"] for one in result["waypoint_statuses"]] == [1, 1]
+    assert len(navigation.client.feedback(number)[0]["waypoint_statuses"]) == 2
     x, y, _ = navigation.pose()
     assert math.hypot(x - 0.6, y + 0.3) < 0.4
+    tree = {"poses": {"goals": [stamped(0.0, 0.0)]}, "behavior_tree": "/none.xml"}
+    number = navigation.send("navigate_through_poses", "NavigateThroughPoses", tree)
+    status, result = navigation.client.result(number)
+    assert (status, result["error_code"]) == (
+        ABORTED,
+        NavigateThroughPoses.Result.FAILED_TO_LOAD_BEHAVIOR_TREE,
+    )
+
+
+def test_smooth_path(navigation: NavigationProcess) -> None:
+    corners = [stamped(0.0, 0.0), stamped(0.5, 0.5), stamped(1.0, 0.0)]
+    path = {"header": {"frame_id": "map"}, "poses": corners}
+    status, result = navigation.client.result(navigation.send("smooth_path", "SmoothPath", {"path": path}))
+    assert (status, result["was_completed"]) == (SUCCEEDED, True)
+    assert max(pose["pose"]["position"]["y"] for pose in result["path"]["poses"]) < 0.3
+    goal = {"path": path, "smoother_id": "other"}
+    status, result = navigation.client.result(navigation.send("smooth_path", "SmoothPath", goal))
+    assert (status, result["error_code"]) == (ABORTED, Nav2ErrorCode.INVALID_SMOOTHER)
+
+
+def test_follow_waypoints(navigation: NavigationProcess) -> None:
+    x, y, _ = navigation.pose()
+    goal = {"poses": [stamped(x, y), stamped(100.0, 0.0), stamped(0.0, 0.0)]}
+    number = navigation.send("follow_waypoints", "FollowWaypoints", goal)
+    status, result = navigation.client.result(number)
+    assert (status, result["error_code"]) == (ABORTED, Nav2ErrorCode.STOP_ON_MISSED_WAYPOINT)
+    [missed] = result["missed_waypoints"]
+    assert (missed["waypoint_index"], missed["waypoint_status"]) == (1, 3)
+    assert missed["error_code"] == Nav2ErrorCode.GOAL_OUTSIDE_MAP
+    assert "(100.00, 0.00)" in missed["error_msg"]
+    assert navigation.client.feedback(number)[-1]["current_waypoint"] == 1
+    number = navigation.send("follow_waypoints", "FollowWaypoints", {"poses": [stamped(-0.6, -0.3)]})
+    navigation.client.wait_until_executing(number)
+    assert navigation.client.cancel(number) == 1
+    assert navigation.client.result(number)[0] == CANCELED
+
+
+def test_assisted_teleop(navigation: NavigationProcess) -> None:
+    """The robot turns by the commands until the user has finished."""
+    node = navigation.session.node
+    command = node.create_publisher(TwistStamped, "cmd_vel_teleop", 1)
+    finish = node.create_publisher(Empty, "preempt_teleop", 1)
+    navigation.wait(lambda: command.get_subscription_count() and finish.get_subscription_count())
+    before = navigation.pose()[2]
+    number = navigation.send("assisted_teleop", "AssistedTeleop", {"time_allowance": {"sec": 120}})
+    navigation.client.wait_until_executing(number)
+    turn = TwistStamped()
+    turn.twist.angular.z = 0.5
+    command.publish(turn)
+    navigation.wait(lambda: abs(navigation.pose()[2] - before) > 0.2)
+    finish.publish(Empty())
+    status, result = navigation.client.result(number)
+    assert status == SUCCEEDED
+    feedback = navigation.client.feedback(number)[-1]["current_teleop_duration"]
+    total = result["total_elapsed_time"]
+    assert 0 < feedback["sec"] + feedback["nanosec"] * 1e-9 <= total["sec"] + total["nanosec"] * 1e-9
+
+
+def test_costmaps_on_request(navigation: NavigationProcess) -> None:
+    for scope, frame in (("global", "map"), ("local", "odom")):
+        costmap = navigation.client.call(f"{scope}_costmap/get_costmap", "nav2_msgs/srv/GetCostmap")["map"]
+        assert costmap["header"]["frame_id"] == frame
+        assert len(costmap["data"]) == costmap["metadata"]["size_x"] * costmap["metadata"]["size_y"]
+        assert scope == "local" or {0, 253, 254} <= set(costmap["data"])
+
+
+def test_load_map(navigation: NavigationProcess, tmp_path: Path) -> None:
+    """A map that is twice as wide replaces the present map."""
+    call = navigation.client.call
+    grid = call("map_server/map", "nav_msgs/srv/GetMap")["map"]
+    info = grid["info"]
+    cells = np.array(grid["data"], dtype=np.int8).reshape(info["height"], info["width"])
+    origin = info["origin"]["position"]["x"], info["origin"]["position"]["y"]
+    wide = np.concatenate((cells, np.zeros_like(cells)), axis=1)
+    save_map(OccupancyMap(wide, info["resolution"], origin), tmp_path / "wide.yaml")
+    save_map(OccupancyMap(cells, info["resolution"], origin), tmp_path / "arena.yaml")
+    (tmp_path / "broken.yaml").write_text('image: "none.pgm"\nresolution: 0.05\norigin: [0, 0, 0]\n')
+    for url, code in (("", 1), (str(tmp_path / "broken.yaml"), 2), (str(tmp_path / "none.yaml"), 3)):
+        assert call("map_server/load_map", "nav2_msgs/srv/LoadMap", map_url=url)["result"] == code
+    loaded = call("map_server/load_map", "nav2_msgs/srv/LoadMap", map_url=str(tmp_path / "wide.yaml"))
+    assert (loaded["result"], loaded["map"]["info"]["width"]) == (0, 2 * info["width"])
+    navigation.wait(lambda: navigation.newest["map"].info.width == 2 * info["width"])
+    costmap = call("global_costmap/get_costmap", "nav2_msgs/srv/GetCostmap")["map"]
+    assert costmap["metadata"]["size_x"] == 2 * info["width"]
+    url = f"file://{tmp_path / 'arena.yaml'}"
+    assert call("map_server/load_map", "nav2_msgs/srv/LoadMap", map_url=url)["result"] == 0
+
+
+def change_state(navigation: NavigationProcess, node: str, number: int) -> bool:
+    kind = "lifecycle_msgs/srv/ChangeState"
+    response = navigation.client.call(f"{node}/change_state", kind, transition={"id": number})
+    return bool(response["success"])
+
+
+def state(navigation: NavigationProcess, node: str) -> str:
+    response = navigation.client.call(f"{node}/get_state", "lifecycle_msgs/srv/GetState")
+    return str(response["current_state"]["label"])
+
+
+def test_lifecycle(navigation: NavigationProcess) -> None:
+    """The servers of a node that is not active reject goals."""
+    nodes = ["map_server", "amcl", "controller_server", "smoother_server", "planner_server"]
+    nodes += ["behavior_server", "bt_navigator", "waypoint_follower"]
+    assert {state(navigation, node) for node in nodes} == {"active"}
+    wait = {"time": {"sec": 600}}
+    number = navigation.send("wait", "Wait", wait)
+    navigation.client.wait_until_executing(number)
+    assert not change_state(navigation, "behavior_server", Transition.TRANSITION_CLEANUP)
+    assert change_state(navigation, "behavior_server", Transition.TRANSITION_DEACTIVATE)
+    assert state(navigation, "behavior_server") == "inactive"
+    assert navigation.client.result(number)[0] == ABORTED
+    navigation.send("wait", "Wait", wait, accepted=False)
+    active = ("lifecycle_manager_navigation/is_active", "std_srvs/srv/Trigger")
+    assert not navigation.client.call(*active)["success"]
+    assert not change_state(navigation, "behavior_server", Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+    assert change_state(navigation, "behavior_server", Transition.TRANSITION_ACTIVATE)
+    assert navigation.client.call(*active)["success"]
+
+
+def test_lifecycle_manager(navigation: NavigationProcess) -> None:
+    kind = "nav2_msgs/srv/ManageLifecycleNodes"
+
+    def manage(command: int, scope: str = "navigation") -> bool:
+        name = f"lifecycle_manager_{scope}/manage_nodes"
+        return bool(navigation.client.call(name, kind, command=command)["success"])
+
+    request = ManageLifecycleNodes.Request
+    assert not manage(request.STARTUP)  # the nodes are active
+    goal = {"pose": stamped(0.0, 0.0)}
+    for stop, start, then in (("PAUSE", "RESUME", "inactive"), ("RESET", "STARTUP", "unconfigured")):
+        assert manage(getattr(request, stop))
+        assert {state(navigation, node) for node in ("bt_navigator", "planner_server")} == {then}
+        navigation.send("navigate_to_pose", "NavigateToPose", goal, accepted=False)
+        assert manage(getattr(request, start))
+    # Without localisation the robot has no pose.
+    assert manage(request.PAUSE, "localization")
+    status, result = navigation.client.result(navigation.send("navigate_to_pose", "NavigateToPose", goal))
+    assert (status, result["error_code"]) == (ABORTED, Nav2ErrorCode.NAVIGATE_TF_ERROR)
+    load = navigation.client.call("map_server/load_map", "nav2_msgs/srv/LoadMap", map_url="map.yaml")
+    assert load["result"] == 255
+    assert manage(request.RESUME, "localization")
+
+
+def test_absent_servers(navigation: NavigationProcess) -> None:
+    names = {name for name, _ in navigation.session.node.get_topic_names_and_types()}
+    absent = (
+        "dock_robot",
+        "undock_robot",
+        "compute_route",
+        "compute_and_track_route",
+        "follow_gps_waypoints",
+    )
+    assert not {f"/{name}/_action/status" for name in absent} & names
 
 
 def test_default_tree_of_nav2_in_another_process(navigation: NavigationProcess) -> None:
