@@ -107,6 +107,8 @@ class ServedAction:
         if handle.feedback is not None:
             message = self._type.Feedback()
             self._converter.write_feedback(handle.feedback, message)
+            if hasattr(message, "current_pose"):
+                message.current_pose.header.stamp = self._stamp()
             ros.publish_feedback(message)
 
     def _end(self, ros: ServerGoal[Any, Any, Any], handle: GoalHandle[Any, Any, Any], began: int) -> bool:
@@ -119,6 +121,8 @@ class ServedAction:
         result = self._result(code, outcome.message if outcome is not None else "")
         if outcome is not None:
             self._converter.write_result(outcome.value, result)
+        if hasattr(result, "path"):
+            result.path.header.stamp = self._stamp()
         if hasattr(result, "total_elapsed_time"):
             result.total_elapsed_time = seconds_to_duration((self._now - began) / NS_PER_S)
         if handle.status is GoalStatus.SUCCEEDED:
@@ -128,6 +132,9 @@ class ServedAction:
         else:
             ros.abort(result)
         return True
+
+    def _stamp(self) -> Any:
+        return self._session.node.get_clock().now().to_msg()
 
     def _result(self, code: int, message: str) -> Any:
         result = self._type.Result()

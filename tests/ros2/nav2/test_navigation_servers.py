@@ -161,6 +161,7 @@ def test_compute_path(navigation: NavigationProcess) -> None:
     status, result = navigation.client.result(number)
     assert (status, result["error_code"]) == (SUCCEEDED, 0)
     assert len(result["path"]["poses"]) > 5
+    assert result["path"]["header"]["stamp"]["sec"] > 0
     last = result["path"]["poses"][-1]["pose"]["position"]
     assert (last["x"], last["y"]) == pytest.approx((1.0, 0.5), abs=0.1)
     navigation.wait(lambda: "plan" in navigation.newest)
@@ -278,6 +279,7 @@ def test_navigate_to_pose(navigation: NavigationProcess) -> None:
     feedback = navigation.client.feedback(second)
     assert feedback[0]["distance_remaining"] >= 0.0
     assert feedback[-1]["current_pose"]["header"]["frame_id"] == "map"
+    assert feedback[-1]["current_pose"]["header"]["stamp"]["sec"] > 0
     x, y, _ = navigation.pose()
     assert math.hypot(x - 0.3, y - 0.3) < 0.4
 
