@@ -475,14 +475,8 @@ class _FollowWaypoints(ActionConverter):
 
     def write_result(self, value: tuple[MissedWaypoint, ...] | None, message: Any) -> None:
         for missed in value or ():
-            if "WaypointStatus" in message.get_fields_and_field_types()["missed_waypoints"]:
-                entry = _status_to_message(WaypointStatus(missed.goal, missed.index, WaypointState.FAILED))
-                entry.error_msg = missed.message
-            else:  # Jazzy
-                entry = nav2_type("msg", "MissedWaypoint")(
-                    index=missed.index, goal=pose_to_stamped(missed.goal)
-                )
-            entry.error_code = missed.code
+            entry = _status_to_message(WaypointStatus(missed.goal, missed.index, WaypointState.FAILED))
+            entry.error_code, entry.error_msg = missed.code, missed.message
             message.missed_waypoints.append(entry)
 
 
