@@ -9,7 +9,7 @@ from btcore import Tree
 from btcore.bundled_trees import folder
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.navigate_goal import NavigateGoal
-from btcore_robot.navigation.navigator import Navigator, tree_file
+from btcore_robot.navigation.navigator import Navigator
 from btcore_robot.navigation.stack import THROUGH_POSES, TO_POSE, TREES
 from btcore_robot.robot import NS_PER_S, Phase
 from btcore_ros2.errors import RosError
@@ -17,7 +17,7 @@ from btcore_ros2.nav2.client import Nav2Client
 from btcore_ros2.nav2.conversions import ACTIONS, pose_from_stamped
 from btcore_ros2.nav2.lifecycle import LifecycleManager, ServedNode
 from btcore_ros2.nav2.pose_listener import POSE_IS_UNKNOWN
-from btcore_ros2.nav2.served_action import ServedAction
+from btcore_ros2.nav2.served_action import ServedAction, refusal_reason
 from btcore_ros2.session import RosSession
 
 ROS_NODES = "btcore_ros2.nav2.nodes"
@@ -119,7 +119,7 @@ class NavigatorServer:
             ACTIONS[navigator.name],
             navigator,
             reject_reason=reject_reason,
-            refusal=lambda goal: _refusal(navigator, goal),
+            refusal=lambda goal: refusal_reason(navigator, goal),
         )
 
     def _set_active(self, active: bool) -> None:
@@ -137,7 +137,7 @@ class NavigatorServer:
             log.warning("the goal of the topic goal_pose is ignored: %s", error)
             return
         reason = f"{self._through_poses.name} has a goal in progress" if self._through_poses.busy else ""
-        reason = reason or _refusal(self._to_pose, goal)
+        reason = reason or refusal_reason(self._to_pose, goal)
         if reason:
             log.warning("the goal of the topic goal_pose is ignored: %s", reason)
         else:
@@ -147,14 +147,3 @@ class NavigatorServer:
         if self.session.clock.now() - began < POSE_PATIENCE_S * NS_PER_S:
             return None
         return Nav2ErrorCode.NAVIGATE_TF_ERROR, POSE_IS_UNKNOWN
-
-
-def _refusal(navigator: Navigator, goal: NavigateGoal) -> str:
-    """Return why *goal* can't replace the goal in progress, or ""."""
-    current = navigator.current
-    if current is None or current.done:
-        return ""
-    running = tree_file(current.goal.behavior_tree, navigator.default_tree)
-    if tree_file(goal.behavior_tree, navigator.default_tree) == running:
-        return ""
-    return f"the goal in progress uses another tree, {running}: cancel it first"

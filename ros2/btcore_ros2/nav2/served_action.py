@@ -4,6 +4,8 @@ from collections.abc import Callable
 from typing import Any
 
 from btcore_robot.navigation.action import ActionServer, GoalHandle, GoalStatus
+from btcore_robot.navigation.navigate_goal import NavigateGoal
+from btcore_robot.navigation.navigator import Navigator, tree_file
 from btcore_robot.robot import NS_PER_S
 from btcore_ros2.action_server import DELIVERY_S, RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError
@@ -142,3 +144,14 @@ class ServedAction:
         if hasattr(result, "error_msg"):
             result.error_msg = message
         return result
+
+
+def refusal_reason(navigator: Navigator, goal: NavigateGoal) -> str:
+    """Return why *goal* can't replace the goal in progress, or ""."""
+    current = navigator.current
+    if current is None or current.done:
+        return ""
+    running = tree_file(current.goal.behavior_tree, navigator.default_tree)
+    if tree_file(goal.behavior_tree, navigator.default_tree) == running:
+        return ""
+    return f"the goal in progress uses another tree, {running}: cancel it first"

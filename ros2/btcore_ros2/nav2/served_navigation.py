@@ -16,6 +16,7 @@ from btcore_robot.navigation.navigation_servers import (
     PathCheck,
     ReinitializeLocalization,
 )
+from btcore_robot.navigation.navigator import Navigator
 from btcore_robot.navigation.stack import Navigation
 from btcore_robot.navigation.waypoint_follower import WaypointFollower
 from btcore_robot.robot import Phase, Twist2D
@@ -25,7 +26,7 @@ from btcore_ros2.nav2.conversions import ACTIONS, nav2_type, path_from_message, 
 from btcore_ros2.nav2.lifecycle import LifecycleManager, ServedNode
 from btcore_ros2.nav2.map_server import MapServer
 from btcore_ros2.nav2.navigation_topics import costmap_message
-from btcore_ros2.nav2.served_action import ServedAction
+from btcore_ros2.nav2.served_action import ServedAction, refusal_reason
 from btcore_ros2.session import RosSession
 
 RATE = 100.0
@@ -89,8 +90,14 @@ class ServedNavigation:
         follower = WaypointFollower(navigator, navigation.parameters.waypoints)
         served["follow_waypoints"] = follower
         schedule.every(follower.RATE, Phase.CONTROLLER, follower.step)
+
+        def refusal(server: ActionServer[Any, Any, Any]) -> Callable[[Any], str]:
+            return lambda goal: refusal_reason(server, goal) if isinstance(server, Navigator) else ""
+
         self._actions = [
-            ServedAction(session, ACTIONS[name], server, reject_reason=rejection(name))
+            ServedAction(
+                session, ACTIONS[name], server, reject_reason=rejection(name), refusal=refusal(server)
+            )
             for name, server in served.items()
         ]
         self._offer_services()

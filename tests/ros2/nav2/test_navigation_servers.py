@@ -272,6 +272,11 @@ def test_navigate_to_pose(navigation: NavigationProcess) -> None:
     poses = {"poses": {"header": {"frame_id": "map"}, "goals": [stamped(0.0, 0.0)]}}
     navigation.client.wait_until_executing(number)
     navigation.send("navigate_through_poses", "NavigateThroughPoses", poses, accepted=False)
+    # A goal with another tree does not replace it, as in Nav2.
+    other = {"pose": stamped(0.3, 0.3), "behavior_tree": "navigate_w_replanning_time.xml"}
+    status, result = navigation.client.result(navigation.send("navigate_to_pose", "NavigateToPose", other))
+    assert status == ABORTED
+    assert "uses another tree" in result["error_msg"]
     second = navigation.send("navigate_to_pose", "NavigateToPose", {"pose": stamped(0.3, 0.3)})
     assert navigation.client.result(number)[0] == ABORTED
     status, result = navigation.client.result(second)
