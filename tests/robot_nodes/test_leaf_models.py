@@ -29,6 +29,7 @@ from btcore_robot.leaves.lifecycle_leaves import ObjectLocatorProtocol
 from btcore_robot.leaves.navigate import PoseNavigator
 from btcore_robot.navigation.action import GoalHandle
 from btcore_robot.navigation.controller import FollowPathFeedback
+from btcore_robot.navigation.navigate_goal import WaypointStatus
 from btcore_robot.navigation.navigation_servers import (
     Battery,
     CheckPath,
@@ -38,7 +39,6 @@ from btcore_robot.navigation.navigation_servers import (
     SmoothedPath,
     SmoothPathGoal,
 )
-from btcore_robot.navigation.nodes.goals import WaypointStatus
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import Odometry, Pose2D, Twist2D, Waypoints

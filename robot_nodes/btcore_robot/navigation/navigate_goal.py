@@ -1,9 +1,9 @@
 """The goals of the navigators: Nav2's actions NavigateToPose and NavigateThroughPoses."""
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 from btcore_robot.navigation.action import GoalHandle
-from btcore_robot.navigation.nodes.goals import WaypointStatus
 from btcore_robot.robot import Pose2D
 
 
@@ -18,6 +18,24 @@ class NavigateGoal:
     goals: tuple[Pose2D, ...]
     behavior_tree: str = ""
     through: bool = False
+
+
+class WaypointState(IntEnum):
+    """The progress of a goal; names and numbers are those of `nav2_msgs/WaypointStatus`."""
+
+    PENDING = 0
+    COMPLETED = 1
+    SKIPPED = 2
+    FAILED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class WaypointStatus:
+    """The state of a goal in a list of goals; *index* is its place in the original list."""
+
+    goal: Pose2D
+    index: int
+    state: WaypointState = WaypointState.PENDING
 
 
 @dataclass(frozen=True, slots=True)

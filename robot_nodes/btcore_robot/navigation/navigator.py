@@ -12,11 +12,16 @@ from btcore_robot.navigation import nodes as nav2_nodes
 from btcore_robot.navigation.action import ActionResult, ActionServer, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.goal_progress import GoalProgress
-from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal, NavigateHandle
+from btcore_robot.navigation.navigate_goal import (
+    NavigateFeedback,
+    NavigateGoal,
+    NavigateHandle,
+    WaypointState,
+    WaypointStatus,
+)
 from btcore_robot.navigation.navigation_servers import AnyGoalHandle, NavigationServers
 from btcore_robot.navigation.nodes.action_node import RECOVERIES, BtActionNode, BtServiceNode
 from btcore_robot.navigation.nodes.decorators import GoalUpdater
-from btcore_robot.navigation.nodes.goals import WaypointState, WaypointStatus
 from btcore_robot.navigation.path import NavPath, empty_path
 from btcore_robot.navigation.planner import THROUGH_OFFSET, PlannerError
 from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D

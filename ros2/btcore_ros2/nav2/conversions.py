@@ -24,9 +24,13 @@ from btcore_robot.navigation.behaviours import (
 )
 from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal
+from btcore_robot.navigation.navigate_goal import (
+    NavigateFeedback,
+    NavigateGoal,
+    WaypointState,
+    WaypointStatus,
+)
 from btcore_robot.navigation.navigation_servers import SmoothedPath, SmoothPathGoal
-from btcore_robot.navigation.nodes.goals import WaypointState, WaypointStatus
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.planner import ComputePathGoal
 from btcore_robot.navigation.waypoint_follower import FollowWaypointsGoal, MissedWaypoint

@@ -1,35 +1,16 @@
 """Nav2's nodes that edit lists of goals on the blackboard."""
 
-from dataclasses import dataclass, replace
-from enum import IntEnum
+from dataclasses import replace
 from typing import Annotated, Any
 
 from btcore import In, Out, SyncAction, TreeNode
 from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.navigation.costmap import UNKNOWN
+from btcore_robot.navigation.navigate_goal import WaypointState, WaypointStatus
 from btcore_robot.navigation.navigation_servers import AnyGoalHandle, GetCosts
 from btcore_robot.navigation.nodes.action_node import BtServiceNode, ServersAction, ServiceName
 from btcore_robot.navigation.nodes.port_access import OPTIONAL, optional_input, poses_input, write_outputs
 from btcore_robot.robot import Pose2D
-
-
-class WaypointState(IntEnum):
-    """The progress of a goal; names and numbers are those of `nav2_msgs/WaypointStatus`."""
-
-    PENDING = 0
-    COMPLETED = 1
-    SKIPPED = 2
-    FAILED = 3
-
-
-@dataclass(frozen=True, slots=True)
-class WaypointStatus:
-    """The state of a goal in a list of goals; *index* is its place in the original list."""
-
-    goal: Pose2D
-    index: int
-    state: WaypointState = WaypointState.PENDING
-
 
 InGoals = Annotated[In[Poses], "Original goals."]
 OutGoals = Annotated[Out[Poses], "Remaining goals."]
