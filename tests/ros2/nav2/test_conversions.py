@@ -12,6 +12,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import deserialize_message, serialize_message
 
 from btcore_robot.navigation.behaviours import (
+    AssistedTeleopGoal,
     BackUpGoal,
     BehaviourFeedback,
     DriveOnHeadingGoal,
@@ -22,6 +23,7 @@ from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoa
 from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal
 from btcore_robot.navigation.path import NavPath
 from btcore_robot.navigation.planner import ComputePathGoal
+from btcore_robot.navigation.waypoint_follower import FollowWaypointsGoal
 from btcore_robot.robot import Pose2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.conversions import (
@@ -46,6 +48,8 @@ GOALS = [
     BackUpGoal(0.5, 0.25, 2.5, True),
     DriveOnHeadingGoal(0.5, 0.25, 2.5),
     WaitGoal(1.5),
+    AssistedTeleopGoal(2.5),
+    FollowWaypointsGoal((HERE, THERE), loops=2, first=1),
     NavigateGoal((THERE,), "tree.xml"),
     NavigateGoal((HERE, THERE), "", through=True),
 ]
@@ -69,6 +73,9 @@ def test_goals_survive_the_transmission(goal):
     if isinstance(goal, FollowPathGoal):
         assert np.allclose(back.path.poses, PATH.poses)
         assert (back.controller_id, back.goal_checker_id) == ("FollowPath", "precise")
+    elif isinstance(goal, FollowWaypointsGoal):
+        assert all(map(is_close, back.goals, goal.goals))
+        assert (back.loops, back.first) == (2, 1)
     elif isinstance(goal, ComputePathGoal | NavigateGoal):
         assert all(map(is_close, back.goals, goal.goals))
         assert len(back.goals) == len(goal.goals)
@@ -85,6 +92,8 @@ def test_goals_survive_the_transmission(goal):
         ("backup", BehaviourFeedback(0.5)),
         ("drive_on_heading", BehaviourFeedback(0.5)),
         ("wait", BehaviourFeedback(0.5)),
+        ("assisted_teleop", BehaviourFeedback(0.5)),
+        ("follow_waypoints", 3),
         ("navigate_to_pose", NavigateFeedback(None, 2.5, 3, 1.5, 1, 6.25)),
         ("navigate_through_poses", NavigateFeedback(Pose2D(1.0, 2.0, 0.0), 2.5, 3, 1.5, 2)),
     ],
