@@ -438,10 +438,12 @@ def test_lifecycle_manager(navigation: NavigationProcess) -> None:
         assert manage(getattr(request, start))
     # Without localisation the robot has no pose.
     assert manage(request.PAUSE, "localization")
+    navigation.newest.pop("odom", None)
     status, result = navigation.client.result(navigation.send("navigate_to_pose", "NavigateToPose", goal))
     assert (status, result["error_code"]) == (ABORTED, Nav2ErrorCode.NAVIGATE_TF_ERROR)
     load = navigation.client.call("map_server/load_map", "nav2_msgs/srv/LoadMap", map_url="map.yaml")
     assert load["result"] == 255
+    assert "odom" not in navigation.newest
     assert manage(request.RESUME, "localization")
 
 
