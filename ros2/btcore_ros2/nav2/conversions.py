@@ -6,12 +6,12 @@
 import math
 from collections.abc import Iterable, Sequence
 from importlib import import_module
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
-from nav_msgs.msg import Goals, Path
+from nav_msgs.msg import Path
 from std_msgs.msg import Header
 
 from btcore_robot.navigation.behaviours import (
@@ -37,6 +37,9 @@ from btcore_robot.navigation.waypoint_follower import FollowWaypointsGoal, Misse
 from btcore_robot.robot import NS_PER_S, Pose2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.nodes import ComputedRoute, ComputeRouteGoal, Route
+
+if TYPE_CHECKING:
+    from nav_msgs.msg import Goals
 
 MAP: Final = "map"
 """The frame of goals and planned paths."""
@@ -124,15 +127,17 @@ def pose_from_stamped(message: PoseStamped, frame: str = MAP, default: str = "")
     return pose_from_message(message.pose)
 
 
-def poses_to_goals(poses: Iterable[Pose2D], frame: str = MAP, stamp: Time | None = None) -> Goals:
+def poses_to_goals(poses: Iterable[Pose2D], frame: str = MAP, stamp: Time | None = None) -> "Goals":
     """Return *poses* as a `nav_msgs/Goals` in *frame*, with *stamp* (None = zero)."""
+    from nav_msgs.msg import Goals  # Jazzy does not have this message
+
     header = _header(frame, stamp)
     return Goals(
         header=header, goals=[PoseStamped(header=header, pose=pose_to_message(pose)) for pose in poses]
     )
 
 
-def poses_from_goals(message: Goals, frame: str = MAP) -> tuple[Pose2D, ...]:
+def poses_from_goals(message: "Goals", frame: str = MAP) -> tuple[Pose2D, ...]:
     """Return the poses of a `nav_msgs/Goals`.
 
     Raises:

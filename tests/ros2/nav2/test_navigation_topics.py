@@ -36,7 +36,7 @@ from btcore_sim.world import World
 from tests.ros2.action_client import LIMIT_S
 from tests.ros2.nav2.rviz_displays import DISPLAYS
 
-GLOBAL_NAMES = {"/tf", "/tf_static", "/clock", "/parameter_events", "/rosout"}
+GLOBAL_NAMES = {"/clock", "/parameter_events", "/rosout"}
 """The names that all ROS nodes share, whatever their namespace."""
 
 NAV2_OCCUPANCY = {0: 0, 1: 1, 128: 50, 252: 98, 253: 99, 254: 100, 255: -1}
