@@ -3,7 +3,7 @@
 import logging
 from typing import Any
 
-from btcore_robot.robot import Pose2D, TransformStamped
+from btcore_robot.robot import NS_PER_S, Pose2D, TransformStamped
 from btcore_robot.transforms import TransformError, TransformTree
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.conversions import MAP, pose_from_message, time_to_ns
@@ -16,11 +16,17 @@ POSE_IS_UNKNOWN = (
     "the robot's pose is unknown: no transform from map to base_footprint or base_link was received"
 )
 
+JUMP = NS_PER_S
+"""How much older (ns) than the newest pose of a frame a transform must be for a jump of its clock."""
+
 log = logging.getLogger(__name__)
 
 
 class PoseListener:
     """A subscriber of `/tf` and `/tf_static`; without tf2_msgs, of `amcl_pose`.
+
+    If the stamps of a frame jump back, because a simulation was reset, the moving frames are unknown until
+    their next transforms arrive. A transform that is late, as over a bridge, is stored with its own stamp.
 
     Args:
         session: The session.
@@ -79,8 +85,14 @@ class PoseListener:
             try:
                 if static:
                     self.transforms.set_static(frame)
-                else:
-                    self.transforms.set(frame)
+                    continue
+                newest = self.transforms.newest(frame.child)
+                if newest is not None and frame.stamp < newest - JUMP:
+                    log.warning(
+                        "the time of tf jumped back: its transforms are forgotten, except static ones"
+                    )
+                    self.transforms.forget_moving()
+                self.transforms.set(frame)
             except TransformError as error:
                 if not self._warned:
                     log.warning("a transform of tf is ignored: %s", error)

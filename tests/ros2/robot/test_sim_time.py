@@ -1,5 +1,6 @@
 """A robot whose clock is the topic /clock."""
 
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -69,7 +70,60 @@ def test_simulated_time_that_stops(
     robot = RosRobot(session, describe(tmp_path))
     process.send(silent=["/clock"])
     # The robot is stopped before the run ends, and without a call of `close`.
-    assert "/clock: the time has not advanced for 1." in drive_until_error(robot)
+    assert "/clock: no message for 1." in drive_until_error(robot)
     assert stopped(process, session)
     assert "the robot stands until it advances again" in caplog.text
     process.send(silent=[])
+
+
+def test_simulation_that_is_paused_goes_on(
+    session: RosSession,
+    process: PointRobotProcess,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(time_limits, "CLOCK_SILENCE", 2.0)
+    robot = RosRobot(session, describe(tmp_path))
+    robot.drive(0.1, 0.2)
+    process.send(paused=True)
+    end = threading.Timer(2.5, process.send, [], {"paused": False})
+    end.start()
+    before = robot.clock.now()
+    try:
+        wait(robot, 1.0)
+        while "the time on /clock advances again" not in caplog.text:
+            wait(robot, 0.1)
+    finally:
+        end.join()
+    assert "the robot stands until it advances again" in caplog.text
+    assert before < robot.clock.now() < before + LIMIT * NS_PER_S
+    assert stopped(process, session)
+
+
+def test_clock_in_wrong_order_is_no_jump(
+    session: RosSession, process: PointRobotProcess, tmp_path: Path
+) -> None:
+    process.send(disorder=True)
+    robot = RosRobot(session, describe(tmp_path))
+    start, times = robot.clock.now(), []
+    while robot.clock.now() < start + NS_PER_S:
+        wait(robot, 0.02)
+        times.append(robot.clock.now())
+    process.send(disorder=False)
+    assert times == sorted(times)
+
+
+def test_clock_that_is_found_late_is_reported(
+    session: RosSession,
+    process: PointRobotProcess,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(ros_robot, "CLOCK_SEARCH", 0.0)
+    monkeypatch.setattr(session.node, "count_publishers", lambda topic: topic != "/clock")
+    robot = RosRobot(session, describe(tmp_path))
+    monkeypatch.undo()
+    wait(robot, 0.2)
+    assert "/clock was found only after the start, and is not used" in caplog.text
