@@ -88,9 +88,9 @@ class PoseListener:
                     continue
                 newest = self.transforms.newest(frame.child)
                 if newest is not None and frame.stamp < newest - JUMP:
-                    log.warning(
-                        "the time of tf jumped back: its transforms are forgotten, except static ones"
-                    )
+                    if not self._warned:
+                        log.warning("the time of tf jumped back: its moving transforms are forgotten")
+                    self._warned = True
                     self.transforms.forget_moving()
                 self.transforms.set(frame)
             except TransformError as error:

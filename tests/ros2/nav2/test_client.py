@@ -12,6 +12,10 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("nav2_msgs")
 
+from geometry_msgs.msg import TransformStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
+
 import btcore
 from btcore import Registry, Status
 from btcore_robot.leaves.navigate import Move
@@ -24,6 +28,7 @@ from btcore_robot.robot import Pose2D, Robot
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.client import Nav2Client
 from btcore_ros2.nav2.nodes import Route
+from btcore_ros2.nav2.pose_listener import PoseListener
 from btcore_ros2.session import RosSession
 from tests.ros2.nav2.conftest import LIMIT
 
@@ -424,6 +429,31 @@ def test_the_pose_comes_from_tf(bench):
     assert bench.run(bench.tree('<TransformAvailable parent="map" child="base_link"/>')) is Status.SUCCESS
     assert bench.run(bench.tree('<GoalReached goal="1.1;2"/>')) is Status.SUCCESS
     assert bench.run(bench.tree('<GoalReached goal="2;2"/>')) is Status.FAILURE
+
+
+def test_the_pose_is_new_after_a_jump_of_the_clock():
+    def transform(second, x, child="base_footprint", parent="odom"):
+        frame = TransformStamped(child_frame_id=child)
+        frame.header.frame_id, frame.header.stamp.sec = parent, second
+        frame.transform.translation.x = x
+        return frame
+
+    own_topics = ["-r", "/tf:=/reset_tf", "-r", "/tf_static:=/reset_tf_static"]
+    with RosSession("listener", arguments=own_topics) as session:
+        publisher = session.node.create_publisher(TFMessage, "/tf", 100)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        static = session.node.create_publisher(TFMessage, "/tf_static", latched)
+        static.publish(TFMessage(transforms=[transform(0, 10.0, "odom", "map")]))
+        listener = PoseListener(session)
+
+        def is_at(x, *frames):
+            publisher.publish(TFMessage(transforms=frames))
+            return session.wait_for(lambda: listener.pose() == Pose2D(x, 0.0, 0.0), LIMIT)
+
+        assert session.wait_for(publisher.get_subscription_count, LIMIT)
+        assert is_at(11.0, transform(100, 1.0))
+        assert is_at(12.0, transform(101, 2.0), transform(100, 1.0))  # the second is late
+        assert is_at(15.0, transform(3, 5.0))
 
 
 def test_a_selector_reads_its_latched_topic(bench):
