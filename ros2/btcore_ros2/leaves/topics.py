@@ -77,7 +77,7 @@ class _Topic:
     def __init__(self, session: RosSession, message_type: Any, name: str, qos: Any) -> None:
         self.message: Any = None
         self.count = 0
-        self.subscription = session.node.create_subscription(message_type, name, self._take, qos)
+        self.parts = (session.node.create_subscription(message_type, name, self._take, qos),)
 
     def _take(self, message: Any) -> None:
         self.message = message
