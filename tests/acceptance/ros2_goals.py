@@ -54,6 +54,8 @@ TREES = """
       <ForceSuccess>
         <RosTopicRead topic_name="{{other}}" type="std_msgs/msg/{kind}" timeout="0"/>
       </ForceSuccess>
+      <RosTransformPublish child="{{topic}}" pose=""/>
+      <ForceSuccess><RosTransformRead child="{{other}}" timeout="0"/></ForceSuccess>
     </Sequence>
   </BehaviorTree>
   <BehaviorTree ID="All">

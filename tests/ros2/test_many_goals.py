@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 pytest.importorskip("btcpp_ros2_interfaces")
+pytest.importorskip("tf2_msgs")
 
 LIMIT_S = 60
 LATER = ("objects ServerGoalHandle", "objects", "memory (kB)")

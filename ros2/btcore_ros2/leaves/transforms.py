@@ -186,11 +186,11 @@ def _result_ports() -> list[Port]:
 
 
 class RosTransformRead(_LookUp):
-    """Reads the newest pose of a frame in another frame from tf, or waits for it and fails after `timeout`.
+    """Reads the newest pose of the frame `child` in the frame `parent` from tf, or waits for it.
 
-    If the frames are known, the leaf succeeds at once. With `max_age`, transforms that arrived earlier do not
-    count. After a failure, `error` has the reason. The stamp of the pose is that of the oldest transform
-    between the two frames; 0 if all are static.
+    If the frames are known, the leaf succeeds at once. It fails if the pose is unknown after `timeout`. With
+    `max_age`, transforms that arrived earlier do not count. After a failure, `error` has the reason. The
+    stamp of the pose is that of the oldest transform between the two frames; 0 if all are static.
 
     Args:
         session: The session, a resource of the tree.
@@ -215,12 +215,14 @@ class RosTransformRead(_LookUp):
 
 
 class RosPoseTransform(_LookUp):
-    """Transforms a pose to another frame with tf, or waits for the transform and fails after `timeout`.
+    """Transforms a pose to the frame `parent` with tf, or waits for the transform.
 
     `pose` is JSON with the fields of geometry_msgs/msg/PoseStamped, or an entry with such a message, a
-    geometry_msgs/msg/Pose or a Pose2D. The transform is that of the pose's stamp; without a stamp, it is the
-    newest. With `max_age`, transforms that arrived earlier do not count. After a failure, `error` has the
-    reason.
+    geometry_msgs/msg/Pose or a Pose2D. A pose without a frame is in the frame `pose_frame`. The transform is
+    that of the pose's stamp; without a stamp, it is the newest.
+
+    The leaf fails if the transform is unknown after `timeout`. With `max_age`, transforms that arrived
+    earlier do not count. After a failure, `error` has the reason.
 
     Args:
         session: The session, a resource of the tree.
@@ -266,8 +268,9 @@ class RosTransformPublish(_TransformLeaf, SyncAction):
     """Publishes a pose as the transform of a frame to tf, and succeeds.
 
     `pose` is JSON with the fields of geometry_msgs/msg/PoseStamped, or an entry with such a message, a
-    geometry_msgs/msg/Pose or a Pose2D. Its frame is the parent of the frame `child`. The transform has the
-    stamp of the pose; without a stamp, that of the present time of the ROS node.
+    geometry_msgs/msg/Pose or a Pose2D. Its frame is the parent of the frame `child`; a pose without a frame
+    is in the frame `pose_frame`. The transform has the stamp of the pose; without a stamp, the present time
+    of the ROS node.
 
     With `static`, the transform is valid at all times, and late subscribers get it. Otherwise it is valid at
     its time only, so repeat the leaf.

@@ -2,22 +2,36 @@
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
 pytest.importorskip("tf2_msgs")
 
+from action_msgs.msg import GoalStatus
+
 from btcore_robot import time_limits
 from btcore_robot.robot import NS_PER_S
 from btcore_robot.testing import check_frames, check_info, check_scan, wait
+from btcore_ros2.errors import RosError
 from btcore_ros2.robot import ros_robot
 from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.robot.sim_time import SimTime
 from btcore_ros2.session import RosSession
+from btcore_ros2.tree_server import TreeServer
+from tests.ros2.action_client import ClientProcess
 from tests.ros2.robot.conftest import LIMIT, PointRobotProcess, describe, drive_until_error, stopped
+
+ENDLESS = """<root BTCPP_format="4"><BehaviorTree ID="Endless">
+    <Repeat num_cycles="-1"><Sleep msec="10"/></Repeat></BehaviorTree></root>"""
+
+
+def sleep_until(condition: Callable[[], Any]) -> None:
+    while not condition():
+        time.sleep(0.01)
 
 
 @pytest.fixture(scope="module")
@@ -127,3 +141,34 @@ def test_clock_that_is_found_late_is_reported(
     monkeypatch.undo()
     wait(robot, 0.2)
     assert "/clock was found only after the start, and is not used" in caplog.text
+
+
+def test_tree_server_of_a_simulation_that_is_reset_ends(
+    session: RosSession, process: PointRobotProcess, tmp_path: Path
+) -> None:
+    pytest.importorskip("btcpp_ros2_interfaces")
+    file = tmp_path / "endless.xml"
+    file.write_text(ENDLESS)
+    robot = RosRobot(session, describe(tmp_path))
+    errors: list[str] = []
+    with TreeServer(session, [file], resources=[robot], action_name="reset", clock=robot.clock) as server:
+
+        def serve() -> None:
+            try:
+                server.run()
+            except RosError as error:
+                errors.append(str(error))
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        client = ClientProcess(sleep_until)
+        goal = client.send(
+            "reset", "btcpp_ros2_interfaces/action/ExecuteTree", {"target_tree": "Endless", "payload": ""}
+        )
+        process.send(shift=100 * NS_PER_S)
+        status, result = client.result(goal)
+        thread.join(LIMIT)
+        client.close()
+    assert status == GoalStatus.STATUS_ABORTED
+    assert "/clock jumped back by " in result["return_message"]
+    assert errors == [result["return_message"]]
