@@ -52,6 +52,7 @@ PREVIEWS ?= 9
 SPIN_TREES ?= 37
 TYPED ?= 200
 ROS2_RUNS ?=
+GOALS ?= 2000
 MISTAKES ?=
 
 .PHONY: help setup demo test check environments lint lint-and-pure pure compiled ros2 vulkan spin accept \
@@ -232,6 +233,7 @@ accept-tools: .venv/ready spin
 accept-ros2: .venv-ros/ready
 	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)
 	@.venv-ros/bin/python tests/acceptance/ros2_runs.py $(ROS2_RUNS)
+	@.venv-ros/bin/python tests/acceptance/ros2_goals.py --goals $(GOALS)
 
 # Nothing of this is committed: npm brings the tools, in the versions of package.json.
 vscode:

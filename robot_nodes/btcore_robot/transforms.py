@@ -212,6 +212,17 @@ class TransformTree:
         link = self._links.get(frame)
         return None if link is None else link.parent
 
+    def newest(self, frame: str) -> int | None:
+        """Return the newest stamp (ns) of *frame*, or None for a static or unknown frame."""
+        link = self._links.get(frame)
+        return None if link is None or link.static else link.stamps[-1]
+
+    def forget_moving(self) -> None:
+        """Remove all poses that are not static, after a jump of the clock."""
+        self._links = {child: link for child, link in self._links.items() if link.static}
+        self._parents = {link.parent for link in self._links.values()}
+        self._chains.clear()
+
     def _add_link(self, frame: TransformStamped, *, static: bool) -> _Link:
         ancestor: str | None = frame.parent
         while ancestor is not None:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from btcore_ros2.robot.bag_robot import BagRobot
     from btcore_ros2.robot.ros_robot import RosRobot
 
+START_TIMEOUT_S = 10.0
+"""How long (s) a run without a robot waits for a world in lockstep."""
+
 POSE_WAIT_S = 5.0
 """How long (s) a run with `--nav2` waits for the robot's pose before its first tick."""
 
@@ -107,7 +110,8 @@ class RosExtension(RunExtension):
             if settings.get("lockstep"):
                 from btcore_ros2.simulation.lockstep import LockstepClock
 
-                self._session.clock = LockstepClock(self._session)
+                limit = description.start_timeout if description is not None else START_TIMEOUT_S
+                self._session.clock = LockstepClock(self._session, limit)
             resources: list[object] = []
             if description is not None:
                 _check_rate(settings.get("rate"), description.base)

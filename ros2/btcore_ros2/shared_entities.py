@@ -20,7 +20,7 @@ class SharedEntity:
     """An action client, service client, publisher or subscription, and its users.
 
     Attributes:
-        entity: The entity. For a subscription, an object whose attribute `subscription` is the entity.
+        entity: The entity, or an object whose attribute `parts` has the entities of which it consists.
         users: The leaves, and the goals in progress, that use the entity. They are not kept alive.
         unsettled: The time (ns, `time.monotonic_ns`) of the creation, or at which a server was last missing.
         is_destroyed: Whether the entity was destroyed.
@@ -123,15 +123,15 @@ class SharedEntities:
         for key in keys:
             shared = self._entities.pop(key)
             shared.is_destroyed = True
-            entity = shared.entity
-            if isinstance(entity, ActionClient):
-                entity.destroy()
-            elif isinstance(entity, Client):
-                self._node.destroy_client(entity)
-            elif isinstance(entity, Publisher):
-                self._node.destroy_publisher(entity)
-            else:
-                self._node.destroy_subscription(entity.subscription)
+            for entity in getattr(shared.entity, "parts", (shared.entity,)):
+                if isinstance(entity, ActionClient):
+                    entity.destroy()
+                elif isinstance(entity, Client):
+                    self._node.destroy_client(entity)
+                elif isinstance(entity, Publisher):
+                    self._node.destroy_publisher(entity)
+                else:
+                    self._node.destroy_subscription(entity)
         # rclpy keeps a weak reference to each entity that ever was.
         group = self._node.default_callback_group.entities
         group -= {reference for reference in group if reference() is None}

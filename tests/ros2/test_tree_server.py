@@ -20,6 +20,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("btcpp_ros2_interfaces")
 
 from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
 from rclpy.parameter import Parameter
 
 import btcore
@@ -29,10 +30,12 @@ from btcore_monitor.events import TreeSeen
 from btcore_monitor.watch.feed import Feed
 from btcore_ros2 import shared_entities
 from btcore_ros2.errors import RosError
+from btcore_ros2.interfaces import load_interface
 from btcore_ros2.leaves import RosSubscriber, register
 from btcore_ros2.session import RosSession
 from btcore_ros2.tree_server import COLLECT_GOALS, TreeServer
 from tests.ros2.action_client import LIMIT_S, ClientProcess
+from tests.ros2.discovery import wait_until_known
 
 EXECUTE_TREE = "btcpp_ros2_interfaces/action/ExecuteTree"
 GET_TREES = "btcpp_ros2_interfaces/srv/GetTrees"
@@ -49,6 +52,8 @@ TREES = """
   </BehaviorTree>
   <BehaviorTree ID="Entries"><Measure speed="{speed}" place="{place}"/></BehaviorTree>
   <BehaviorTree ID="Count"><Script code="@runs := 2"/></BehaviorTree>
+  <BehaviorTree ID="Increase"><Script code="@runs += 1"/></BehaviorTree>
+  <BehaviorTree ID="IsThree"><ScriptCondition code="@runs == 3"/></BehaviorTree>
 </root>
 """
 OTHER_TREES = '<root BTCPP_format="4"><BehaviorTree ID="Ready"><AlwaysSuccess/></BehaviorTree></root>'
@@ -221,9 +226,49 @@ def test_second_goal_waits_for_the_first(server: ServerProcess, client: ClientPr
     assert ended(client, second)[1] is Status.SUCCESS
 
 
+def test_goal_that_arrives_twice_runs_once(
+    server: ServerProcess, client: ClientProcess, session: RosSession
+) -> None:
+    """As over a bridge: the second request has the same ID."""
+    from rclpy.action import ActionClient
+    from unique_identifier_msgs.msg import UUID
+
+    action = load_interface(EXECUTE_TREE, "action")
+    run(client, "Count")
+    sender = ActionClient(session.node, action, "/robot1/bt_execution")
+    wait_until_known(session, "/robot1/bt_execution")
+    goal = action.Goal(target_tree="Increase")
+    answers = [sender.send_goal_async(goal, goal_uuid=UUID(uuid=[7] * 16)) for _ in range(2)]
+    assert session.wait_for(lambda: all(answer.done() for answer in answers), LIMIT_S)
+    assert [answer.result().accepted for answer in answers] == [True, False]
+    result = answers[0].result().get_result_async()
+    assert session.wait_for(result.done, LIMIT_S)
+    assert ended(client, run(client, "IsThree"))[1] is Status.SUCCESS
+    sender.destroy()
+
+
+def test_goal_of_a_client_that_was_killed_goes_on(
+    server: ServerProcess, client: ClientProcess, session: RosSession
+) -> None:
+    dying = ClientProcess(poll)
+    run(dying, "Endless")
+    dying.process.kill()
+    dying.process.communicate()
+    dying.reader.join()
+    waiting = run(client, "Quick")
+    assert client.feedback(waiting) == []
+    all_goals = session.node.create_client(CancelGoal, "/robot1/bt_execution/_action/cancel_goal")
+    wait_until_known(session, "/robot1/bt_execution")
+    cancelled = all_goals.call_async(CancelGoal.Request())
+    assert session.wait_for(cancelled.done, LIMIT_S)
+    assert len(cancelled.result().goals_canceling) == 2
+    assert client.result(waiting)[0] == GoalStatus.STATUS_CANCELED
+    session.node.destroy_client(all_goals)
+
+
 def test_get_loaded_trees(server: ServerProcess, client: ClientProcess) -> None:
     trees = client.call("/robot1/get_loaded_trees", GET_TREES)["tree_ids"]
-    assert trees == ["Broken", "Count", "Endless", "Entries", "Fails", "Payload", "Quick", "Ready", "Slow"]
+    assert trees == sorted(re.findall('BehaviorTree ID="(.*?)"', TREES + OTHER_TREES))
 
 
 def test_parameters(server: ServerProcess, client: ClientProcess) -> None:

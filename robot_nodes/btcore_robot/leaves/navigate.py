@@ -8,7 +8,7 @@ from btcore_robot.navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 
 SERVER_TIMEOUT = 1_000_000_000
-"""The maximum time (ns) until a server accepts a goal."""
+"""The maximum time (ns) until a server that was found accepts a goal."""
 
 log = logging.getLogger(__name__)
 
@@ -57,11 +57,13 @@ class Move(StatefulAction):
         handle = self.handle
         if handle is None:
             return Status.FAILURE
-        if handle.status is GoalStatus.UNKNOWN and self.clock.now() - self.sent > SERVER_TIMEOUT:
+        done = handle.done  # takes what has arrived
+        limit = SERVER_TIMEOUT + handle.discovery_ns
+        if handle.status is GoalStatus.UNKNOWN and self.clock.now() - self.sent > limit:
             handle.cancel()
             # 9000 is UNKNOWN of Nav2's action NavigateToPose.
-            return self.fail(9000, "the navigator didn't accept the goal within 1 s")
-        if not handle.done:
+            return self.fail(9000, handle.missing_acceptance)
+        if not done:
             return Status.RUNNING
         self.handle = None
         if handle.status is GoalStatus.ABORTED:

@@ -12,18 +12,22 @@ from btcore_ros2.leaves.decorators import (
 )
 from btcore_ros2.leaves.service import RosService, ServiceErrorCode
 from btcore_ros2.leaves.topics import RosPublisher, RosSubscriber
+from btcore_ros2.leaves.transforms import RosPoseTransform, RosTransformPublish, RosTransformRead
 
 __all__ = [
     "ActionErrorCode",
     "RosAction",
     "RosActionCall",
     "RosCallError",
+    "RosPoseTransform",
     "RosPublisher",
     "RosService",
     "RosServiceCall",
     "RosSubscriber",
     "RosTopicPublish",
     "RosTopicRead",
+    "RosTransformPublish",
+    "RosTransformRead",
     "ServiceErrorCode",
     "register",
     "ros_action",
@@ -36,3 +40,4 @@ __all__ = [
 def register(nodes: Registry) -> None:
     """Register the leaves that need no code."""
     nodes.add(RosActionCall, RosServiceCall, RosTopicPublish, RosTopicRead)
+    nodes.add(RosTransformRead, RosPoseTransform, RosTransformPublish)

@@ -25,27 +25,31 @@ def _type_port(example: str) -> Port:
     return Port(TYPE_PORT, type=STRING, description=f"the type, such as {example}; not an entry")
 
 
-def _message_port(name: str, about: str) -> Port:
+def message_input(name: str, about: str) -> Port:
+    """Return an input port with the content of a message."""
     return Port(
         name, default="", description=f"{about}: json:{{…}}, or an entry with a message or dictionary"
     )
 
 
-def _output(name: str, about: str) -> Port:
+def output_port(name: str, about: str) -> Port:
+    """Return an output port that the XML may omit."""
     return Port(name, Direction.OUT, description=about, optional=True)
 
 
-def _error_output(about: str) -> Port:
+def error_output(about: str) -> Port:
+    """Return the output port for the reason of a failure."""
     return Port("error", Direction.OUT, type=STRING, description=about, optional=True)
 
 
-def _field_port(name: str, output: str) -> Port:
+def field_input(name: str, output: str) -> Port:
+    """Return the input port with the path of the field that is written to the port *output*."""
     about = f"the field that is written to `{output}`, such as pose.position.x; default: the whole message"
     return Port(name, type=STRING, default="", description=about)
 
 
-class _ByName:
-    """What the leaves have in common: outputs that the XML may omit, and the instance name as a ROS name."""
+class NoCodeLeaf:
+    """What the leaves without code have in common: outputs that the XML may omit, and a name of ROS."""
 
     config: Any
     get_input: Any
@@ -82,7 +86,7 @@ class _ByName:
         return Status.FAILURE if error else Status.SUCCESS
 
 
-class RosActionCall(_ByName, RosAction):
+class RosActionCall(NoCodeLeaf, RosAction):
     """Sends a goal to an action server of ROS 2, and waits for the result: SUCCESS if the goal succeeded.
 
     `type` names the action, and `goal` holds its goal. In the JSON a text "{key}" stands for the entry `key`
@@ -108,12 +112,12 @@ class RosActionCall(_ByName, RosAction):
         """Return the ports."""
         return [
             _type_port("nav2_msgs/action/NavigateToPose"),
-            _message_port("goal", "the goal"),
-            _output("result", "the result"),
-            _field_port("result_field", "result"),
-            _output("feedback", "the newest feedback"),
-            _field_port("feedback_field", "feedback"),
-            _error_output("why the goal failed, or an empty text"),
+            message_input("goal", "the goal"),
+            output_port("result", "the result"),
+            field_input("result_field", "result"),
+            output_port("feedback", "the newest feedback"),
+            field_input("feedback_field", "feedback"),
+            error_output("why the goal failed, or an empty text"),
         ]
 
     @staticmethod
@@ -151,7 +155,7 @@ class RosActionCall(_ByName, RosAction):
         return self.complete(self.error_message)
 
 
-class RosServiceCall(_ByName, RosService):
+class RosServiceCall(NoCodeLeaf, RosService):
     """Calls a service of ROS 2, and waits for the response.
 
     `type` names the service, and `request` holds its request. In the JSON a text "{key}" stands for the entry
@@ -177,10 +181,10 @@ class RosServiceCall(_ByName, RosService):
         """Return the ports."""
         return [
             _type_port("std_srvs/srv/SetBool"),
-            _message_port("request", "the request"),
-            _output("response", "the response"),
-            _field_port("response_field", "response"),
-            _error_output("why the call failed, or an empty text"),
+            message_input("request", "the request"),
+            output_port("response", "the response"),
+            field_input("response_field", "response"),
+            error_output("why the call failed, or an empty text"),
         ]
 
     @staticmethod
@@ -215,7 +219,7 @@ class RosServiceCall(_ByName, RosService):
         return self.complete(self.error_message)
 
 
-class _TopicLeaf(_ByName, StatefulAction):
+class _TopicLeaf(NoCodeLeaf, StatefulAction):
     """What the leaves with a topic have in common: its name, type and quality of service."""
 
     topic_name: Annotated[In[str], "the topic; default: the instance name"] = ""
@@ -274,8 +278,8 @@ class RosTopicPublish(_TopicLeaf):
         """Return the ports."""
         return [
             _type_port("geometry_msgs/msg/Twist"),
-            _message_port("message", "the message"),
-            _error_output("why no subscriber gets the message, or an empty text"),
+            message_input("message", "the message"),
+            error_output("why no subscriber gets the message, or an empty text"),
         ]
 
     @staticmethod
@@ -338,7 +342,7 @@ class _Newest:
     """The newest message of a topic, and the time (ns) at which it arrived."""
 
     def __init__(self, now: Callable[[], int]) -> None:
-        self.subscription: Any = None
+        self.parts: tuple[Any, ...] = ()
         self.message: Any = None
         self.stamp = 0
         self.waiting: set[RosTopicRead] = set()
@@ -374,9 +378,9 @@ class RosTopicRead(_TopicLeaf):
         """Return the ports."""
         return [
             _type_port("sensor_msgs/msg/BatteryState"),
-            _output("message", "the message, or its field"),
-            _field_port("field", "message"),
-            _error_output("why there is no message, or an empty text"),
+            output_port("message", "the message, or its field"),
+            field_input("field", "message"),
+            error_output("why there is no message, or an empty text"),
         ]
 
     @staticmethod
@@ -400,7 +404,7 @@ class RosTopicRead(_TopicLeaf):
         newest = _Newest(self.session.clock.now)
         # The default callbacks log incompatible publishers, which why_silent() describes.
         callbacks = SubscriptionEventCallbacks(use_default_callbacks=False)
-        newest.subscription = self.session.node.create_subscription(
+        subscription = self.session.node.create_subscription(
             self._message_type,
             name,
             newest.take,
@@ -408,6 +412,7 @@ class RosTopicRead(_TopicLeaf):
             callback_group=self.session.callback_group,
             event_callbacks=callbacks,
         )
+        newest.parts = (subscription,)
         return newest
 
     def on_start(self) -> Status:

@@ -14,7 +14,7 @@ CHECK_NS: Final = NS_PER_S
 """The time (ns, tree's clock) between two checks: whether the server still exists, and has answered."""
 
 FOLLOW_UP_S: Final = 30
-"""How long (s, tree's clock) a cancelled goal is watched for its outcome."""
+"""How long (s, session's clock) a goal is watched after it was cancelled or its server has disappeared."""
 
 FEEDBACK_LIMIT: Final = 1000
 """How many messages of feedback are kept for the leaf; older messages are dropped."""
@@ -45,6 +45,9 @@ class ClientGoal:
     and the request of the result are repeated every second until they are answered. The outcome of the
     cancellation is logged once.
 
+    A goal whose server has disappeared is lost. If the server is visible again within `FOLLOW_UP_S`, as after
+    a failure of the network, the goal is cancelled, because the server may still work on it.
+
     Args:
         session: The session.
         client: The `rclpy.action.ActionClient`, whose server is ready.
@@ -59,7 +62,7 @@ class ClientGoal:
         status: The state of the goal.
         feedback: The messages of feedback that the leaf has not taken yet, oldest first.
         result: The result message, or None before the goal has ended.
-        lost: Whether the server has disappeared, or no longer knows the goal.
+        lost: Whether the server has disappeared, or no longer knows the goal. It stays true.
         cancel_requested: Whether `cancel` was called.
     """
 
@@ -91,6 +94,7 @@ class ClientGoal:
         self._open_cancellations: list[Any] = []  # those whose answers were not read
         self._is_cancellation_known = False
         self._is_unknown = False  # to the server, when it last answered a cancellation
+        self._is_watched = True
         self._server_count = 0
         self._next_check = session.clock.now() + CHECK_NS
         self._follow_until = 0
@@ -110,14 +114,18 @@ class ClientGoal:
         """Request the server to end the goal, and return at once. The outcome is logged."""
         if self.done or self.cancel_requested:
             return
+        self._session.unfinished.add(self)
+        self._follow_up()
+        if self._handle is not None:
+            self._send_cancellation()
+
+    def _follow_up(self) -> None:
+        """Watch the goal, which the leaf no longer needs, until it is cancelled."""
         self.cancel_requested = True
         now = self._session.clock.now()
         self._next_check = now + CHECK_NS
-        self._session.unfinished.add(self)
-        self._on_progress = _do_nothing
         self._follow_until = now + FOLLOW_UP_S * NS_PER_S
-        if self._handle is not None:
-            self._send_cancellation()
+        self._on_progress = _do_nothing
 
     def _take_feedback(self, message: Any) -> None:
         if not self.cancel_requested:
@@ -131,10 +139,10 @@ class ClientGoal:
         else:
             self._read_results()
         answered = next((future for future in self._open_cancellations if future.done()), None)
-        if not self.done and answered is not None:
+        if self._is_watched and answered is not None:
             self._open_cancellations.remove(answered)
             self._read_cancellation(answered.result())
-        if not self.done:
+        if self._is_watched:
             self._check(self._session.clock.now())
 
     def _accept(self, handle: Any) -> None:
@@ -208,7 +216,7 @@ class ClientGoal:
         elif now >= self._next_check:
             self._next_check = now + CHECK_NS
             if not self._client.server_is_ready():
-                self._lose()
+                self._miss_server()
                 return
             if self.cancel_requested and not self._is_cancellation_known:
                 self._send_cancellation()
@@ -220,7 +228,7 @@ class ClientGoal:
 
     def _give_up(self) -> None:
         """Stop watching a cancelled goal that has not ended."""
-        if self._handle is None and self._is_unknown:
+        if self.lost or (self._handle is None and self._is_unknown):
             self._lose()
             return
         log.warning(
@@ -232,6 +240,14 @@ class ClientGoal:
             "answered" if self._handle is None else "ended",
         )
         self._stop_watching()
+
+    def _miss_server(self) -> None:
+        """Report that the server has disappeared; cancel the goal if the server is visible again."""
+        if not self.lost:
+            self.lost = True
+            self._session.unfinished.discard(self)
+            self._on_progress()
+            self._follow_up()
 
     def _lose(self) -> None:
         """End the watch of a goal whose server has disappeared or does not know the goal."""
@@ -252,17 +268,18 @@ class ClientGoal:
 
     def _finish(self) -> None:
         if self.cancel_requested:
-            if self.lost:
-                outcome = "its server disappeared, or does not know it"
-            elif self.accepted is False:
+            if self.accepted is False:
                 outcome = "the server had rejected it"
-            else:
+            elif self.status in ENDED:
                 outcome = f"it ended as {self.status.name}"
+            else:
+                outcome = "its server disappeared, or does not know it"
             log.info("%s: the goal on '%s' was cancelled: %s", self._sender, self._server, outcome)
         self._stop_watching()
         self._on_progress()
 
     def _stop_watching(self) -> None:
+        self._is_watched = False
         self._session.unfinished.discard(self)
         self._ignore()
         self._ignore = self._session.after_drain(self._forget)

@@ -77,9 +77,10 @@ class _Topic:
     def __init__(self, session: RosSession, message_type: Any, name: str, qos: Any) -> None:
         self.message: Any = None
         self.count = 0
-        self.subscription = session.node.create_subscription(
+        subscription = session.node.create_subscription(
             message_type, name, self._take, qos, callback_group=session.callback_group
         )
+        self.parts = (subscription,)
 
     def _take(self, message: Any) -> None:
         self.message = message

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from btcore import Clock
+from btcore.clock import NS_PER_MS
 from btcore_robot.navigation.action import ENDED, GoalHandle
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.navigate_goal import NavigateGoal
@@ -28,11 +29,15 @@ from btcore_ros2.nav2.conversions import (
 from btcore_ros2.nav2.handles import NamedClient, Nav2GoalHandle, Nav2RequestHandle
 from btcore_ros2.nav2.pose_listener import PoseListener
 from btcore_ros2.nav2.service_requests import service_of, write_request
+from btcore_ros2.parameters import declare_parameter
 from btcore_ros2.session import RosSession
 
 RECOVERIES = ("spin", "backup", "drive_on_heading", "wait", "assisted_teleop")
 CANCEL_AGE_NS = 10_000_000
 """The age (ns) from which on `cancel_goals` cancels a goal, as in Nav2."""
+
+DISCOVERY_MS = 5000
+"""The default of the ROS parameter `wait_for_service_timeout`, which has the name and unit of Nav2's."""
 
 log = logging.getLogger(__name__)
 
@@ -47,6 +52,11 @@ class Nav2Client(NavigationServers):
 
     Attributes:
         clock: The clock for trees.
+        discovery_ns: The time (ns) after the creation of a client in which its server may appear, by default
+            that of the ROS parameter `wait_for_service_timeout`.
+
+    Raises:
+        RosError: The ROS parameter is not an integer.
     """
 
     goal_tolerance = 0.25
@@ -54,6 +64,7 @@ class Nav2Client(NavigationServers):
     def __init__(self, session: RosSession) -> None:
         self.clock: Clock = session.clock
         self._session = session
+        self.discovery_ns = _discovery_ms(session.node) * NS_PER_MS
         self._clients: dict[tuple[Any, str], NamedClient] = {}
         self._last_goals: dict[str, AnyGoalHandle] = {}
         self._listener = PoseListener(session)
@@ -80,7 +91,9 @@ class Nav2Client(NavigationServers):
                 client = ActionClient(
                     self._session.node, kind, server, callback_group=self._session.callback_group
                 )
-                named = self._clients[kind, server] = NamedClient(client, server, client.server_is_ready)
+                named = self._clients[kind, server] = NamedClient(
+                    client, server, client.server_is_ready, self.discovery_ns
+                )
             handle: AnyGoalHandle = Nav2GoalHandle(self._session, named, goal, converter)
         except RosError as error:
             handle = GoalHandle(goal)
@@ -186,7 +199,9 @@ class Nav2Client(NavigationServers):
         named = self._clients.get((kind, name))
         if named is None:
             client = self._session.node.create_client(kind, name, callback_group=self._session.callback_group)
-            named = self._clients[kind, name] = NamedClient(client, name, client.service_is_ready)
+            named = self._clients[kind, name] = NamedClient(
+                client, name, client.service_is_ready, self.discovery_ns
+            )
         return Nav2RequestHandle(self._session, named, request, message)
 
     def _newest(
@@ -218,6 +233,14 @@ class Nav2Client(NavigationServers):
         self._session.node.create_subscription(
             kind, topic, take, profile, callback_group=self._session.callback_group
         )
+
+
+def _discovery_ms(node: Any) -> int:
+    """Return the ROS parameter `wait_for_service_timeout` (ms), which another client may have declared."""
+    name = "wait_for_service_timeout"
+    if node.has_parameter(name):
+        return int(node.get_parameter(name).value)
+    return int(declare_parameter(node, name, DISCOVERY_MS))
 
 
 def _read_odometry(message: Any) -> Odometry:

@@ -6,7 +6,6 @@ from typing import Any
 
 from btcore_robot.navigation.action import ActionResult, GoalHandle, GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.robot import NS_PER_S
 from btcore_ros2.errors import RosError
 from btcore_ros2.leaves.endpoint import SETTLING_NS
 from btcore_ros2.leaves.goal import ClientGoal
@@ -14,12 +13,6 @@ from btcore_ros2.leaves.visible_names import hint_for_action, hint_for_service
 from btcore_ros2.nav2.conversions import ActionConverter
 from btcore_ros2.nav2.service_requests import read_response
 from btcore_ros2.session import RosSession
-
-DISCOVERY_NS = 5 * NS_PER_S
-"""The time (ns) after the creation of a client in which its server may appear.
-
-Afterwards, a server that is missing counts as absent, and only the time-out of the node remains.
-"""
 
 
 class NamedClient:
@@ -29,19 +22,23 @@ class NamedClient:
         client: The client.
         name: The name of the server.
         is_visible: Returns whether the server is visible.
+        discovery_ns: The time (ns) in which the server may appear. Afterwards, a server that is missing
+            counts as absent, and only the time-out of the node remains.
 
     Attributes:
         client: The client.
         name: The name of the server.
         created: The time (ns, of `time.monotonic_ns`) when this object was created.
         is_visible: Returns whether the server is visible.
+        discovery_ns: The time (ns) in which the server may appear.
     """
 
-    def __init__(self, client: Any, name: str, is_visible: Callable[[], bool]) -> None:
+    def __init__(self, client: Any, name: str, is_visible: Callable[[], bool], discovery_ns: int) -> None:
         self.client = client
         self.name = name
         self.created = time.monotonic_ns()
         self.is_visible = is_visible
+        self.discovery_ns = discovery_ns
         self._appeared: int | None = None
 
     def is_ready(self) -> bool:
@@ -65,7 +62,7 @@ class _SessionHandle(GoalHandle[Any, Any, Any]):
         self._client = named.client
         self._name = named.name
         self._began = time.monotonic_ns()
-        self.discovery_ns = max(0, named.created + DISCOVERY_NS - self._began)
+        self.discovery_ns = max(0, named.created + named.discovery_ns - self._began)
         self._stop_watching: Callable[[], None] | None = None
 
     @property

@@ -3,11 +3,13 @@
 import logging
 from typing import Any
 
-from btcore_robot.robot import Pose2D, TransformStamped
+from btcore_robot.robot import Pose2D
 from btcore_robot.transforms import TransformError, TransformTree
 from btcore_ros2.errors import RosError
-from btcore_ros2.nav2.conversions import MAP, pose_from_message, time_to_ns
+from btcore_ros2.interfaces import MissingPackageError
+from btcore_ros2.nav2.conversions import MAP, pose_from_message
 from btcore_ros2.session import RosSession
+from btcore_ros2.transform_listener import TransformListener
 
 BASE_FRAMES = ("base_footprint", "base_link")
 """The names of the robot's frame; the first that exists is used."""
@@ -30,32 +32,25 @@ class PoseListener:
     """
 
     def __init__(self, session: RosSession) -> None:
-        from rclpy.qos import DurabilityPolicy, QoSProfile
-
         self.transforms = TransformTree()
         self._pose: Pose2D | None = None
-        self._warned = False
-        latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node, group = session.node, session.callback_group
         try:
-            from tf2_msgs.msg import TFMessage
-        except ModuleNotFoundError:
+            self.transforms = TransformListener(session).transforms
+        except MissingPackageError:
             from geometry_msgs.msg import PoseWithCovarianceStamped
+            from rclpy.qos import DurabilityPolicy, QoSProfile
 
             log.warning(
                 "the package tf2_msgs is missing (generate it: btcore ros2 messages FOLDER): "
                 "the robot's pose is read from the topic amcl_pose, which changes rarely"
             )
-            node.create_subscription(
-                PoseWithCovarianceStamped, "amcl_pose", self._take_pose, latched, callback_group=group
+            session.node.create_subscription(
+                PoseWithCovarianceStamped,
+                "amcl_pose",
+                self._take_pose,
+                QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+                callback_group=session.callback_group,
             )
-            return
-        node.create_subscription(
-            TFMessage, "/tf", lambda message: self._take(message, False), 100, callback_group=group
-        )
-        node.create_subscription(
-            TFMessage, "/tf_static", lambda message: self._take(message, True), latched, callback_group=group
-        )
 
     def pose(self) -> Pose2D | None:
         """Return the robot's newest pose in the frame map, or None if it is unknown."""
@@ -71,23 +66,3 @@ class PoseListener:
             self._pose = pose_from_message(message.pose.pose)
         except RosError as error:
             log.warning("amcl_pose: %s", error)
-
-    def _take(self, message: Any, static: bool) -> None:
-        for stamped in message.transforms:
-            position, turn = stamped.transform.translation, stamped.transform.rotation
-            frame = TransformStamped(
-                stamped.child_frame_id.lstrip("/"),
-                stamped.header.frame_id.lstrip("/"),
-                (position.x, position.y, position.z),
-                (turn.x, turn.y, turn.z, turn.w),
-                time_to_ns(stamped.header.stamp),
-            )
-            try:
-                if static:
-                    self.transforms.set_static(frame)
-                else:
-                    self.transforms.set(frame)
-            except TransformError as error:
-                if not self._warned:
-                    log.warning("a transform of tf is ignored: %s", error)
-                self._warned = True

@@ -12,6 +12,7 @@ from btcore_ros2.errors import RosError
 from btcore_ros2.robot.bag_time import BagMessage, BagTime
 from btcore_ros2.robot.command_comparison import CommandComparison
 from btcore_ros2.robot.description import FrameSources, RosRobotDescription, TopicSource
+from btcore_ros2.robot.stamps import LateMessageError
 from btcore_ros2.robot.topic_robot import TopicRobot
 
 SUPERVISION_RATE = 20.0
@@ -249,6 +250,8 @@ class BagRobot(TopicRobot):
         message = self._reader.decode(topic, data)
         try:
             self._receivers[topic](message)
+        except LateMessageError:
+            return
         except RosError as error:
             raise RosError(f"{self._reader.path}: {topic}: {error}") from None
 

@@ -14,7 +14,7 @@ from btcore_robot.time_limits import ODOMETRY, is_stale
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.description import FrameSources, RosRobotDescription, TopicSource
 from btcore_ros2.robot.sim_time import SimTime
-from btcore_ros2.robot.stamps import StampConverter
+from btcore_ros2.robot.stamps import LateMessageError, StampConverter
 from btcore_ros2.robot.topic_report import DOMAIN_HINT, has_other_type, sees_others, takes, topic_problem
 from btcore_ros2.robot.topic_robot import TopicRobot
 from btcore_ros2.robot.velocity import STANDING, VelocityPublishers
@@ -35,12 +35,32 @@ SHAPES_WAIT = 1.0
 
 @dataclass(slots=True)
 class _Watch:
-    """A topic from which messages are expected: the time *arrival* (ns) of the last message."""
+    """A topic from which messages are expected.
+
+    Attributes:
+        topic: The name of the topic.
+        kind: The class of the messages.
+        timeout: The longest time (s) without a new message; None = no limit.
+        arrival: The time (ns) at which the last new message arrived.
+        stamp: The stamp of that message.
+        repeats: Whether messages with the same stamp, or with older stamps, have arrived since.
+    """
 
     topic: str
     kind: type
     timeout: float | None
     arrival: int = -1
+    stamp: Any = None
+    repeats: bool = False
+
+    def note(self, message: Any, now: int) -> None:
+        """Note the arrival of *message* at *now* (ns), unless the message is a repetition."""
+        if self.timeout is not None:
+            stamp = message.header.stamp
+            self.repeats = stamp == self.stamp and bool(stamp.sec or stamp.nanosec)
+            self.stamp = stamp
+        if not self.repeats:
+            self.arrival = now
 
 
 class RosRobot(TopicRobot):
@@ -75,6 +95,7 @@ class RosRobot(TopicRobot):
         self._watches_shapes = False
         self._camera_limit: int | None = None
         self._stopped_by_clock = False
+        self._may_miss_clock = False
         try:
             self._time = self._choose_time()
             self._publishers = VelocityPublishers(
@@ -187,6 +208,7 @@ class RosRobot(TopicRobot):
             clock = self._node.resolve_topic_name("/clock")
             wanted = session.wait_for(lambda: self._node.count_publishers(clock), search)
         self._stamps = StampConverter(shared=bool(wanted))
+        self._may_miss_clock = self.description.use_sim_time is None and not wanted
         if not wanted:
             assert isinstance(session.clock, RosClock)
             return session.clock.schedule
@@ -281,11 +303,14 @@ class RosRobot(TopicRobot):
         self._watches.append(watch)
 
         def received(message: Any) -> None:
-            watch.arrival = self._time.now()
             try:
                 receive(message)
+            except LateMessageError:
+                watch.repeats = True
+                return
             except RosError as error:
                 self._fail(f"{watch.topic}: {error}")
+            watch.note(message, self._time.now())
 
         self._node.create_subscription(
             kind, source.topic, received, qos, callback_group=self._session.callback_group
@@ -368,6 +393,13 @@ class RosRobot(TopicRobot):
         if self._failure is not None:
             raise RosError(self._failure)
         self._velocity.expire(now)
+        if self._may_miss_clock and self._node.count_publishers("/clock"):
+            self._may_miss_clock = False
+            _log.warning(
+                "/clock was found only after the start, and is not used: if the robot is simulated, run the "
+                "tree again, or set 'use_sim_time: true' in %s",
+                self.description.path,
+            )
         if self._camera_limit is not None and now > self._camera_limit:
             self._camera_limit = None
             self._warn_without_pictures()
@@ -395,12 +427,14 @@ class RosRobot(TopicRobot):
 
     def _silence(self, silent: Sequence[_Watch], now: int) -> str:
         parts = [
-            f"{watch.topic}: no message for {(now - watch.arrival) / NS_PER_S:.1f} s "
-            f"(limit {watch.timeout:g} s)"
+            f"{watch.topic}: no {'new ' if watch.repeats else ''}message for "
+            f"{(now - watch.arrival) / NS_PER_S:.1f} s (limit {watch.timeout:g} s)"
             for watch in silent
         ]
         everything = len(silent) == sum(watch.timeout is not None for watch in self._watches)
         cause = "the robot or the network is down" if everything else "its driver has stopped"
+        if any(watch.repeats for watch in silent):
+            cause = "its stamps do not advance, so a driver or a bridge repeats old messages"
         return f"{'; '.join(parts)}: {cause}"
 
     def _fail(self, reason: str) -> None:

@@ -9,6 +9,7 @@ from btcore_robot import time_limits
 from btcore_robot.robot import NS_PER_S
 from btcore_robot.schedule import RealTime
 from btcore_ros2.errors import RosError
+from btcore_ros2.robot.stamps import JUMP
 from btcore_ros2.session import RosSession
 
 POLL_INTERVAL_S = 0.001
@@ -17,7 +18,9 @@ POLL_INTERVAL_S = 0.001
 class SimTime(RealTime):
     """The time of the topic `/clock`, and the periodic tasks on it; ROS's `use_sim_time`.
 
-    The time is 0 before the first message. Tasks run only while a thread waits in `wait_until`.
+    The time is 0 before the first message. Tasks run only while a thread waits in `wait_until`. A message
+    that is older than an earlier one by at most `JUMP` is late, as over a bridge, and has no effect. While a
+    paused simulation repeats its time, waiting goes on without a limit.
 
     Args:
         session: The ROS node.
@@ -37,7 +40,7 @@ class SimTime(RealTime):
 
         self._session = session
         self._now = 0
-        self._advanced = time.monotonic_ns()
+        self._advanced = self._heard = time.monotonic_ns()
         self._stands = False
         self._on_standstill = on_standstill
         self._jump = 0
@@ -59,12 +62,12 @@ class SimTime(RealTime):
 
     def _receive(self, message: Any) -> None:
         now = message.clock.sec * NS_PER_S + message.clock.nanosec
-        if now < self._now:
+        self._heard = time.monotonic_ns()
+        if now < self._now - JUMP:
             self._jump = max(self._jump, self._now - now)
         elif now > self._now:
-            # A paused simulation may repeat its time.
             self._now = now
-            self._advanced = time.monotonic_ns()
+            self._advanced = self._heard
             if self._stands:
                 self._stands = False
                 self._on_standstill(False)
@@ -73,21 +76,22 @@ class SimTime(RealTime):
         """Check that the time advances.
 
         Raises:
-            RosError: The time jumped back, or has not advanced for `time_limits.CLOCK_SILENCE`.
+            RosError: The time jumped back, or no message has arrived for `time_limits.CLOCK_SILENCE`.
         """
         if self._jump:
             raise RosError(
                 f"{self._subscription.topic_name} jumped back by {self._jump / NS_PER_S:.1f} s: "
                 "the simulation was reset; run the tree again"
             )
-        age = (time.monotonic_ns() - self._advanced) / NS_PER_S
-        if age > time_limits.CLOCK and not self._stands:
+        now = time.monotonic_ns()
+        if now - self._advanced > time_limits.CLOCK * NS_PER_S and not self._stands:
             self._stands = True
             self._on_standstill(True)
-        if age > time_limits.CLOCK_SILENCE:
+        silence = (now - self._heard) / NS_PER_S
+        if silence > time_limits.CLOCK_SILENCE:
             raise RosError(
-                f"{self._subscription.topic_name}: the time has not advanced for {age:.1f} s: the simulation "
-                "has stopped or is paused, or the network is down"
+                f"{self._subscription.topic_name}: no message for {silence:.1f} s: the simulation has "
+                "stopped or is paused, or the network is down"
             )
 
     def _rest(self, moment: int, wake: threading.Event) -> bool:

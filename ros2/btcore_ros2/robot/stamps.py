@@ -17,13 +17,18 @@ class ClockJumpError(RosError):
     """Raised when the clock of a robot jumped, so that its stamps cannot be related any longer."""
 
 
+class LateMessageError(RosError):
+    """Raised for a message that arrived after a newer message of the same source, as over a bridge."""
+
+
 class StampConverter:
     """Converts the stamps of a robot's messages to the clock of this process.
 
     The robot's stamps are those of another machine, with an unknown offset. A message arrives after its
     measurement, so the smallest difference between arrival and stamp within the last minute is the best
     estimate of the offset. Converted stamps are never later than the arrival and, for each key, never
-    decrease.
+    decrease. A message that is older than an earlier one by at most `JUMP` is late, otherwise the clock has
+    jumped back.
 
     Args:
         shared: Whether the stamps are of our clock already, as with `use_sim_time`.
@@ -48,10 +53,14 @@ class StampConverter:
 
         Raises:
             ClockJumpError: The robot's clock jumped by more than `JUMP`.
+            LateMessageError: A newer message of the same source was converted before.
         """
         before, converted_before = self._newest.get(key, (stamp, 0))
-        if stamp and stamp < before - JUMP:
-            raise ClockJumpError(f"its stamps jumped back by {(before - stamp) / NS_PER_S:.1f} s")
+        if stamp and stamp < before:
+            age = (before - stamp) / NS_PER_S
+            if before - stamp > JUMP:
+                raise ClockJumpError(f"its stamps jumped back by {age:.1f} s")
+            raise LateMessageError(f"a message that is {age:.3f} s older than the newest")
         if not stamp:
             converted = arrival
         elif self._shared:
@@ -59,7 +68,7 @@ class StampConverter:
         else:
             converted = stamp + self._offset(arrival - stamp, arrival)
         converted = max(converted, converted_before)
-        self._newest[key] = max(stamp, before), converted
+        self._newest[key] = stamp or before, converted
         return converted
 
     def _offset(self, difference: int, arrival: int) -> int:

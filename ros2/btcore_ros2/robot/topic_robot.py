@@ -40,7 +40,7 @@ from btcore_ros2.robot.conversions import (
 from btcore_ros2.robot.description import RosRobotDescription
 from btcore_ros2.robot.frames import FOOTPRINT, FrameStore, pose_of
 from btcore_ros2.robot.scene import RobotScene
-from btcore_ros2.robot.stamps import StampConverter
+from btcore_ros2.robot.stamps import LateMessageError, StampConverter
 from btcore_ros2.robot.urdf import UrdfJoint, read_shapes, read_urdf
 from btcore_ros2.robot.velocity import VelocityCommands, check_finite
 from btcore_scene import Frame, MovingScene, Part, StaticScene
@@ -235,7 +235,11 @@ class TopicRobot(Robot):
     # Messages
 
     def _converted(self, key: object, stamp: Any) -> int:
-        """Return the stamp of a message in our clock."""
+        """Return the stamp of a message in our clock.
+
+        Raises:
+            RosError: The message is late, or the robot's clock has jumped; see `StampConverter.convert`.
+        """
         return self._stamps.convert(key, stamp.sec * NS_PER_S + stamp.nanosec, self.clock.now())
 
     def _receive_scan(self, message: Any) -> None:
@@ -271,7 +275,10 @@ class TopicRobot(Robot):
     def _receive_tf(self, message: Any, static: bool) -> None:
         for transform in message.transforms:
             child = transform.child_frame_id
-            stamp = None if static else self._converted(("tf", child), transform.header.stamp)
+            try:
+                stamp = None if static else self._converted(("tf", child), transform.header.stamp)
+            except LateMessageError:
+                continue
             self._frames.set(child, transform.header.frame_id, pose_of(transform.transform), stamp)
 
     def _receive_joints(self, message: Any) -> None:

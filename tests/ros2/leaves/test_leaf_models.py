@@ -13,13 +13,16 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rclpy")
+pytest.importorskip("tf2_msgs")
 
 from action_msgs.srv import CancelGoal
+from geometry_msgs.msg import TransformStamped
 from rclpy.action import ActionClient, ActionServer
 from rclpy.client import Client
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 from test_msgs.action import Fibonacci, NestedMessage
+from tf2_msgs.msg import TFMessage
 
 import btcore
 from btcore import Status
@@ -299,11 +302,61 @@ def read_schedule(stage: Stage) -> None:
     assert stage.tick() is FAILURE
 
 
+def look_up_schedule(stage: Stage, attributes: str, **entries: object) -> None:
+    """Run a leaf that looks up the frame `base` in `map`: unknown, known, and too old."""
+    stage.load(f'{attributes} timeout="{{timeout}}" max_age="0.5"', timeout=SERVER_MS, **entries)
+    publisher = stage.other.node.create_publisher(TFMessage, "/tf", 10)
+    stage.wait_for(publisher.get_subscription_count)
+    assert stage.tick() is RUNNING
+    stage.halt()
+    assert stage.tick() is RUNNING
+    stage.pass_time()
+    assert stage.tick() is FAILURE
+    assert "no frame is known yet" in stage.error
+    assert stage.tick() is RUNNING
+    transform = TransformStamped(child_frame_id="base")
+    transform.header.frame_id, transform.header.stamp.sec = "map", 1
+    publisher.publish(TFMessage(transforms=[transform]))
+    stage.tick_until(SUCCESS)
+    assert stage.tick() is SUCCESS  # at once
+    stage.pass_time()
+    assert stage.tick() is RUNNING
+    stage.pass_time()
+    assert stage.tick() is FAILURE
+    assert "max_age" in stage.error
+    stage.tree.blackboard["timeout"] = 0
+    assert stage.tick() is FAILURE  # at once
+
+
+def read_transform_schedule(stage: Stage) -> None:
+    """Run RosTransformRead."""
+    look_up_schedule(stage, 'child="base"')
+
+
+def transform_pose_schedule(stage: Stage) -> None:
+    """Run RosPoseTransform."""
+    look_up_schedule(stage, 'pose="{pose}"', pose={"header": {"frame_id": "base"}})
+
+
+def publish_transform_schedule(stage: Stage) -> None:
+    """Run RosTransformPublish: with a pose, and with numbers that are no pose."""
+    heard: list[Any] = []
+    stage.other.node.create_subscription(TFMessage, "/tf", heard.append, 10)
+    stage.load('child="box" pose="{pose}"', pose={"header": {"frame_id": "base"}})
+    stage.wait_for(lambda: stage.tick() is SUCCESS and heard)
+    stage.tree.blackboard["pose"] = {"pose": {"position": {"x": "nan"}}}
+    assert stage.tick() is FAILURE
+    assert "not finite" in stage.error
+
+
 SCHEDULES = {
     "RosActionCall": action_schedule,
     "RosServiceCall": service_schedule,
     "RosTopicPublish": publish_schedule,
     "RosTopicRead": read_schedule,
+    "RosTransformRead": read_transform_schedule,
+    "RosPoseTransform": transform_pose_schedule,
+    "RosTransformPublish": publish_transform_schedule,
 }
 
 

@@ -99,6 +99,14 @@ def test_misspelt_field_is_marked_in_its_line(tmp_path: Path) -> None:
             "3 text\" E202 the port 'field' of <RosTopicRead>: std_msgs/String has no field 'text'; fields",
         ),
         (
+            """<RosTransformRead child="base" field="pose.x" result="{x}"/>""",
+            "3 pose.x\" E202 the port 'field' of <RosTransformRead>: geometry_msgs/Pose has no field 'x'",
+        ),
+        (
+            """<RosPoseTransform pose='json:{"pose": {"position": {"x": "far"}}}'/>""",
+            "3 \"far\"}}}'/> E202 the port 'pose' of <RosPoseTransform>: pose.pose.position.x: 'far' is not",
+        ),
+        (
             """<RosTopicRead type="std_msgs/String" qos="sensor"/>""",
             "3 sensor\"/> E202 the port 'qos' of <RosTopicRead>",
         ),

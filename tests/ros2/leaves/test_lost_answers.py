@@ -168,3 +168,22 @@ def test_goal_that_goes_on_after_its_cancellation_is_reported(
     bench.wait_for(lambda: goal.cancel_requested)
     bench.follow_up()
     assert f"'{bench.name}' has not ended the goal; it may still work on it" in caplog.text
+
+
+def test_goal_of_a_server_that_is_visible_again_is_cancelled(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    bench.start()
+    goal = bench.accepted()
+    (leaf,) = bench.tree
+    bench.wait_for(lambda: bench.tree.tick_once() and leaf._goal.accepted)
+    with monkeypatch.context() as outage:
+        outage.setattr(leaf._endpoint.get(), "server_is_ready", lambda: False)
+        bench.wait_for(lambda: bench.tree.tick_once() is Status.FAILURE)
+    assert "disappeared while it worked on the goal" in leaf.error_message
+    assert not goal.cancel_requested
+    assert not bench.session.unfinished
+    bench.wait_for(lambda: goal.cancel_requested)
+    goal.canceled()
+    bench.wait_for(lambda: "was cancelled: it ended as CANCELED" in caplog.text)

@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 import textwrap
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,16 +12,23 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("nav2_msgs")
 
-from btcore import Status
+from geometry_msgs.msg import TransformStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
+
+import btcore
+from btcore import Registry, Status
+from btcore_robot.leaves.navigate import Move
 from btcore_robot.navigation.action import GoalStatus
 from btcore_robot.navigation.error_codes import Nav2ErrorCode
 from btcore_robot.navigation.nodes import action_node
 from btcore_robot.navigation.nodes.action_node import MIN_ACCEPTANCE_MS
 from btcore_robot.navigation.path import NavPath
-from btcore_robot.robot import Pose2D
-from btcore_ros2.nav2 import handles
+from btcore_robot.robot import Pose2D, Robot
+from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.client import Nav2Client
 from btcore_ros2.nav2.nodes import Route
+from btcore_ros2.nav2.pose_listener import PoseListener
 from btcore_ros2.session import RosSession
 from tests.ros2.nav2.conftest import LIMIT
 
@@ -149,7 +157,7 @@ def test_a_rejected_goal_is_a_failure(bench):
 
 @pytest.mark.usefixtures("impatient")
 def test_a_missing_server_is_a_failure_after_the_time_out(bench, caplog, monkeypatch):
-    monkeypatch.setattr(handles, "DISCOVERY_NS", 0)
+    monkeypatch.setattr(bench.client, "discovery_ns", 0)
     tree = bench.tree(SPIN.format("hagn"))
     began = bench.session.clock.now()
     assert bench.run(tree) is Status.FAILURE
@@ -199,6 +207,34 @@ def test_a_server_that_starts_late_gets_the_goal(bench):
             assert bench.run(tree) is Status.SUCCESS
         finally:
             process.kill()
+
+
+def test_the_time_for_the_discovery_of_a_server_is_a_parameter():
+    with RosSession("patient", arguments=["-p", "wait_for_service_timeout:=25000"]) as session:
+        assert [Nav2Client(session).discovery_ns for _ in range(2)] == [25_000_000_000] * 2
+        client = Nav2Client(session)
+        handle = client.go_to(AHEAD)
+        assert handle.discovery_ns > 20_000_000_000
+        handle.cancel()
+    wrong, message = ["-p", "wait_for_service_timeout:=soon"], "timeout has to be an integer, not 'soon'"
+    with RosSession("wrong", arguments=wrong) as session, pytest.raises(RosError, match=message):
+        Nav2Client(session)
+
+
+def test_move_waits_for_the_discovery_of_the_navigator():
+    nodes = Registry.standard()
+    nodes.add(Move)
+    move = '<Move goal="{goal}" error="{why}"/>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{move}</BehaviorTree></root>'
+    with RosSession("alone", arguments=["-r", "__ns:=/nowhere"]) as session:
+        client, robot = Nav2Client(session), Mock(spec=Robot, clock=session.clock)
+        client.discovery_ns = 300_000_000
+        tree = btcore.loads(text, nodes=nodes, resources=[client, robot], clock=session.clock)
+        tree.blackboard["goal"] = AHEAD
+        began = session.clock.now()
+        assert tree.tick_while_running(period=0.01) is Status.FAILURE
+        assert session.clock.now() - began >= 1_300_000_000
+    assert tree.blackboard["why"].startswith("no action server 'navigate_to_pose'")
 
 
 def test_a_server_that_ends_aborts_its_goal(bench):
@@ -372,7 +408,7 @@ def test_a_service_that_reports_a_failure_is_a_failure(bench):
     ],
 )
 def test_a_service_that_does_not_answer_is_a_failure(bench, caplog, monkeypatch, service, message):
-    monkeypatch.setattr(handles, "DISCOVERY_NS", 0)
+    monkeypatch.setattr(bench.client, "discovery_ns", 0)
     assert bench.run(bench.tree(f'<ClearEntireCostmap service_name="{service}"/>')) is Status.FAILURE
     assert message in caplog.text
 
@@ -393,6 +429,31 @@ def test_the_pose_comes_from_tf(bench):
     assert bench.run(bench.tree('<TransformAvailable parent="map" child="base_link"/>')) is Status.SUCCESS
     assert bench.run(bench.tree('<GoalReached goal="1.1;2"/>')) is Status.SUCCESS
     assert bench.run(bench.tree('<GoalReached goal="2;2"/>')) is Status.FAILURE
+
+
+def test_the_pose_is_new_after_a_jump_of_the_clock():
+    def transform(second, x, child="base_footprint", parent="odom"):
+        frame = TransformStamped(child_frame_id=child)
+        frame.header.frame_id, frame.header.stamp.sec = parent, second
+        frame.transform.translation.x = x
+        return frame
+
+    own_topics = ["-r", "/tf:=/reset_tf", "-r", "/tf_static:=/reset_tf_static"]
+    with RosSession("listener", arguments=own_topics) as session:
+        publisher = session.node.create_publisher(TFMessage, "/tf", 100)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        static = session.node.create_publisher(TFMessage, "/tf_static", latched)
+        static.publish(TFMessage(transforms=[transform(0, 10.0, "odom", "map")]))
+        listener = PoseListener(session)
+
+        def is_at(x, *frames):
+            publisher.publish(TFMessage(transforms=frames))
+            return session.wait_for(lambda: listener.pose() == Pose2D(x, 0.0, 0.0), LIMIT)
+
+        assert session.wait_for(publisher.get_subscription_count, LIMIT)
+        assert is_at(11.0, transform(100, 1.0))
+        assert is_at(12.0, transform(101, 2.0), transform(100, 1.0))  # the second is late
+        assert is_at(15.0, transform(3, 5.0))
 
 
 def test_a_selector_reads_its_latched_topic(bench):

@@ -42,6 +42,10 @@ class PointRobot(Node):
         self.stamped = False
         self.percentage = 0.75
         self.odd_ranges = False
+        self.paused = False  # simulated time stands still, and only /clock is published
+        self.repeating: list[str] = []  # topics on which the last message is repeated
+        self.disorder = False  # each message arrives twice, and then the message before it again
+        self.sent: dict[str, object] = {}
         for key, value in settings.items():
             setattr(self, key, value)
         self.pose = [0.0, 0.0, 0.0]
@@ -106,6 +110,10 @@ class PointRobot(Node):
         return time.monotonic_ns() + round(self.offset * SECOND)
 
     def step(self) -> None:
+        if self.paused:
+            self.shift += self.last - self.now()
+            self.send("/clock", self.last, lambda s: Clock(clock=s))
+            return
         stamp = self.now()
         seconds = min(max((stamp - self.last) / SECOND, 0.0), 0.1)
         self.last = stamp
@@ -136,7 +144,12 @@ class PointRobot(Node):
             return
         from builtin_interfaces.msg import Time
 
-        self.makers[topic].publish(make(Time(sec=stamp // SECOND, nanosec=stamp % SECOND)))
+        message, earlier = make(Time(sec=stamp // SECOND, nanosec=stamp % SECOND)), self.sent.get(topic)
+        if topic in self.repeating:
+            message = earlier or message
+        self.sent[topic] = message
+        for each in (message, message, earlier or message) if self.disorder else (message,):
+            self.makers[topic].publish(each)
 
     def scan(self, stamp: object) -> LaserScan:
         ranges = [WALL] * 90

@@ -1,5 +1,6 @@
 """A robot that fails, or has other types: the error names the topic, and the robot is told to stop."""
 
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +18,7 @@ from btcore_ros2.session import RosSession
 from tests.ros2.robot.conftest import (
     DESCRIPTION,
     LIMIT,
+    PARTS,
     PointRobotProcess,
     describe,
     drive_until_error,
@@ -87,8 +89,39 @@ def test_odd_readings(session: RosSession, fresh_robot: PointRobotProcess, tmp_p
     assert robot.battery() is None
 
 
+def test_messages_that_arrive_twice_or_late_do_not_replace_newer_ones(
+    session: RosSession, fresh_robot: PointRobotProcess, tmp_path: Path
+) -> None:
+    process = fresh_robot
+    process.send(disorder=True)
+    robot = RosRobot(session, describe(tmp_path, DESCRIPTION + PARTS))
+    robot.lift(0.35)
+    places, heights, links = [], [], []
+    while robot.torso_height() < 0.2:
+        robot.drive(0.3, 0.0)
+        wait(robot, 0.01)
+        places.append(robot.odometry().pose.x)
+        heights.append(robot.torso_height())
+        links.append(next(each.position[2] for each in robot.frames() if each.child == "torso"))
+    for values in (places, heights, links):
+        assert values == sorted(values)
+        assert values[0] < values[-1]
+
+
+def test_old_message_that_is_repeated_counts_as_silence(
+    session: RosSession, fresh_robot: PointRobotProcess, tmp_path: Path
+) -> None:
+    text = DESCRIPTION.replace("topic: /odom, timeout: 20.0", "topic: /odom, timeout: 1.0")
+    robot = RosRobot(session, describe(tmp_path, text))
+    fresh_robot.send(repeating=["/odom"], disorder=True)
+    message = drive_until_error(robot)
+    assert message.startswith("/odom: no new message for 1.")
+    assert "its stamps do not advance, so a driver or a bridge repeats old messages" in message
+    assert stopped(fresh_robot, session)
+
+
 def test_robot_that_is_killed(session: RosSession, fresh_robot: PointRobotProcess, tmp_path: Path) -> None:
-    """The last test with this robot: afterwards there is none."""
+    """The last test with the robot of the module: afterwards there is none."""
     process = fresh_robot
     robot = RosRobot(session, describe(tmp_path, SHORT_LIMITS))
     process.process.kill()  # it stays visible for 20 s
@@ -119,3 +152,26 @@ def test_stamped_velocity(
             return bool(process.send()["twist"][0] > 0.05)
 
         assert own.wait_for(drives, LIMIT)
+
+
+def test_robot_that_is_found_late_and_started_again(
+    session: RosSession, start_robot: Callable[..., PointRobotProcess], tmp_path: Path
+) -> None:
+    """The first process is started while the robot is awaited."""
+    robots: list[PointRobotProcess] = []
+    late = threading.Timer(1.0, lambda: robots.append(start_robot()))
+    late.start()
+    robot = RosRobot(session, describe(tmp_path))
+    late.join()
+    wait(robot, 0.2)
+    robots[0].process.kill()
+    again = start_robot()
+
+    def drives() -> bool:
+        robot.drive(0.1, 0.0)
+        wait(robot, 0.05)
+        return bool(again.send()["twist"][0] > 0.05)
+
+    assert session.wait_for(drives, LIMIT)
+    wait(robot, 0.2)
+    assert robot.odometry().twist.v > 0.0

@@ -1,22 +1,37 @@
 """A robot whose clock is the topic /clock."""
 
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
 pytest.importorskip("tf2_msgs")
 
+from action_msgs.msg import GoalStatus
+
 from btcore_robot import time_limits
 from btcore_robot.robot import NS_PER_S
 from btcore_robot.testing import check_frames, check_info, check_scan, wait
+from btcore_ros2.errors import RosError
 from btcore_ros2.robot import ros_robot
 from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.robot.sim_time import SimTime
 from btcore_ros2.session import RosSession
+from btcore_ros2.tree_server import TreeServer
+from tests.ros2.action_client import ClientProcess
 from tests.ros2.robot.conftest import LIMIT, PointRobotProcess, describe, drive_until_error, stopped
+
+ENDLESS = """<root BTCPP_format="4"><BehaviorTree ID="Endless">
+    <Repeat num_cycles="-1"><Sleep msec="10"/></Repeat></BehaviorTree></root>"""
+
+
+def sleep_until(condition: Callable[[], Any]) -> None:
+    while not condition():
+        time.sleep(0.01)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +84,91 @@ def test_simulated_time_that_stops(
     robot = RosRobot(session, describe(tmp_path))
     process.send(silent=["/clock"])
     # The robot is stopped before the run ends, and without a call of `close`.
-    assert "/clock: the time has not advanced for 1." in drive_until_error(robot)
+    assert "/clock: no message for 1." in drive_until_error(robot)
     assert stopped(process, session)
     assert "the robot stands until it advances again" in caplog.text
     process.send(silent=[])
+
+
+def test_simulation_that_is_paused_goes_on(
+    session: RosSession,
+    process: PointRobotProcess,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(time_limits, "CLOCK_SILENCE", 2.0)
+    robot = RosRobot(session, describe(tmp_path))
+    robot.drive(0.1, 0.2)
+    process.send(paused=True)
+    end = threading.Timer(2.5, process.send, [], {"paused": False})
+    end.start()
+    before = robot.clock.now()
+    try:
+        wait(robot, 1.0)
+        while "the time on /clock advances again" not in caplog.text:
+            wait(robot, 0.1)
+    finally:
+        end.join()
+    assert "the robot stands until it advances again" in caplog.text
+    assert before < robot.clock.now() < before + LIMIT * NS_PER_S
+    assert stopped(process, session)
+
+
+def test_clock_in_wrong_order_is_no_jump(
+    session: RosSession, process: PointRobotProcess, tmp_path: Path
+) -> None:
+    process.send(disorder=True)
+    robot = RosRobot(session, describe(tmp_path))
+    start, times = robot.clock.now(), []
+    while robot.clock.now() < start + NS_PER_S:
+        wait(robot, 0.02)
+        times.append(robot.clock.now())
+    process.send(disorder=False)
+    assert times == sorted(times)
+
+
+def test_clock_that_is_found_late_is_reported(
+    session: RosSession,
+    process: PointRobotProcess,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(ros_robot, "CLOCK_SEARCH", 0.0)
+    monkeypatch.setattr(session.node, "count_publishers", lambda topic: topic != "/clock")
+    robot = RosRobot(session, describe(tmp_path))
+    monkeypatch.undo()
+    wait(robot, 0.2)
+    assert "/clock was found only after the start, and is not used" in caplog.text
+
+
+def test_tree_server_of_a_simulation_that_is_reset_ends(
+    session: RosSession, process: PointRobotProcess, tmp_path: Path
+) -> None:
+    pytest.importorskip("btcpp_ros2_interfaces")
+    file = tmp_path / "endless.xml"
+    file.write_text(ENDLESS)
+    robot = RosRobot(session, describe(tmp_path))
+    errors: list[str] = []
+    with TreeServer(session, [file], resources=[robot], action_name="reset", clock=robot.clock) as server:
+
+        def serve() -> None:
+            try:
+                server.run()
+            except RosError as error:
+                errors.append(str(error))
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        client = ClientProcess(sleep_until)
+        goal = client.send(
+            "reset", "btcpp_ros2_interfaces/action/ExecuteTree", {"target_tree": "Endless", "payload": ""}
+        )
+        process.send(shift=100 * NS_PER_S)
+        status, result = client.result(goal)
+        thread.join(LIMIT)
+        client.close()
+    assert status == GoalStatus.STATUS_ABORTED
+    assert "/clock jumped back by " in result["return_message"]
+    assert errors == [result["return_message"]]

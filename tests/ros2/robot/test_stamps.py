@@ -5,7 +5,7 @@ import random
 import pytest
 
 from btcore_robot.robot import NS_PER_S
-from btcore_ros2.robot.stamps import WINDOW, ClockJumpError, StampConverter
+from btcore_ros2.robot.stamps import WINDOW, ClockJumpError, LateMessageError, StampConverter
 
 OFFSET = 1_700_000_000 * NS_PER_S
 MS = NS_PER_S // 1000
@@ -64,3 +64,12 @@ def test_stamps_of_simulated_time_are_kept() -> None:
     stamps = StampConverter(shared=True)
     assert stamps.convert("odom", 5 * NS_PER_S, 6 * NS_PER_S) == 5 * NS_PER_S
     assert stamps.convert("scan", 7 * NS_PER_S, 6 * NS_PER_S) == 6 * NS_PER_S
+
+
+def test_message_that_arrives_after_a_newer_one_is_late() -> None:
+    stamps = StampConverter()
+    newest = stamps.convert("scan", 5 * NS_PER_S, 100 * NS_PER_S)
+    with pytest.raises(LateMessageError, match=r"0\.500 s older than the newest"):
+        stamps.convert("scan", 5 * NS_PER_S - NS_PER_S // 2, 100 * NS_PER_S)
+    assert stamps.convert("scan", 5 * NS_PER_S, 101 * NS_PER_S) == newest  # a repetition
+    assert stamps.convert("odom", 4 * NS_PER_S, 101 * NS_PER_S) < newest  # another source

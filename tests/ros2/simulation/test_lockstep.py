@@ -1,6 +1,7 @@
 """Lockstep: the world advances as far as a client requests, and runs are repeatable."""
 
 import json
+import signal
 import subprocess
 import sys
 import threading
@@ -33,6 +34,7 @@ from btcore_ros2.simulation.lockstep import LockstepClock
 from tests.ros2.simulation.process import LIMIT, Client, Simulation
 
 TENTH = 100_000_000
+ODOMETRY = "/mobile_base_controller/odom"
 DYING_CLIENT = """
 import os, threading
 from btcore_ros2.session import RosSession
@@ -175,6 +177,28 @@ def test_world_outlives_a_client_that_dies(world: Simulation) -> None:
         assert now >= 3 * TENTH
         clock.wait_until(now + TENTH, threading.Event())
         assert clock.now() == now + TENTH
+
+
+def test_world_that_stands_still_goes_on_where_it_was(
+    world: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lockstep, "RETRY", 0.05)  # requests are repeated meanwhile
+    with RosSession("patient") as session:
+        clock = LockstepClock(session, LIMIT)
+        start = clock.now()
+        times: list[int] = []
+        session.node.create_subscription(Odometry, ODOMETRY, lambda message: times.append(stamp(message)), 10)
+        clock.wait_until(start + TENTH, threading.Event())
+        world.process.send_signal(signal.SIGSTOP)
+        goes_on = threading.Timer(0.5, world.process.send_signal, [signal.SIGCONT])
+        goes_on.start()
+        try:
+            clock.wait_until(start + 3 * TENTH, threading.Event())
+        finally:
+            goes_on.join()
+        assert clock.now() == start + 3 * TENTH
+        assert times == sorted(times)
+        assert times[-1] == clock.now()
 
 
 def test_client_that_did_not_wait_for_a_response_may_request_the_next_step(
