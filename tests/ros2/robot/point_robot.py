@@ -5,6 +5,7 @@ Commands are JSON objects, one a line, on stdin: each sets attributes of the rob
 """
 
 import array
+import collections
 import json
 import math
 import queue
@@ -44,8 +45,8 @@ class PointRobot(Node):
         self.odd_ranges = False
         self.paused = False  # simulated time stands still, and only /clock is published
         self.repeating: list[str] = []  # topics on which the last message is repeated
-        self.disorder = False  # each message arrives twice, and then the message before it again
-        self.sent: dict[str, object] = {}
+        self.disorder = False  # each message arrives twice, and after or before it an old message
+        self.sent: dict[str, collections.deque] = collections.defaultdict(lambda: collections.deque(maxlen=6))
         for key, value in settings.items():
             setattr(self, key, value)
         self.pose = [0.0, 0.0, 0.0]
@@ -144,11 +145,16 @@ class PointRobot(Node):
             return
         from builtin_interfaces.msg import Time
 
-        message, earlier = make(Time(sec=stamp // SECOND, nanosec=stamp % SECOND)), self.sent.get(topic)
-        if topic in self.repeating:
-            message = earlier or message
-        self.sent[topic] = message
-        for each in (message, message, earlier or message) if self.disorder else (message,):
+        message, sent = make(Time(sec=stamp // SECOND, nanosec=stamp % SECOND)), self.sent[topic]
+        if topic in self.repeating and sent:
+            message = sent[-1][1]
+        sent.append((stamp, message))
+        order = [message]
+        if self.disorder:
+            # An older message would be a jump of the clock, if the machine is slow.
+            old = next(earlier for then, earlier in sent if stamp - then < SECOND // 2)
+            order = [message, message, old] if self.steps % 2 else [old, message, message]
+        for each in order:
             self.makers[topic].publish(each)
 
     def scan(self, stamp: object) -> LaserScan:
