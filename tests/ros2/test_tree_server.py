@@ -252,9 +252,9 @@ def test_goal_of_a_client_that_was_killed_goes_on(
 ) -> None:
     dying = ClientProcess(poll)
     run(dying, "Endless")
-    dying.process.kill()
-    dying.process.communicate()
-    dying.reader.join()
+    with dying.process:
+        dying.process.kill()
+        dying.reader.join()  # the thread reads what the process has written
     waiting = run(client, "Quick")
     assert client.feedback(waiting) == []
     all_goals = session.node.create_client(CancelGoal, "/robot1/bt_execution/_action/cancel_goal")

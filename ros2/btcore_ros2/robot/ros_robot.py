@@ -393,7 +393,7 @@ class RosRobot(TopicRobot):
         if self._failure is not None:
             raise RosError(self._failure)
         self._velocity.expire(now)
-        if self._may_miss_clock and self._node.count_publishers("/clock"):
+        if self._may_miss_clock and self._node.count_publishers(self._node.resolve_topic_name("/clock")):
             self._may_miss_clock = False
             _log.warning(
                 "/clock was found only after the start, and is not used: if the robot is simulated, run the "
