@@ -135,14 +135,17 @@ def main() -> None:
     import queue
 
     import rclpy
-    from action_msgs.msg import GoalStatus
+    from action_msgs.msg import GoalStatus, GoalStatusArray
     from action_msgs.srv import CancelGoal
     from rclpy.action import ActionClient
+    from rclpy.qos import qos_profile_action_status_default
 
     rclpy.init()
     node = rclpy.create_node("client")
     clients: dict[str, Any] = {}
     handles: dict[int, Any] = {}
+    # rclpy's handles miss a status that arrives before the acceptance of the goal.
+    statuses: dict[bytes, int] = {}
     executing: set[int] = set()
     requests: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
@@ -173,6 +176,10 @@ def main() -> None:
         assert answer_of(client, no_goal) is not None, action
         node.destroy_client(client)
 
+    def take_statuses(message: Any) -> None:
+        for one in message.status_list:
+            statuses[bytes(one.goal_info.goal_id.uuid)] = one.status
+
     def send(request: dict[str, Any], number: int) -> None:
         kind = find_type(request["kind"])
         client = clients.get(request["action"])
@@ -180,6 +187,8 @@ def main() -> None:
             client = clients[request["action"]] = ActionClient(node, kind, request["action"])
             assert client.wait_for_server(LIMIT_S), request["action"]
             wait_until_known(request["action"])
+            topic = f"{request['action']}/_action/status"
+            node.create_subscription(GoalStatusArray, topic, take_statuses, qos_profile_action_status_default)
         goal = kind.Goal()
         set_fields(goal, request["goal"])
 
@@ -232,7 +241,8 @@ def main() -> None:
                 )
         rclpy.spin_once(node, timeout_sec=0.01)
         for number, handle in handles.items():
-            if handle.status == GoalStatus.STATUS_EXECUTING and number not in executing:
+            status = statuses.get(bytes(handle.goal_id.uuid))
+            if status == GoalStatus.STATUS_EXECUTING and number not in executing:
                 executing.add(number)
                 tell("executing", number, True)
 
