@@ -13,17 +13,27 @@ export PIP_COMPILE := 0
 PYTHON ?= $(shell for name in python3 python3.13 python3.12 python3.11 python; do \
 	if $$name -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then echo $$name; break; fi; done)
 # The threads of OpenBLAS cost each start of Python with numpy some 0.2 s of processor time. Benchmarks keep them.
-test pure compiled ros2 accept accept-robot accept-engine accept-tools accept-ros2: export OPENBLAS_NUM_THREADS := 1
+test pure compiled $(LANES) test-ros2 accept accept-robot accept-engine accept-tools accept-ros2: export OPENBLAS_NUM_THREADS := 1
 CORES ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 # Many tests wait for processes and sockets.
 TEST_PROCESSES = $(shell expr $(CORES) + 1)
 PIP := -m pip --disable-pip-version-check
 # $(PROGRESS) TITLE COMMAND... shows that a command of minutes is running.
 PROGRESS := $(PYTHON) .ci/progress
-ENGINE := $(shell find btcore trees benchmarks -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
-# The pages of the documentation are tested on the pure build only.
-ENGINE_TESTS := tests/btcore tests/conformance tests/properties tests/docs/test_docstring_examples.py tests/fuzz \
-	tests/regressions/btcore
+ENGINE := $(shell find btcore tools trees benchmarks -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
+# The tests by package. Each test is in one lane.
+LANE_core := tests/btcore tests/conformance tests/fuzz tests/properties tests/regressions/btcore
+LANE_monitor := tests/monitor tests/regressions/monitor
+LANE_robot := tests/robot_nodes
+LANE_sim := tests/sim
+LANE_tools := tests/tools
+# The pages of the documentation, examples, benchmarks, packaging.
+LANE_docs := tests/docs $(wildcard tests/test_*.py)
+LANES := $(addprefix test-,core monitor robot sim tools docs)
+# The tests of what is compiled, or of code that sees compiled classes.
+COMPILED_TESTS := $(addprefix tests/btcore/,blackboard engine loading nodes registry script test_builds.py \
+	test_status.py tree values xml) tests/conformance tests/fuzz tests/properties tests/regressions/btcore \
+	tests/tools/btcore_batch tests/docs/test_docstring_examples.py
 ENGINE_BENCHMARKS := startup ticking features observers load editing growth publishing batch
 # PyPI has wheels of ROS 2 for this platform only.
 ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))
@@ -55,13 +65,14 @@ ROS2_RUNS ?=
 GOALS ?= 2000
 MISTAKES ?=
 
-.PHONY: help setup demo test check environments lint lint-and-pure pure compiled ros2 vulkan spin accept \
+.PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure pure compiled vulkan spin accept \
 	accept-robot accept-engine accept-tools accept-ros2 docs vscode npm-checks dist bench clean
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
 	@echo 'make test    style, types, and every test on both builds of the engine'
-	@echo 'make ros2    the tests of ROS 2 only, in an environment of its own'
+	@echo 'make test-core, test-monitor, test-robot, test-sim, test-tools, test-docs, test-ros2'
+	@echo '             the tests of a package on the pure build; ROS 2 has an environment of its own'
 	@echo 'make check   style, types and the closest tests of the changed files, or of FILES="…"'
 	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
 	@echo 'make docs    the documentation site, in out/docs/site'
@@ -74,6 +85,15 @@ help:
 # --- set-up
 
 setup: .venv/ready
+
+# What work on the engine needs. `make setup` adds the rest to the same environment.
+setup-core: .venv/core
+
+.venv/core: pyproject.toml setup.py
+	@$(PYTHON) -m venv .venv
+	@$(PROGRESS) 'setting up .venv with $(PYTHON), for work on the engine' \
+		.venv/bin/python $(PIP) install --editable '.[dev-core]'
+	@touch $@
 
 .venv/ready: pyproject.toml setup.py
 	@test -n '$(PYTHON)' || { echo 'btcore needs Python 3.11 or newer; none is on the PATH.' \
@@ -162,7 +182,7 @@ demo: .venv/ready vulkan
 
 test: .venv/ready
 	@$(MAKE) -s -j 2 environments lint-and-pure
-	@$(MAKE) -s -j 2 --output-sync compiled ros2
+	@$(MAKE) -s -j 2 --output-sync compiled test-ros2
 
 check: .venv/ready
 	@.venv/bin/python tests/check.py $(if $(LIMIT),--limit $(LIMIT)) $(FILES)
@@ -190,21 +210,24 @@ pure: .venv/ready vulkan
 	@test -d tests/__pycache__ || .venv/bin/pytest -q --collect-only >/dev/null || true
 	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(TEST_PROCESSES) --dist worksteal
 
+$(LANES): .venv/ready vulkan
+	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(LANE_$(@:test-%=%))
+
 compiled: .venv-compiled/ready
 	@echo '· the tests of the engine, on the compiled build'
-	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(ENGINE_TESTS)
+	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(COMPILED_TESTS)
 
 ifneq ($(ROS2),)
-ros2: .venv-ros/ready
+test-ros2: .venv-ros/ready
 	@echo '· the tests of ROS 2'
 	@# All tests of a file in one process: they share the processes that they start.
 	@BTCORE_EXPECT=pure .venv-ros/bin/pytest -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder tests/ros2
 else
-ros2:
+test-ros2:
 	@echo 'note: PyPI has no wheels of ROS 2 for this platform; its tests are skipped'
 endif
 
-accept: accept-engine accept-tools accept-robot $(if $(ROS2),accept-ros2,ros2)
+accept: accept-engine accept-tools accept-robot $(if $(ROS2),accept-ros2,test-ros2)
 
 accept-robot: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)

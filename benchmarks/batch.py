@@ -21,9 +21,10 @@ from functools import partial
 import numpy as np
 
 import btcore
-from btcore import In, Put, Registry, SimClock, action, batch, condition
-from btcore.batch import BatchTree, Bools, Floats
+import btcore_batch as batch
+from btcore import In, Put, Registry, SimClock, action, condition
 from btcore.clock import NS_PER_US
+from btcore_batch import BatchTree, Bools, Floats
 from measure.paired_timing import Work, measure_rounds
 from measure.report import Report, arguments, at_least
 

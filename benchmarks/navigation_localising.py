@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore.clock import NS_PER_MS
-from btcore_robot.navigation.distance_field import SignedDistanceField
-from btcore_robot.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
-from btcore_robot.navigation.likelihood import LikelihoodField, obstacle_distances
-from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.particles import best_cluster, resample, sample_motion_model, sample_particles
-from btcore_robot.navigation.relocalisation import HEADINGS_A_STEP
+from btcore_navigation.distance_field import SignedDistanceField
+from btcore_navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
+from btcore_navigation.likelihood import LikelihoodField, obstacle_distances
+from btcore_navigation.particles import best_cluster, resample, sample_motion_model, sample_particles
+from btcore_navigation.relocalisation import HEADINGS_A_STEP
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import load_scene

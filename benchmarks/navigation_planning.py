@@ -22,10 +22,10 @@ from scipy.ndimage import distance_transform_edt
 from skimage.graph import route_through_array
 
 from btcore.clock import NS_PER_MS
-from btcore_robot.navigation.costmap import LETHAL, Costmap, GlobalCostmap, LocalCostmap
-from btcore_robot.navigation.grid_search import grid_costs
-from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.planner import Planner
+from btcore_navigation.costmap import LETHAL, Costmap, GlobalCostmap, LocalCostmap
+from btcore_navigation.grid_search import grid_costs
+from btcore_navigation.planner import Planner
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserScan, Pose2D
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import load_scene

@@ -12,7 +12,7 @@ from typing import NoReturn
 INTERRUPTED = 130
 """The exit code, as in btcore.cli.exit_codes, which is not imported yet."""
 CONFINEMENT = "BTCORE_CONFINEMENT"
-"""The environment variable that confines the process, as in btcore.agents.confinement."""
+"""The environment variable that confines the process, as in btcore.confinement."""
 
 
 def main() -> None:
@@ -22,7 +22,7 @@ def main() -> None:
     if handles_ctrl_c:
         signal.signal(signal.SIGINT, _exit_at_once)
     if CONFINEMENT in os.environ:
-        from btcore.agents.confinement import confine_process
+        from btcore.confinement import confine_process
 
         confine_process()
     from btcore.cli.main import main as command

@@ -1,4 +1,4 @@
-"""Selection of the engine's build: the files compiled with mypyc, or the Python source beside them.
+"""Selection of the build: the files compiled with mypyc, or the Python source beside them.
 
 Python prefers a compiled file to the source beside it. This module makes Python ignore the compiled files
 in three cases: in a checkout, whose source may be newer than the compiled files; in an install in which a
@@ -18,25 +18,24 @@ from types import ModuleType
 
 __all__ = ["active_build", "compiled_modules"]
 
-LIBRARY = "btcore__mypyc"
-"""The extension module with all compiled code; the extension modules beside the sources only refer to it."""
 HERE = Path(__file__).parent
 
 
 class SourceOnly:
-    """A finder for `sys.meta_path` that finds only the source files of btcore, not the compiled files.
+    """A finder for `sys.meta_path` that finds only the source files of *package*, not the compiled files.
 
     *reason* is the cause, for messages.
     """
 
-    def __init__(self, reason: str) -> None:
+    def __init__(self, package: str, reason: str) -> None:
+        self.package = package
         self.reason = reason
         self._folders: dict[str, FileFinder] = {}
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the spec of the source file of a module below btcore.
+        """Return the spec of the source file of a module below the package.
 
         Args:
             fullname: The full name of the module, for example `btcore.engine.node`.
@@ -45,10 +44,10 @@ class SourceOnly:
             target: Ignored; part of the interface of finders.
 
         Returns:
-            The spec; None if the module is not below btcore or has no source file. Python then calls the
-            next finder.
+            The spec; None if the module is not below the package or has no source file. Python then calls
+            the next finder.
         """
-        if not fullname.startswith("btcore."):
+        if not fullname.startswith(f"{self.package}."):
             return None
         for folder in path or ():
             finder = self._folders.get(folder)
@@ -64,47 +63,69 @@ class SourceOnly:
         self._folders.clear()
 
 
-def select_build() -> None:
-    """Install `SourceOnly` as the first finder, unless the compiled build can run."""
-    reason = why_pure()
-    if reason and _source_only() is None:
-        sys.meta_path.insert(0, SourceOnly(reason))
+def select_build(package: str) -> None:
+    """Install `SourceOnly` as the first finder for *package*, unless its compiled files can run.
+
+    The `__init__` of the package calls this function before it imports anything else, because a module that
+    may be compiled must not be imported earlier.
+    """
+    reason = why_pure(package, Path(sys.modules[package].__path__[0]))
+    if reason and _source_only(package) is None:
+        sys.meta_path.insert(0, SourceOnly(package, reason))
 
 
-def why_pure() -> str:
-    """Return why the pure build runs, or "" for the compiled build."""
+def why_pure(package: str, folder: Path) -> str:
+    """Return why the source of *package* runs, or "" if its compiled files run."""
     if env_flag("BTCORE_PURE"):
         return "BTCORE_PURE is set"
     checkout = all((HERE.parent / file).is_file() for file in ("setup.py", "pyproject.toml"))
     if checkout and not env_flag("BTCORE_COMPILED"):
         return "a checkout runs its source, unless BTCORE_COMPILED=1 is set"
-    file = next(filter(Path.is_file, (HERE.parent / (LIBRARY + end) for end in EXTENSION_SUFFIXES)), None)
+    library = library_of(package)
+    # In a checkout, the library is beside btcore, and the package may be in another folder.
+    places = (place / (library + end) for place in (folder.parent, HERE.parent) for end in EXTENSION_SUFFIXES)
+    file = next(filter(Path.is_file, places), None)
     if file is None:
-        return f"{LIBRARY}, which they need, is missing"
+        return f"{library}, which they need, is missing"
     try:
-        _load_library(file)
-        parts = compiled_modules()
+        _load_library(library, file)
+        parts = compiled_modules(package)
     except ImportError as error:
-        return f"{LIBRARY}, which they need, can't be loaded ({error})"
-    suffix = file.name.removeprefix(LIBRARY)
-    paths = {name: str(HERE.parent.joinpath(*name.split("."))) + suffix for name in parts}
+        return f"{library}, which they need, can't be loaded ({error})"
+    suffix = file.name.removeprefix(library)
+    paths = {name: str(folder.parent.joinpath(*name.split("."))) + suffix for name in parts}
     missing = [name for name, path in paths.items() if not os.path.exists(path)]  # noqa: PTH110 - it is fast
     return f"{', '.join(missing)} is missing among them; reinstall btcore" if missing else ""
 
 
-def _load_library(file: Path) -> None:
+def library_of(package: str) -> str:
+    """Return the name of the extension module with the compiled code of *package*.
+
+    The extension modules beside the sources only refer to it.
+    """
+    return f"{package}__mypyc"
+
+
+def _load_library(name: str, file: Path) -> None:
     # Loaded by its path: it is not in a package, and an editable install makes only packages importable.
-    spec = spec_from_file_location(LIBRARY, file)
-    if LIBRARY in sys.modules or spec is None or spec.loader is None:
+    spec = spec_from_file_location(name, file)
+    if name in sys.modules or spec is None or spec.loader is None:
         return
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    sys.modules[LIBRARY] = module
+    sys.modules[name] = module
 
 
-def compiled_modules() -> list[str]:
-    """Return the names of the modules compiled into `LIBRARY`. Raise ImportError if it is missing."""
-    marks = [name for name in dir(import_module(LIBRARY)) if name.startswith("init_")]
+def compiled_modules(package: str = "btcore") -> list[str]:
+    """Return the names of the compiled modules of a package.
+
+    Args:
+        package: `btcore` or `btcore_batch`.
+
+    Raises:
+        ImportError: The compiled code is missing.
+    """
+    marks = [name for name in dir(import_module(library_of(package))) if name.startswith("init_")]
     return [mark.removeprefix("init_").replace("___", ".") for mark in marks]
 
 
@@ -124,7 +145,7 @@ def active_build() -> str:
 
 def unused_build_message() -> str:
     """Return a message about compiled files that exist but are not used, or ""."""
-    finder = _source_only()
+    finder = _source_only("btcore")
     if finder is None:
         return ""
     unused = [file for file in HERE.rglob("*") if file.name.endswith(tuple(EXTENSION_SUFFIXES))]
@@ -136,8 +157,9 @@ def env_flag(variable: str) -> bool:
     return os.environ.get(variable, "0") not in ("", "0")
 
 
-def _source_only() -> SourceOnly | None:
-    return next((finder for finder in sys.meta_path if isinstance(finder, SourceOnly)), None)
+def _source_only(package: str) -> SourceOnly | None:
+    finders = (finder for finder in sys.meta_path if isinstance(finder, SourceOnly))
+    return next((finder for finder in finders if finder.package == package), None)
 
 
 # --- docstrings

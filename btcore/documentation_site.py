@@ -3,7 +3,7 @@
 from functools import cache
 from typing import Final
 
-_PACKAGES_WITH_NODE_PAGES: Final = ("btcore", "btcore_robot")
+_PACKAGES_WITH_NODE_PAGES: Final = ("btcore", "btcore_navigation", "btcore_robot")
 
 
 def documentation_url(page: str) -> str | None:

@@ -4,8 +4,8 @@ import sys
 
 import numpy as np
 
-from btcore import In, InOut, SimClock, batch
-from btcore.batch import BatchTree, Floats, Mask, Rows, Texts
+from btcore import In, InOut, SimClock
+from btcore_batch import BatchTree, Floats, Mask, Rows, StatefulAction, Texts
 
 TREE = """
 <root BTCPP_format="4"> <BehaviorTree ID="Forage">
@@ -19,7 +19,7 @@ TREE = """
   </ReactiveFallback> </BehaviorTree> </root>"""
 
 
-class GoTo(batch.StatefulAction):
+class GoTo(StatefulAction):
     """Drive 0.25 m per tick towards *place*, until the robot is less than 0.3 m from it."""
 
     place: In[Texts]

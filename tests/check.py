@@ -11,7 +11,7 @@ These tests belong to a file:
 - a page of the documentation, an example or a benchmark: its parametrised tests;
 - any other file: the tests that contain its name, first the tests with this name.
 
-The tests of ROS 2 run in .venv-ros if `make ros2` has made it. Otherwise those that need ROS 2 are skipped.
+The tests of ROS 2 run in .venv-ros if `make test-ros2` has made it. Otherwise tests that need it are skipped.
 
 At most AT_MOST of these test files are run. No test is started later than LIMIT seconds after the first test,
 except those of the closest test file, which always runs. `make check LIMIT=0` runs all these tests.
@@ -41,9 +41,14 @@ PACKAGES = {
     "btcore": "tests/btcore",
     "monitor/btcore_monitor": "tests/monitor",
     "monitor/btcore_scene": "tests/monitor",
+    "robot_nodes/btcore_navigation": "tests/robot_nodes/navigation",
     "robot_nodes/btcore_robot": "tests/robot_nodes",
     "ros2/btcore_ros2": "tests/ros2",
     "sim/btcore_sim": "tests/sim",
+    "tools/btcore_batch": "tests/tools/btcore_batch",
+    "tools/btcore_proof": "tests/tools/btcore_proof",
+    "tools/btcore_studio": "tests/tools/btcore_studio",
+    "tools/btcore_sweep": "tests/tools/btcore_sweep",
 }
 # Built-in nodes and everything that they run on behave as in BehaviorTree.CPP.
 RECORDED = ("btcore/blackboard/", "btcore/engine/", "btcore/nodes/", "btcore/script/")

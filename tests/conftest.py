@@ -16,7 +16,7 @@ import pytest
 
 collect_ignore: list[str] = []
 if importlib.util.find_spec("pygls") is None:
-    collect_ignore.append("btcore/language")
+    collect_ignore.append("tools/btcore_studio/language")
 if importlib.util.find_spec("pybullet") is None:
     # The tests of the simulated robot, and of what it does.
     collect_ignore += [

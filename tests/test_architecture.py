@@ -14,11 +14,16 @@ from btcore_robot.robot import Robot
 ROOT = Path(__file__).parent.parent
 PARENTS = {
     "btcore": ".",
+    "btcore_batch": "tools",
     "btcore_monitor": "monitor",
+    "btcore_navigation": "robot_nodes",
+    "btcore_proof": "tools",
     "btcore_robot": "robot_nodes",
     "btcore_ros2": "ros2",
     "btcore_scene": "monitor",
     "btcore_sim": "sim",
+    "btcore_studio": "tools",
+    "btcore_sweep": "tools",
 }
 # The layers of the engine from the bottom up: a file imports from its own line and from the lines above it.
 LAYERS = (
@@ -28,7 +33,9 @@ LAYERS = (
         "diagnostic_codes",
         "documentation_site",
         "entry_points",
+        "enum_members",
         "clock",
+        "confinement",
         "data_folders",
         "escaping",
         "names",
@@ -59,16 +66,12 @@ LAYERS = (
     {"loading"},
     {"logs"},
     {""},  # btcore/__init__.py
-    {"preview"},
-    {"proof"},
     {"testing"},
-    {"batch"},
     {"run_extension", "bundled_trees"},
-    {"language"},
-    {"agents", "cli", "__main__"},
+    {"cli", "__main__"},
     {"program_runner"},
-    {"sweep"},
 )
+ROBOT_PACKAGES = ("btcore_navigation", "btcore_robot", "btcore_sim")
 GENERIC_NAMES = {"utils", "util", "helpers", "helper", "common", "misc", "base", "manager"}
 
 
@@ -157,14 +160,14 @@ def test_monitor_client_imports_three_modules_of_the_engine() -> None:
     assert {edge.split(" → ")[1] for edge in reached} <= shared
     for module in shared:
         assert {name.split(".")[0] for name in imports(module)} <= sys.stdlib_module_names
-    assert violations("btcore_monitor", "btcore_robot") + violations("btcore_monitor", "btcore_sim") == []
+    assert [one for guest in ROBOT_PACKAGES for one in violations("btcore_monitor", guest)] == []
 
 
 def test_scene_messages_need_only_the_standard_library() -> None:
     assert {name.split(".")[0] for name in imports("btcore_scene")} <= set(sys.stdlib_module_names)
 
 
-MAPS = ("btcore_robot.navigation.occupancy_map", "btcore_robot.navigation.waypoint_file")
+MAPS = ("btcore_robot.occupancy_map", "btcore_robot.waypoint_file")
 
 
 SHARED = (
@@ -181,6 +184,7 @@ def test_simulation_imports_only_the_robot_protocol_and_maps() -> None:
     assert (
         violations("btcore_sim", "btcore")
         + violations("btcore_sim", "btcore_monitor")
+        + violations("btcore_sim", "btcore_navigation")
         + violations("btcore_robot", "btcore_sim")
         == []
     )
@@ -192,7 +196,7 @@ def test_simulation_imports_only_the_robot_protocol_and_maps() -> None:
         assert third_party_imports(module) <= {"numpy", "numpy.typing"}
     for module in MAPS:
         assert third_party_imports(module) <= {"numpy", "numpy.typing", "cv2", "yaml"}
-    assert imports("btcore_robot") == imports("btcore_robot.navigation") == set()
+    assert imports("btcore_robot") == set()
 
 
 def third_party_imports(module: str) -> set[str]:
@@ -207,7 +211,12 @@ def third_party_imports(module: str) -> set[str]:
 
 
 def test_navigation_uses_the_robot_only_through_its_protocol() -> None:
-    reached = {name for module in SOURCES if inside(module, "btcore_robot") for name in imports(module)}
+    reached = {
+        name
+        for module in SOURCES
+        if module.startswith(("btcore_robot", "btcore_navigation"))
+        for name in imports(module)
+    }
     assert not any(
         inside(name, guest) for name in reached for guest in ("btcore_sim", "pybullet", "btcore_monitor")
     )
@@ -215,21 +224,34 @@ def test_navigation_uses_the_robot_only_through_its_protocol() -> None:
     assert not any("true" in name or name in {"place", "world", "contacts"} for name in promised)
 
 
-SERVERS_WITH_TREES = ("btcore_robot.navigation.navigator", "btcore_robot.navigation.nodes")
+WITH_TREES = tuple(
+    f"btcore_navigation.{name}" for name in ("drive_command", "leaves", "navigator", "nodes", "run_extension")
+)
 
 
 FILES = {"btcore.input_files", "btcore.output_files"}
 
 
 def test_robot_servers_do_not_import_the_engine() -> None:
-    for room in ("navigation", "control", "perception", "process"):
-        found = violations(f"btcore_robot.{room}", "btcore", but=SERVERS_WITH_TREES)
+    for room in (
+        "btcore_navigation",
+        "btcore_robot.control",
+        "btcore_robot.perception",
+        "btcore_robot.process",
+    ):
+        found = violations(room, "btcore", but=WITH_TREES)
         assert {text.partition(" → ")[2] for text in found} <= FILES
 
 
-@pytest.mark.parametrize("package", ["btcore_monitor", "btcore_robot", "btcore_ros2", "btcore_sim"])
+@pytest.mark.parametrize(
+    "package", ["btcore_monitor", "btcore_navigation", "btcore_robot", "btcore_ros2", "btcore_sim"]
+)
 def test_other_packages_do_not_import_the_command_line(package: str) -> None:
     assert violations(package, "btcore.cli") == []
+
+
+def test_robots_do_not_import_their_navigation() -> None:
+    assert violations("btcore_robot", "btcore_navigation") == []
 
 
 @pytest.mark.parametrize(

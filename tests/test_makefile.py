@@ -28,6 +28,30 @@ def make(folder: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
+def test_every_test_is_in_one_lane() -> None:
+    lanes = ("core", "monitor", "robot", "sim", "tools", "docs", "ros2")
+    command = [
+        "make",
+        "--dry-run",
+        "--silent",
+        *(f"test-{lane}" for lane in lanes),
+        f"PYTHON={sys.executable}",
+    ]
+    environment = {
+        name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL")
+    }
+    printed = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=100, check=True
+    ).stdout
+    calls = [line for line in printed.splitlines() if "/pytest -n" in line]
+    if sys.platform != "linux":
+        calls.append("tests/ros2")
+    assert len(calls) == len(lanes)
+    tested = [ROOT / word for line in calls for word in line.split() if word.startswith("tests/")]
+    for file in (ROOT / "tests").rglob("test_*.py"):
+        assert sum(file.is_relative_to(folder) for folder in tested) == 1, file
+
+
 @pytest.mark.parametrize("code", [0, 4])
 def test_the_demo_fails_if_there_is_no_picture(tmp_path: Path, code: int) -> None:
     program = tmp_path / ".venv/bin/btcore"

@@ -17,7 +17,7 @@ SOURCES = [
     ROOT / "setup.py",
     *sorted(
         path
-        for folder in ("btcore", "monitor", "robot_nodes", "ros2", "sim")
+        for folder in ("btcore", "monitor", "robot_nodes", "ros2", "sim", "tools")
         for path in (ROOT / folder).rglob("*.py")
     ),
 ]

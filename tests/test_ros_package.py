@@ -25,9 +25,14 @@ SOURCES = {
         "btcore",
         "monitor/btcore_monitor",
         "monitor/btcore_scene",
+        "robot_nodes/btcore_navigation",
         "robot_nodes/btcore_robot",
         "ros2/btcore_ros2",
         "sim/btcore_sim",
+        "tools/btcore_batch",
+        "tools/btcore_proof",
+        "tools/btcore_studio",
+        "tools/btcore_sweep",
     ),
     "btcore": ("benchmarks", "docs", "trees"),
 }
@@ -121,7 +126,7 @@ def test_parameters_of_the_launch_file_are_the_defaults_of_the_tree_server() -> 
     (given,) = yaml.safe_load((PACKAGE / "config/tree_server.yaml").read_text(encoding="utf-8")).values()
     page = (ROOT / "docs/guides/tree_server.md").read_text(encoding="utf-8")
     section = page.partition("\n## Parameters\n")[2].partition("\n## ")[0]
-    defaults = dict(re.findall(r"^\| `(\w+)`[^|]*\|[^|]*\| `?([\w.]+)`? \|$", section, re.MULTILINE))
+    defaults = dict(re.findall(r"^\| `(\w+)`[^|]*\|[^|]*\| `?([\w.]+)`? \|", section, re.MULTILINE))
     assert {
         name: str(value).removesuffix(".0") for name, value in given["ros__parameters"].items()
     } == defaults
@@ -169,7 +174,8 @@ def test_package_is_installed_as_by_colcon_and_runs_a_tree(tmp_path: Path) -> No
     (site,) = prefix.glob("lib/python*/site-packages")
     for target, folders in SOURCES.items():
         for folder in map(ROOT.joinpath, folders):
-            wanted = {path.relative_to(folder) for path in folder.rglob("*") if path.suffix in SUFFIXES}
+            found = (path for path in folder.rglob("*") if path.suffix in SUFFIXES)
+            wanted = {path.relative_to(folder) for path in found if path.name != "README.md"}
             installed = site / target / folder.name
             assert {path for path in wanted if not (installed / path).exists()} == set()
 

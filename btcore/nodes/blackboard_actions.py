@@ -32,7 +32,6 @@ class SetBlackboard(SyncAction):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "↓"
-    batch_class: ClassVar[str] = "btcore.batch.script_nodes:SetBlackboard"
     may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS, FAILURE})
 
     @staticmethod

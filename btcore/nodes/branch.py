@@ -65,7 +65,6 @@ class IfThenElse(BranchNode):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    batch_class: ClassVar[str] = "btcore.batch.branch:IfThenElse"
     never_pauses: ClassVar[bool] = True
     state_fields: ClassVar[tuple[str, ...] | None] = ("_branch",)
 
@@ -112,7 +111,6 @@ class WhileDoElse(BranchNode):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    batch_class: ClassVar[str] = "btcore.batch.branch:WhileDoElse"
 
     def tick(self) -> Status:
         """Tick the condition and the branch that it selects."""

@@ -15,7 +15,6 @@ class AlwaysSuccess(SyncAction):
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "⊤"
     may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
-    batch_class: ClassVar[str] = "btcore.batch.script_nodes:AlwaysSuccess"
 
     def tick(self) -> Status:
         """Return SUCCESS."""
@@ -29,7 +28,6 @@ class AlwaysFailure(SyncAction):
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "⊥"
     may_return: ClassVar[frozenset[Status]] = frozenset({FAILURE})
-    batch_class: ClassVar[str] = "btcore.batch.script_nodes:AlwaysFailure"
 
     def tick(self) -> Status:
         """Return FAILURE."""

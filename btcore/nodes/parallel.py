@@ -100,7 +100,6 @@ class Parallel(ParallelNode):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    batch_class: ClassVar[str] = "btcore.batch.parallel:Parallel"
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -149,7 +148,6 @@ class ParallelAll(ParallelNode):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    batch_class: ClassVar[str] = "btcore.batch.parallel:ParallelAll"
 
     @staticmethod
     def provided_ports() -> list[Port]:

@@ -115,7 +115,6 @@ class Repeat(RepeatedNode):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    batch_class: ClassVar[str] = "btcore.batch.decorators:Repeat"
     repeat_on: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
 
@@ -137,7 +136,6 @@ class RetryUntilSuccessful(RepeatedNode):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    batch_class: ClassVar[str] = "btcore.batch.decorators:RetryUntilSuccessful"
     repeat_on: ClassVar[Status] = FAILURE
     limit: ClassVar[str] = "num_attempts"
 

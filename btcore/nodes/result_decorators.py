@@ -22,7 +22,6 @@ class Inverter(DecoratorNode):
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "¬"
     never_pauses: ClassVar[bool] = True
-    batch_class: ClassVar[str] = "btcore.batch.decorators:Inverter"
 
     @classmethod
     def possible_results(
@@ -75,7 +74,6 @@ class ForceSuccess(ForcedNode):
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "⊤"
     may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS, SKIPPED})
-    batch_class: ClassVar[str] = "btcore.batch.decorators:ForceSuccess"
     forced: ClassVar[Status] = SUCCESS
 
 
@@ -89,7 +87,6 @@ class ForceFailure(ForcedNode):
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "⊥"
     may_return: ClassVar[frozenset[Status]] = frozenset({FAILURE, SKIPPED})
-    batch_class: ClassVar[str] = "btcore.batch.decorators:ForceFailure"
     forced: ClassVar[Status] = FAILURE
 
 
@@ -103,7 +100,6 @@ class KeepRunningUntilFailure(DecoratorNode):
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "↺"
     may_return: ClassVar[frozenset[Status]] = frozenset({FAILURE})
-    batch_class: ClassVar[str] = "btcore.batch.decorators:KeepRunningUntilFailure"
 
     @classmethod
     def possible_results(
@@ -132,7 +128,6 @@ class RunOnce(DecoratorNode):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    batch_class: ClassVar[str] = "btcore.batch.decorators:RunOnce"
     never_pauses: ClassVar[bool] = True
     state_fields: ClassVar[tuple[str, ...] | None] = ("_result",)
 

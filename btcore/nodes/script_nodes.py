@@ -58,7 +58,6 @@ class Script(SyncAction):
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "§"
     may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
-    batch_class: ClassVar[str] = "btcore.batch.script_nodes:Script"
 
     _script: PortScript
 
@@ -86,7 +85,6 @@ class ScriptCondition(Condition):
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "§"
     may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS, FAILURE})
-    batch_class: ClassVar[str] = "btcore.batch.script_nodes:ScriptCondition"
 
     _script: PortScript
 
@@ -115,7 +113,6 @@ class Precondition(DecoratorNode):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    batch_class: ClassVar[str] = "btcore.batch.script_nodes:Precondition"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_going",)
 
     _script: PortScript

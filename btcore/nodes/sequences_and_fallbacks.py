@@ -159,7 +159,6 @@ class Sequence(OrderedNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "→"
-    batch_class: ClassVar[str] = "btcore.batch.sequences:Sequence"
     continue_on: ClassVar[Status] = SUCCESS
 
 
@@ -172,7 +171,6 @@ class AsyncSequence(Sequence):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    batch_class: ClassVar[str] = "btcore.batch.sequences:AsyncSequence"
     yields: ClassVar[bool] = True
 
 
@@ -186,7 +184,6 @@ class SequenceWithMemory(Sequence):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    batch_class: ClassVar[str] = "btcore.batch.sequences:SequenceWithMemory"
     remembers: ClassVar[bool] = True
     yields: ClassVar[bool] = True
 
@@ -207,7 +204,6 @@ class ReactiveSequence(ReactiveNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "↻→"
-    batch_class: ClassVar[str] = "btcore.batch.sequences:ReactiveSequence"
     continue_on: ClassVar[Status] = SUCCESS
 
 
@@ -222,7 +218,6 @@ class Fallback(OrderedNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "?"
-    batch_class: ClassVar[str] = "btcore.batch.sequences:Fallback"
     continue_on: ClassVar[Status] = FAILURE
 
 
@@ -235,7 +230,6 @@ class AsyncFallback(Fallback):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    batch_class: ClassVar[str] = "btcore.batch.sequences:AsyncFallback"
     yields: ClassVar[bool] = True
 
 
@@ -250,5 +244,4 @@ class ReactiveFallback(ReactiveNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "↻?"
-    batch_class: ClassVar[str] = "btcore.batch.sequences:ReactiveFallback"
     continue_on: ClassVar[Status] = FAILURE

@@ -24,7 +24,6 @@ class SubTree(DecoratorNode):
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "▣"
     never_pauses: ClassVar[bool] = True
-    batch_class: ClassVar[str] = "btcore.batch.decorators:SubTree"
     node_type: ClassVar[NodeType] = NodeType.SUBTREE
 
     @staticmethod

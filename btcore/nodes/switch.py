@@ -132,7 +132,6 @@ class Switch2(SwitchNode):
     """Ticks the child whose case (`case_1` or `case_2`) equals `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
     child_count: ClassVar[tuple[int, int | None]] = (3, 3)
 
 
@@ -141,7 +140,6 @@ class Switch3(SwitchNode):
     """Ticks the child whose case (`case_1` to `case_3`) equals `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
     child_count: ClassVar[tuple[int, int | None]] = (4, 4)
 
 
@@ -150,7 +148,6 @@ class Switch4(SwitchNode):
     """Ticks the child whose case (`case_1` to `case_4`) equals `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
     child_count: ClassVar[tuple[int, int | None]] = (5, 5)
 
 
@@ -159,7 +156,6 @@ class Switch5(SwitchNode):
     """Ticks the child whose case (`case_1` to `case_5`) equals `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
     child_count: ClassVar[tuple[int, int | None]] = (6, 6)
 
 
@@ -168,5 +164,4 @@ class Switch6(SwitchNode):
     """Ticks the child whose case (`case_1` to `case_6`) equals `variable`, else the last child."""
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    batch_class: ClassVar[str] = "btcore.batch.branch:Switch"
     child_count: ClassVar[tuple[int, int | None]] = (7, 7)

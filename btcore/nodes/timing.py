@@ -24,7 +24,6 @@ class Timeout(DecoratorNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "◷"
-    batch_class: ClassVar[str] = "btcore.batch.timing:Timeout"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
     time_fields: ClassVar[tuple[str, ...]] = ("_deadline",)
 
@@ -87,7 +86,6 @@ class Delay(DecoratorNode):
 
     builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
     node_symbol: ClassVar[str] = "◷"
-    batch_class: ClassVar[str] = "btcore.batch.timing:Delay"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
     time_fields: ClassVar[tuple[str, ...]] = ("_deadline",)
 
@@ -141,7 +139,6 @@ class Sleep(StatefulAction):
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "◷"
     may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
-    batch_class: ClassVar[str] = "btcore.batch.timing:Sleep"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
     time_fields: ClassVar[tuple[str, ...]] = ("_deadline",)
 

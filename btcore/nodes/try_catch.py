@@ -26,7 +26,6 @@ class TryCatch(ControlNode):
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
     node_symbol: ClassVar[str] = "↩"
     skips_alone: ClassVar[bool] = False
-    batch_class: ClassVar[str] = "btcore.batch.sequences:TryCatch"
     state_fields: ClassVar[tuple[str, ...] | None] = ("_next", "_skipped", "_catching")
     child_count: ClassVar[tuple[int, int | None]] = (2, None)
     child_count_at_load: ClassVar[tuple[int, int | None]] = (2, None)

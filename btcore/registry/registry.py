@@ -8,7 +8,7 @@ from enum import Enum
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
-from typing import Any, overload
+from typing import Any, Final, overload
 
 from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
@@ -23,6 +23,21 @@ from btcore.values import TypeRegistry
 from btcore.xml.read.document import Document, parse_file, parse_text
 
 ENTRY_POINTS = "btcore.nodes"
+MOVED_MODULES: Final = {
+    "btcore.agents": "btcore_studio.agents",
+    "btcore.batch": "btcore_batch",
+    "btcore.language": "btcore_studio.language",
+    "btcore.preview": "btcore_studio.preview",
+    "btcore.proof": "btcore_proof",
+    "btcore.sweep": "btcore_sweep",
+    "btcore_robot.navigation": "btcore_navigation",
+    "btcore_robot.navigation.occupancy_map": "btcore_robot.occupancy_map",
+    "btcore_robot.navigation.parameter_files": "btcore_robot.parameter_files",
+    "btcore_robot.navigation.waypoint_file": "btcore_robot.waypoint_file",
+    "btcore_robot.leaves.explore": "btcore_navigation.leaves.explore",
+    "btcore_robot.leaves.navigate": "btcore_navigation.leaves.navigate",
+}
+"""The new names of modules that have moved, by their old names. CHANGELOG.md lists them under "To do"."""
 
 
 class Registry:
@@ -486,9 +501,12 @@ def _plugin_error(library: str, error: BaseException, doing: str = "it was impor
 
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{last.filename}:{last.lineno}"
-    return RegistrationError(
-        f"plugin '{library}' raised while {doing}: {where}: {type(error).__name__}: {error}"
-    )
+    message = f"plugin '{library}' raised while {doing}: {where}: {type(error).__name__}: {error}"
+    if isinstance(error, ModuleNotFoundError):
+        # A missing package is reported, not the module in it.
+        moved = [new for old, new in MOVED_MODULES.items() if f"{old}.".startswith(f"{error.name}.")]
+        message += f": it has moved to {' or '.join(moved)}" if moved else ""
+    return RegistrationError(message)
 
 
 def library_of(thing: Any) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import griffe
 
 ROOT = Path(__file__).parents[2]
-PARENTS = [ROOT, ROOT / "monitor", ROOT / "robot_nodes", ROOT / "ros2", ROOT / "sim"]
+PARENTS = [ROOT, ROOT / "monitor", ROOT / "robot_nodes", ROOT / "ros2", ROOT / "sim", ROOT / "tools"]
 
 # The names of btcore, in the order of the index.
 GROUPS = {
@@ -22,7 +22,10 @@ GROUPS = {
     "Ports and blackboard": (
         "In", "Out", "InOut", "Put", "Port", "Direction", "Blackboard", "Entry", "values",
     ),
-    "Statuses and observers": ("Status", "NodeType", "Transition", "Transitions", "Observer"),
+    "Statuses and observers": (
+        "Status", "SUCCESS", "FAILURE", "RUNNING", "SKIPPED", "IDLE", "NodeType", "Transition", "Transitions",
+        "Observer",
+    ),
     "Time": ("Clock", "SystemClock", "SimClock"),
     "Trees in code, scripts": ("Builder", "blackboard_key", "compile_script"),
     "Errors": (
@@ -59,8 +62,9 @@ def summary(described: griffe.Object | griffe.Alias) -> str:
 def load_packages() -> griffe.ModulesCollection:
     """Read the source of all packages."""
     loader = griffe.GriffeLoader(search_paths=PARENTS)
-    for package in ("btcore", "btcore_monitor", "btcore_robot", "btcore_ros2", "btcore_scene", "btcore_sim"):
-        loader.load(package)
+    for folder in PARENTS:
+        for package in folder.glob("btcore*/__init__.py"):
+            loader.load(package.parent.name)
     loader.resolve_aliases(implicit=True)
     return loader.modules_collection
 

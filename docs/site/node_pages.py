@@ -25,7 +25,7 @@ from btcore.xml.read.dialect import NODE_REPLACEMENTS
 
 UP: Final = "../.."
 LEAVES: Final = (NodeType.CONDITION, NodeType.ACTION)
-NAV2: Final = "btcore_robot.navigation.nodes"
+NAV2: Final = "btcore_navigation.nodes"
 KINDS: Final = {
     NodeType.CONTROL: "Control nodes",
     NodeType.DECORATOR: "Decorators",

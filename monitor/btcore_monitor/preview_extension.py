@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from btcore.preview.live import LiveConnection, LiveError, LiveState
-from btcore.preview.node_keys import KeyedNode
 from btcore_monitor.viewer_setup import check_installed, client_keys, key_file_option, robot_key_option
+from btcore_studio.preview.live import LiveConnection, LiveError, LiveState
+from btcore_studio.preview.node_keys import KeyedNode
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient

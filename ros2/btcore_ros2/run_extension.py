@@ -74,8 +74,8 @@ class RosExtension(RunExtension):
         """Return the types of the navigation if Nav2 is used; see `RunExtension.takes_over`."""
         if not settings.get("nav2"):
             return ()
-        from btcore_robot.leaves.navigate import PoseNavigator
-        from btcore_robot.navigation.navigation_servers import NavigationServers
+        from btcore_navigation.leaves.navigate import PoseNavigator
+        from btcore_navigation.navigation_servers import NavigationServers
 
         return [kind for kind in wanted if kind in (NavigationServers, PoseNavigator)]
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_sim.map_rasteriser import draw, rasterise
 from btcore_sim.scene import Scene, SceneObject
 

@@ -38,8 +38,8 @@ def map_command(world: str, output: Path, resolution: float) -> None:
     waypoints of the world are written to another file beside the map.
     """
     try:
-        from btcore_robot.navigation.occupancy_map import MapError, save_map
-        from btcore_robot.navigation.waypoint_file import save_waypoints, waypoints_path
+        from btcore_robot.occupancy_map import MapError, save_map
+        from btcore_robot.waypoint_file import save_waypoints, waypoints_path
         from btcore_sim.errors import SimError
         from btcore_sim.map_rasteriser import rasterise
         from btcore_sim.worlds import load_world

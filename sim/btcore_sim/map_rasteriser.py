@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_sim.scene import Rectangle, Scene, SceneObject
 from btcore_sim.world import scene_extent
 

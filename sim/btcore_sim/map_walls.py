@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     # The module needs OpenCV, which the names of worlds do not.
-    from btcore_robot.navigation.occupancy_map import OccupancyMap
+    from btcore_robot.occupancy_map import OccupancyMap
 
 WALL_HEIGHT = 2.5
 """Height (m) of the walls."""

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.occupancy_map import MapError, load_map
-from btcore_robot.navigation.waypoint_file import load_waypoints, waypoints_path
+from btcore_robot.occupancy_map import MapError, load_map
 from btcore_robot.robot import Pose2D, Waypoints
+from btcore_robot.waypoint_file import load_waypoints, waypoints_path
 from btcore_sim.clearance_map import ClearanceMap, Point
 from btcore_sim.errors import SimError
 from btcore_sim.map_walls import MapWalls

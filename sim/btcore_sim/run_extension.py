@@ -206,7 +206,7 @@ class RobotExtension:
             return ()
         robot = any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
         # A leaf that needs a map has imported this module already, so that an import here is not necessary.
-        maps = getattr(sys.modules.get("btcore_robot.navigation.occupancy_map"), "OccupancyMap", None)
+        maps = getattr(sys.modules.get("btcore_robot.occupancy_map"), "OccupancyMap", None)
         needs_map = maps is not None and maps in wanted
         if not (robot or needs_map):
             _check_files(settings)

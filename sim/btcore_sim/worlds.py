@@ -5,8 +5,8 @@ import re
 from pathlib import Path
 
 from btcore_robot.field_reader import did_you_mean
-from btcore_robot.navigation.occupancy_map import MapError
-from btcore_robot.navigation.waypoint_file import load_waypoints
+from btcore_robot.occupancy_map import MapError
+from btcore_robot.waypoint_file import load_waypoints
 from btcore_sim.errors import SimError
 from btcore_sim.map_world import load_map_world, with_waypoints
 from btcore_sim.random_world_kinds import KINDS

@@ -34,7 +34,7 @@ from sweep import workers
 
 from btcore.errors import BtcoreError
 from btcore.logs import read_btlog
-from btcore_robot.navigation.occupancy_map import load_map
+from btcore_robot.occupancy_map import load_map
 
 AGE = 1.0
 """How old a transition must be at the time of the kill (s) to be expected in a recording."""

@@ -11,8 +11,8 @@ import numpy as np
 from cached_runs import RESULTS, Case, Result, failure_messages, run, sources
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.likelihood import obstacle_distances
-from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map
+from btcore_navigation.likelihood import obstacle_distances
+from btcore_robot.occupancy_map import OccupancyMap, load_map
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import load_scene
 

@@ -25,9 +25,9 @@ from seeded_mistakes import TREES, GoodTree, registry
 import btcore
 from btcore import NodeExecutionError, SimClock, StatefulAction, Status
 from btcore.engine.leaf import Condition
-from btcore.proof import Answer, Counterexample, RunTick, assert_holds_in_run, prove
-from btcore.proof.planned_run import planned_ticks
 from btcore.xml.models.model_file import add_models
+from btcore_proof import Answer, Counterexample, RunTick, assert_holds_in_run, prove
+from btcore_proof.planned_run import planned_ticks
 
 CYCLES = 20
 RANDOM_RUNS = 30

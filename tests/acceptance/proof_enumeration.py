@@ -1,4 +1,4 @@
-"""A plain enumeration of the runs of a tree, which shares no code with `btcore.proof`.
+"""A plain enumeration of the runs of a tree, which shares no code with `btcore_proof`.
 
 Every run is made from the start, on a tree that is loaded anew, on the ordinary engine: a script gives the
 results of the leaves, the times of the ticks, and the time that passes within a tick before a timer is set.

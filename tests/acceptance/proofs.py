@@ -42,18 +42,18 @@ from btcore.blackboard.ports import Port
 from btcore.clock import Clock
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.errors import BtcoreError
-from btcore.proof.model_leaves import Choices, ModelPrompt, with_model_leaves
-from btcore.proof.propositions import parse_question
-from btcore.proof.prover import POSSIBLE, PROVED, REFUTED, Answer, Prover
-from btcore.proof.standard_questions import ENDS
-from btcore.proof.standard_questions import LEAVES as LEAF_QUESTION
-from btcore.proof.state_graph import StateGraph
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, SUCCESS
 from btcore.tree.tree import Tree
 from btcore.xml.build import TreeInstantiator
 from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_text
+from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
+from btcore_proof.propositions import parse_question
+from btcore_proof.prover import POSSIBLE, PROVED, REFUTED, Answer, Prover
+from btcore_proof.standard_questions import ENDS
+from btcore_proof.standard_questions import LEAVES as LEAF_QUESTION
+from btcore_proof.state_graph import StateGraph
 
 TICKS = 6
 TICKS_OF_RUN = 10

@@ -21,7 +21,7 @@ import importlib, pathlib, sys
 import btcore
 for name in sys.argv[1:]:
     importlib.import_module(name)
-files = [one.__file__ for name, one in sys.modules.items() if name.startswith("btcore.")]
+files = [one.__file__ for name, one in sys.modules.items() if name.startswith(("btcore.", "btcore_batch."))]
 print(*sorted({pathlib.Path(file).suffix for file in files}))
 print(btcore.builds.active_build())
 """
@@ -37,6 +37,16 @@ def setup_script() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def hot_modules() -> set[str]:
+    """Return the names of the modules that setup.py compiles."""
+    script = setup_script()
+    files = [Path(file) for group in script.GROUPS for file in script.hot_modules(group)]
+    return {
+        ".".join(file.relative_to("tools" if file.parts[0] == "tools" else "").with_suffix("").parts)
+        for file in files
+    }
 
 
 def run_python(*arguments: str, home: Path | None = None, **environment: str) -> str:
@@ -59,7 +69,7 @@ def run_python(*arguments: str, home: Path | None = None, **environment: str) ->
 def home(tmp_path: Path) -> Path:
     """Copy btcore with its compiled files into a folder, and return the folder."""
     shutil.copytree(PACKAGE, tmp_path / "btcore")
-    for library in PACKAGE.parent.glob(builds.LIBRARY + ".*"):
+    for library in PACKAGE.parent.glob(builds.library_of("btcore") + ".*"):
         shutil.copy2(library, tmp_path)
     return tmp_path
 
@@ -81,9 +91,7 @@ def test_build_under_test_is_the_expected_build() -> None:
 
 
 def test_btcore_pure_selects_the_source_of_any_install() -> None:
-    hot = setup_script().hot_modules()
-    names = [".".join(Path(file).with_suffix("").parts) for file in hot]
-    assert run_python("-c", FILES, *names, BTCORE_PURE="1").split() == [".py", "pure"]
+    assert run_python("-c", FILES, *hot_modules(), BTCORE_PURE="1").split() == [".py", "pure"]
 
 
 @only_compiled
@@ -104,9 +112,9 @@ def test_empty_or_zero_btcore_pure_changes_nothing() -> None:
 
 @only_compiled
 def test_every_hot_module_is_compiled() -> None:
-    hot = {".".join(Path(file).with_suffix("").parts) for file in setup_script().hot_modules()}
-    assert {"btcore.engine.node", "btcore.tree.tree", "btcore.nodes.parallel", "btcore.script.program"} <= hot
-    assert set(builds.compiled_modules()) == hot
+    hot = hot_modules()
+    assert {"btcore.engine.node", "btcore.tree.tree", "btcore.nodes.parallel", "btcore_batch.node"} <= hot
+    assert {*builds.compiled_modules("btcore"), *builds.compiled_modules("btcore_batch")} == hot
     files = [str(importlib.import_module(name).__file__) for name in hot]
     assert [file for file in files if not file.endswith(SUFFIX)] == []
 
@@ -120,7 +128,7 @@ def test_incomplete_install_runs_its_source(home: Path) -> None:
 
 
 def test_compiled_files_without_their_library_are_not_used(home: Path) -> None:
-    for library in home.glob(builds.LIBRARY + ".*"):
+    for library in home.glob(builds.library_of("btcore") + ".*"):
         library.unlink()
     break_modules(home / "btcore" / "engine" / "node.py", home / "btcore" / "nodes" / "sequence.py")
     first, second = run_python("-m", "btcore", "--version", home=home).splitlines()

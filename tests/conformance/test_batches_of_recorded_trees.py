@@ -15,8 +15,8 @@ from btcore import In, Registry, SimClock, Status, TreeError
 from btcore.testing.conformance import read_cases, recorded_value
 
 np = pytest.importorskip("numpy")
-from btcore import batch  # noqa: E402
-from btcore.batch import (  # noqa: E402
+import btcore_batch as batch  # noqa: E402
+from btcore_batch import (  # noqa: E402
     BatchNodeError,
     BatchTree,
     Mask,

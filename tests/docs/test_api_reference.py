@@ -29,9 +29,9 @@ def source() -> griffe.ModulesCollection:
 # Modules whose constants are a table: their pages show the values, the class of the values explains them.
 TABLES = ("btcore.diagnostic_codes", "btcore.values", "btcore_monitor.events")
 # Nav2's documentation explains the parameters; the pages show their names, types and defaults.
-NAV2_PARAMETERS = "btcore_robot.navigation.parameters"
+NAV2_PARAMETERS = "btcore_navigation.parameters"
 # Leaves and processes are run, not called: their pages describe the ports and the topics, and hide all else.
-LEAVES = "btcore_robot.leaves"
+LEAVES = ("btcore_navigation.leaves", "btcore_robot.leaves")
 PROCESS = "btcore_robot.process.process.Process"
 
 
@@ -227,15 +227,20 @@ def test_the_index_lists_the_names_of_the_engine() -> None:
 # --- examples
 
 # The modules of which every class and function has an example, apart from exception classes …
-WITH_EXAMPLES = ("btcore.", "btcore_monitor.breakpoints", "btcore_monitor.events", "btcore_monitor.serve",
-                 "btcore_monitor.watch")  # fmt: skip
+WITH_EXAMPLES = ("btcore.", "btcore_batch", "btcore_proof", "btcore_monitor.breakpoints",
+                 "btcore_monitor.events", "btcore_monitor.serve", "btcore_monitor.watch")  # fmt: skip
 # … and these, which another example shows.
 SHOWN_BY = {
     "btcore.Direction": "btcore.Port",
+    "btcore.FAILURE": "btcore.Status",
+    "btcore.IDLE": "btcore.Status",
+    "btcore.RUNNING": "btcore.Status",
+    "btcore.SKIPPED": "btcore.Status",
+    "btcore.SUCCESS": "btcore.Status",
     "btcore.Transitions": "btcore.Observer",
-    "btcore.batch.BatchBlackboard": "btcore.batch.BatchTree",
-    "btcore.batch.NodeName": "btcore.batch.action",
-    "btcore.batch.condition": "btcore.batch.BatchTree",
+    "btcore_batch.BatchBlackboard": "btcore_batch.BatchTree",
+    "btcore_batch.NodeName": "btcore_batch.action",
+    "btcore_batch.condition": "btcore_batch.BatchTree",
     "btcore.bundled_trees.folder": "btcore.bundled_trees.find",
     "btcore.loading.json_export.import_blackboard": "btcore.loading.json_export.export_blackboard",
     "btcore.loading.json_export.import_tree": "btcore.loading.json_export.export_tree",
@@ -251,11 +256,11 @@ SHOWN_BY = {
     "btcore.logs.read_btlog": "btcore.logs.read_log",
     "btcore.logs.sessions": "btcore.logs.SqliteLog",
     "btcore.logs.steps": "btcore.logs.find_divergence",
-    "btcore.proof.Answer": "btcore.proof.prove",
-    "btcore.proof.Counterexample": "btcore.proof.prove",
-    "btcore.proof.LeafTick": "btcore.proof.prove",
-    "btcore.proof.Report": "btcore.proof.prove",
-    "btcore.proof.RunTick": "btcore.proof.prove",
+    "btcore_proof.Answer": "btcore_proof.prove",
+    "btcore_proof.Counterexample": "btcore_proof.prove",
+    "btcore_proof.LeafTick": "btcore_proof.prove",
+    "btcore_proof.Report": "btcore_proof.prove",
+    "btcore_proof.RunTick": "btcore_proof.prove",
     "btcore.testing.CallLog": "btcore.testing.PlanAction",
     "btcore.testing.MockAction": "btcore.testing.Outcomes",
     "btcore.testing.MockCondition": "btcore.testing.Outcomes",
@@ -280,7 +285,7 @@ SHOWN_BY = {
 PROGRAM = "run by `btcore run` and its commands; docs/guides/your_robot.md has a complete program"
 EVENT = "the feed creates it; an example would only repeat the attributes"
 WITHOUT = {
-    "btcore.batch.BatchNode": "a tree creates its nodes",
+    "btcore_batch.BatchNode": "a tree creates its nodes",
     "btcore.builds.compiled_modules": "raises an exception without the compiled build",
     "btcore.logs.Gap": "part of a damaged file",
     "btcore.logs.read_fbl": "no code of the project writes files of format 3's logger",
@@ -343,6 +348,6 @@ def test_pages_show_constants_and_inherited_members(tmp_path: Path, monkeypatch:
     assert "`on_start`" not in page("StatefulAction")  # its own member
     codes = page("btcore.diagnostic_codes")
     assert len(re.findall(r"^\| `[A-Z_0-9]+` \| `DiagnosticCode\(", codes, re.MULTILINE)) == len(ALL_CODES)
-    assert "| `FAILED_TO_MAKE_PROGRESS` | `105` |" in page("btcore_robot.navigation.error_codes")
+    assert "| `FAILED_TO_MAKE_PROGRESS` | `105` |" in page("btcore_navigation.error_codes")
     listed = page("index")
     assert all(f"[`{name}`]" in listed for name in btcore.__all__)

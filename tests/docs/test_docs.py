@@ -68,7 +68,18 @@ NEEDS = {
 FENCE = re.compile(r"( *)(`{3,}|~{3,}) *(.*?) *$")
 FILE = re.compile(r"(python|xml|json|yaml|toml) ([\w.]+\.(?:py|xml|urdf|json|yaml|toml))")
 # What a page with changes of the repository may change, import or test.
-COPIED = ("btcore", "docs", "monitor", "robot_nodes", "ros2", "sim", "tests", "trees", "pyproject.toml")
+COPIED = (
+    "btcore",
+    "docs",
+    "monitor",
+    "robot_nodes",
+    "ros2",
+    "sim",
+    "tests",
+    "tools",
+    "trees",
+    "pyproject.toml",
+)
 # `btcore run` prints such a line every 10 s of real time.
 PROGRESS = re.compile(r"^\S+ +[A-Z]+  .* tick \d+  ×.*\n", re.MULTILINE)
 KINDS = re.compile(r"python|console|diff|text|toml|cpp|xml [EWC]\d{3}|[a-z]+ unrun: .{8,}")
@@ -187,7 +198,7 @@ def environment(folder: Path) -> dict[str, str]:
     root = copy if patched else ROOT
     sources = [
         copy if patched else HOME,
-        *(root / part for part in ("", "monitor", "robot_nodes", "ros2", "sim")),
+        *(root / part for part in ("", "monitor", "robot_nodes", "ros2", "sim", "tools")),
     ]
     return {
         **os.environ,
@@ -197,6 +208,7 @@ def environment(folder: Path) -> dict[str, str]:
         "PYTHONPATH": os.pathsep.join(map(str, sources)),
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
         "PYTHONWARNINGS": "error",
+        "CI": "true",  # Hypothesis accepts that the machine is slow
         "NO_COLOR": "1",
         "COLUMNS": "110",
     }

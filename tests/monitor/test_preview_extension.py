@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore.preview.live import LiveError, LiveState
 from btcore_monitor.keys import ClientKeys, RobotKeys, create_keys
 from btcore_monitor.preview_extension import RobotConnection, RobotPreview
 from btcore_monitor.serve import serve
+from btcore_studio.preview.live import LiveError, LiveState
 
 XML = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">

@@ -7,8 +7,8 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
+from btcore_navigation.action import ActionServer, GoalHandle
 from btcore_robot.control.head_tracker import HeadTracker
-from btcore_robot.navigation.action import ActionServer, GoalHandle
 from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D, Waypoints
 from btcore_sim.scene import load_scene
@@ -23,6 +23,7 @@ RECHARGE, WP1, WP2, WP3 = (HOUSE.places[name] for name in ("recharge", "wp1", "w
 def tree_of(body: str, *resources: object) -> Tree:
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
+    nodes.add_plugin("btcore_navigation.leaves")
     text = f'<root main_tree_to_execute="T"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
     return btcore.loads(text, nodes=nodes, resources=[*resources, HOUSE])
 
@@ -295,6 +296,7 @@ def test_the_tree_patrols_and_recharges(robot, server: SlowServer, tracker: Head
     """A waypoint costs 5 s and a patrol 15 s: 3.9 % of the battery, and 20 % or 10 % are kept."""
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
+    nodes.add_plugin("btcore_navigation.leaves")
     tracker.configure()
     tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[robot, server, tracker, HOUSE])
     states: dict[Pose2D, set[LifecycleState]] = {}
@@ -341,6 +343,7 @@ def test_the_skipping_tree_skips_a_waypoint_and_ends_when_it_can_reach_nothing(
         places[name] = Pose2D(1000.0 + number, 0.0, 0.0)
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
+    nodes.add_plugin("btcore_navigation.leaves")
     tracker.configure()
     tree = btcore.load(
         TREES / "patrolling_skipping.xml",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from btcore.bundled_trees import folder
-from btcore_robot.navigation.stack import Navigation
+from btcore_navigation.stack import Navigation
 from btcore_robot.perception.colour import WOOD
 from btcore_robot.perception.object_locator import BoundingBox3D, ObjectLocator, depth_to_points, detect_boxes
 from btcore_robot.process.lifecycle import LifecycleState

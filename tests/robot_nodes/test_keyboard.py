@@ -57,7 +57,7 @@ def test_the_robot_drives_by_the_keys(drive: Run) -> None:
 
 
 def test_a_map_is_made_while_driving(drive: Run, tmp_path: Path) -> None:
-    from btcore_robot.navigation.occupancy_map import load_map
+    from btcore_robot.occupancy_map import load_map
     from btcore_sim.map_rasteriser import rasterise
     from btcore_sim.scene import load_scene
 

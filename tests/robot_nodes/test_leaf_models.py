@@ -21,16 +21,14 @@ from btcore.bundled_trees import folder
 from btcore.engine.control import ControlNode, DecoratorNode
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeExecutionError
-from btcore.proof.leaf_models import LeafModel, model_of, resources_of
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
-from btcore_robot.leaves.explore import Explorer, MapFile
-from btcore_robot.leaves.lifecycle_leaves import ObjectLocatorProtocol
-from btcore_robot.leaves.navigate import PoseNavigator
-from btcore_robot.navigation.action import GoalHandle
-from btcore_robot.navigation.controller import FollowPathFeedback
-from btcore_robot.navigation.navigate_goal import WaypointStatus
-from btcore_robot.navigation.navigation_servers import (
+from btcore_navigation.action import GoalHandle
+from btcore_navigation.controller import FollowPathFeedback
+from btcore_navigation.leaves.explore import Explorer, MapFile
+from btcore_navigation.leaves.navigate import PoseNavigator
+from btcore_navigation.navigate_goal import WaypointStatus
+from btcore_navigation.navigation_servers import (
     Battery,
     CheckPath,
     GetCosts,
@@ -39,7 +37,9 @@ from btcore_robot.navigation.navigation_servers import (
     SmoothedPath,
     SmoothPathGoal,
 )
-from btcore_robot.navigation.path import NavPath
+from btcore_navigation.path import NavPath
+from btcore_proof.leaf_models import LeafModel, model_of, resources_of
+from btcore_robot.leaves.lifecycle_leaves import ObjectLocatorProtocol
 from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import Odometry, Pose2D, Twist2D, Waypoints
 
@@ -374,9 +374,9 @@ def test_leaves_follow_their_models_in_random_schedules(robot: Any, tmp_path: An
 @pytest.mark.parametrize("explores", [False, True], ids=["navigation", "exploration"])
 def test_leaves_follow_their_models_in_the_simulator(explores: bool, tmp_path: Any) -> None:
     pytest.importorskip("pybullet")
+    from btcore_navigation.mapping.exploration import Exploration
+    from btcore_navigation.stack import Navigation
     from btcore_robot.control.head_tracker import HeadTracker
-    from btcore_robot.navigation.mapping.exploration import Exploration
-    from btcore_robot.navigation.stack import Navigation
     from btcore_robot.perception.object_locator import ObjectLocator
     from btcore_sim.map_rasteriser import rasterise
     from btcore_sim.simulated_robot import SimulatedRobot

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from btcore import Registry
-from btcore.proof import assert_proved, prove
-from btcore.proof.leaf_models import resources_of
-from btcore.proof.prover import UNKNOWN_ANSWER
 from btcore.status import NodeType
+from btcore_proof import assert_proved, prove
+from btcore_proof.leaf_models import resources_of
+from btcore_proof.prover import UNKNOWN_ANSWER
 
 TREES = Path(__file__).parent.parent.parent / "trees"
 NAMES = (
@@ -36,7 +36,7 @@ def test_the_nodes_of_the_packages_may_run_twice_from_the_same_state(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     # As the nodes of users, so that the declarations of their states are checked.
-    monkeypatch.setattr("btcore.proof.user_code._OWN_PACKAGES", ("btcore",))
+    monkeypatch.setattr("btcore_proof.user_code._OWN_PACKAGES", ("btcore", "btcore_proof"))
     nodes = Registry.standard()
     nodes.add_plugins()
     found = [

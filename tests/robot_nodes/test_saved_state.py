@@ -10,8 +10,7 @@ import btcore
 from btcore import Registry, SimClock, Tree, TreeNode
 from btcore.testing import CallLog, PlanAction
 from btcore.tree.saved_state import restore_state, save_state, state_fields_of
-from btcore_robot import leaves
-from btcore_robot.navigation import nodes as nav2_nodes
+from btcore_navigation import nodes as nav2_nodes
 from btcore_robot.robot import Pose2D, Waypoints
 
 XML = """<root BTCPP_format="4"><BehaviorTree ID="Main">
@@ -35,7 +34,8 @@ XML = """<root BTCPP_format="4"><BehaviorTree ID="Main">
 
 def registry() -> Registry:
     nodes = Registry.standard()
-    leaves.register(nodes)
+    for library in ("btcore_robot.leaves", "btcore_navigation.leaves"):
+        nodes.add_plugin(library)
     nav2_nodes.register(nodes)
     nodes.add(PlanAction)
     return nodes
@@ -99,7 +99,11 @@ def test_every_attribute_that_a_robot_node_assigns_is_declared_as_state() -> Non
     undeclared = set()
     found = 0
     for manifest in registry():
-        classes = [cls for cls in manifest.cls.__mro__ if cls.__module__.startswith("btcore_robot.")]
+        classes = [
+            cls
+            for cls in manifest.cls.__mro__
+            if cls.__module__.startswith(("btcore_navigation.", "btcore_robot."))
+        ]
         for cls in classes:
             assert issubclass(cls, TreeNode)
             names = assigned(cls) - set(manifest.ports)

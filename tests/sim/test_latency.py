@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.stack import Navigation
+from btcore_navigation.stack import Navigation
 from btcore_robot.perception.object_locator import ObjectLocator
 from btcore_robot.robot import NS_PER_S
 from btcore_sim.camera import CameraSettings

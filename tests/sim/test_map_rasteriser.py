@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from btcore_robot.navigation.occupancy_map import load_map
+from btcore_robot.occupancy_map import load_map
 from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.commands import map_command

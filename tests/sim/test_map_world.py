@@ -12,9 +12,9 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from btcore.cli.main import main
-from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map, save_map
-from btcore_robot.navigation.waypoint_file import save_waypoints, waypoints_path
+from btcore_robot.occupancy_map import OccupancyMap, load_map, save_map
 from btcore_robot.robot import Pose2D, Waypoints
+from btcore_robot.waypoint_file import save_waypoints, waypoints_path
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.laser import RayCaster

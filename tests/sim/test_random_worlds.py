@@ -12,8 +12,6 @@ import pytest
 from click.testing import CliRunner
 
 from btcore.cli.main import main
-from btcore.sweep.command import sweep
-from btcore.sweep.definition import create_definition
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.commands import world_command
 from btcore_sim.errors import SimError
@@ -23,6 +21,8 @@ from btcore_sim.random_worlds import AROUND_WAYPOINT, DOORS, WAY, random_world, 
 from btcore_sim.run_extension import parse_worlds
 from btcore_sim.scene import load_scene
 from btcore_sim.worlds import load_world
+from btcore_sweep.command import sweep
+from btcore_sweep.definition import create_definition
 
 GRID_ERROR = 0.05  # m: the map is exact to a cell
 

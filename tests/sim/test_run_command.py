@@ -8,10 +8,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
-from btcore.sweep.episode import run_episode
 from btcore_robot.robot import Robot
 from btcore_sim.run_extension import RobotExtension
 from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sweep.episode import run_episode
 
 Run = Callable[..., Result]
 

@@ -7,7 +7,7 @@ from typing import Any
 import click
 import pytest
 
-from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Robot
 from btcore_sim.events import parse_event
 from btcore_sim.map_rasteriser import rasterise

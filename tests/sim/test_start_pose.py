@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from btcore.cli.extension import gather_resources
-from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.stack import Navigation
+from btcore_navigation.action import GoalStatus
+from btcore_navigation.run_extension import NavigationExtension
+from btcore_navigation.stack import Navigation
 from btcore_robot.robot import Pose2D
-from btcore_robot.run_extension import NavigationExtension
 from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.robot_description import LaserErrors, load_description

@@ -3,9 +3,7 @@
 from btcore import Registry
 from btcore_robot.leaves.battery import BatteryChecker, Recharge
 from btcore_robot.leaves.drive import Back, Forward, Patrol, Turn, TurnToFree
-from btcore_robot.leaves.explore import Explore, SaveMap
 from btcore_robot.leaves.lifecycle_leaves import LocateObjects, TrackObjects
-from btcore_robot.leaves.navigate import Move
 from btcore_robot.leaves.obstacle import WaitForScan, is_obstacle
 from btcore_robot.leaves.pose_types import register_pose_type
 from btcore_robot.leaves.waypoint import GetWaypoint
@@ -13,14 +11,11 @@ from btcore_robot.leaves.waypoint import GetWaypoint
 __all__ = [
     "Back",
     "BatteryChecker",
-    "Explore",
     "Forward",
     "GetWaypoint",
     "LocateObjects",
-    "Move",
     "Patrol",
     "Recharge",
-    "SaveMap",
     "TrackObjects",
     "Turn",
     "TurnToFree",
@@ -34,5 +29,4 @@ def register(nodes: Registry) -> None:
     """Register every leaf of this library and the port type `Pose2D`."""
     register_pose_type(nodes)
     nodes.add(Back, Forward, Patrol, Turn, TurnToFree, WaitForScan, is_obstacle)
-    nodes.add(BatteryChecker, GetWaypoint, LocateObjects, Move, Recharge, TrackObjects)
-    nodes.add(Explore, SaveMap)
+    nodes.add(BatteryChecker, GetWaypoint, LocateObjects, Recharge, TrackObjects)

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from btcore_robot.field_reader import did_you_mean
-from btcore_robot.navigation.parameter_files import EVERY_SERVER, read_settings
-from btcore_robot.navigation.parameter_files import ParameterError as ParameterError
+from btcore_robot.parameter_files import EVERY_SERVER, read_settings
+from btcore_robot.parameter_files import ParameterError as ParameterError
 
 USE_SIM_TIME = "use_sim_time"
 """A parameter of every ROS 2 node; it has no effect here, because time is always the robot's time."""

@@ -43,7 +43,7 @@ def navigation(ctx: click.Context, /, **settings: Any) -> int:
 
 def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> int:
     try:
-        from btcore_robot.navigation.stack import Navigation
+        from btcore_navigation.stack import Navigation
     except ModuleNotFoundError as missing:
         raise click.UsageError(
             f"navigation needs the module '{missing.name}': pip install 'btcore[robot]'"

@@ -5,7 +5,7 @@ import logging
 from typing import Annotated, Any
 
 from btcore import In, NodeError, Status
-from btcore_robot.navigation.action import GoalStatus
+from btcore_navigation.action import GoalStatus
 from btcore_ros2.interfaces import interface_name
 from btcore_ros2.leaves.endpoint import Endpoint, interface_of
 from btcore_ros2.leaves.goal import ClientGoal

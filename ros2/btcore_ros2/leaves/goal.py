@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
-from btcore_robot.navigation.action import ENDED, GoalStatus
+from btcore_navigation.action import ENDED, GoalStatus
 from btcore_robot.robot import NS_PER_S
 from btcore_ros2.session import RosSession
 

@@ -7,16 +7,16 @@ from typing import Any, cast
 
 from btcore import Clock
 from btcore.clock import NS_PER_MS
-from btcore_robot.navigation.action import ENDED, GoalHandle
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.navigate_goal import NavigateGoal
-from btcore_robot.navigation.navigation_servers import (
+from btcore_navigation.action import ENDED, GoalHandle
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.navigate_goal import NavigateGoal
+from btcore_navigation.navigation_servers import (
     AnyGoalHandle,
     Battery,
     Message,
     NavigationServers,
 )
-from btcore_robot.navigation.path import NavPath
+from btcore_navigation.path import NavPath
 from btcore_robot.robot import Odometry, Pose2D, Twist2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.conversions import (

@@ -14,7 +14,7 @@ from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from nav_msgs.msg import Path
 from std_msgs.msg import Header
 
-from btcore_robot.navigation.behaviours import (
+from btcore_navigation.behaviours import (
     AssistedTeleopGoal,
     BackUpGoal,
     BehaviourFeedback,
@@ -22,18 +22,18 @@ from btcore_robot.navigation.behaviours import (
     SpinGoal,
     WaitGoal,
 )
-from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.navigate_goal import (
+from btcore_navigation.controller import FollowPathFeedback, FollowPathGoal
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.navigate_goal import (
     NavigateFeedback,
     NavigateGoal,
     WaypointState,
     WaypointStatus,
 )
-from btcore_robot.navigation.navigation_servers import SmoothedPath, SmoothPathGoal
-from btcore_robot.navigation.path import NavPath
-from btcore_robot.navigation.planner import ComputePathGoal
-from btcore_robot.navigation.waypoint_follower import FollowWaypointsGoal, MissedWaypoint
+from btcore_navigation.navigation_servers import SmoothedPath, SmoothPathGoal
+from btcore_navigation.path import NavPath
+from btcore_navigation.planner import ComputePathGoal
+from btcore_navigation.waypoint_follower import FollowWaypointsGoal, MissedWaypoint
 from btcore_robot.robot import NS_PER_S, Pose2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.nodes import ComputedRoute, ComputeRouteGoal, Route

@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from btcore_robot.navigation.action import ActionResult, GoalHandle, GoalStatus
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.action import ActionResult, GoalHandle, GoalStatus
+from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_ros2.errors import RosError
 from btcore_ros2.leaves.endpoint import SETTLING_NS
 from btcore_ros2.leaves.goal import ClientGoal

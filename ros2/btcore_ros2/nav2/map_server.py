@@ -6,9 +6,9 @@ from typing import Any
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 
+from btcore_navigation.stack import Navigation
 from btcore_robot.errors import RobotError
-from btcore_robot.navigation.occupancy_map import MapError, MapImageError, load_map
-from btcore_robot.navigation.stack import Navigation
+from btcore_robot.occupancy_map import MapError, MapImageError, load_map
 from btcore_ros2.nav2.conversions import MAP, nav2_type
 from btcore_ros2.nav2.navigation_topics import occupancy_grid
 from btcore_ros2.session import RosSession

@@ -4,19 +4,19 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from btcore import Direction, In, Out, Registry, Status, SyncAction
-from btcore_robot.leaves.pose_types import Poses
-from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.behaviours import AssistedTeleopGoal
-from btcore_robot.navigation.navigation_servers import AnyGoalHandle
-from btcore_robot.navigation.nodes.action_node import (
+from btcore_navigation.action import GoalStatus
+from btcore_navigation.behaviours import AssistedTeleopGoal
+from btcore_navigation.navigation_servers import AnyGoalHandle
+from btcore_navigation.nodes.action_node import (
     BtActionNode,
     BtServiceNode,
     ServerName,
     count_recovery,
 )
-from btcore_robot.navigation.nodes.actions import BASE
-from btcore_robot.navigation.nodes.port_access import OPTIONAL, path_port, pose_input, write_outputs
-from btcore_robot.navigation.path import NavPath, empty_path
+from btcore_navigation.nodes.actions import BASE
+from btcore_navigation.nodes.port_access import OPTIONAL, path_port, pose_input, write_outputs
+from btcore_navigation.path import NavPath, empty_path
+from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.robot import Pose2D
 
 

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
-from btcore_robot.navigation.action import ActionServer, GoalHandle, GoalStatus
-from btcore_robot.navigation.navigate_goal import NavigateGoal
-from btcore_robot.navigation.navigator import Navigator, tree_file
+from btcore_navigation.action import ActionServer, GoalHandle, GoalStatus
+from btcore_navigation.navigate_goal import NavigateGoal
+from btcore_navigation.navigator import Navigator, tree_file
 from btcore_robot.robot import NS_PER_S
 from btcore_ros2.action_server import DELIVERY_S, RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError

@@ -7,8 +7,8 @@ from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Empty
 from std_srvs.srv import Empty as EmptyService
 
-from btcore_robot.navigation.action import ActionServer
-from btcore_robot.navigation.navigation_servers import (
+from btcore_navigation.action import ActionServer
+from btcore_navigation.navigation_servers import (
     CheckPath,
     ClearCostmap,
     ClearedArea,
@@ -16,9 +16,9 @@ from btcore_robot.navigation.navigation_servers import (
     PathCheck,
     ReinitializeLocalization,
 )
-from btcore_robot.navigation.navigator import Navigator
-from btcore_robot.navigation.stack import Navigation
-from btcore_robot.navigation.waypoint_follower import WaypointFollower
+from btcore_navigation.navigator import Navigator
+from btcore_navigation.stack import Navigation
+from btcore_navigation.waypoint_follower import WaypointFollower
 from btcore_robot.robot import Phase, Twist2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.client import Nav2Client

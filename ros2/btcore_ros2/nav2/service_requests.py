@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import Any
 
-from btcore_robot.navigation.navigation_servers import (
+from btcore_navigation.navigation_servers import (
     CheckPath,
     ClearCostmap,
     ClearedArea,

@@ -17,7 +17,7 @@ from btcore.run_extension import RunExtension
 for needed in ("zmq", "cv2", "pybullet"):
     pytest.importorskip(needed)
 from btcore_monitor.run_extension import MonitorExtension  # noqa: E402
-from btcore_robot.run_extension import NavigationExtension  # noqa: E402
+from btcore_navigation.run_extension import NavigationExtension  # noqa: E402
 from btcore_sim.run_extension import RobotExtension  # noqa: E402
 
 Cli = Callable[..., Result]

@@ -27,16 +27,6 @@ def test_a_class_has_one_id_in_its_formats() -> None:
             assert id in (cls.builtin_id, cls.__name__)
 
 
-@pytest.mark.parametrize("cls", BUILTIN_NODES[4].values(), ids=lambda cls: cls.__name__)
-def test_declared_batch_counterpart_exists(cls: type[TreeNode]) -> None:
-    pytest.importorskip("numpy")
-    from btcore.batch.compile import batch_class
-    from btcore.batch.node import BatchNode
-
-    found = batch_class(cls)
-    assert found is None or issubclass(found, BatchNode)
-
-
 def test_declared_results_do_not_apply_to_user_subclasses() -> None:
     class Own(ForceSuccess):
         pass

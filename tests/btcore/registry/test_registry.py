@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,6 +33,7 @@ from btcore import (
     condition,
 )
 from btcore.cli.node_libraries import load_libraries
+from btcore.registry.registry import MOVED_MODULES
 from btcore.values import DOUBLE
 
 
@@ -494,7 +496,7 @@ def test_every_part_of_btcore_registers_the_same_installed_libraries(
     library: Path, monkeypatch: pytest.MonkeyPatch, limit: str | None
 ) -> None:
     """Programs, the command line and the language server."""
-    worker = pytest.importorskip("btcore.language.worker")
+    worker = pytest.importorskip("btcore_studio.language.worker")
     install_metadata(library.parent, "polite-robot", "gestures = gestures")
     if limit is not None:
         monkeypatch.setenv("BTCORE_ENTRY_POINTS", limit)
@@ -680,6 +682,11 @@ def test_two_plugins_with_the_same_id_are_both_named(library: Path) -> None:
     [
         ("x = 1\nraise ValueError('out of luck')\n", 2, "ValueError: out of luck"),
         ("\n\nimport gestures_of_nobody\n", 3, "No module named 'gestures_of_nobody'"),
+        (
+            "from btcore.batch import Mask\n",
+            1,
+            "No module named 'btcore.batch': it has moved to btcore_batch",
+        ),
         ("def half(\n", 1, "SyntaxError"),
         ("raise SystemExit(3)\n", 1, "SystemExit: 3"),
     ],
@@ -692,6 +699,16 @@ def test_plugin_that_raises_on_import_is_named_with_line_and_exception(
         said = refused(Registry.standard().add_plugin, given)
         assert said.startswith(f"plugin '{given}' raised while it was imported: {library}:{place}: ")
         assert cause in said
+
+
+def test_moved_modules_exist_and_are_in_the_change_log() -> None:
+    changes = (Path(__file__).parents[3] / "CHANGELOG.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^ +- `([\w.]+)` → `([\w.]+)`$", changes, re.MULTILINE)
+    assert dict(listed) == MOVED_MODULES
+    for new in MOVED_MODULES.values():
+        assert find_spec(new.partition(".")[0]) is not None
+        pytest.importorskip("numpy")
+        assert find_spec(new) is not None
 
 
 def test_plugin_whose_register_raises_is_named(library: Path) -> None:

@@ -68,7 +68,7 @@ def test_codes_are_unique_and_can_be_pickled() -> None:
 
 def test_every_code_is_used_and_comes_from_the_table() -> None:
     used, literals = set(), set()
-    for path in sorted((ROOT / "btcore").rglob("*.py")):
+    for path in (path for folder in ("btcore", "tools") for path in (ROOT / folder).rglob("*.py")):
         if path.stem != "diagnostic_codes":
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.Name):

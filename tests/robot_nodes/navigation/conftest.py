@@ -9,18 +9,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.behaviours import (
+from btcore_navigation.behaviours import (
     AssistedTeleopBehaviour,
     BackUpBehaviour,
     DriveOnHeadingBehaviour,
     SpinBehaviour,
     WaitBehaviour,
 )
-from btcore_robot.navigation.clearance import laser_pose, smooth_scan
-from btcore_robot.navigation.controller import ControllerServer, FollowPathGoal
-from btcore_robot.navigation.costmap import LocalCostmap
-from btcore_robot.navigation.parameters import ControllerParameters
-from btcore_robot.navigation.path import NavPath
+from btcore_navigation.clearance import laser_pose, smooth_scan
+from btcore_navigation.controller import ControllerServer, FollowPathGoal
+from btcore_navigation.costmap import LocalCostmap
+from btcore_navigation.parameters import ControllerParameters
+from btcore_navigation.path import NavPath
 from btcore_robot.robot import (
     CMD_VEL,
     NS_PER_S,

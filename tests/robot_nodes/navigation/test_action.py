@@ -1,6 +1,6 @@
 import pytest
 
-from btcore_robot.navigation.action import ActionServer, GoalHandle, GoalStatus
+from btcore_navigation.action import ActionServer, GoalHandle, GoalStatus
 
 
 class Counting(ActionServer[int, int, int]):

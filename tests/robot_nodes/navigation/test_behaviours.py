@@ -3,16 +3,16 @@ import math
 import numpy as np
 import pytest
 
-from btcore_robot.navigation import sensor_watch
-from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.behaviours import (
+from btcore_navigation import sensor_watch
+from btcore_navigation.action import GoalStatus
+from btcore_navigation.behaviours import (
     AssistedTeleopGoal,
     BackUpGoal,
     DriveOnHeadingGoal,
     SpinGoal,
     WaitGoal,
 )
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_robot.robot import SonarReading, Twist2D
 
 

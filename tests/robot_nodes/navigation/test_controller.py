@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from btcore_robot.navigation import sensor_watch
-from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.path import empty_path
+from btcore_navigation import sensor_watch
+from btcore_navigation.action import GoalStatus
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.path import empty_path
 from btcore_robot.robot import Pose2D
 
 CORRIDOR = (-1.0, -1.2, 7.0, -1.0), (-1.0, 1.0, 7.0, 1.2)

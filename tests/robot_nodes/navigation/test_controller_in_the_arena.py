@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.behaviours import BackUpGoal, SpinGoal
+from btcore_navigation.action import GoalStatus
+from btcore_navigation.behaviours import BackUpGoal, SpinGoal
 from btcore_robot.robot import Pose2D
 from btcore_sim.faults import parse_fault
 from btcore_sim.robot_description import load_description

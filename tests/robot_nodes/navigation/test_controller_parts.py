@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.clearance import ClearanceGrid, smooth_scan
-from btcore_robot.navigation.controller import GoalChecker, ProgressChecker
-from btcore_robot.navigation.costmap import LocalCostmap
-from btcore_robot.navigation.detour import find_detour
-from btcore_robot.navigation.pure_pursuit import PurePursuit
+from btcore_navigation.clearance import ClearanceGrid, smooth_scan
+from btcore_navigation.controller import GoalChecker, ProgressChecker
+from btcore_navigation.costmap import LocalCostmap
+from btcore_navigation.detour import find_detour
+from btcore_navigation.pure_pursuit import PurePursuit
 from btcore_robot.robot import LaserScan, Pose2D
 
 SECOND = 1_000_000_000

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.ndimage import distance_transform_edt
 
-from btcore_robot.navigation.costmap import (
+from btcore_navigation.costmap import (
     FREE,
     INSCRIBED,
     LETHAL,
@@ -17,9 +17,9 @@ from btcore_robot.navigation.costmap import (
     GlobalCostmap,
     LocalCostmap,
 )
-from btcore_robot.navigation.costmap_layers import InflationLayer, ObstacleLayer
-from btcore_robot.navigation.mapping.exploration import REMEMBERED, GrowingCostmap
-from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_navigation.costmap_layers import InflationLayer, ObstacleLayer
+from btcore_navigation.mapping.exploration import REMEMBERED, GrowingCostmap
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserScan, Pose2D
 
 HERE = Pose2D(2.025, 2.025, 0.0)

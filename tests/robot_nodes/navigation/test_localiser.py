@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.localiser import Localiser
-from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.parameters import AmclParameters
+from btcore_navigation.localiser import Localiser
+from btcore_navigation.parameters import AmclParameters
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserInfo, LaserScan, Odometry, Pose2D, TransformStamped, Twist2D
 from btcore_robot.transforms import FrameBroadcaster, TransformTree
 

@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.localiser import Localiser
+from btcore_navigation.localiser import Localiser
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import FrameBroadcaster, TransformTree
 from btcore_sim.map_rasteriser import rasterise

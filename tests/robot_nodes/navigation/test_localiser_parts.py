@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.distance_field import SignedDistanceField
-from btcore_robot.navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
-from btcore_robot.navigation.likelihood import LikelihoodField, beam_endpoints, obstacle_distances
-from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.particles import (
+from btcore_navigation.distance_field import SignedDistanceField
+from btcore_navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
+from btcore_navigation.likelihood import LikelihoodField, beam_endpoints, obstacle_distances
+from btcore_navigation.particles import (
     best_cluster,
     decompose_motion,
     kld_sample_size,
@@ -17,8 +16,9 @@ from btcore_robot.navigation.particles import (
     sample_motion_model,
     sample_particles,
 )
-from btcore_robot.navigation.pose_validation import changed_beam_shares
-from btcore_robot.navigation.ray_casting import RayCaster
+from btcore_navigation.pose_validation import changed_beam_shares
+from btcore_navigation.ray_casting import RayCaster
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserScan, Pose2D
 
 ALPHAS = (0.2, 0.2, 0.2, 0.2)

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
-from btcore_robot.navigation.occupancy_map import OccupancyMap, save_map
+from btcore_robot.occupancy_map import OccupancyMap, save_map
 
 ROOT = Path(__file__).parents[3]
 

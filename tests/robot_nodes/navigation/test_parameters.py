@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from btcore.bundled_trees import folder
-from btcore_robot.navigation.behaviours import BackUpGoal, SpinGoal
-from btcore_robot.navigation.error_codes import (
+from btcore_navigation.behaviours import BackUpGoal, SpinGoal
+from btcore_navigation.error_codes import (
     CONTROLLER_RECOVERY_HELPS,
     PLANNER_RECOVERY_HELPS,
     Nav2ErrorCode,
 )
-from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.parameter_files import ParameterError
-from btcore_robot.navigation.parameters import NavigationParameters, load_parameters
-from btcore_robot.navigation.stack import Navigation
+from btcore_navigation.parameters import NavigationParameters, load_parameters
+from btcore_navigation.stack import Navigation
+from btcore_robot.occupancy_map import OccupancyMap
+from btcore_robot.parameter_files import ParameterError
 from btcore_robot.robot import BaseInfo, Pose2D
 
 

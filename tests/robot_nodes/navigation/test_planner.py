@@ -9,19 +9,19 @@ from hypothesis.extra.numpy import arrays
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from btcore_robot.navigation.costmap import INSCRIBED, LETHAL, UNKNOWN, Costmap, GlobalCostmap
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.grid_search import (
+from btcore_navigation.costmap import INSCRIBED, LETHAL, UNKNOWN, Costmap, GlobalCostmap
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.grid_search import (
     IMPASSABLE,
     CostBounds,
     find_cheapest_path,
     grid_costs,
     reachable_cells,
 )
-from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.path import NavPath, empty_path
-from btcore_robot.navigation.path_smoothing import MAX_COST_RATIO, smooth_path
-from btcore_robot.navigation.planner import Planner, PlannerError
+from btcore_navigation.path import NavPath, empty_path
+from btcore_navigation.path_smoothing import MAX_COST_RATIO, smooth_path
+from btcore_navigation.planner import Planner, PlannerError
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserScan, Pose2D
 
 ROOMS = """

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.controller import FollowPathGoal
-from btcore_robot.navigation.scene import PARTICLES_AT_MOST
-from btcore_robot.navigation.stack import Navigation
+from btcore_navigation.controller import FollowPathGoal
+from btcore_navigation.scene import PARTICLES_AT_MOST
+from btcore_navigation.stack import Navigation
 from btcore_robot.robot import Pose2D
 from btcore_scene import MovingScene, Poses
 from btcore_sim.map_rasteriser import rasterise

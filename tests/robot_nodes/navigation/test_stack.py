@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from btcore_robot.navigation import sensor_watch, stack
-from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.costmap import INSCRIBED
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.navigator import NavigateGoal
-from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.parameters import NavigationParameters, WaypointFollowerParameters
-from btcore_robot.navigation.planner import ComputePathGoal
-from btcore_robot.navigation.stack import SEARCH_TURN, Navigation
-from btcore_robot.navigation.waypoint_follower import FollowWaypointsGoal, WaypointFollower
+from btcore_navigation import sensor_watch, stack
+from btcore_navigation.action import GoalStatus
+from btcore_navigation.costmap import INSCRIBED
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.navigator import NavigateGoal
+from btcore_navigation.parameters import NavigationParameters, WaypointFollowerParameters
+from btcore_navigation.planner import ComputePathGoal
+from btcore_navigation.stack import SEARCH_TURN, Navigation
+from btcore_navigation.waypoint_follower import FollowWaypointsGoal, WaypointFollower
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Phase, Pose2D
 from btcore_sim.faults import Fault
 from btcore_sim.map_rasteriser import rasterise

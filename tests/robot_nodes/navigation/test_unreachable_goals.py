@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.goal_progress import PATIENCE, GoalProgress
-from btcore_robot.navigation.navigator import NavigateGoal
-from btcore_robot.navigation.stack import Navigation
+from btcore_navigation.action import GoalStatus
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.goal_progress import PATIENCE, GoalProgress
+from btcore_navigation.navigator import NavigateGoal
+from btcore_navigation.stack import Navigation
 from btcore_robot.robot import NS_PER_S, Pose2D, Waypoints
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import Scene, SceneObject

@@ -1,7 +1,7 @@
 """A plug-in for navigation trees by a third party."""
 
 from btcore import In, SyncAction, condition
-from btcore_robot.navigation.servers import Servers
+from btcore_navigation.servers import Servers
 from btcore_robot.robot import Robot
 
 

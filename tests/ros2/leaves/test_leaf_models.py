@@ -27,7 +27,7 @@ from tf2_msgs.msg import TFMessage
 import btcore
 from btcore import Status
 from btcore.clock import NS_PER_MS
-from btcore.proof.leaf_models import model_of, resources_of
+from btcore_proof.leaf_models import model_of, resources_of
 from btcore_robot.schedule import SimulatedTime
 from btcore_ros2.action_server import RosActionServer
 from btcore_ros2.session import RosSession

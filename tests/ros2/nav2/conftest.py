@@ -13,15 +13,15 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
-from btcore_robot.navigation import nodes as nav2_nodes
-from btcore_robot.navigation.nodes import action_node
+from btcore_navigation import nodes as nav2_nodes
+from btcore_navigation.nodes import action_node
 from btcore_robot.robot import NS_PER_S
 
 LIMIT = 120.0  # s: for a machine that is much slower
 
 
 PATIENT = """
-from btcore_robot.navigation.nodes import action_node
+from btcore_navigation.nodes import action_node
 action_node.MIN_ACCEPTANCE_MS = 60_000
 from btcore.__main__ import main
 main()

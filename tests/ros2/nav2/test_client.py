@@ -18,12 +18,12 @@ from tf2_msgs.msg import TFMessage
 
 import btcore
 from btcore import Registry, Status
-from btcore_robot.leaves.navigate import Move
-from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.nodes import action_node
-from btcore_robot.navigation.nodes.action_node import MIN_ACCEPTANCE_MS
-from btcore_robot.navigation.path import NavPath
+from btcore_navigation.action import GoalStatus
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.leaves.navigate import Move
+from btcore_navigation.nodes import action_node
+from btcore_navigation.nodes.action_node import MIN_ACCEPTANCE_MS
+from btcore_navigation.path import NavPath
 from btcore_robot.robot import Pose2D, Robot
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.client import Nav2Client

@@ -11,7 +11,7 @@ pytest.importorskip("nav2_msgs")
 from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import deserialize_message, serialize_message
 
-from btcore_robot.navigation.behaviours import (
+from btcore_navigation.behaviours import (
     AssistedTeleopGoal,
     BackUpGoal,
     BehaviourFeedback,
@@ -19,11 +19,11 @@ from btcore_robot.navigation.behaviours import (
     SpinGoal,
     WaitGoal,
 )
-from btcore_robot.navigation.controller import FollowPathFeedback, FollowPathGoal
-from btcore_robot.navigation.navigate_goal import NavigateFeedback, NavigateGoal
-from btcore_robot.navigation.path import NavPath
-from btcore_robot.navigation.planner import ComputePathGoal
-from btcore_robot.navigation.waypoint_follower import FollowWaypointsGoal
+from btcore_navigation.controller import FollowPathFeedback, FollowPathGoal
+from btcore_navigation.navigate_goal import NavigateFeedback, NavigateGoal
+from btcore_navigation.path import NavPath
+from btcore_navigation.planner import ComputePathGoal
+from btcore_navigation.waypoint_follower import FollowWaypointsGoal
 from btcore_robot.robot import Pose2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.conversions import (

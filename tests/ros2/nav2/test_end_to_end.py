@@ -20,7 +20,7 @@ from nav2_msgs.action import FollowWaypoints, NavigateToPose
 from nav2_msgs.srv import ManageLifecycleNodes
 from rclpy.action import ActionClient
 
-from btcore_robot.navigation.action import GoalStatus
+from btcore_navigation.action import GoalStatus
 from btcore_robot.robot import Pose2D
 from btcore_ros2.nav2.conversions import pose_to_stamped
 from btcore_ros2.nav2.pose_listener import PoseListener

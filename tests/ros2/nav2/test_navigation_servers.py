@@ -30,8 +30,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Empty
 from tf2_msgs.msg import TFMessage
 
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.occupancy_map import OccupancyMap, save_map
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_robot.occupancy_map import OccupancyMap, save_map
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.session import RosSession
 from tests.ros2.action_client import LIMIT_S, ClientProcess

@@ -19,9 +19,9 @@ from nav2_msgs.msg import Costmap, CostmapUpdate
 from nav_msgs.msg import OccupancyGrid
 
 from btcore.bundled_trees import folder
-from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.parameters import GlobalCostmapParameters
-from btcore_robot.navigation.stack import Navigation
+from btcore_navigation.parameters import GlobalCostmapParameters
+from btcore_navigation.stack import Navigation
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import interface_name

@@ -15,7 +15,7 @@ from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import NavigateThroughPoses, NavigateToPose
 from rclpy.action import ActionClient
 
-from btcore_robot.navigation.action import GoalStatus
+from btcore_navigation.action import GoalStatus
 from btcore_robot.robot import Pose2D
 from btcore_ros2.nav2.conversions import pose_to_stamped, poses_to_goals
 from tests.ros2.discovery import wait_until_known

@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("pybullet")
 
 from btcore.cli.main import main
-from btcore_robot.navigation.occupancy_map import save_map
+from btcore_robot.occupancy_map import save_map
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import load_scene
 from tests.ros2.simulation.process import LIMIT, Simulation

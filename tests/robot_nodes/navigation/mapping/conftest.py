@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.mapping.key_scan import KeyScan, LocalisedScan, key_scan
-from btcore_robot.navigation.mapping.mapper import SCANS_PER_KEY, Mapper
+from btcore_navigation.mapping.key_scan import KeyScan, LocalisedScan, key_scan
+from btcore_navigation.mapping.mapper import SCANS_PER_KEY, Mapper
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import (
     CMD_VEL,

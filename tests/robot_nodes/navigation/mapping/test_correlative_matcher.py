@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from btcore_robot.navigation.mapping.correlative_matcher import (
+from btcore_navigation.mapping.correlative_matcher import (
     NEARBY,
     CorrelationGrid,
     PoseUncertainty,
     SearchWindow,
 )
-from btcore_robot.navigation.mapping.key_scan import KeyScan
-from btcore_robot.navigation.mapping.pose_arrays import pose_to_row, relative_pose
+from btcore_navigation.mapping.key_scan import KeyScan
+from btcore_navigation.mapping.pose_arrays import pose_to_row, relative_pose
 from btcore_robot.robot import Pose2D
 
 Seen = Callable[..., KeyScan]

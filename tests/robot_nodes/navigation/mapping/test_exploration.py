@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
-from btcore_robot.navigation.likelihood import obstacle_distances
-from btcore_robot.navigation.mapping import map_quality
-from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map
+from btcore_navigation.likelihood import obstacle_distances
+from btcore_navigation.mapping import map_quality
+from btcore_robot.occupancy_map import OccupancyMap, load_map
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.scene import load_scene
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.costmap import GlobalCostmap
-from btcore_robot.navigation.mapping.frontiers import find_frontiers, frontier_mask, is_unknown_nearby
-from btcore_robot.navigation.occupancy_map import OccupancyMap
+from btcore_navigation.costmap import GlobalCostmap
+from btcore_navigation.mapping.frontiers import find_frontiers, frontier_mask, is_unknown_nearby
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 
 HERE = Pose2D(1.0, 2.0, 0.0)

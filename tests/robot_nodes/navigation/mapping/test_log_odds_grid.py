@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from btcore_robot.navigation.mapping.key_scan import KeyScan
-from btcore_robot.navigation.mapping.log_odds_grid import LogOddsGrid, trim_map
-from btcore_robot.navigation.mapping.pose_arrays import pose_to_row
-from btcore_robot.navigation.occupancy_map import OccupancyMap, load_map, save_map
+from btcore_navigation.mapping.key_scan import KeyScan
+from btcore_navigation.mapping.log_odds_grid import LogOddsGrid, trim_map
+from btcore_navigation.mapping.pose_arrays import pose_to_row
+from btcore_robot.occupancy_map import OccupancyMap, load_map, save_map
 from btcore_robot.robot import Pose2D
 
 Seen = Callable[..., KeyScan]

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from btcore_robot.navigation.mapping.key_scan import KeyScan
-from btcore_robot.navigation.mapping.loop_closure import MIN_CHAIN, LoopClosureDetector
-from btcore_robot.navigation.mapping.pose_arrays import pose_to_row
-from btcore_robot.navigation.mapping.pose_graph import PoseGraph
+from btcore_navigation.mapping.key_scan import KeyScan
+from btcore_navigation.mapping.loop_closure import MIN_CHAIN, LoopClosureDetector
+from btcore_navigation.mapping.pose_arrays import pose_to_row
+from btcore_navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.robot import Pose2D
 
 Seen = Callable[..., KeyScan]

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from btcore_robot.navigation.mapping.log_odds_grid import LogOddsGrid
-from btcore_robot.navigation.mapping.map_quality import (
+from btcore_navigation.mapping.log_odds_grid import LogOddsGrid
+from btcore_navigation.mapping.map_quality import (
     MAX_LOOP_ERROR,
     MAX_THROUGH_SHARE,
     MIN_FIT,
     MapQuality,
     map_quality,
 )
-from btcore_robot.navigation.mapping.mapper import Mapper
-from btcore_robot.navigation.mapping.pose_graph import PoseGraph
+from btcore_navigation.mapping.mapper import Mapper
+from btcore_navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.robot import Pose2D
 
 Boxes = tuple[tuple[float, float, float, float], ...]

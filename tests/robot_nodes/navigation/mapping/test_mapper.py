@@ -117,7 +117,7 @@ def test_the_same_drive_gives_the_same_map(survey: MappingRig, room: Boxes) -> N
 
 
 def test_before_the_first_scan_the_map_is_unknown(survey: MappingRig, room: Boxes) -> None:
-    from btcore_robot.navigation.mapping.mapper import Mapper
+    from btcore_navigation.mapping.mapper import Mapper
 
     led = survey(room, Pose2D(0.0, 0.0, 0.0))
     fresh = Mapper(led.robot, led.tree)

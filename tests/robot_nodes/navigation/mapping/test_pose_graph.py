@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from btcore_robot.navigation.mapping.pose_arrays import Floats, compose, relative_pose
-from btcore_robot.navigation.mapping.pose_graph import PoseGraph
+from btcore_navigation.mapping.pose_arrays import Floats, compose, relative_pose
+from btcore_navigation.mapping.pose_graph import PoseGraph
 
 SURE = np.diag((1e4, 1e4, 1e5))
 

@@ -9,12 +9,12 @@ import pytest
 import btcore
 from btcore import Registry, Status, Tree
 from btcore.testing import CallLog, PlanAction
-from btcore_robot.navigation import nodes as nav2_nodes
-from btcore_robot.navigation.costmap import GlobalCostmap
-from btcore_robot.navigation.occupancy_map import OccupancyMap
-from btcore_robot.navigation.planner import Planner, PlannerServer
-from btcore_robot.navigation.servers import Servers
-from btcore_robot.navigation.smoother import SmootherServer
+from btcore_navigation import nodes as nav2_nodes
+from btcore_navigation.costmap import GlobalCostmap
+from btcore_navigation.planner import Planner, PlannerServer
+from btcore_navigation.servers import Servers
+from btcore_navigation.smoother import SmootherServer
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import TransformTree
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 from btcore import Status
-from btcore_robot.navigation.action import GoalStatus
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.planner import Planner, PlannerServer
-from btcore_robot.navigation.servers import OBSTACLE_MEMORY
+from btcore_navigation.action import GoalStatus
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.planner import Planner, PlannerServer
+from btcore_navigation.servers import OBSTACLE_MEMORY
 from btcore_robot.robot import NS_PER_S, Pose2D, Twist2D
 
 AHEAD = Pose2D(2.0, 0.0, 0.0)

@@ -3,7 +3,7 @@
 import pytest
 
 from btcore import NodeExecutionError
-from btcore_robot.navigation.controller import FollowPathFeedback
+from btcore_navigation.controller import FollowPathFeedback
 from btcore_robot.robot import BatteryState, Odometry, Pose2D, Twist2D
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)

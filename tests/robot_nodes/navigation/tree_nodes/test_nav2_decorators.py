@@ -3,10 +3,10 @@
 import pytest
 
 from btcore import NodeExecutionError, Status
-from btcore_robot.navigation.error_codes import Nav2ErrorCode
-from btcore_robot.navigation.goal_progress import PATIENCE
-from btcore_robot.navigation.navigator import SLOWEST, NavigateGoal, Navigator
-from btcore_robot.navigation.path import NavPath
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.goal_progress import PATIENCE
+from btcore_navigation.navigator import SLOWEST, NavigateGoal, Navigator
+from btcore_navigation.path import NavPath
 from btcore_robot.robot import Phase, Pose2D
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)

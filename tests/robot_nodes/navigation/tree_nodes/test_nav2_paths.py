@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from btcore import Status
-from btcore_robot.navigation.navigate_goal import WaypointState, WaypointStatus
+from btcore_navigation.navigate_goal import WaypointState, WaypointStatus
 from btcore_robot.robot import Pose2D
 
 BOX = (1.8, -0.2, 2.2, 0.2)  # m, on the line y = 0

@@ -1,0 +1,1 @@
+"""Navigation for robots that implement the protocol `btcore_robot.robot.Robot`."""

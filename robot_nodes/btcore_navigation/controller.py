@@ -1,0 +1,533 @@
+"""The controller of FollowPath: drive along a path, and around obstacles on the path or stop before them.
+
+The control law is a regulated pure pursuit: the speed depends on the curvature of the arc, on the free length
+of the arc in the newest scan, on the clearance beside the arc, and on the remaining distance. The robot
+passes an obstacle on the path by a detour; the controller updates the detour while the obstacle stays.
+Collision checks treat the robot as a circle: they compare the distance to the nearest obstacle with a radius.
+`GoalChecker` and `ProgressChecker` are Nav2's SimpleGoalChecker and PoseProgressChecker.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from btcore_navigation.action import ActionServer, GoalHandle
+from btcore_navigation.clearance import ClearanceGrid, laser_pose, min_clearance
+from btcore_navigation.costmap import LocalCostmap
+from btcore_navigation.detour import find_detour
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.parameters import ControllerParameters
+from btcore_navigation.path import NavPath, path_through
+from btcore_navigation.pure_pursuit import Carrot, PurePursuit
+from btcore_navigation.sensor_watch import SensorWatch
+from btcore_navigation.velocity_smoother import VelocityLimits, VelocitySmoother
+from btcore_robot.rigid_transform import Transform, wrap_angle
+from btcore_robot.robot import NS_PER_S, Pose2D, Robot
+from btcore_robot.transforms import TransformError, TransformTree
+
+__all__ = ["ControllerServer", "FollowPathFeedback", "FollowPathGoal", "FollowPathHandle"]
+
+_FULL_SPEED = 0.15  # m more than the least clearance: from this clearance the speed isn't reduced
+_MIN_SPEED_SHARE = 0.4  # share of the full speed right beside an obstacle
+_STEP = 0.05  # m between the checked points of an arc or a path
+_LOOK_AHEAD = 1.3  # m of the path that must be free; otherwise a detour is searched
+_RETURN_REACH = 3.0  # m of the path on which a detour may end: the range of the clearance grid
+_MAP_ERROR = 0.04  # m less than the least clearance: a path with less clearance is blocked
+_THIN = 2  # every second point of the path is a possible end of a detour
+_BEYOND = 0.3  # m behind the obstacle at which a detour returns to the path
+_MAX_OFF_PATH = 0.3  # m beside the path; farther away, a way back to the path is searched too
+_SPARE = 0.02  # m of clearance that a detour keeps in addition
+_MARGIN = 0.08  # m that the robot stops before the last free point of an arc
+_STUCK = 0.05, 0.15, 1.5  # m, rad, s: with less motion a detour is searched, even if the path looks free
+_UNSTICK_REACH = 0.6  # m along the path: the nearest end of a detour for a stuck robot
+_SEARCH_INTERVAL = NS_PER_S // 3  # ns between two searches for a detour
+_ALIGNED = 0.15  # rad: a turn on the spot ends at this error
+_MIN_SPEED = 0.02  # m/s: a lower speed counts as standing
+_TURN_SHARE = 0.7  # share of the turning acceleration with which turns on the spot are planned
+_MAX_DETOUR_CARROT = 0.4  # m: a detour bends more than a path
+
+
+@dataclass(frozen=True, slots=True)
+class FollowPathGoal:
+    """A *path* to follow to its end.
+
+    The ids name Nav2's plug-ins; the controller ignores them, because it has a single plug-in of each kind.
+
+    Attributes:
+        path: The path.
+        controller_id: Ignored.
+        goal_checker_id: Ignored.
+        progress_checker_id: Ignored.
+        path_handler_id: Ignored.
+    """
+
+    path: NavPath
+    controller_id: str = ""
+    goal_checker_id: str = ""
+    progress_checker_id: str = ""
+    path_handler_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FollowPathFeedback:
+    """The progress along a path.
+
+    Attributes:
+        distance_to_goal: The remaining distance (m).
+        speed: The commanded speed (m/s).
+        position_error: The distance from the path (m); positive if the robot is to the left of the path.
+        heading_error: The error of the heading (rad); positive if the robot is turned to the left of the
+            path's direction.
+    """
+
+    distance_to_goal: float = 0.0
+    speed: float = 0.0
+    position_error: float = 0.0
+    heading_error: float = 0.0
+
+
+FollowPathHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, None]
+"""The handle of a `FollowPathGoal`."""
+
+
+class GoalChecker:
+    """A check whether a pose is within *xy* (m) and *yaw* (rad) of the goal.
+
+    With *stateful*, a position that was reached once stays reached until `reset`; only the heading is checked
+    from then on.
+    """
+
+    def __init__(self, xy: float, yaw: float, stateful: bool = True) -> None:
+        self._xy = xy
+        self._yaw = yaw
+        self._stateful = stateful
+        self._position_reached = False
+
+    def reset(self) -> None:
+        """Forget that the position was reached, for a new goal."""
+        self._position_reached = False
+
+    def is_position_reached(self, pose: Pose2D, goal: Pose2D) -> bool:
+        """Return whether the robot is at the position of the goal, with any heading.
+
+        Args:
+            pose: The robot's pose.
+            goal: The goal, in the same frame as *pose*.
+        """
+        close = math.hypot(goal.x - pose.x, goal.y - pose.y) <= self._xy
+        self._position_reached = close or (self._stateful and self._position_reached)
+        return self._position_reached
+
+    def is_goal_reached(self, pose: Pose2D, goal: Pose2D) -> bool:
+        """Return whether the robot has the position and the heading of the goal.
+
+        Args:
+            pose: The robot's pose.
+            goal: The goal, in the same frame as *pose*.
+        """
+        return self.is_position_reached(pose, goal) and abs(wrap_angle(goal.yaw - pose.yaw)) <= self._yaw
+
+
+class ProgressChecker:
+    """A check whether a robot moved *radius* (m) or turned *angle* (rad) within the last *allowance* (s).
+
+    Call `pause` to exclude time in which the robot is not allowed to move.
+    """
+
+    def __init__(self, radius: float, angle: float, allowance: float) -> None:
+        self._radius = radius
+        self._angle = angle
+        self._allowance = round(allowance * NS_PER_S)
+        self._reference: Pose2D | None = None
+        self._since = 0
+
+    def reset(self) -> None:
+        """Measure the progress from the pose and the time of the next check."""
+        self._reference = None
+
+    def pause(self, nanoseconds: int) -> None:
+        """Exclude the last *nanoseconds* from the time without progress."""
+        self._since += nanoseconds
+
+    def check(self, pose: Pose2D, now: int) -> bool:
+        """Return whether the robot makes progress. The first check after `reset` returns True.
+
+        Args:
+            pose: The robot's pose, in the same frame in all calls.
+            now: The time (ns).
+        """
+        reference = self._reference
+        if (
+            reference is None
+            or math.hypot(pose.x - reference.x, pose.y - reference.y) > self._radius
+            or abs(wrap_angle(pose.yaw - reference.yaw)) > self._angle
+        ):
+            self._reference = pose
+            self._since = now
+            return True
+        return now - self._since <= self._allowance
+
+
+class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
+    """The action server of `FollowPathGoal`.
+
+    Call `step` from the robot's schedule at `controller_frequency` in `Phase.CONTROLLER`. While *hold*
+    returns True, or a sensor has an outage, the robot stands and the goal waits. The goal fails when an
+    outage lasts longer than `time_limits.PATIENCE`.
+
+    Args:
+        robot: The robot.
+        tree: The transform tree.
+        local_costmap: The costmap for collision checks.
+        parameters: The parameters; the defaults if omitted.
+        hold: A function that returns whether the robot has to stand; by default the robot may always drive.
+        sensors: The watch over the sensors; by default a watch with the time limits of *parameters*.
+        robot_radius: The radius (m) of the robot in the parameters of the local costmap; 0 = the robot's own.
+
+    Attributes:
+        name: The name of the action.
+        parameters: The parameters of the controller.
+    """
+
+    name = "follow_path"
+
+    def __init__(
+        self,
+        robot: Robot,
+        tree: TransformTree,
+        local_costmap: LocalCostmap,
+        parameters: ControllerParameters | None = None,
+        *,
+        hold: Callable[[], bool] | None = None,
+        sensors: SensorWatch | None = None,
+        robot_radius: float = 0.0,
+    ) -> None:
+        super().__init__()
+        self.parameters = parameters = parameters or ControllerParameters()
+        self.period = 1.0 / parameters.controller_frequency
+        """The time (s) between two steps."""
+        self.clearance = ClearanceGrid()
+        """The distances to obstacles in the newest scan; public for displays."""
+        self._robot = robot
+        self._tree = tree
+        self._costmap = local_costmap
+        self._hold = hold
+        self._min_clearance = min_clearance(robot.base, robot_radius)
+        self._blocked = round(self._min_clearance - _MAP_ERROR, 6)
+        self._full_speed_clearance = round(self._min_clearance + _FULL_SPEED, 6)
+        self._sensors = sensors or SensorWatch(
+            robot, tree, parameters.scan_timeout, parameters.odometry_timeout
+        )
+        self._smoother = VelocitySmoother(
+            robot,
+            VelocityLimits(
+                v=parameters.max_vel_x,
+                w=parameters.max_vel_theta,
+                v_up=parameters.acc_lim_x,
+                v_down=abs(parameters.decel_lim_x),
+                w_up=parameters.acc_lim_theta,
+                w_down=abs(parameters.decel_lim_theta),
+            ).within(robot.base),
+        )
+        self._goals = GoalChecker(
+            parameters.xy_goal_tolerance, parameters.yaw_goal_tolerance, parameters.stateful
+        )
+        self._progress = ProgressChecker(
+            parameters.required_movement_radius,
+            parameters.required_movement_angle,
+            parameters.movement_time_allowance,
+        )
+        self._motion_check = ProgressChecker(*_STUCK)
+        self._pursuit: PurePursuit | None = None
+        self._detour: PurePursuit | None = None
+        self._detour_kept_until = 0.0
+        self._searched_at = 0
+        self._checked_stamp: int | None = None
+        self._turn_direction = 0.0
+        self._could_move_at = 0
+        self._last = 0
+
+    def step(self, now: int) -> None:
+        """Run one period at *now* (ns); without a goal, brake until the robot stands."""
+        super().step(now)
+        if not self.busy:
+            self._smoother.slow_to_stop(now, self.period)
+
+    def start(self, handle: FollowPathHandle, now: int, previous: FollowPathHandle | None) -> None:
+        """Begin to follow the path.
+
+        After a *previous* goal the robot drives on, and the checkers keep their state.
+        """
+        path = handle.goal.path
+        if not len(path) or not np.isfinite(path.poses).all():
+            handle.abort(
+                Nav2ErrorCode.INVALID_PATH, "the path has no poses" if not len(path) else _NOT_FINITE
+            )
+            if previous is not None:
+                self._smoother.halt(now)
+            return
+        old = previous.goal.path if previous is not None else None
+        self._pursuit = PurePursuit(path.points)
+        if old is None:
+            self._smoother.resume(now)
+            self._progress.reset()
+            self._motion_check.reset()
+            self._could_move_at = self._last = now
+            self._turn_direction = 0.0
+        if old is None or old.frame != path.frame or old.goal != path.goal:
+            self._goals.reset()
+        self._detour = None
+        self._checked_stamp = None
+
+    def work(self, handle: FollowPathHandle, now: int) -> None:
+        """Follow the path for one period."""
+        elapsed, self._last = now - self._last, now
+        outage = self._sensors.outage(now)
+        if outage is not None:
+            self._pause(elapsed)
+            self._smoother.halt(now)
+            if outage.exceeds_patience(now):
+                # CONTROLLER_TIMED_OUT is Nav2's code for a costmap without new observations.
+                code = (
+                    Nav2ErrorCode.FOLLOW_PATH_TF_ERROR
+                    if outage.is_transform
+                    else Nav2ErrorCode.CONTROLLER_TIMED_OUT
+                )
+                handle.abort(code, outage.message(now))
+            return
+        path, pursuit = handle.goal.path, self._pursuit
+        goal = path.goal
+        assert pursuit is not None
+        assert goal is not None
+        try:
+            frame = self._costmap.frame
+            to_path = Transform() if path.frame == frame else self._tree.lookup(path.frame, frame)
+            self._update_clearance(now)
+        except TransformError as error:
+            self._fail(handle, now, Nav2ErrorCode.FOLLOW_PATH_TF_ERROR, str(error))
+            return
+        odometry = self._robot.odometry().pose
+        pose = _transform_pose(to_path, odometry)
+        pursuit.locate(pose)
+        turned = 0.0 if pursuit.heading is None else wrap_angle(pose.yaw - pursuit.heading)
+        handle.feedback = FollowPathFeedback(
+            pursuit.remaining, self._smoother.v, pursuit.cross_track_error, turned
+        )
+        if self._hold is not None and self._hold():
+            self._pause(elapsed)
+            self._smoother.send_command(0.0, 0.0, now, self.period)
+            return
+        if self._goals.is_goal_reached(pose, goal):
+            handle.succeed()
+            self._smoother.send_command(0.0, 0.0, now, self.period)
+            return
+        if not self._progress.check(pose, now):
+            seconds = self.parameters.movement_time_allowance
+            handle.abort(
+                Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, f"the robot has made no progress for {seconds:g} s"
+            )
+            self._smoother.send_command(0.0, 0.0, now, self.period)
+            return
+        if self._goals.is_position_reached(pose, goal):
+            self._could_move_at = now
+            self._turn(wrap_angle(goal.yaw - pose.yaw), now)
+            return
+        self._update_detour(pursuit, to_path, odometry, now)
+        if self._drive(pursuit, pose, odometry, now):
+            self._could_move_at = now
+        else:
+            self._fail(
+                handle,
+                now,
+                Nav2ErrorCode.NO_VALID_CONTROL,
+                "no way along the path keeps clear of obstacles",
+            )
+
+    def local_plan(self) -> NavPath | None:
+        """Return the way that the robot is about to drive, in the frame of the local costmap.
+
+        It leads from the robot along the detour or the path, as far as obstacles are considered.
+
+        Returns:
+            The way, or None while no path is followed or a transform is missing.
+        """
+        handle, way, frame = self.current, self._detour, self._costmap.frame
+        if handle is None or handle.done or self._pursuit is None:
+            return None
+        to_frame = Transform()
+        if way is None:
+            way = self._pursuit
+            try:
+                to_frame = self._tree.lookup(frame, handle.goal.path.frame)
+            except TransformError:
+                return None
+        here = self._robot.odometry().pose
+        points = _transform_points(to_frame, way.ahead(_LOOK_AHEAD, _STEP))
+        points[0] = here.x, here.y
+        (x, y), (east, north) = points[-1].tolist(), (points[-1] - points[-2:][0]).tolist()
+        goal = Pose2D(x, y, math.atan2(north, east) if len(points) > 1 else here.yaw)
+        return path_through(points, goal, self._last, frame)
+
+    def stop(self, handle: FollowPathHandle, now: int) -> None:
+        """Brake; later steps brake further until the robot stands."""
+        self._smoother.send_command(0.0, 0.0, now, self.period)
+
+    def _pause(self, elapsed: int) -> None:
+        """Exclude the *elapsed* time (ns) since the last step from all checks of progress."""
+        self._progress.pause(elapsed)
+        self._motion_check.pause(elapsed)
+        self._could_move_at += elapsed
+
+    def _update_clearance(self, now: int) -> None:
+        scan = self._robot.scan()
+        if scan is not None and scan.stamp != self.clearance.stamp:
+            laser = laser_pose(self._tree, self._costmap.frame, scan)
+            self.clearance.update(scan, laser, self._costmap)
+
+    def _fail(self, handle: FollowPathHandle, now: int, code: Nav2ErrorCode, message: str) -> None:
+        """Stop the robot; abort the goal once the robot couldn't move for longer than the tolerance."""
+        self._smoother.send_command(0.0, 0.0, now, self.period)
+        tolerance = self.parameters.failure_tolerance
+        if tolerance == 0.0:
+            handle.abort(code, message)
+        elif tolerance > 0.0 and now - self._could_move_at > tolerance * NS_PER_S:
+            if code is Nav2ErrorCode.NO_VALID_CONTROL:
+                code = Nav2ErrorCode.PATIENCE_EXCEEDED
+            handle.abort(code, f"{message}, for {tolerance:g} s")
+
+    def _update_detour(self, pursuit: PurePursuit, to_path: Transform, odometry: Pose2D, now: int) -> None:
+        """Check once per scan whether the path is blocked; begin, keep, renew or end a detour."""
+        if self._checked_stamp == self.clearance.stamp:
+            return
+        self._checked_stamp = self.clearance.stamp
+        ahead = _transform_points(to_path.inverse(), pursuit.ahead(_RETURN_REACH, _STEP))
+        room = self.clearance.distances_at(ahead[:, 0], ahead[:, 1])
+        blocked = np.flatnonzero(room[: int(_LOOK_AHEAD / _STEP)] < self._blocked)
+        stuck = not self._motion_check.check(odometry, now)
+        if self._detour is not None:
+            self._detour.locate(odometry)
+        kept = self._detour is not None and (self._detour.travelled or 0.0) < self._detour_kept_until
+        if not len(blocked) and pursuit.cross_track_distance < _MAX_OFF_PATH and not stuck and not kept:
+            self._detour = None
+            return
+        if self._detour is not None and not stuck:
+            way = self._detour.ahead(_LOOK_AHEAD, _STEP)
+            free = self.clearance.distances_at(way[:, 0], way[:, 1])
+            near = self._detour.cross_track_distance < _MAX_OFF_PATH
+            if near and (free >= min(self._blocked, float(free[0]) - _SPARE)).all():
+                return
+        if now - self._searched_at < _SEARCH_INTERVAL:
+            return
+        self._searched_at = now
+        past = min(int(_UNSTICK_REACH / _STEP), len(ahead) - 1) if stuck else 0
+        enough = self._min_clearance + _SPARE
+        returns = _returns(room >= enough, int(blocked[-1]) if len(blocked) else past)
+        last = None if self._detour is None else self._detour.ahead(math.inf, _STEP)
+        result = None
+        if returns:
+            result = find_detour(self.clearance, odometry, ahead[returns], enough, last)
+        if result is None:
+            self._detour = None
+            return
+        chosen, way = result
+        length = float(np.hypot(*np.diff(way, axis=0).T).sum())
+        self._detour = PurePursuit(np.concatenate((way, ahead[returns[chosen] :])))
+        # A way out of a stuck position is driven to its end, though the path may look free at once.
+        self._detour_kept_until = 0.0 if len(blocked) else length
+
+    def _drive(self, pursuit: PurePursuit, pose: Pose2D, odometry: Pose2D, now: int) -> bool:
+        """Command the velocity towards the carrot; return False if the robot can't move."""
+        parameters = self.parameters
+        here = self.clearance.distance_at(odometry.x, odometry.y)
+        reach = min(max(here, parameters.min_lookahead_dist), parameters.lookahead_dist)
+        if self._detour is not None:
+            self._detour.locate(odometry)
+            carrot = self._detour.carrot(odometry, min(reach, _MAX_DETOUR_CARROT))
+        else:
+            carrot = pursuit.carrot(pose, reach)
+        free, share = self._free(carrot, odometry, here)
+        speed = min(parameters.max_vel_x * share, (free - _MARGIN) / parameters.time_to_collision)
+        # A turn continues until the robot is aligned, so that turns and drives do not alternate.
+        driving = self._turn_direction == 0.0 and speed >= _MIN_SPEED
+        if abs(carrot.angle) > (parameters.rotate_to_heading_min_angle if driving else _ALIGNED):
+            self._turn(carrot.angle, now)
+            return True
+        self._turn_direction = 0.0
+        if speed < _MIN_SPEED:
+            return False
+        remaining = pursuit.remaining if self._detour is None else math.inf
+        if remaining < parameters.approach_velocity_scaling_dist:
+            share = remaining / parameters.approach_velocity_scaling_dist
+            speed = min(speed, max(parameters.max_vel_x * share, parameters.min_approach_linear_velocity))
+        curvature = carrot.curvature
+        if abs(curvature) * speed > parameters.max_vel_theta:
+            speed = parameters.max_vel_theta / abs(curvature)
+        # The base reaches this speed within the period; turning in proportion keeps it on the arc.
+        turn = curvature * self._smoother.reachable_speed(speed, self.period)
+        self._smoother.send_command(speed, turn, now, self.period)
+        return True
+
+    def _free(self, carrot: Carrot, odometry: Pose2D, here: float) -> tuple[float, float]:
+        """Return the free length (m) of the arc to the carrot, and the share of the speed (0 … 1)."""
+        curvature = carrot.curvature
+        along = np.arange(1, 13) * _STEP
+        turned = odometry.yaw + curvature * along / 2
+        chord = along * np.sinc(curvature * along / (2 * math.pi))
+        x, y = odometry.x + chord * np.cos(turned), odometry.y + chord * np.sin(turned)
+        room = self.clearance.distances_at(x, y)
+        # A robot that is too near an obstacle already may move, but not nearer.
+        tight = room < min(self._min_clearance, here - 0.01)
+        free = float(along[int(tight.argmax())]) - _STEP if tight.any() else math.inf
+        narrowest = float(room[:6].min())
+        least = self._min_clearance
+        width = (narrowest - least) / (self._full_speed_clearance - least)
+        share = _MIN_SPEED_SHARE + (1 - _MIN_SPEED_SHARE) * width
+        return free, min(max(share, _MIN_SPEED_SHARE), 1.0)
+
+    def _turn(self, angle: float, now: int) -> None:
+        """Turn on the spot by *angle* (rad), slowing down in time."""
+        # Near half a turn the sign of the angle flips with noise: keep the direction.
+        if self._turn_direction and abs(angle) > 2.5:
+            angle = math.copysign(angle, self._turn_direction)
+        self._turn_direction = math.copysign(1.0, angle)
+        limits = self._smoother.limits
+        rate = math.sqrt(2 * _TURN_SHARE * limits.w_down * abs(angle))
+        self._smoother.send_command(0.0, math.copysign(max(rate, 0.05), angle), now, self.period)
+
+
+def _returns(free: NDArray[np.bool_], past: int) -> list[int]:
+    """Return the indices of points of a path, the nearest first, at which a detour may end.
+
+    *free* is whether a point has enough clearance; the path is blocked up to the index *past*.
+    """
+    # A little farther along the path is better where the path is free all the way.
+    beyond = int(_BEYOND / _STEP)
+    places = np.flatnonzero(free[past:])[::_THIN] + past
+    chosen = [min(place + beyond, len(free) - 1) for place in places.tolist()]
+    fits = [free[place : end + 1].all() for place, end in zip(places, chosen, strict=True)]
+    return [end if fit else place for place, end, fit in zip(places.tolist(), chosen, fits, strict=True)]
+
+
+_NOT_FINITE = "a pose of the path is not finite"
+
+
+def _transform_pose(transform: Transform, pose: Pose2D) -> Pose2D:
+    """Return *pose* in the target frame of *transform* (only x, y and yaw)."""
+    turn = transform.yaw
+    cos, sin = math.cos(turn), math.sin(turn)
+    x, y, _ = transform.position
+    yaw = wrap_angle(turn + pose.yaw)
+    return Pose2D(x + cos * pose.x - sin * pose.y, y + sin * pose.x + cos * pose.y, yaw)
+
+
+def _transform_points(transform: Transform, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return *points* (m, shape `(n, 2)`) in the target frame of *transform* (only x, y and yaw)."""
+    yaw = transform.yaw
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    x, y, _ = transform.position
+    east = x + cos * points[:, 0] - sin * points[:, 1]
+    north = y + sin * points[:, 0] + cos * points[:, 1]
+    return np.stack((east, north), axis=1)

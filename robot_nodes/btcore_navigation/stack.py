@@ -1,0 +1,427 @@
+"""The navigation of a robot: creates all servers and puts them on the robot's schedule."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from btcore_navigation.behaviours import (
+    AssistedTeleopBehaviour,
+    BackUpBehaviour,
+    DriveOnHeadingBehaviour,
+    SpinBehaviour,
+    WaitBehaviour,
+)
+from btcore_navigation.clearance import laser_pose
+from btcore_navigation.controller import ControllerServer
+from btcore_navigation.costmap import GlobalCostmap, LocalCostmap
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.localiser import Localiser
+from btcore_navigation.navigator import NavigateGoal, NavigateHandle, Navigator, tree_file
+from btcore_navigation.parameters import CostmapParameters, NavigationParameters, NavigatorParameters
+from btcore_navigation.planner import Planner, PlannerServer
+from btcore_navigation.scene import NavigationScene
+from btcore_navigation.sensor_watch import SensorWatch
+from btcore_navigation.servers import PoseSource, Servers
+from btcore_navigation.smoother import SmootherServer
+from btcore_robot.errors import RobotError
+from btcore_robot.occupancy_map import OccupancyMap
+from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot, Waypoints
+from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME, FrameBroadcaster, TransformError, TransformTree
+from btcore_scene import MovingScene, StaticScene
+
+__all__ = ["Navigation", "missing_trees"]
+
+log = logging.getLogger(__name__)
+
+TREES = "navigation"
+TO_POSE = "navigate_to_pose_w_replanning_and_recovery.xml"
+THROUGH_POSES = "navigate_through_poses_w_replanning_and_recovery.xml"
+
+SEARCH_TURN = 0.4
+"""The rate (rad/s) of the turn on the spot while the localiser searches for the robot's pose."""
+SEARCH_PRIORITY = CMD_VEL + 10
+"""The priority of the command for this turn.
+
+It is higher than CMD_VEL, so that the zero velocity of a server that has to wait doesn't stop the turn.
+"""
+SEARCH_PATIENCE = 120.0
+"""The time (s) of the turn after which waiting goals fail; a new goal starts another search."""
+WATCH_RATE = 20.0
+"""The rate (Hz) at which outages of sensors are noticed for the log."""
+INITIAL_SCANS = 3
+"""The number of scans that validate the initial pose before the robot drives."""
+PLANNER_RATE = 20.0
+"""The rate (Hz) of the planner's steps."""
+MS_PER_S = 1000.0
+_DETOUR_SPEED = 2 / 3  # share of the maximum speed: a detour that is driven faster on average is progress
+
+_LOST = "the robot's pose is unknown: its scans fit several places on the map, or none"
+
+
+class Navigation:
+    """The navigation of *robot* on *map*: localisation, costmaps, planning, driving, recoveries, navigators.
+
+    Everything runs as tasks on the robot's schedule, and only while a thread waits on the robot's clock.
+    While the localiser is not confident, the robot stands; while it searches, the robot turns on the spot.
+    The robot also stands while the odometry, the scans or the laser's pose on the robot are too old.
+    Goals wait in this time, and continue with a newly planned path. If the search has no result after
+    `SEARCH_PATIENCE`, because places look alike or the map doesn't fit, the robot stops searching and the
+    waiting goals fail. They also fail when a sensor has no readings for longer than `time_limits.PATIENCE`,
+    and at once when the battery is empty.
+
+    *random* is the source of the localiser's samples. *trees* is the folder whose subfolder `navigation`
+    contains the default trees. Messages have the names of *waypoints* instead of their coordinates.
+
+    Attributes:
+        robot: The robot.
+        map: The map.
+        parameters: The parameters of all servers.
+        transforms: The transform tree, which contains the frame `map`.
+        sensors: The watch over the sensors.
+        localiser: The estimator of the robot's pose.
+        global_costmap: The costmap of the planner.
+        local_costmap: The costmap of the controller and of the recoveries.
+        servers: The action servers.
+        localises: Whether scans correct the pose. While it is False, the pose counts as unknown.
+        navigate_to_pose: The server for goals with a single pose.
+        navigate_through_poses: The server for goals with several poses.
+
+    Raises:
+        RegistrationError: A library of the parameter `plugin_lib_names` can't be used.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        map: OccupancyMap,
+        random: np.random.Generator,
+        trees: Path,
+        parameters: NavigationParameters | None = None,
+        waypoints: Waypoints | None = None,
+    ) -> None:
+        # A step takes much less than a millisecond: distributing it over threads costs more than it saves.
+        cv2.setNumThreads(1)
+        self.robot = robot
+        self.map = map
+        self._waypoints = waypoints
+        given = parameters or NavigationParameters()
+        self.parameters = parameters = given.for_robot(robot.base)
+        for name in ("global_costmap", "local_costmap"):
+            radius, least = getattr(given, name).given_radius, getattr(parameters, name).robot_radius
+            if 0.0 < radius < least:
+                log.warning(
+                    "%s: the radius %g m is too small for the robot: %g m is used", name, radius, least
+                )
+        self.transforms = TransformTree()
+        frames = FrameBroadcaster(robot, self.transforms)
+        frames.step(robot.clock.now())
+        limits = parameters.controller
+        self.sensors = SensorWatch(robot, self.transforms, limits.scan_timeout, limits.odometry_timeout)
+        self.localiser = self._make_localiser(random)
+        self.localises = True
+        self.global_costmap = self._make_global_costmap()
+        local_parameters = parameters.local_costmap
+        self.local_costmap = LocalCostmap(
+            **costmap_arguments(local_parameters),
+            size=local_parameters.width,
+            resolution=local_parameters.resolution,
+            keepout=map.keepout,
+        )
+        planner = Planner(
+            self.global_costmap,
+            radius=parameters.global_costmap.robot_radius,
+            tolerance=parameters.planner.tolerance,
+            allow_unknown=parameters.planner.allow_unknown,
+            place_name=self._place_name,
+        )
+        tree, local, behaviours = self.transforms, self.local_costmap, parameters.behaviours
+        sensors, radius = self.sensors, local_parameters.robot_radius
+        self.servers = Servers(
+            robot,
+            tree,
+            self.localiser,
+            self.global_costmap,
+            local,
+            PlannerServer(planner, self.estimate),
+            ControllerServer(
+                robot,
+                tree,
+                local,
+                parameters.controller,
+                hold=self.must_wait,
+                sensors=sensors,
+                robot_radius=radius,
+            ),
+            SpinBehaviour(robot, tree, local, behaviours, sensors, radius),
+            BackUpBehaviour(robot, tree, local, behaviours, sensors, radius),
+            DriveOnHeadingBehaviour(robot, tree, local, behaviours, sensors, radius),
+            WaitBehaviour(),
+            AssistedTeleopBehaviour(robot, tree, local, behaviours, sensors, radius),
+            SmootherServer(planner),
+            parameters.navigator.goal_reached_tol,
+        )
+        self._outcomes: list[GoalOutcome] = []
+        named = parameters.navigator
+
+        def navigator(file: str, default: str, through: bool) -> Navigator:
+            return Navigator(
+                self.servers,
+                _existing_tree(file, trees / TREES / default),
+                clock=robot.clock,
+                resources=[robot],
+                through=through,
+                plugins=named.plugin_lib_names,
+                on_end=self._outcomes.append,
+                hold=self.goals_wait,
+                give_up_reason=self.give_up_reason,
+                check_goal=planner.check_goal,
+                slowest=_DETOUR_SPEED * min(parameters.controller.max_vel_x, robot.base.v_max),
+            )
+
+        self.navigate_to_pose = navigator(named.default_nav_to_pose_bt_xml, TO_POSE, False)
+        self.navigate_through_poses = navigator(named.default_nav_through_poses_bt_xml, THROUGH_POSES, True)
+        self.servers.navigators = {
+            "navigate_to_pose": self.navigate_to_pose,
+            "navigate_through_poses": self.navigate_through_poses,
+        }
+        self._scene = NavigationScene(self.servers, self._outcomes)
+        self._scan_seen = {ODOM_FRAME: -1, MAP_FRAME: -1}
+        self._processed_scans = 0
+        self._was_confident = self._was_searching = False
+        self._searched = 0
+        """The time (ns) of the present search, without outages of sensors."""
+        self._gave_up: int | None = None
+        self._odometry_was_missing = False
+        self._wire(frames)
+
+    def _place_name(self, goal: Pose2D) -> str:
+        """Return the name of the waypoint at *goal*, otherwise its coordinates."""
+        name = self._waypoints.name_at(goal) if self._waypoints is not None else None
+        return f"({goal.x:.2f}, {goal.y:.2f})" if name is None else name
+
+    def go_to(self, goal: Pose2D) -> NavigateHandle:
+        """Send *goal* (in the frame map) and return its handle; a running goal is replaced."""
+        return self.navigate_to_pose.send_goal(NavigateGoal((goal,)))
+
+    def go_through(self, goals: Sequence[Pose2D]) -> NavigateHandle:
+        """Send *goals* (in the frame map), to pass in order, and return their handle."""
+        return self.navigate_through_poses.send_goal(NavigateGoal(tuple(goals)))
+
+    def change_map(self, map: OccupancyMap) -> None:
+        """Replace the map; goals in progress continue with a newly planned path.
+
+        Raises:
+            RobotError: The robot is making the map.
+        """
+        if not isinstance(self.localiser, Localiser):
+            raise RobotError("the robot is making its map, which cannot be replaced")
+        self.map = map
+        self.localiser.change_map(map)
+        self.global_costmap.change_map(map)
+        self.local_costmap.keepout = map.keepout
+        self.navigate_to_pose.restart_goal()
+        self.navigate_through_poses.restart_goal()
+
+    def estimate(self) -> Pose2D | None:
+        """Return the robot's estimated pose in the frame map; None while the pose is unknown."""
+        return None if self.must_wait() else self.localiser.pose()
+
+    def outcomes(self) -> Sequence[GoalOutcome]:
+        """Return the outcomes of accepted goals that have ended, in order; replaced goals are CANCELED."""
+        return self._outcomes
+
+    def scene_static(self) -> StaticScene:
+        """Return the map and its keep-out areas."""
+        return self._scene.static()
+
+    def scene_moving(self) -> MovingScene:
+        """Return costmaps, paths, poses and notes that are new."""
+        return self._scene.moving(self.robot.clock.now())
+
+    def _make_localiser(self, random: np.random.Generator) -> PoseSource:
+        """Create the source of the robot's pose."""
+        limit = self.parameters.controller.odometry_timeout
+        return Localiser(self.robot, self.map, self.transforms, random, self.parameters.amcl, limit)
+
+    def _make_global_costmap(self) -> GlobalCostmap:
+        """Create the costmap for planning."""
+        parameters = self.parameters.global_costmap
+        track_unknown = parameters.track_unknown_space
+        return GlobalCostmap(self.map, **costmap_arguments(parameters), track_unknown=track_unknown)
+
+    def must_wait(self) -> bool:
+        """Return whether the robot has to stand because its pose is uncertain."""
+        return not self._is_localised() or self.sensors.odometry_outage(self.robot.clock.now()) is not None
+
+    def goals_wait(self) -> bool:
+        """Return whether the robot cannot drive to any goal at present.
+
+        Its pose is not known, a sensor has no readings, or the battery is empty.
+        """
+        if not self._is_localised() or self.sensors.outage(self.robot.clock.now()) is not None:
+            return True
+        return self._is_battery_empty()
+
+    def _is_localised(self) -> bool:
+        return self.localises and self._processed_scans >= INITIAL_SCANS and self.localiser.confident
+
+    def _is_battery_empty(self) -> bool:
+        battery = self.robot.battery()
+        return battery is not None and battery.level <= 0.0
+
+    def give_up_reason(self, began: int) -> tuple[Nav2ErrorCode, str] | None:
+        """Return error code and message of a goal that stops waiting, or None if the goal continues to wait.
+
+        A goal that began after the robot gave up its search makes the robot search again.
+
+        Args:
+            began: The time (ns) at which the goal began.
+        """
+        if self._is_battery_empty():
+            return Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, "the battery is empty"
+        if not self.localises:
+            return (
+                Nav2ErrorCode.NAVIGATE_TF_ERROR,
+                "the robot's pose is unknown: the localisation is not active",
+            )
+        now = self.robot.clock.now()
+        outage = self.sensors.outage(now)
+        if outage is not None and outage.exceeds_patience(now):
+            # CONTROLLER_TIMED_OUT is Nav2's code for a costmap without new observations.
+            is_transform = outage.is_transform
+            code = Nav2ErrorCode.NAVIGATE_TF_ERROR if is_transform else Nav2ErrorCode.CONTROLLER_TIMED_OUT
+            return code, outage.message(now)
+        if self._gave_up is None:
+            return None
+        if began <= self._gave_up:
+            return Nav2ErrorCode.NAVIGATE_TF_ERROR, _LOST
+        self._gave_up, self._searched = None, 0
+        return None
+
+    def _wire(self, frames: FrameBroadcaster) -> None:
+        every, parameters, servers = self.robot.schedule.every, self.parameters, self.servers
+        every(frames.RATE, Phase.TRANSFORMS, frames.step)
+        every(WATCH_RATE, Phase.TRANSFORMS, self.sensors.report)
+        every(self.robot.laser.rate, Phase.LOCALISER, self._localise)
+        every(parameters.local_costmap.update_frequency, Phase.COSTMAPS, self._update_local)
+        every(parameters.global_costmap.update_frequency, Phase.COSTMAPS, self._update_global)
+        every(PLANNER_RATE, Phase.PLANNER, servers.compute_path.step)
+        every(PLANNER_RATE, Phase.PLANNER, servers.smooth_path.step)
+        every(parameters.controller.controller_frequency, Phase.CONTROLLER, servers.follow_path.step)
+        for behaviour in (
+            *(servers.spin, servers.back_up, servers.drive_on_heading),
+            *(servers.wait, servers.assisted_teleop),
+        ):
+            every(parameters.behaviours.cycle_frequency, Phase.CONTROLLER, behaviour.step)
+        rate = MS_PER_S / parameters.navigator.bt_loop_duration
+        every(rate, Phase.CONTROLLER, self._step_navigators)
+
+    def _step_navigators(self, now: int) -> None:
+        self.navigate_to_pose.step(now)
+        self.navigate_through_poses.step(now)
+
+    def _localise(self, now: int) -> None:
+        before = self.localiser.stamp
+        if self.localises:
+            self.localiser.step(now)
+        self._processed_scans += self.localiser.stamp != before
+        confident = not self.must_wait()
+        self._odometry_was_missing |= self.sensors.odometry_outage(now) is not None
+        if self.localiser.searching and self.localises:
+            self._look_around(now)
+        else:
+            self._gave_up = None
+        if confident and not self._was_confident:
+            # Obstacles that were observed at a wrong pose are at wrong places in the map.
+            self.global_costmap.clear()
+            if self._odometry_was_missing:
+                # The odometry may have jumped, and with it the place of the obstacles around the robot.
+                self.local_costmap.clear()
+                self._odometry_was_missing = False
+        elif self._was_confident and not confident:
+            self.navigate_to_pose.restart_goal()
+            self.navigate_through_poses.restart_goal()
+        self._was_searching = self.localiser.searching
+        self._was_confident = confident
+
+    def _look_around(self, now: int) -> None:
+        """Turn the robot while its pose is searched for; give up after `SEARCH_PATIENCE` with readings."""
+        if not self._was_searching:
+            log.warning("the robot's pose is unknown: the robot stops and looks around")
+            self._searched = 0
+        if self._gave_up is not None or self.sensors.outage(now) is not None:
+            return
+        self._searched += round(NS_PER_S / self.robot.laser.rate)
+        if self._searched > SEARCH_PATIENCE * NS_PER_S:
+            log.warning("the robot stops looking around: %s", _LOST)
+            self._gave_up = now
+        else:
+            self.robot.drive(0.0, SEARCH_TURN, priority=SEARCH_PRIORITY)
+
+    def _update_local(self, now: int) -> None:
+        self._observe(self.local_costmap, ODOM_FRAME)
+        here = self.robot.odometry().pose
+        try:
+            map_pose = self.transforms.lookup(ODOM_FRAME, MAP_FRAME).to_pose()
+        except TransformError:
+            map_pose = None
+        self.local_costmap.update(now, here, map_pose)
+
+    def _update_global(self, now: int) -> None:
+        here = self.estimate()
+        if here is not None:
+            self._observe(self.global_costmap, MAP_FRAME)
+            self.global_costmap.update(now, here)
+
+    def _observe(self, costmap: LocalCostmap | GlobalCostmap, frame: str) -> None:
+        scan = self.robot.scan()
+        if scan is None or scan.stamp == self._scan_seen[frame]:
+            return
+        if self.sensors.outage(self.robot.clock.now()) is not None:
+            return
+        try:
+            laser = laser_pose(self.transforms, frame, scan)
+        except TransformError:
+            return
+        self._scan_seen[frame] = scan.stamp
+        costmap.observe(self.servers.follow_path.clearance.smoother.smooth(scan), laser)
+
+
+def costmap_arguments(parameters: CostmapParameters) -> dict[str, Any]:
+    """Return the constructor arguments that global and local costmaps share, with values of *parameters*."""
+    return {
+        "radius": parameters.robot_radius,
+        "inflation_radius": parameters.inflation_radius,
+        "scaling": parameters.cost_scaling_factor,
+        "obstacle_min_range": parameters.obstacle_min_range,
+        "obstacle_max_range": parameters.obstacle_max_range,
+        "raytrace_range": parameters.raytrace_max_range,
+    }
+
+
+def missing_trees(parameters: NavigatorParameters, trees: Path) -> list[str]:
+    """Return a warning for each tree in *parameters* that doesn't exist and is replaced by a default tree.
+
+    Args:
+        parameters: The parameters of the navigator.
+        trees: The folder whose subfolder `navigation` contains the default trees.
+    """
+    named = (
+        (parameters.default_nav_to_pose_bt_xml, TO_POSE),
+        (parameters.default_nav_through_poses_bt_xml, THROUGH_POSES),
+    )
+    return [
+        f"there is no tree {name}: {default} is used instead"
+        for name, default in named
+        if name and not tree_file(name, trees / TREES / default).is_file()
+    ]
+
+
+def _existing_tree(name: str, default: Path) -> Path:
+    """Return the tree file for *name*, or the default if it doesn't exist."""
+    file = tree_file(name, default)
+    return file if file.is_file() else default

@@ -1,1 +1,0 @@
-"""Navigation with laser, odometry and map, as periodic tasks on the robot's schedule."""

@@ -1,0 +1,118 @@
+"""A decorator that needs resources is replaced by a model that may hold its child back, but not forever."""
+
+from typing import Annotated
+
+from btcore import DecoratorNode, In, Out, Registry, Status, SyncAction, loads
+from btcore.clock import Clock
+from btcore.tree.tree import Tree
+from btcore_proof.model_leaves import Choices, with_model_leaves
+from btcore_proof.propositions import parse_question
+from btcore_proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER, Prover
+from btcore_proof.standard_questions import ENDS, INPUTS, LEAVES
+
+
+class Robot:
+    """A resource that no proof has."""
+
+
+class WhenClose(DecoratorNode):
+    """Ticks its child near a place."""
+
+    place: Annotated[Out[str], "The place."]
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+
+    def tick(self) -> Status:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+class Grip(SyncAction):
+    """Closes the gripper."""
+
+    place: Annotated[In[str], "The place."]
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+XML = """<root BTCPP_format="4"><BehaviorTree ID="T">
+  <WhenClose place="{place}"><Grip place="{place}"/></WhenClose>
+</BehaviorTree></root>"""
+
+
+def test_a_model_decorator_holds_its_child_back_but_not_forever():
+    nodes = Registry.standard()
+    nodes.add(WhenClose)
+    nodes.add(Grip)
+    models = with_model_leaves(nodes, {})
+
+    def make(choices: Choices, clock: Clock) -> Tree:
+        return loads(XML, nodes=models, resources=[choices], clock=clock)
+
+    questions = [
+        parse_question("WhenClose leads to Grip ticked"),
+        parse_question("never WhenClose & !Grip ticked"),
+    ]
+    answers = {answer.question: answer for answer in Prover(make, questions).answer().answers}
+    assert answers[ENDS].answer == PROVED
+    assert answers[INPUTS].answer == PROVED  # the decorator has written {place} before its child is ticked
+    assert answers["WhenClose leads to Grip ticked"].answer == PROVED
+    held = answers["never WhenClose & !Grip ticked"]
+    assert held.answer == REFUTED
+    assert held.counterexample is not None
+    assert [leaf.path for leaf in held.counterexample.ticks[0].leaves] == ["WhenClose::1"]
+
+
+class IfLonger(DecoratorNode):
+    """Ticks its child if a value, which proofs do not know, is long."""
+
+    value: Annotated[In[str], "The value."]
+
+    def tick(self) -> Status:
+        """Compare the value; a proof that runs this code must not take it for a short one."""
+        is_long = isinstance(self.value, str) and len(self.value) > 3
+        return self.child.execute_tick() if is_long else Status.SUCCESS
+
+
+class Find(SyncAction):
+    """Finds something."""
+
+    value: Annotated[Out[str], "The value."]
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+def answers_about(declared: dict[str, dict[str, object]]) -> dict[str, str]:
+    nodes = Registry.standard()
+    for node in (IfLonger, Find, Grip):
+        nodes.add(node)
+    models = with_model_leaves(nodes, declared)
+    xml = """<root BTCPP_format="4"><BehaviorTree ID="T"><Sequence>
+      <Find value="{v}"/><IfLonger value="{v}"><Grip place="{v}"/></IfLonger>
+    </Sequence></BehaviorTree></root>"""
+
+    def make(choices: Choices, clock: Clock) -> Tree:
+        return loads(xml, nodes=models, resources=[choices], clock=clock)
+
+    questions = [
+        parse_question(f"never {text}") for text in ("Grip ticked", "IfLonger is SUCCESS", "IfLonger")
+    ]
+    return {answer.question: answer.answer for answer in Prover(make, questions).answer().answers}
+
+
+def test_code_that_looks_at_an_unknown_value_makes_answers_unknown():
+    assert set(answers_about({}).values()) == {UNKNOWN_ANSWER}
+
+
+def test_a_declared_decorator_may_return_a_result_without_its_child():
+    answers = answers_about({"IfLonger": {"results": ["SUCCESS"]}})
+    assert [answers[LEAVES], answers[INPUTS]] == [PROVED, PROVED]
+    assert answers["never Grip ticked"] == answers["never IfLonger is SUCCESS"] == REFUTED
+    assert answers["never IfLonger"] == PROVED
+    holding = answers_about({"IfLonger": {"results": ["FAILURE", "RUNNING"]}})
+    assert holding["never IfLonger"] == REFUTED

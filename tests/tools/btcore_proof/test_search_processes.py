@@ -1,0 +1,189 @@
+"""A search by several processes finds the same states and gives the same answers as one process."""
+
+import multiprocessing
+import os
+import signal
+from typing import Annotated
+
+import pytest
+
+import btcore_proof.search
+from btcore import Condition, In, Out, Registry, StatefulAction, Status, SyncAction, loads
+from btcore.clock import Clock
+from btcore.tree.tree import Tree
+from btcore.values import ValueType
+from btcore_proof.model_leaves import Choices, with_model_leaves
+from btcore_proof.propositions import parse_question
+from btcore_proof.prover import Prover
+from btcore_proof.search_processes import CAN_FORK, SearchProcesses
+from btcore_proof.state_graph import StateGraph
+from btcore_proof.tree_state import TreeState
+
+pytestmark = pytest.mark.skipif(not CAN_FORK, reason="a search has one process on this system")
+
+QUESTIONS = (
+    "never Dock is SUCCESS",
+    "Move leads to Dock ticked within 2 ticks",
+    "Move leads to Dock ticked",
+    "Check is FAILURE before Dock",
+)
+TREE = """<Parallel failure_count="2">
+  <RetryUntilSuccessful num_attempts="3">
+    <Sequence><Check/><Timeout msec="100"><Move/></Timeout><Write number="{n}"/></Sequence>
+  </RetryUntilSuccessful>
+  <Repeat num_cycles="4"><Fallback><Dock/><Move name="Call" _skipIf="n == 1"/></Fallback></Repeat>
+</Parallel>"""
+
+
+class Check(Condition):
+    """A condition."""
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+class Move(StatefulAction):
+    """An action that lasts."""
+
+    def on_start(self) -> Status:
+        """Never called in a proof."""
+        raise AssertionError
+
+    on_running = on_start
+
+
+class Dock(Move):
+    """Another action that lasts."""
+
+
+class Write(SyncAction):
+    """Writes a number."""
+
+    number: Annotated[Out[int], "The number."]
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+class Handle:
+    """A value that is equal only to itself."""
+
+
+class HandleType(ValueType):
+    """The type of handles."""
+
+    def __init__(self) -> None:
+        super().__init__("Handle", Handle)
+
+    def from_text(self, text: str, format: int = 4) -> Handle:
+        """Return a new handle."""
+        return Handle()
+
+
+class Connect(SyncAction):
+    """Writes a handle."""
+
+    handle: Out[Annotated[Handle, HandleType()]]
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+class Use(Move):
+    """Uses a handle."""
+
+    handle: In[Annotated[Handle, HandleType()]]
+
+
+@pytest.fixture(autouse=True)
+def _processes_from_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(btcore_proof.search, "_FEW_STATES", 1)
+
+
+def prover_of(xml: str = TREE, *questions: str) -> Prover:
+    nodes = Registry.standard()
+    for node in (Check, Move, Dock, Write, Connect, Use):
+        nodes.add(node)
+    models = with_model_leaves(nodes, {})
+
+    def make(choices: Choices, clock: Clock) -> Tree:
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{xml}</BehaviorTree></root>'
+        tree = loads(text, nodes=models, resources=[choices], clock=clock)
+        if "{n}" in xml:
+            tree.blackboard.set("n", 0)
+        return tree
+
+    return Prover(make, [*map(parse_question, questions)], {"n": ("0", "1"), "h": ("first", "second")})
+
+
+def states_of(prover: Prover) -> set[TreeState]:
+    explorer = prover.explorer
+    vertices = range(len(explorer.graph.edges))
+    return {explorer.table.state(each) for each in vertices if each not in explorer.graph.decisions}
+
+
+@pytest.mark.parametrize("jobs", [2, 3])
+def test_answers_do_not_depend_on_the_number_of_processes(jobs: int) -> None:
+    first, second = prover_of(TREE, *QUESTIONS), prover_of(TREE, *QUESTIONS)
+    alone, together = first.answer(), second.answer(jobs=jobs)
+    assert len(states_of(first)) > 150
+    assert states_of(second) == states_of(first)
+    assert together.answers == alone.answers
+    assert {answer.answer for answer in alone.answers} == {"proved", "refuted"}
+
+
+def test_bounds_apply_to_all_processes() -> None:
+    alone, together = prover_of().answer(most_ticks=3), prover_of().answer(most_ticks=3, jobs=2)
+    assert together.answers == alone.answers
+    assert together.answers[0].detail == "runs of more than 3 ticks were not searched"
+    detail = prover_of().answer(memory=1 << 20, jobs=2).answers[0].detail
+    assert detail == "the memory limit of 1 MB was reached"
+
+
+def test_one_process_ends_the_search_if_values_are_equal_only_to_themselves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    waiting: list[int] = []
+    close = SearchProcesses.close
+
+    def record(processes: SearchProcesses) -> None:
+        waiting.append(len(processes._explorer.waiting))
+        close(processes)
+
+    monkeypatch.setattr(SearchProcesses, "close", record)
+    later = '<Delay delay_msec="10"><Connect handle="{h}"/></Delay>'
+    tree = f'<Sequence>{later}{later}<Use handle="{{h}}"/></Sequence>'
+    alone, together = prover_of(tree).answer(), prover_of(tree).answer(jobs=2)
+    assert together.answers == alone.answers
+    assert {answer.answer for answer in alone.answers} == {"proved"}
+    assert len(waiting) == 1
+    assert waiting[0] > 0
+
+
+def children() -> list[int]:
+    return [process.pid or 0 for process in multiprocessing.active_children()]
+
+
+def test_an_interrupted_search_ends_its_processes() -> None:
+    def interrupt(graph: StateGraph) -> None:
+        if graph.expanded > 2:
+            assert len(children()) == 2
+            raise KeyboardInterrupt
+
+    answers = prover_of().answer(progress=interrupt, jobs=2).answers
+    assert {answer.detail for answer in answers} == {"the search was interrupted"}
+    assert not children()
+
+
+def test_a_process_that_is_killed_makes_the_answers_unknown() -> None:
+    def kill(graph: StateGraph) -> None:
+        for process in children():
+            os.kill(process, signal.SIGKILL)
+
+    answers = prover_of().answer(progress=kill, jobs=2).answers
+    assert {answer.answer for answer in answers} == {"unknown"}
+    assert answers[0].detail == "a process of the search has ended, perhaps for lack of memory"
+    assert not children()

@@ -1,0 +1,201 @@
+"""A search that recognises equal moments within ticks finds the same ticks as one that does not."""
+
+from collections.abc import Hashable
+from typing import Annotated
+
+import pytest
+
+from btcore import (
+    Condition,
+    ControlNode,
+    DecoratorNode,
+    In,
+    InOut,
+    Out,
+    Registry,
+    StatefulAction,
+    Status,
+    SyncAction,
+    loads,
+)
+from btcore.clock import Clock
+from btcore.tree.tree import Tree
+from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
+from btcore_proof.prover import Prover
+from btcore_proof.search import search
+from btcore_proof.state_graph import Outcome
+from btcore_proof.tick_progress import TickProgress
+
+
+class Check(Condition):
+    """Checks something."""
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+class Do(SyncAction):
+    """Does something at once."""
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+class Count(SyncAction):
+    """Writes a number."""
+
+    number: Annotated[Out[int], "The number."]
+
+    def tick(self) -> bool:
+        """Never called in a proof."""
+        raise AssertionError
+
+
+class Act(StatefulAction):
+    """Lasts."""
+
+    def on_start(self) -> Status:
+        """Never called in a proof."""
+        raise AssertionError
+
+    on_running = on_start
+
+
+class CountFailures(ControlNode):
+    """Ticks all children, and fails if at least *limit* failed; both numbers are local variables."""
+
+    limit: Annotated[In[int], "The limit."]
+
+    def tick(self) -> bool:
+        """Tick all children."""
+        limit = self.limit
+        failures = 0
+        for index, child in enumerate(self.children):
+            failures += child.execute_tick() is Status.FAILURE
+            self.halt_child(index)
+        return failures < limit
+
+
+class AgainIfIdle(DecoratorNode):
+    """Ticks its child again if the child was IDLE before."""
+
+    def tick(self) -> Status:
+        """Tick the child."""
+        was_idle = self.child.status is Status.IDLE
+        status = self.child.execute_tick()
+        if status is Status.RUNNING:
+            return status
+        self.reset_child()
+        return self.child.execute_tick() if was_idle else Status.RUNNING
+
+
+class ThirdTime(DecoratorNode):
+    """Ticks its child three times; during the child's tick, only a local variable knows how often."""
+
+    state_fields = ("count",)
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def tick(self) -> Status:
+        """Tick the child."""
+        count, self.count = self.count, 0
+        status = self.child.execute_tick()
+        self.reset_child()
+        if count == 2:
+            return status
+        self.count = count + 1
+        return Status.RUNNING
+
+
+class ThirdTimeByEntry(DecoratorNode):
+    """As ThirdTime, with an entry."""
+
+    count: Annotated[InOut[int], "How often the child was ticked."]
+
+    def tick(self) -> Status:
+        """Tick the child."""
+        count, self.count = self.count, 0
+        status = self.child.execute_tick()
+        self.reset_child()
+        if count == 2:
+            return status
+        self.count = count + 1
+        return Status.RUNNING
+
+
+TREES = {
+    "retries": """<RetryUntilSuccessful num_attempts="3">
+        <Sequence><Check/><Act/><Do/></Sequence>
+    </RetryUntilSuccessful>""",
+    "statuses of children": """<AgainIfIdle>
+        <KeepRunningUntilFailure><Do/></KeepRunningUntilFailure>
+    </AgainIfIdle>""",
+    "fields": "<ThirdTime><Fallback><Check/><Do/></Fallback></ThirdTime>",
+    "entries": """<Sequence>
+        <Script code="count := 0"/>
+        <ThirdTimeByEntry count="{count}"><Fallback><Check/><Do/></Fallback></ThirdTimeByEntry>
+    </Sequence>""",
+    "local variables": """<Sequence>
+        <Count number="{n}"/>
+        <CountFailures limit="{n}"><Check/><Count number="{n}"/><Do/></CountFailures>
+    </Sequence>""",
+    "scripts": """<Fallback>
+        <Count number="{n}"/>
+        <ReactiveSequence _while="n == 1"><Check _onFailure="n := 0"/><Act/></ReactiveSequence>
+        <Do _skipIf="n == 0"/>
+    </Fallback>""",
+    "parallel": """<Parallel success_count="2" failure_count="2">
+        <Act/>
+        <Sequence><Check/><Do/></Sequence>
+        <Act/>
+    </Parallel>""",
+    "timers": """<ReactiveFallback>
+        <Timeout msec="100"><Act/></Timeout>
+        <Sequence><Check/><Delay delay_msec="50"><Do/></Delay></Sequence>
+    </ReactiveFallback>""",
+    "halts": """<ReactiveSequence>
+        <Check/>
+        <TryCatch catch_on_halt="true"><Act/><Fallback><Do/><Check/></Fallback></TryCatch>
+    </ReactiveSequence>""",
+}
+
+
+def ticks_of(xml: str) -> set[tuple[Hashable, Hashable, int]]:
+    """Return all ticks of a tree: the state before, the state after or the result, and what happened."""
+    nodes = Registry.standard()
+    for node in (Check, Do, Count, Act, CountFailures, AgainIfIdle, ThirdTime, ThirdTimeByEntry):
+        nodes.add(node)
+    models = with_model_leaves(nodes, {})
+
+    def make(choices: Choices, clock: Clock) -> Tree:
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{xml}</BehaviorTree></root>'
+        tree = loads(text, nodes=models, resources=[choices, ModelPrompt(choices)], clock=clock)
+        tree.blackboard.set("m", 0)
+        tree.blackboard.set("n", 1)
+        return tree
+
+    explorer = Prover(make, domains={"n": ("0", "1", "2")}).explorer
+    explorer.start()
+    search(explorer)
+    graph, known = explorer.graph, dict[int, set[Outcome]]()
+    assert graph.is_complete
+    return {
+        (explorer.table.state(vertex), explorer.table.state(end) if end >= 0 else end, signals)
+        for vertex in range(len(graph.edges))
+        if vertex not in graph.decisions
+        for end, signals in graph.outcomes_of(vertex, known)
+    }
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_equal_moments_are_searched_once_and_all_ticks_are_found(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = ticks_of(TREES[name])
+    monkeypatch.setattr(TickProgress, "moment", lambda self, node: None)
+    every = ticks_of(TREES[name])
+    assert len(every) > 3
+    assert found == every

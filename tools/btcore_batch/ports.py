@@ -1,0 +1,208 @@
+"""The ports of a batch's nodes, which read and write columns."""
+
+from typing import Any
+
+import numpy as np
+
+from btcore.blackboard.ports import Port
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError
+from btcore.values import ANY, DOUBLE
+from btcore_batch.columns import NUMBER, Slot, Values, dtype_of
+from btcore_batch.conversion import cast, normalise_values, read_column, store
+from btcore_batch.node import BatchNode
+
+
+class BatchInput:
+    """An input port of one node, bound to a literal or to a key.
+
+    Args:
+        node: The node.
+        name: The name of the port.
+        port: The declaration of the port; None for the declaration of the ordinary node.
+
+    Attributes:
+        literal: The value for all agents, if `is_literal`.
+        agents: The agents whose values `current` returns.
+    """
+
+    def __init__(self, node: BatchNode, name: str, port: Port | None = None) -> None:
+        self.node = node
+        self.context = node.context
+        self.name = name
+        self.error: BtcoreError | None = None
+        self.slot: Slot | None = None
+        self.agents = 0
+        self.literal: Any = None
+        self._constant: Values | None = None
+        self._is_quiet = False
+        self._without_value = 0
+        bound = node.config.inputs.get(name)
+        declared = port if port is not None or bound is None else bound.port
+        self.kind = ANY if declared is None else declared.type
+        if bound is None:
+            self.error = NodeError(f"<{node.id}> needs port [{name}], which the tree does not give")
+        elif bound.key is not None:
+            self.slot = Slot(node.context.columns, node.board, bound.key)
+        else:
+            try:
+                self.literal = bound.read()
+            except ConversionError as error:
+                self.error = error
+
+    @property
+    def is_literal(self) -> bool:
+        """Whether all agents always have the same value."""
+        return self.slot is None and self.error is None
+
+    def available(self, agents: int) -> int:
+        """Return those of *agents* that have a value; record an error for the others."""
+        if self.error is not None:
+            self._report(agents, self.error)
+            return 0
+        if self.slot is None:
+            return agents
+        column = self.slot.column
+        written = 0 if column is None else agents & column.written
+        if written != agents:
+            exists = 0 if column is None else agents & column.exists
+            self._report_missing(exists ^ written, "has never been written")
+            self._report_missing(agents ^ exists, "is not on the blackboard")
+        return written
+
+    def _report_missing(self, agents: int, problem: str) -> None:
+        if agents and self.slot is not None:
+            message = f"port [{self.name}] reads {{{self.slot.key}}}, which {problem}"
+            self._report(agents, BlackboardError(message))
+
+    def _report(self, agents: int, error: BtcoreError) -> None:
+        if self._is_quiet:
+            self._without_value |= agents
+        else:
+            self.context.fail(self.node, agents, error)
+
+    def read(self, agents: int) -> Values:
+        """Return the values of *agents*, which all have a value, in a read-only array of shape (agents,).
+
+        For agents whose value cannot be converted, an error is recorded. Use `drop_failed` afterwards.
+        """
+        if self.slot is None:
+            if self._constant is None:
+                single = np.empty((), dtype_of(self.kind))
+                single.fill(self.literal)  # unlike assignment, fill() does not unpack a list
+                self._constant = np.broadcast_to(single, self.context.agent_sets.count)
+            return self._constant
+        column = self.slot.column
+        assert column is not None
+        if self.kind is DOUBLE and column.form is NUMBER:
+            values = column.readonly_view()
+            if values.dtype == np.float64:
+                return values
+        return read_column(column, self.kind, agents, self._fail)
+
+    def current(self) -> Values:
+        """Return the values of the agents that are being ticked; record an error for agents without value."""
+        agents = self.available(self.agents)
+        if agents:
+            return self.read(agents)
+        return np.zeros(self.context.agent_sets.count, dtype_of(self.kind))
+
+    def _fail(self, agents: int, error: BtcoreError) -> None:
+        key = "" if self.slot is None else self.slot.key
+        message = f"port [{self.name}] reads {{{key}}} as {self.kind.name}: {error}"
+        self._report(agents, ConversionError(message))
+
+    def groups_or(self, agents: int, default: Any) -> list[tuple[Any, int]]:
+        """Call `groups`, but use *default* for agents without a value instead of an error."""
+        if self.is_literal:
+            return [(self.literal, agents)]
+        self._is_quiet, self._without_value = True, 0
+        try:
+            groups = self.groups(agents)
+        finally:
+            self._is_quiet = False
+        rest = self._without_value & agents
+        return [*groups, (default, rest)] if rest else groups
+
+    def groups(self, agents: int) -> list[tuple[Any, int]]:
+        """Return the distinct values, each with its agents; record an error for agents without a value."""
+        if not self._is_quiet:
+            self._without_value = 0
+        agents = self.available(agents)
+        if self.slot is None:
+            return [(self.literal, agents)] if agents else []
+        if not agents:
+            return []
+        agent_sets = self.context.agent_sets
+        values = self.read(agents)
+        agents ^= agents & (self.context.raised | self._without_value)
+        if not agents:
+            return []
+        selected = values[agent_sets.mask(agents)]
+        if values.dtype == object:
+            # np.unique() sorts, but objects of different types cannot be compared.
+            distinct: list[Any] = list(dict.fromkeys(selected.tolist()))
+        else:
+            distinct = np.unique(selected).tolist()
+        if len(distinct) == 1:
+            return [(distinct[0], agents)]
+        return [
+            (value, agent_sets.from_mask(np.equal(values, value).astype(np.bool_)) & agents)
+            for value in distinct
+        ]
+
+
+class BatchOutput:
+    """An output port of one node. The attribute *agents* is the set of the agents to write for."""
+
+    def __init__(self, node: BatchNode, name: str) -> None:
+        self.node = node
+        self.context = node.context
+        self.name = name
+        self.agents = 0
+        self._shape = (node.context.agent_sets.count,)
+        bound = node.config.outputs.get(name)
+        self.kind = None if bound is None else bound.type
+        self.slot: Slot | None = None
+        if bound is not None and bound.key is not None:
+            self.slot = Slot(node.context.columns, node.board, bound.key)
+        self.text = "" if bound is None else bound.text
+
+    def __call__(self, values: Any) -> None:
+        """Write an array of shape (agents,), or a single value, for the agents that are being ticked.
+
+        Raises:
+            NodeError: The tree does not give the port.
+            BlackboardError: The port is not bound to a key.
+            ConversionError: *values* is an array of another length.
+        """
+        if self.kind is None:
+            raise NodeError(f"<{self.node.id}> writes port [{self.name}], which the tree does not give")
+        if self.slot is None:
+            raise BlackboardError(
+                f"port [{self.name}] is an output, but '{self.text}' is not a blackboard entry: "
+                "write the key in braces, {like_this}"
+            )
+        agents = self.agents
+        if self.kind is DOUBLE and self._put_doubles(self.slot, agents, values):
+            return
+        agent_sets = self.context.agent_sets
+        value = normalise_values(values, agent_sets)
+        if self.kind.strong:
+            data, agents = cast(value, self.kind, agent_sets, agents, self._fail)
+            value = normalise_values(data, agent_sets)
+        agents ^= agents & self.context.raised
+        store(self.slot, agents, value, self._fail, self.kind.strong)
+
+    def _put_doubles(self, slot: Slot, agents: int, values: Any) -> bool:
+        """Write *values* without conversion, if they are doubles for a DOUBLE entry. Return False if not."""
+        if type(values) is not np.ndarray or values.shape != self._shape or values.dtype != np.float64:
+            return False
+        column, _ = slot.column_for_write()
+        if column.entry.declared is not DOUBLE:
+            return False
+        column.put(agents, values, NUMBER)
+        return True
+
+    def _fail(self, agents: int, error: BtcoreError) -> None:
+        message = f"port [{self.name}] takes {self.kind.name if self.kind else '?'}: {error}"
+        self.context.fail(self.node, agents, ConversionError(message))

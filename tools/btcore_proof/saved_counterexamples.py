@@ -1,0 +1,169 @@
+"""Counterexamples as files: a pytest test for each, beside its log."""
+
+import json
+import os
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from btcore_proof.counterexample import Counterexample
+from btcore_proof.planned_run import PlannedResult, PlannedTick, planned_ticks
+from btcore_proof.prover import Answer
+
+_LINE: Final = 88
+"""The line length of the tests, which is ruff's default."""
+
+
+class TreeReference(NamedTuple):
+    """How a test names a tree and its nodes.
+
+    Attributes:
+        file: The XML file.
+        tree: The ID of the tree; None for the main tree.
+        format: The XML format; None for the file's own.
+        models: The TreeNodesModel files.
+        plugins: The modules and Python files with nodes.
+        has_libraries: Whether the tree has nodes of installed libraries.
+        declarations: The file with declarations, unless it is the file beside the tree.
+    """
+
+    file: Path
+    tree: str | None = None
+    format: int | None = None
+    models: Sequence[Path] = ()
+    plugins: Sequence[str] = ()
+    has_libraries: bool = False
+    declarations: Path | None = None
+
+
+def file_name(number: int, question: str) -> str:
+    """Return the name of the files for a question, without suffix.
+
+    Args:
+        number: The number of the question, from 1.
+        question: The question.
+    """
+    words = re.sub(r"[^a-z0-9]+", "-", question.lower())[:60].strip("-")
+    return f"{number:02}-{words}" if words else f"{number:02}"
+
+
+def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Path) -> str:
+    """Return the source code of a test that fails until the tree is mended.
+
+    Args:
+        name: The name of the files for the question.
+        answer: The answer, which has a counterexample.
+        source: The tree.
+        folder: The folder of the test. Paths in the test are relative to it.
+    """
+    run = answer.counterexample
+    assert run is not None
+    fault = f" ({answer.detail})" if answer.detail else ""
+    lines = [
+        '"""A counterexample that `btcore prove` has found.',
+        "",
+        *_wrapped(f"The question: {answer.question}{fault}"),
+        "",
+        "The test fails until the tree is mended.",
+        '"""',
+        "",
+        "from pathlib import Path",
+        "",
+    ]
+    if source.plugins or source.has_libraries:
+        lines.append("from btcore import Registry")
+    lines += [
+        "from btcore_proof import assert_holds_in_run",
+        "",
+        "FOLDER = Path(__file__).parent",
+        "# For each tick its time (s) and the results of the leaves.",
+        "PLAN = [",
+        *(line for tick in planned_ticks(run) for line in _tick_lines(tick)),
+        "]",
+        "",
+        "",
+        f"def test_{name.replace('-', '_')}() -> None:",
+        *_node_lines(source, folder),
+        "    assert_holds_in_run(",
+        *(f"        {argument}," for argument in _arguments(answer, run, source, folder)),
+        "    )",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _wrapped(text: str) -> list[str]:
+    """Return the lines of a text in a docstring."""
+    return textwrap.wrap(_plain(text), _LINE - 4, break_long_words=False)
+
+
+def _plain(text: str) -> str:
+    """Return a text that may be part of a docstring."""
+    printable = "".join(letter if letter.isprintable() else " " for letter in text)
+    return printable.replace("\\", "/").replace('"', "'")
+
+
+def _node_lines(source: TreeReference, folder: Path) -> list[str]:
+    if not source.plugins and not source.has_libraries:
+        return []
+    lines = ["    nodes = Registry.standard()"]
+    if source.has_libraries:
+        lines.append("    nodes.add_plugins()")
+    for plugin in source.plugins:
+        place = _place(Path(plugin), folder) if plugin.endswith(".py") else _text(plugin)
+        lines.append(f"    nodes.add_plugin({place})")
+    return lines
+
+
+def _arguments(answer: Answer, run: Counterexample, source: TreeReference, folder: Path) -> list[str]:
+    arguments = [_place(source.file, folder), _text(answer.question), "PLAN"]
+    if run.cycle is not None:
+        arguments.append(f"cycle=({run.cycle}, {run.period})")
+    if run.given:
+        arguments.append(f"set_before={_mapping(run.given)}")
+    if source.plugins or source.has_libraries:
+        arguments.append("nodes=nodes")
+    if source.models:
+        arguments.append(f"models=[{', '.join(_place(model, folder) for model in source.models)}]")
+    if source.tree is not None:
+        arguments.append(f"tree={_text(source.tree)}")
+    if source.format is not None:
+        arguments.append(f"format={source.format}")
+    if source.declarations is not None:
+        arguments.append(f"declarations={_place(source.declarations, folder)}")
+    return arguments
+
+
+def _place(path: Path, folder: Path) -> str:
+    """Return an expression for a path, relative to the folder of the test if that is possible."""
+    try:
+        relative = Path(os.path.relpath(path.resolve(), folder.resolve()))
+    except ValueError:  # on another drive of Windows
+        return f"Path({_text(str(path.resolve()))})"
+    return f"FOLDER / {_text(relative.as_posix())}"
+
+
+def _tick_lines(tick: PlannedTick) -> list[str]:
+    time, leaves = tick
+    items = [f"{_text(name)}: {_results(planned)}" for name, planned in leaves.items()]
+    line = f"    ({time}, {{{', '.join(items)}}}),"
+    if len(line) <= _LINE:
+        return [line]
+    return [f"    ({time}, {{", *(f"        {item}," for item in items), "    }),"]
+
+
+def _results(planned: PlannedResult | Sequence[PlannedResult]) -> str:
+    if isinstance(planned, str):
+        return _text(planned)
+    if isinstance(planned, tuple) and len(planned) == 2 and isinstance(planned[1], Mapping):
+        return f"({_text(str(planned[0]))}, {_mapping(planned[1])})"
+    return f"[{', '.join(_results(each) for each in planned if not isinstance(each, Mapping))}]"
+
+
+def _mapping(values: Mapping[str, str]) -> str:
+    return f"{{{', '.join(f'{_text(key)}: {_text(value)}' for key, value in values.items())}}}"
+
+
+def _text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=not text.isprintable())

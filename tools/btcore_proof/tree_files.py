@@ -1,0 +1,329 @@
+"""Proofs about the trees of XML files: `prove`, `assert_proved` and `assert_holds_in_run`."""
+
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Final
+
+from btcore.clock import Clock
+from btcore.registry.registry import Registry
+from btcore.tree.drawing import to_text
+from btcore.tree.tree import Tree
+from btcore.xml.build import TreeInstantiator
+from btcore.xml.models.model_file import add_explicit_nodes, add_models
+from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import parse_file
+from btcore.xml.read.includes import resolve_includes
+from btcore_proof.answer_text import lines_of_answer
+from btcore_proof.counterexample import TreeMaker
+from btcore_proof.declarations import Declarations, declarations_beside, read_declarations
+from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
+from btcore_proof.planned_run import CYCLES, PlannedChoices, PlannedTick, run_plan
+from btcore_proof.propositions import parse_question
+from btcore_proof.prover import PROVED, Prover, Report, beginnings_of, write_entries
+
+MEMORY_MB: Final = 4000
+"""The default limit of the memory of a search (MB)."""
+File = str | PathLike[str]
+
+
+def prove(
+    file: File,
+    *questions: str,
+    nodes: Registry | None = None,
+    models: Sequence[File] = (),
+    tree: str | None = None,
+    format: int | None = None,
+    given: Sequence[str] = (),
+    declarations: File | None = None,
+    ticks: int | None = None,
+    memory: int = MEMORY_MB,
+    jobs: int = 1,
+    seconds: float | None = None,
+    instant_leaves: bool = False,
+) -> Report:
+    """Answer the standard questions, and others, about all possible runs of a tree.
+
+    Leaves with code are replaced by models, see the page on proofs. The declarations in `FILE.proof.toml`
+    beside the tree's file are read.
+
+    Args:
+        file: The XML file of the tree.
+        questions: Further questions: `never A`, `A leads to B`, `A leads to B within 5 ticks`, `A before B`.
+        nodes: The nodes that the tree may use; default `Registry.standard`.
+        models: TreeNodesModel files, whose nodes need no code.
+        tree: The ID of the tree; default the main tree of the file.
+        format: The XML format, 3 or 4; default the format of the file.
+        given: The keys of the entries that the program sets before the first tick.
+        declarations: A file with declarations; default the file beside the tree's file, if there is one.
+        ticks: The greatest number of ticks of a run; default no limit.
+        memory: The memory (MB) at which the search ends.
+        jobs: The number of processes of a long search; without effect on other systems than Linux.
+        seconds: The time (s) after which the search ends with the answers so far; default no limit.
+        instant_leaves: Whether leaves take no time. By default any time may pass within a tick, so that the
+            deadlines of a tick may be set at different times.
+
+    Returns:
+        The answers. Each is `proved`, `refuted` or `unknown`; also unknown for a question that names a node
+        that the tree does not have.
+
+    Raises:
+        TreeError: The tree or a model has errors.
+        ModelError: A declaration is invalid.
+        QuestionError: A text is not a question.
+        NodeError: The state of a node cannot be saved.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from btcore_proof import prove
+        >>> xml = '''<root BTCPP_format="4"><BehaviorTree ID="Main">
+        ...   <Sequence> <Condition ID="DoorOpen"/> <Action ID="Drive"/> </Sequence>
+        ... </BehaviorTree></root>'''
+        >>> _ = Path("drive.xml").write_text(xml)
+        >>> questions = ["DoorOpen is SUCCESS before Drive", "never Drive"]
+        >>> report = prove("drive.xml", *questions, models=["drive.xml"])
+        >>> [answer.answer for answer in report.answers[-2:]]
+        ['proved', 'refuted']
+        >>> run = report.answers[-1].counterexample
+        >>> [(leaf.name, leaf.result.name) for leaf in run.ticks[0].leaves]
+        [('DoorOpen', 'SUCCESS'), ('Drive', 'RUNNING')]
+    """
+    declared = declarations_of(Path(file), declarations)
+    analysis, leaves = _analysed(file, nodes, models, tree, format, declared)
+    prover = prover_of(analysis, leaves, questions, declared, given, instant_leaves)
+    return prover.answer(ticks, memory << 20, None, jobs, seconds)
+
+
+def assert_proved(
+    file: File,
+    *questions: str,
+    nodes: Registry | None = None,
+    models: Sequence[File] = (),
+    tree: str | None = None,
+    format: int | None = None,
+    given: Sequence[str] = (),
+    declarations: File | None = None,
+    ticks: int | None = None,
+    memory: int = MEMORY_MB,
+    jobs: int = 1,
+    seconds: float | None = None,
+    instant_leaves: bool = False,
+) -> None:
+    """Assert that the standard questions, and others, are proved for a tree.
+
+    Args:
+        file: The XML file of the tree.
+        questions: As in `prove`, like all following arguments.
+        nodes: As in `prove`.
+        models: As in `prove`.
+        tree: As in `prove`.
+        format: As in `prove`.
+        given: As in `prove`.
+        declarations: As in `prove`.
+        ticks: As in `prove`.
+        memory: As in `prove`.
+        jobs: As in `prove`.
+        seconds: As in `prove`. A question that is not answered in this time is unknown.
+        instant_leaves: As in `prove`.
+
+    Raises:
+        AssertionError: A question is refuted or unknown; the message contains the counterexamples.
+        TreeError: The tree or a model has errors.
+        ModelError: A declaration is invalid.
+        QuestionError: A text is not a question.
+        NodeError: The state of a node cannot be saved.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from btcore_proof import assert_proved
+        >>> xml = '''<root BTCPP_format="4"><BehaviorTree ID="Main">
+        ...   <Sequence> <Action ID="Grasp"/> <Action ID="Lift"/> </Sequence>
+        ... </BehaviorTree></root>'''
+        >>> _ = Path("pick.xml").write_text(xml)
+        >>> assert_proved("pick.xml", "Grasp is SUCCESS before Lift", models=["pick.xml"])
+    """
+    report = prove(
+        file,
+        *questions,
+        nodes=nodes,
+        models=models,
+        tree=tree,
+        format=format,
+        given=given,
+        declarations=declarations,
+        ticks=ticks,
+        memory=memory,
+        jobs=jobs,
+        seconds=seconds,
+        instant_leaves=instant_leaves,
+    )
+    open_answers = [answer for answer in report.answers if answer.answer != PROVED]
+    if open_answers:
+        lines = [line for answer in open_answers for line in lines_of_answer(answer)]
+        raise AssertionError(f"not everything is proved about '{file}':\n{to_text(lines)}")
+
+
+def assert_holds_in_run(
+    file: File,
+    question: str,
+    plan: Sequence[PlannedTick],
+    *,
+    cycle: tuple[int, float] | None = None,
+    set_before: Mapping[str, str] | None = None,
+    nodes: Registry | None = None,
+    models: Sequence[File] = (),
+    tree: str | None = None,
+    format: int | None = None,
+    declarations: File | None = None,
+) -> None:
+    """Run a tree with planned results of its leaves, and assert that the run does not violate a question.
+
+    `btcore prove --save` writes tests with this assertion. A leaf that is ticked when no result is planned
+    for it takes its next planned result. After its last planned result, it repeats this result, unless that
+    is RUNNING. In all other cases, it takes the first result of its model. The run ends when the tree ends.
+
+    Args:
+        file: The XML file of the tree.
+        question: The question, as in `prove`; or a standard question.
+        plan: For each tick its time (s) and the results of the leaves, by name or path: a status such as
+            "SUCCESS"; a pair of a status and the values that the leaf writes, by port; or a list of these
+            for a leaf that is ticked several times. If time passes within the tick, a list of times: one for
+            the start of the tick, and one for each later reading of the clock by a node.
+        cycle: The index of the tick from which the plan is repeated, and the duration of the cycle (s).
+        set_before: The values of the entries that the program sets before the first tick, as texts; `?` is
+            a value that is not known.
+        nodes: As in `prove`, like all following arguments.
+        models: As in `prove`.
+        tree: As in `prove`.
+        format: As in `prove`.
+        declarations: As in `prove`.
+
+    Raises:
+        AssertionError: The run violates the question.
+        PlanError: The plan is invalid, or names a leaf that the tree does not have.
+        TreeError: The tree or a model has errors.
+        ModelError: A declaration is invalid.
+        QuestionError: The question is invalid.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from btcore_proof import assert_holds_in_run
+        >>> xml = '''<root BTCPP_format="4"><BehaviorTree ID="Main">
+        ...   <ReactiveSequence> <Condition ID="PathFree"/> <Action ID="Drive"/> </ReactiveSequence>
+        ... </BehaviorTree></root>'''
+        >>> _ = Path("drive.xml").write_text(xml)
+        >>> plan = [
+        ...     (0.0, {"PathFree": "SUCCESS", "Drive": "RUNNING"}),
+        ...     (0.1, {"PathFree": "FAILURE"}),
+        ... ]
+        >>> assert_holds_in_run("drive.xml", "never Drive & PathFree is FAILURE", plan, models=["drive.xml"])
+    """
+    declared = declarations_of(Path(file), declarations)
+    analysis, leaves = _analysed(file, nodes, models, tree, format, declared)
+    fault = fault_in_run(analysis, leaves, question, plan, cycle, set_before or {}, declared)
+    if fault is not None:
+        raise AssertionError(f"{question}: {fault}")
+
+
+def declarations_of(file: Path, declarations: File | None) -> Declarations:
+    """Return the declarations in the file *declarations*, or in the file beside the tree's file.
+
+    Raises:
+        ModelError: The file cannot be read, or is invalid.
+    """
+    return declarations_beside(file) if declarations is None else read_declarations(Path(declarations))
+
+
+def prover_of(
+    analysis: DocumentAnalysis,
+    leaves: Registry,
+    questions: Sequence[str],
+    declared: Declarations,
+    given: Sequence[str] = (),
+    instant_leaves: bool = False,
+) -> Prover:
+    """Return the prover for a tree.
+
+    Args:
+        analysis: The analysis of the tree's document, which has no errors.
+        leaves: The nodes that the document was analysed with: model leaves replace leaves with code.
+        questions: The questions, in addition to the declared ones.
+        declared: The declarations.
+        given: The keys that the program sets before the first tick, in addition to the declared ones.
+        instant_leaves: As in `prove`.
+
+    Raises:
+        ModelError: A declaration is invalid.
+        QuestionError: A text is not a question.
+        NodeError: The state of a node cannot be saved.
+    """
+    parsed = [parse_question(text) for text in [*questions, *declared.questions.values()]]
+    keys = [*dict.fromkeys([*declared.given, *given])]
+    return Prover(_maker(analysis, leaves, {}), parsed, declared.entries, keys, instant_leaves)
+
+
+def fault_in_run(
+    analysis: DocumentAnalysis,
+    leaves: Registry,
+    question: str,
+    plan: Sequence[PlannedTick],
+    cycle: tuple[int, float] | None,
+    set_before: Mapping[str, str],
+    declared: Declarations,
+    attach: Callable[[Tree], object] | None = None,
+    cycles: int = CYCLES,
+) -> str | None:
+    """Return how a planned run violates a question, or None.
+
+    Args:
+        analysis: As in `prover_of`.
+        leaves: As in `prover_of`.
+        question: As in `assert_holds_in_run`, like the following arguments.
+        plan: The plan.
+        cycle: The cycle.
+        set_before: The entries that the program sets.
+        declared: The declarations.
+        attach: Called with the tree before its first tick.
+        cycles: How often the cycle is run.
+
+    Raises:
+        PlanError: The plan is invalid.
+        QuestionError: The question is invalid.
+    """
+    choices = PlannedChoices(plan, None if cycle is None else cycle[0], declared.entries)
+    return run_plan(_maker(analysis, leaves, set_before), choices, plan, question, cycle, attach, cycles)
+
+
+def _maker(analysis: DocumentAnalysis, leaves: Registry, set_before: Mapping[str, str]) -> TreeMaker:
+    known = {key: (text,) for key, text in set_before.items() if text != "?"}
+
+    def make(choices: Choices, clock: Clock) -> Tree:
+        resources = [choices, ModelPrompt(choices)]
+        made = TreeInstantiator(analysis, leaves, None, resources, clock).instantiate()
+        (values,) = beginnings_of(made, choices, known, list(set_before))
+        write_entries(made, values)
+        return made
+
+    return make
+
+
+def _analysed(
+    file: File,
+    nodes: Registry | None,
+    models: Sequence[File],
+    tree: str | None,
+    format: int | None,
+    declared: Declarations,
+) -> tuple[DocumentAnalysis, Registry]:
+    """Read and check a tree, and return the nodes with model leaves."""
+    document = parse_file(file)
+    available = Registry.standard() if nodes is None else nodes.copy()
+    for model in models:
+        add_models(available, model)
+    if models:
+        add_explicit_nodes(available, resolve_includes(document, DiagnosticCollector()))
+    leaves = with_model_leaves(available, declared.leaves)
+    analysis = analyse_document(document, leaves, tree, format)
+    analysis.diagnostics.raise_errors()
+    return analysis, leaves

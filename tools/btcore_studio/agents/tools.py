@@ -1,0 +1,422 @@
+"""The tools of `btcore mcp`: each calls commands of btcore, and returns their results in bounded size."""
+
+import base64
+import json
+import re
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable, Sequence
+from itertools import count
+from pathlib import Path
+from typing import Any, Final
+
+from mcp_types import ContentBlock, ImageContent, TextContent
+
+from btcore.cli.exit_codes import ExitCode
+from btcore.escaping import escape_controls
+from btcore_studio.agents.arguments import (
+    MAX_EPISODES,
+    ExplainFailureArguments,
+    NodesArguments,
+    ProveArguments,
+    ReadLogArguments,
+    RunArguments,
+    ShowArguments,
+    SweepArguments,
+    TreeArguments,
+    ValidateArguments,
+    Value,
+)
+from btcore_studio.agents.command_process import CommandRunner, Finished
+from btcore_studio.agents.result_size import shorten_text, to_bounded_json
+from btcore_studio.agents.served_folder import (
+    LOGS,
+    MAX_LOG_SIZE,
+    MAX_TREE_SIZE,
+    TREES,
+    RefusedError,
+    ServedFolder,
+)
+from btcore_studio.agents.summaries import (
+    answer_of,
+    changes_of,
+    counts_of,
+    ending_of,
+    palette_by_type,
+    reason_of,
+)
+
+KEPT_RUNS: Final = 20
+"""The number of runs whose logs are kept."""
+
+_TICK_LIMIT_S: Final = 5
+_MESSAGES: Final = 4000
+_OUTLINE: Final = 20_000
+_TRANSITIONS: Final = 20_000
+"""The number of the last transitions in which changes of results are searched."""
+_PROOF_MEMORY_MB: Final = 1000
+
+
+class Toolbox:
+    """The tools for the trees in a folder.
+
+    Args:
+        folder: The served folder.
+        runner: Runs the commands.
+    """
+
+    def __init__(self, folder: ServedFolder, runner: CommandRunner) -> None:
+        self._folder = folder
+        self._runner = runner
+        self._numbers = count(1)
+        self._runs: OrderedDict[str, dict[str, Any]] = OrderedDict()
+
+    @property
+    def tools(self) -> Sequence[Callable[..., Awaitable[Any]]]:
+        """The tools. The docstring of a tool is its description for agents."""
+        return (
+            self.nodes,
+            self.validate,
+            self.show,
+            self.run,
+            self.sweep,
+            self.prove,
+            self.read_log,
+            self.explain_failure,
+        )
+
+    async def nodes(self, call: NodesArguments) -> str:
+        """List the nodes that trees can use.
+
+        Without `ids`: by type, the ports of each node and a sentence. An input with `=` has a default; `=`
+        alone stands for an empty default. `only_on_robots` names the nodes that `run`, `sweep` and `prove` do
+        not have. With `ids`: everything about these nodes, such as the types of their ports.
+        """
+        words = [f"--format={call.format}", "--json", *self._models(call.models), "--", *call.ids]
+        found = await self._json("nodes", words, all_nodes=True)
+        if call.ids:
+            return to_bounded_json(found)
+        simulated = await self._json("nodes", words)
+        return to_bounded_json(
+            palette_by_type(found) | {"only_on_robots": [node for node in found if node not in simulated]}
+        )
+
+    async def validate(self, call: ValidateArguments) -> str:
+        """Report all errors and warnings in a tree, each with line, column and a hint.
+
+        A tree with errors cannot run. `prove` finds what depends on the order of ticks, such as an entry that
+        is read before it is written.
+        """
+        words = [*_each("given", call.given), "--json"]
+        checked = await self._of_tree("validate", call, words, all_nodes=True)
+        checked["diagnostics"] = [
+            {key: value for key, value in item.items() if key not in ("url", "width")}
+            for item in checked["diagnostics"]
+        ]
+        return to_bounded_json(checked)
+
+    async def show(self, call: ShowArguments) -> list[ContentBlock]:
+        """Show a tree with its subtrees as an outline and as a picture, or its data flow."""
+        if call.data_flow:
+            flow = await self._of_tree("show", call, ["--data", "--json"], all_nodes=True)
+            return [_text(to_bounded_json(flow))]
+        with self._runner.temporary_folder() as output:
+            words = self._words(call, output)
+            command = ["show", *self._runner.plugins]
+            outline = await self._runner.run([*command, *words], output, all_nodes=True)
+            _require_success("show", outline)
+            content: list[ContentBlock] = [_text(shorten_text(outline.stdout, _OUTLINE))]
+            if call.picture:
+                png = output / "tree.png"
+                drawn = await self._runner.run([*command, f"--png={png}", *words], output, all_nodes=True)
+                if drawn.code == ExitCode.SUCCESS:
+                    data = base64.b64encode(png.read_bytes()).decode()
+                    content.append(ImageContent(type="image", data=data, mime_type="image/png"))
+                else:
+                    content.append(_text(_message("show", drawn)))
+        return content
+
+    async def run(self, call: RunArguments) -> str:
+        """Run a tree in simulated time, and return the results of all nodes.
+
+        Leaves of a robot control a simulated robot in `world`. For each node the result counts the ticks and
+        the results; zeros are omitted. `robot` has what the simulation knows of the robot (m, rad, s, %).
+        The `log` can be given to explain_failure and read_log.
+        """
+        words = [
+            *_each("plan", [f"{leaf}={letters}" for leaf, letters in call.plans.items()]),
+            *_each("set", [f"{key}={_value(value)}" for key, value in call.entries.items()]),
+            f"--duration={call.duration}",
+            f"--rate={call.rate}",
+            f"--until={call.until}",
+            f"--seed={call.seed}",
+            f"--tick-limit={_TICK_LIMIT_S}",
+        ]
+        # Without the simulator there are no such options, and trees without a robot run nevertheless.
+        options = call.model_dump(
+            include={"world", "start", "battery", "noise", "people", "obstacles"}, exclude_defaults=True
+        )
+        words += [f"--{name}={value}" for name, value in options.items()]
+        words += [*_each("event", call.events), *_each("fault", call.faults)]
+        command = ["run", "--fast", "--json", *self._runner.plugins, *words]
+        name = f"run-{next(self._numbers)}"
+        with self._runner.temporary_folder() as output:
+            log = output / f"{name}.btlog"
+            done = await self._runner.run([*command, f"--log={log}", *self._words(call, output)], output)
+            report = _last_json("run", done)
+            kept = log.replace(self._runner.scratch / log.name)
+        # The summary on stderr repeats the result; what comes before it are messages of leaves.
+        messages = [line for line in done.stderr.splitlines() if re.match(r"(warning|error|note)", line)]
+        extra = {"messages": [shorten_text(line, 500) for line in messages[:30]]} if messages else {}
+        self._keep(name, {"file": kept, **{key: report[key] for key in ("error",) if key in report}, **extra})
+        del report["real_time_factor"]
+        report |= counts_of(report["nodes"])
+        return to_bounded_json({"log": name, **ending_of(report, done.code, name), **report, **extra})
+
+    async def sweep(self, call: SweepArguments) -> str:
+        """Run a tree in simulated time with many seeds and parameter values, and return the success rates.
+
+        `interval` is the confidence interval of a rate. `by` has the rates for each value. `figures` has the
+        columns of the episodes. `failing` has the nodes that failed: how many episodes they ended, in how
+        many they failed, and how often. `failed` has the first episodes without success: `run` with the same
+        seed and parameters repeats an episode.
+        """
+        episodes = call.seeds * max(1, len(call.worlds))
+        for values in call.parameters.values():
+            episodes *= len(values)
+        if episodes > MAX_EPISODES:
+            raise RefusedError(f"the sweep has {episodes:,} episodes; at most {MAX_EPISODES} are permitted")
+        words = [
+            f"--seeds={call.seeds}",
+            f"--duration={call.duration}",
+            f"--tick-limit={_TICK_LIMIT_S}",
+            "--workers=2",
+            *_option("success-if", call.success_if),
+            *_each("param", [f"{key}={_values(values)}" for key, values in call.parameters.items()]),
+            *([f"--worlds={','.join(call.worlds)}"] if call.worlds else []),
+        ]
+        command = ["sweep", "--json", *self._runner.plugins, *words]
+        with self._runner.temporary_folder() as output:
+            files = [f"--output={output / 'sweep'}", *self._words(call, output)]
+            done = await self._runner.run([*command, *files], output, loopback=True)
+        report = _last_json("sweep", done)
+        # Files that the agent cannot read, and command lines that it cannot use.
+        for key in ("table", "report", "workers"):
+            del report[key]
+        for episode in report["failed"]:
+            del episode["replay"]
+        return to_bounded_json(report)
+
+    async def prove(self, call: ProveArguments) -> str:
+        """Prove what holds in every possible run of a tree, whatever its leaves return.
+
+        The standard questions are always asked. A refuted question has a counterexample: the result of each
+        leaf in each tick. With `cycle`, it repeats forever from the tick with this number; the first is 0.
+        Such an answer is only possible if it depends on comparisons with values that are not known. An
+        answer is unknown if the search was ended early, for example by the time limit: see its detail.
+
+        Propositions A and B in `never` and `ask` are about a tick: 'Move' (it is RUNNING), 'Move is SUCCESS'
+        (or FAILURE, SKIPPED, RUNNING, IDLE), 'Move ticked', 'Move halted', '{battery} < 20', '!A', 'A & B',
+        'A | B', '(A)'. A node is its name or path, in quotes if it contains spaces.
+        """
+        words = [
+            *_each("never", call.never),
+            *_each("ask", call.ask),
+            *_each("given", call.given),
+            *_option("ticks", call.ticks),
+            f"--memory={_PROOF_MEMORY_MB}",
+            "--jobs=2",
+            "--json",
+        ]
+        with self._runner.temporary_folder() as output:
+            if call.declarations is not None:
+                file = output / "declarations.toml"
+                file.write_text(call.declarations, encoding="utf-8", errors="replace", newline="\n")
+                words.append(f"--declarations={file}")
+            command = ["prove", *self._runner.plugins, *words, *self._words(call, output)]
+            report = _last_json("prove", await self._runner.run(command, output))
+        report["questions"] = [answer_of(question) for question in report["questions"]]
+        return to_bounded_json(report)
+
+    async def read_log(self, call: ReadLogArguments) -> str:
+        """Read a log: statistics of each node, gaps and damage, and the last changes of results.
+
+        For each node: how often it succeeded, failed or was halted; `rate`, the share of successes; `runs`,
+        how often it was RUNNING, and for how long in total, on average and at most (s). Zeros are omitted.
+        """
+        file = self._log(call.log)
+        statistics = await self._json("stats", ["--json", "--", file])
+        if call.changes:
+            statistics |= await self._last_changes(file, statistics, call.changes)
+        statistics["failed"] = bool(statistics.pop("failure"))
+        return to_bounded_json(statistics | counts_of(statistics["nodes"]) | {"log": call.log})
+
+    async def _last_changes(self, file: str, statistics: dict[str, Any], number: int) -> dict[str, Any]:
+        """Return the last changes of results in a log, or why they are missing."""
+        # Printing all transitions of a large log takes longer than reading them.
+        begin = max(0, 1 - _TRANSITIONS / max(1, statistics["transitions"])) * statistics["time_s"]
+        try:
+            with self._runner.temporary_folder() as output:
+                done = await self._runner.run(["replay", "--text", f"--from={begin}", "--", file], output)
+            # The command belongs to the monitor, which may not be installed.
+            _require_success("replay", done)
+        except RefusedError as error:
+            return {"incomplete": f"the last changes are missing: {error}"}
+        return {"changes": changes_of(done.stdout.splitlines())[-number:]}
+
+    async def explain_failure(self, call: ExplainFailureArguments) -> str:
+        """Explain why a tree failed: the path from the root to the node that made it fail.
+
+        `cause` is the lowest node that failed. `path` begins at the root; each step has the results of the
+        node's children, null for a child that was not ticked or did not complete. `error` is the exception of
+        a leaf, if a leaf of a run raised an exception.
+        """
+        statistics = await self._json("stats", ["--json", "--", self._log(call.log)])
+        path: list[dict[str, Any]] = statistics["failure"]
+        nodes: dict[str, dict[str, Any]] = statistics["nodes"]
+        kept = self._runs.get(call.log, {})
+        result: dict[str, Any] = {"log": call.log, "failed": bool(path) or "error" in kept}
+        if error := kept.get("error"):
+            place = f" ({error['at']})" if error["at"] else ""
+            why = f"it raised {error['exception']}: {error['message']}{place}"
+            result |= {"cause": error["node"], "why": why}
+        elif path:
+            cause = path[-1]
+            totals = {key: nodes[cause["node"]][key] for key in ("success", "failure", "halted")}
+            why = reason_of(cause, kept.get("messages", []))
+            result |= {"cause": cause["node"], "why": why, "totals": totals, "path": path}
+            manual = await self._about(cause["id"])
+            result |= {"description": manual} if manual else {}
+        else:
+            running = [node for node, row in nodes.items() if row["running"]]
+            result["why"] = "the tree did not fail: its last result is not FAILURE, or it has no result yet"
+            result |= {"running": running} if running else {}
+            often = sorted(nodes, key=lambda node: -int(nodes[node]["failure"]))[:5]
+            result["most_failures"] = {
+                node: nodes[node]["failure"] for node in often if nodes[node]["failure"]
+            }
+        result |= {key: kept[key] for key in ("error", "messages") if key in kept}
+        return to_bounded_json(result)
+
+    async def _about(self, node_id: str) -> str | None:
+        """Return the description of a node, or None if the node is not known."""
+        try:
+            found = await self._json("nodes", ["--json", "--", node_id], all_nodes=True)
+        except RefusedError:
+            return None  # such as a leaf of another program
+        description: str = found[node_id]["description"]
+        return description or None
+
+    def _keep(self, name: str, run: dict[str, Any]) -> None:
+        """Keep the log of a run, and forget the oldest run."""
+        self._runs[name] = run
+        if len(self._runs) > KEPT_RUNS:
+            _, oldest = self._runs.popitem(last=False)
+            oldest["file"].unlink(missing_ok=True)
+
+    def _log(self, name: str) -> str:
+        """Return the file of a log, as an argument of the command line."""
+        if name in self._runs:
+            return str(self._runs[name]["file"])
+        if re.fullmatch(r"run-\d+", name):
+            raise RefusedError(f"there is no log '{name}'; the logs of the last {KEPT_RUNS} runs are kept")
+        file, mark, session = name.partition("#")
+        if mark and not re.fullmatch(r"\d{1,6}", session):
+            raise RefusedError(f"'{name}' is refused: after # comes the number of a session")
+        return f"{self._folder.find(file, LOGS, MAX_LOG_SIZE)}{mark}{session}"
+
+    def _words(self, call: TreeArguments, output: Path) -> list[str]:
+        """Return the arguments of a command for a tree: a file in the folder, or the text in a new file."""
+        if (call.tree is None) == (call.xml is None):
+            raise RefusedError("give either `tree`, a path, or `xml`, a text")
+        if call.tree is not None:
+            file = self._folder.find_tree(call.tree)
+        else:
+            assert call.xml is not None
+            data = call.xml.encode(errors="replace")
+            if len(data) > MAX_TREE_SIZE:
+                raise RefusedError(f"`xml` is refused: it has more than {MAX_TREE_SIZE:,} bytes")
+            file = output / "tree.xml"
+            file.write_bytes(data)
+        own = [f"--model={file}"] if call.own_models else []
+        models = [*self._models(call.models), *own]
+        return ["--confined", *models, *_option("tree", call.tree_id), "--", str(file)]
+
+    def _models(self, models: Sequence[str]) -> list[str]:
+        return [f"--model={self._folder.find(model, TREES, MAX_TREE_SIZE)}" for model in models]
+
+    async def _of_tree(
+        self, command: str, call: TreeArguments, words: Sequence[str], all_nodes: bool = False
+    ) -> Any:
+        """Return the JSON data that a command prints about a tree."""
+        with self._runner.temporary_folder() as output:
+            return await self._json(command, [*words, *self._words(call, output)], all_nodes)
+
+    async def palette(self) -> str:
+        """Return the available nodes as a TreeNodesModel.
+
+        Raises:
+            RefusedError: The nodes cannot be listed.
+        """
+        with self._runner.temporary_folder() as output:
+            done = await self._runner.run(["nodes", *self._runner.plugins, "--xml"], output, all_nodes=True)
+        _require_success("nodes", done)
+        return done.stdout
+
+    async def _json(self, command: str, words: Sequence[str], all_nodes: bool = False) -> Any:
+        """Return the JSON data that a command prints."""
+        plugins = [] if command == "stats" else self._runner.plugins
+        with self._runner.temporary_folder() as output:
+            done = await self._runner.run([command, *plugins, *words], output, all_nodes=all_nodes)
+        try:
+            return json.loads(done.stdout)
+        except ValueError:
+            raise RefusedError(_message(command, done)) from None
+
+
+def _option(name: str, value: object) -> list[str]:
+    return [] if value is None else [f"--{name}={value}"]
+
+
+def _each(name: str, values: Sequence[str]) -> list[str]:
+    return [f"--{name}={value}" for value in values]
+
+
+def _value(value: Value) -> str:
+    """Return the text of a value on the command line."""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _values(values: Sequence[Value]) -> str:
+    """Return the texts of `--param`. Quotes keep a comma or a range inside of a value."""
+    return ",".join('"' + _value(value).replace('"', '""') + '"' for value in values)
+
+
+def _last_json(command: str, done: Finished) -> dict[str, Any]:
+    """Return the JSON object in the last line of stdout, and why it is incomplete if it is."""
+    try:
+        data = json.loads(done.stdout.rstrip().rpartition("\n")[2])
+    except ValueError:
+        data = None
+    if not isinstance(data, dict):
+        raise RefusedError(_message(command, done))
+    return ({"incomplete": done.incomplete} if done.incomplete else {}) | data
+
+
+def _require_success(command: str, done: Finished) -> None:
+    if done.code != ExitCode.SUCCESS:
+        raise RefusedError(_message(command, done))
+
+
+def _message(command: str, done: Finished) -> str:
+    """Return what a command printed instead of a result, without the hint at its `--help`."""
+    if done.incomplete:
+        return done.incomplete
+    text = done.stderr.strip() or done.stdout.strip()
+    text = re.sub(r"\s+Try 'btcore [a-z]+ --help' for help\.$", "", text).removeprefix("error: ")
+    if not text:
+        return f"'btcore {command}' ended with the exit code {done.code} and without a message"
+    return shorten_text(escape_controls(text), _MESSAGES)
+
+
+def _text(text: str) -> TextContent:
+    return TextContent(type="text", text=text)

@@ -1,0 +1,35 @@
+"""`btcore lsp`: the language server, which editors start."""
+
+import gc
+import os
+from typing import Final
+
+import click
+
+GC_THRESHOLD: Final = 100_000
+"""The number of new objects after which the server's garbage collector runs.
+
+A large document has more objects, which live until its next change. With Python's default, the collector
+would take half of the time of each request.
+"""
+
+
+@click.command(short_help="Start the language server for editors.")
+# Several editors add this argument to the command of any server.
+@click.option("--stdio", is_flag=True, hidden=True, expose_value=False)
+def lsp() -> int:
+    """Serve the Language Server Protocol over stdin and stdout, for editors.
+
+    The editor starts this command. It reports errors and warnings while you type, completes nodes, ports
+    and keys, and shows documentation. docs/guides/editors.md has the settings of editors.
+    """
+    from btcore_studio.language.server import create_server
+
+    gc.set_threshold(GC_THRESHOLD)
+    # The server closes its streams. Whatever else is printed must not be among its messages.
+    stdin, stdout = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    server = create_server()
+    server.start_io(stdin, stdout)
+    # The protocol requires 1 for an end without the request `shutdown`. pygls ends without an exit code.
+    return 0 if server.was_shut_down else 1

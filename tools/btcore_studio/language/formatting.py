@@ -1,0 +1,147 @@
+"""Formatting: one element per line, indented by its depth.
+
+Only the white space between tags and attributes changes. Text, comments and attribute values keep their
+white space, and so does a document with missing tags.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+from lsprotocol import types
+
+from btcore_studio.language.project import Project, SourceDocument
+from btcore_studio.language.scanner import ScannedElement
+
+
+class _Token(NamedTuple):
+    """A tag or a comment: its place, its depth, and the element of a tag."""
+
+    start: int
+    end: int
+    depth: int
+    kind: str
+    element: ScannedElement | None
+
+
+def format_document(
+    project: Project, document: SourceDocument, params: types.DocumentFormattingParams
+) -> list[types.TextEdit]:
+    """Return the edits that format a document; none if a tag is incomplete or missing.
+
+    Args:
+        project: The project.
+        document: The document.
+        params: The indentation.
+    """
+    unit = " " * params.options.tab_size if params.options.insert_spaces else "\t"
+    return [
+        types.TextEdit(document.positions.range(start, end), text)
+        for start, end, text in _edits(document, unit)
+    ]
+
+
+def format_range(
+    project: Project, document: SourceDocument, params: types.DocumentRangeFormattingParams
+) -> list[types.TextEdit]:
+    """Return the edits of `format_document` in a range."""
+    whole = types.DocumentFormattingParams(params.text_document, params.options)
+    wanted = params.range
+    return [
+        edit
+        for edit in format_document(project, document, whole)
+        if wanted.start <= edit.range.end and edit.range.start <= wanted.end
+    ]
+
+
+def _edits(document: SourceDocument, unit: str) -> Iterator[tuple[int, int, str]]:
+    """Yield the start and the end of each white space to replace, and the new white space."""
+    scan, text = document.scan, document.text
+    if len(scan.roots) != 1 or not all(_is_whole(text, element) for element in scan.elements):
+        return
+    new_line = "\r\n" if "\r\n" in text else "\n"
+    tokens = _tokens(document)
+    fixed = _fixed_gaps(document, tokens)
+    for index, (left, right) in enumerate(pairwise(tokens)):
+        gap = text[left.end : right.start]
+        if index not in fixed and (wanted := _gap(gap, left, right, unit, new_line)) != gap:
+            yield left.end, right.start, wanted
+    for token in tokens:
+        if token.kind == "start" and token.element is not None:
+            yield from _edits_in_tag(text, token.element, unit * (token.depth + 2), new_line)
+    end = tokens[-1].end
+    if text[end:] != new_line and not text[end:].strip():
+        yield end, len(text), new_line
+
+
+def _is_whole(text: str, element: ScannedElement) -> bool:
+    closed = element.is_empty or (element.end_tag_start >= 0 and text[element.end - 1] == ">")
+    return closed and element.is_complete and all(item.is_closed for item in element.attributes)
+
+
+def _tokens(document: SourceDocument) -> list[_Token]:
+    """Return the tags and comments in the order of the text."""
+    found: list[tuple[int, int, str, ScannedElement | None]] = []
+    for element in document.scan.elements:
+        found.append((element.start, element.start_tag_end, "start", element))
+        if not element.is_empty:
+            found.append((element.end_tag_start, element.end, "end", element))
+    found += ((start, end, "comment", None) for start, end in document.scan.comments)
+    tokens: list[_Token] = []
+    depth = 0
+    for start, end, kind, owner in sorted(found, key=lambda item: item[0]):
+        depth -= kind == "end"
+        tokens.append(_Token(start, end, depth, kind, owner))
+        depth += kind == "start" and owner is not None and not owner.is_empty
+    return tokens
+
+
+def _fixed_gaps(document: SourceDocument, tokens: list[_Token]) -> set[int]:
+    """Return the numbers of the gaps in elements that contain text, which keep their white space."""
+    text = document.text
+    fixed: set[int] = set()
+    # The gaps that belong to each open element, and whether one of them contains text.
+    open_gaps: list[list[int]] = [[]]
+    with_text: list[bool] = [False]
+    for index, token in enumerate(tokens):
+        if token.kind == "start" and token.element is not None and not token.element.is_empty:
+            open_gaps.append([])
+            with_text.append(False)
+        elif token.kind == "end":
+            gaps, has_text = open_gaps.pop(), with_text.pop()
+            if has_text:
+                fixed.update(gaps)
+        if index + 1 < len(tokens):
+            open_gaps[-1].append(index)
+            with_text[-1] |= bool(text[token.end : tokens[index + 1].start].strip())
+    if with_text[0]:
+        fixed.update(open_gaps[0])
+    return fixed
+
+
+def _gap(gap: str, left: _Token, right: _Token, unit: str, new_line: str) -> str:
+    """Return the white space between two neighbours."""
+    if left.kind == "start" and right.kind == "end" and left.element is right.element:
+        return ""
+    if right.kind == "comment" and "\n" not in gap:
+        return " "
+    is_blank = gap.count("\n") > 1 and not (
+        right.kind == "end" or (left.kind == "start" and left.depth < right.depth)
+    )
+    return new_line * (1 + is_blank) + unit * right.depth
+
+
+def _edits_in_tag(
+    text: str, element: ScannedElement, indent: str, new_line: str
+) -> Iterator[tuple[int, int, str]]:
+    """Yield the edits between the attributes of a start tag. Line breaks between attributes are kept."""
+    end = element.tag_end
+    for attribute in element.attributes:
+        gap = text[end : attribute.start]
+        wanted = f"{new_line}{indent}" if "\n" in gap else " "
+        if gap != wanted and not gap.strip():
+            yield end, attribute.start, wanted
+        end = attribute.end
+    last = element.start_tag_end - (2 if element.is_empty else 1)
+    if end != last and not text[end:last].strip():
+        yield end, last, ""

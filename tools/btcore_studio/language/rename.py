@@ -1,0 +1,340 @@
+"""Rename trees, nodes and blackboard keys in all files of a project, so that the trees behave as before."""
+
+import re
+from collections.abc import Iterable
+from typing import Final, NamedTuple
+
+from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, TextEdit, WorkspaceEdit
+from pygls.exceptions import JsonRpcException
+
+from btcore.names import forbidden_in, is_reserved, port_name_error
+from btcore.script import lexer
+from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.tree_nodes_model import quoted
+from btcore.xml.read.dialect import EXPLICIT_TAGS
+from btcore_studio.language.key_links import MAX_LINKS, KeyLinks, TreeKey, links_of
+from btcore_studio.language.navigation import NamedKey, NamedNode, NamedTree, named_at, node_span
+from btcore_studio.language.project import Project, SourceDocument
+from btcore_studio.language.project_symbols import ProjectSymbols
+from btcore_studio.language.scanner import ScannedAttribute, ScannedElement
+from btcore_studio.language.symbols import KeyForm, KeyUse, TreeSymbol, is_call, node_id
+
+MAX_NAME_LENGTH: Final = 1_000
+"""Maximum number of characters of a new name."""
+# The names of XML 1.0 without ":", which would need a declared prefix.
+_XML_NAME: Final = re.compile(
+    "[A-Za-z_\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f"
+    "\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff]"
+    "[-.0-9A-Za-z_\u00b7\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u037d\u037f-\u1fff\u200c-\u200d\u203f-\u2040"
+    "\u2070-\u218f\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff]*"
+)
+
+
+class RenameError(JsonRpcException):
+    """What the cursor is on cannot be renamed, or not to the new name. The editor shows the message."""
+
+    CODE = LSPErrorCodes.RequestFailed.value
+
+
+class NodeName(NamedTuple):
+    """The cursor is on the `name` of a node in a tree."""
+
+    tree: TreeSymbol
+    element: ScannedElement
+    attribute: ScannedAttribute
+
+
+class _Edit(NamedTuple):
+    """Replace the text of *file* from *start* to *end* by *text*, which needs no more escapes."""
+
+    file: str
+    start: int
+    end: int
+    text: str
+
+
+_Target = NamedKey | NamedTree | NamedNode | NodeName
+
+
+def prepare_rename(project: Project, document: SourceDocument, offset: int) -> PrepareRenamePlaceholder:
+    """Return the name at the cursor and its place.
+
+    Args:
+        project: The project.
+        document: The document with the cursor.
+        offset: The offset of the cursor.
+
+    Raises:
+        RenameError: There is nothing that can be renamed.
+    """
+    links = links_of(project)
+    target = _target_at(project, links, document, offset)
+    if isinstance(target, NamedKey):
+        use = target.use
+        name, start, end = _plain_name(links.symbols, use), use.start, use.end
+        if use.form is not KeyForm.OF_PORT:
+            start += len(use.key) - len(name)
+    elif isinstance(target, NodeName):
+        attribute = target.attribute
+        name, start, end = attribute.value or "", attribute.value_start, attribute.value_end
+    else:
+        name, start, end = target.id, target.start, target.end
+    return PrepareRenamePlaceholder(range=document.positions.range(start, end), placeholder=name)
+
+
+def rename_symbol(project: Project, document: SourceDocument, offset: int, new_name: str) -> WorkspaceEdit:
+    """Return the changes of all files that rename what the cursor is on.
+
+    A key is renamed in its tree. SubTree elements that remap the key keep the key on their other side;
+    `_autoremap`, shared blackboards and `@` make several trees use one name, so it changes in all of them.
+    The code of programs and leaves is not changed, nor are texts that name a key when the tree runs.
+
+    Args:
+        project: The project.
+        document: The document with the cursor.
+        offset: The offset of the cursor.
+        new_name: The new name.
+
+    Raises:
+        RenameError: There is nothing that can be renamed, or the new name is invalid or in use.
+    """
+    links = links_of(project)
+    target = _target_at(project, links, document, offset)
+    if not new_name or len(new_name) > MAX_NAME_LENGTH:
+        raise RenameError(f"a name has 1 to {MAX_NAME_LENGTH:,} characters")
+    if not new_name.isprintable():
+        raise RenameError(f"the name {new_name!r} contains a control character")
+    if isinstance(target, NamedKey):
+        edits = _rename_key(project, links, target, new_name)
+    elif isinstance(target, NamedTree):
+        edits = _rename_tree(links.symbols, document, target, new_name)
+    elif isinstance(target, NamedNode):
+        edits = _rename_node(links.symbols, target, new_name)
+    else:
+        edits = _rename_instance(document, target, new_name)
+    return _workspace_edit(links.symbols, edits)
+
+
+def _target_at(project: Project, links: KeyLinks, document: SourceDocument, offset: int) -> _Target:
+    named = named_at(links, document, offset)
+    if isinstance(named, NamedKey):
+        _check_key(project, links, named.keys)
+        return named
+    if isinstance(named, NamedTree):
+        places = links.symbols.places_of_tree(named.id, document.uri)
+        if not any(is_definition for *_, is_definition in places):
+            raise RenameError(f"no file of the project defines the tree '{named.id}'")
+        return named
+    if isinstance(named, NamedNode):
+        _check_node(project, links.symbols, named)
+        return named
+    place = document.scan.element_at(offset)
+    element, attribute = place.element, place.attribute
+    if element is not None and attribute is not None and attribute.name == "name" and place.kind == "value":
+        for tree in links.symbols.files[document.uri].trees:
+            if element in tree.nodes:
+                return NodeName(tree, element, attribute)
+    raise RenameError("trees, blackboard keys, names of nodes, and nodes with a model can be renamed here")
+
+
+# --- keys
+
+
+def _check_key(project: Project, links: KeyLinks, keys: list[TreeKey]) -> None:
+    """Raise a RenameError if one of the places that name the key cannot be changed."""
+    if not links.is_complete:
+        raise RenameError(f"the trees of the project have more than {MAX_LINKS:,} connections of keys")
+    renamed = links.same_name_keys(keys)
+    for use in links.uses_of(renamed):
+        if use.form is KeyForm.DEFAULT:
+            node = node_id(use.element)
+            line = links.symbols.documents[use.file].positions.line(use.element.start) + 1
+            raise RenameError(
+                f"'{use.key}' is the default of the port '{use.port}' of <{node}> in line {line}: "
+                f'write {use.port}="{{{use.key}}}" there first'
+            )
+    for key in renamed:
+        if key.key in project.settings.given and links.is_outermost(key):
+            raise RenameError(
+                f"according to the setting 'given' the program sets '{key.key}': rename it in the program"
+            )
+
+
+def _rename_key(project: Project, links: KeyLinks, target: NamedKey, new_name: str) -> list[_Edit]:
+    symbols = links.symbols
+    renamed = links.same_name_keys(target.keys)
+    uses = links.uses_of(renamed)
+    for use in uses:
+        _check_new_key(symbols, use, new_name)
+    old = _plain_name(symbols, target.use)
+    if old == new_name:
+        return []
+    for key in renamed:
+        taken = TreeKey(key.tree, _renamed(symbols, key, new_name))
+        is_given = new_name in project.settings.given and links.is_outermost(key)
+        if taken in links.uses or is_given:
+            raise RenameError(f"the tree '{key.tree.id}' uses the key '{taken.key}' already")
+        if old.startswith("_") != new_name.startswith("_") and links.is_called_with_autoremap(key.tree):
+            raise RenameError(
+                "keys that begin with '_' are not remapped automatically: the trees would change"
+            )
+    edits = {use: _key_edit(symbols, use, new_name) for use in uses}
+    for inner, outer in links.own_name_remaps:
+        if inner in edits and outer in edits:
+            del edits[outer]  # both names change: "{=}" still means the same key
+        elif inner in edits:
+            edits[outer] = _Edit(outer.file, outer.start, outer.end, _escaped(f"{{{outer.key}}}"))
+    return list(edits.values())
+
+
+def _renamed(symbols: ProjectSymbols, key: TreeKey, new_name: str) -> str:
+    is_global = key.key.startswith("@") and symbols.files[key.tree.file].format == 4
+    return f"@{new_name}" if is_global else new_name
+
+
+def _plain_name(symbols: ProjectSymbols, use: KeyUse) -> str:
+    """Return the key without the `@`, which is not part of its name."""
+    return use.key.removeprefix("@") if symbols.files[use.file].format == 4 else use.key
+
+
+def _key_edit(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> _Edit:
+    if use.form is KeyForm.OF_PORT:
+        return _Edit(use.file, use.start, use.end, _escaped(f"{{{new_name}}}"))
+    start = use.start + len(use.key) - len(_plain_name(symbols, use))
+    text = new_name if use.form is KeyForm.ATTRIBUTE else _escaped(new_name)
+    return _Edit(use.file, start, use.end, text)
+
+
+def _check_new_key(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> None:
+    """Raise a RenameError if *use* cannot have the new name."""
+    file = symbols.files[use.file]
+    enums = symbols.registry.types.enums
+    if new_name.startswith("@") and file.format == 4:
+        raise RenameError("a key with '@' is the key of the main tree: rename it without '@'")
+    if use.form is KeyForm.SCRIPT:
+        tokens = lexer.tokenize(new_name)
+        is_name = tokens[0].kind == lexer.NAME and tokens[0].width == len(new_name)
+        if not is_name or new_name in enums:
+            raise RenameError(
+                f"'{new_name}' is not a name in scripts, and {_place_of(symbols, use)} uses the key: "
+                "use ASCII letters, digits and '_'"
+            )
+    elif use.form is KeyForm.ATTRIBUTE or use.form is KeyForm.MODEL:
+        error = port_name_error(new_name, file.format)
+        if not error and _XML_NAME.fullmatch(new_name) is None:
+            error = "it is not a name in XML"
+        if not error and file.format == 3 and new_name in ("__autoremap", "__shared_blackboard"):
+            error = "this attribute is reserved"
+        if error:
+            place = _place_of(symbols, use)
+            raise RenameError(f"'{new_name}' is not valid as an attribute, which {place} needs: {error}")
+    elif new_name == "=" or not set("{}").isdisjoint(new_name):
+        raise RenameError(f"'{new_name}' is not a key: '=' and braces have another meaning")
+
+
+def _place_of(symbols: ProjectSymbols, use: KeyUse) -> str:
+    document = symbols.documents[use.file]
+    name = document.path.name if document.path is not None else document.uri
+    return f"{name}:{document.positions.line(use.start) + 1}"
+
+
+# --- trees
+
+
+def _rename_tree(
+    symbols: ProjectSymbols, document: SourceDocument, target: NamedTree, new_name: str
+) -> list[_Edit]:
+    if new_name == target.id:
+        return []
+    places = list(symbols.places_of_tree(target.id, document.uri))
+    formats = {symbols.files[file].format for file, *_ in places}
+    if 4 in formats:
+        character = forbidden_in(new_name)
+        if character:
+            raise RenameError(f"invalid tree ID '{new_name}': {character!r} is not allowed")
+        if is_reserved(new_name):
+            raise RenameError(f"invalid tree ID '{new_name}': the name is reserved")
+        known = symbols.registry.get(new_name, 4)
+        if symbols.node_models(new_name) or (known is not None and not known.is_overridable):
+            raise RenameError(f"invalid tree ID '{new_name}': a node has this name")
+    for file in {file for file, *_ in places}:
+        for taken in symbols.family(new_name, file):
+            if taken in symbols.visible_files(file):
+                raise RenameError(f"{_name_of(symbols, taken)} names a tree '{new_name}' already")
+    text = _escaped(new_name)
+    return [_Edit(file, attribute.value_start, attribute.value_end, text) for file, attribute, _ in places]
+
+
+def _name_of(symbols: ProjectSymbols, file: str) -> str:
+    path = symbols.documents[file].path
+    return path.name if path is not None else file
+
+
+# --- nodes
+
+
+def _check_node(project: Project, symbols: ProjectSymbols, named: NamedNode) -> None:
+    """Raise a RenameError if the node is not declared by a model alone."""
+    if named.port:
+        raise RenameError(f"the code of <{named.id}> declares its port '{named.port}': rename it there")
+    known = project.models.get(named.id)
+    if known is not None and known.file.endswith(".py"):
+        raise RenameError(f"the Python code of <{named.id}> declares its ID: rename it in {known.file}")
+    registered = symbols.registry.get(named.id, 4) or symbols.registry.get(named.id, 3)
+    if registered is not None and not is_stub(registered.cls):
+        raise RenameError(f"<{named.id}> is a node of {registered.distribution}")
+    if not symbols.node_models(named.id):
+        raise RenameError(f"no <TreeNodesModel> of the project declares the node '{named.id}'")
+
+
+def _rename_node(symbols: ProjectSymbols, target: NamedNode, new_name: str) -> list[_Edit]:
+    if new_name == target.id:
+        return []
+    character = forbidden_in(new_name)
+    if character:
+        raise RenameError(f"invalid ID of a node '{new_name}': {character!r} is not allowed")
+    if is_reserved(new_name) or new_name in EXPLICIT_TAGS or new_name in ("BehaviorTree", "TreeNodesModel"):
+        raise RenameError(f"invalid ID of a node '{new_name}': the name is reserved")
+    is_taken = any(symbols.registry.get(new_name, format) is not None for format in (3, 4))
+    if is_taken or symbols.node_models(new_name) or any(symbols.nodes(new_name)):
+        raise RenameError(f"the project has a node '{new_name}' already")
+    if new_name in symbols.trees:
+        raise RenameError(f"the project has a tree '{new_name}' already")
+    text = _escaped(new_name)
+    edits: list[_Edit] = []
+    for model in symbols.node_models(target.id):
+        edits.append(_Edit(model.file, *node_span(model.element), text))
+    for file, element in symbols.nodes(target.id):
+        edits.append(_Edit(file, *node_span(element), text))
+        if element.tag not in EXPLICIT_TAGS:
+            if _XML_NAME.fullmatch(new_name) is None:
+                raise RenameError(f"'{new_name}' cannot be a tag: it is not a name in XML")
+            if element.end_tag_start >= 0:
+                at = symbols.documents[file].text.index(element.tag, element.end_tag_start)
+                edits.append(_Edit(file, at, at + len(element.tag), text))
+    return edits
+
+
+def _rename_instance(document: SourceDocument, target: NodeName, new_name: str) -> list[_Edit]:
+    attribute = target.attribute
+    for call in target.tree.calls if is_call(target.element) else ():
+        if call.element is not target.element and call.element.get("name") == new_name:
+            message = f"another SubTree element of '{target.tree.id}' has the name '{new_name}' already"
+            raise RenameError(message)
+    return [_Edit(document.uri, attribute.value_start, attribute.value_end, _escaped(new_name))]
+
+
+# --- edits
+
+
+def _escaped(text: str) -> str:
+    """Return *text* as it is written in an attribute with either quotes."""
+    return quoted(text)[1:-1]
+
+
+def _workspace_edit(symbols: ProjectSymbols, edits: Iterable[_Edit]) -> WorkspaceEdit:
+    changes: dict[str, list[TextEdit]] = {}
+    for file, start, end, text in sorted(set(edits)):
+        place = symbols.documents[file].positions.range(start, end)
+        changes.setdefault(file, []).append(TextEdit(place, text))
+    return WorkspaceEdit(changes=changes)

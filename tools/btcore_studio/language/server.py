@@ -1,0 +1,321 @@
+"""The server: registers every feature of the language server, and keeps the project up to date.
+
+Each feature is a module with functions of `(project, document, …)`. Their results are types of the protocol.
+"""
+
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any, Final
+
+from lsprotocol import types
+from pygls import uris
+from pygls.exceptions import JsonRpcInvalidParams
+from pygls.lsp.server import LanguageServer
+from pygls.protocol import LanguageServerProtocol
+from pygls.protocol.json_rpc import JsonRPCNotification
+from pygls.protocol.language_server import lsp_method
+
+from btcore import __version__
+from btcore.input_files import real_path
+from btcore_studio.language import (
+    completion,
+    formatting,
+    hover,
+    inlay_hints,
+    lenses,
+    navigation,
+    outline,
+    quick_fixes,
+    rename,
+    semantic_tokens,
+)
+from btcore_studio.language.checker import Checker
+from btcore_studio.language.diagnostics import Report
+from btcore_studio.language.project import DocumentKey, Project, Settings, SourceDocument
+
+NAME: Final = "btcore"
+
+
+class TreeServerProtocol(LanguageServerProtocol):
+    """The protocol with UTF-16 positions, which every client supports. The project holds the documents."""
+
+    def structure_message(self, data: dict[str, Any]) -> Any:
+        """Return the message in a JSON object. A request with invalid parameters gets an error reply.
+
+        pygls would print a traceback instead, and not reply.
+        """
+        method = data.get("method") if "jsonrpc" in data else None
+        kind = self.get_message_type(method) if isinstance(method, str) else None
+        if kind is None:
+            return super().structure_message(data)
+        try:
+            return self._converter.structure(data, kind)
+        except Exception:  # the errors of the converter have no common class
+            if "id" in data:
+                error = JsonRpcInvalidParams(f"the parameters of {method} are invalid").to_response_error()
+                self._send_response(data["id"], error=error)
+            # The protocol permits to ignore notifications with this prefix, and pygls logs them in one line.
+            return JsonRPCNotification(method=f"$/invalid/{method}", jsonrpc=self.VERSION, params={})
+
+    @lsp_method(types.INITIALIZE)
+    def lsp_initialize(self, params: types.InitializeParams) -> Generator[Any, Any, types.InitializeResult]:
+        """Initialize the server."""
+        if params.capabilities.general is not None:
+            # pygls would choose the first encoding that the client lists.
+            params.capabilities.general.position_encodings = [types.PositionEncodingKind.Utf16]
+        result = yield from super().lsp_initialize(params)
+        return result
+
+    # The methods of pygls would keep a second copy of each text. They also end lines at characters such as
+    # U+2028, where the lines of the protocol do not end.
+
+    @lsp_method(types.TEXT_DOCUMENT_DID_OPEN)
+    def lsp_text_document__did_open(
+        self, params: types.DidOpenTextDocumentParams
+    ) -> Generator[Any, Any, None]:
+        """Call the handler of the server."""
+        yield self.fm.features[types.TEXT_DOCUMENT_DID_OPEN], (params,), None
+
+    @lsp_method(types.TEXT_DOCUMENT_DID_CHANGE)
+    def lsp_text_document__did_change(
+        self, params: types.DidChangeTextDocumentParams
+    ) -> Generator[Any, Any, None]:
+        """Call the handler of the server."""
+        yield self.fm.features[types.TEXT_DOCUMENT_DID_CHANGE], (params,), None
+
+    @lsp_method(types.TEXT_DOCUMENT_DID_CLOSE)
+    def lsp_text_document__did_close(
+        self, params: types.DidCloseTextDocumentParams
+    ) -> Generator[Any, Any, None]:
+        """Call the handler of the server."""
+        yield self.fm.features[types.TEXT_DOCUMENT_DID_CLOSE], (params,), None
+
+    def _send_handler_result(self, future: Future[Any], *, msg_id: int | str) -> None:
+        """Send the result of a request. A refused renaming is an answer, and not a failure of the server."""
+        error = None if future.cancelled() else future.exception()
+        if isinstance(error, rename.RenameError):
+            self._request_futures.pop(msg_id, None)
+            self._send_response(msg_id, error=error.to_response_error())
+        else:
+            super()._send_handler_result(future, msg_id=msg_id)
+
+
+class TreeServer(LanguageServer):
+    """A language server for documents of trees.
+
+    Attributes:
+        project: The documents and files of the client's workspace.
+        checker: The background checks of the documents.
+        was_shut_down: Whether the client has requested the end of the server.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(
+            NAME,
+            __version__,
+            text_document_sync_kind=types.TextDocumentSyncKind.Incremental,
+            protocol_cls=TreeServerProtocol,
+        )
+        self.project = Project()
+        self.checker = Checker(self.project, self._publish, self._show, self._refresh)
+        self.was_shut_down = False
+
+    def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
+        uri = file if isinstance(file, str) else self.project.uri(file)
+        diagnostics = [report.diagnostic() for report in reports]
+        self.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, diagnostics, version))
+
+    def _show(self, message: str) -> None:
+        self.window_show_message(types.ShowMessageParams(types.MessageType.Warning, message))
+
+    def _refresh(self) -> None:
+        """Make the client request again what depends on the available nodes."""
+        workspace = self.client_capabilities.workspace
+        if workspace is None:
+            return
+        if workspace.semantic_tokens is not None and workspace.semantic_tokens.refresh_support:
+            self.workspace_semantic_tokens_refresh(None)
+        if workspace.inlay_hint is not None and workspace.inlay_hint.refresh_support:
+            self.workspace_inlay_hint_refresh(None)
+
+
+def create_server() -> TreeServer:
+    """Return a server with all features, which is not started yet."""
+    server = TreeServer()
+    _keep_up_to_date(server)
+    _add_features(server)
+    return server
+
+
+def _add_features(server: TreeServer) -> None:
+    """Register every feature that answers requests.
+
+    A feature of a whole document is a function of `(project, document)`. A feature of a place has the offset
+    of the cursor as its third argument, and a feature of a range has the range. All other features have the
+    parameters of the request.
+    """
+    project = server.project
+
+    def of_request(method: str, feature: Callable[..., Any], options: Any = None) -> None:
+        def handle(params: Any) -> Any:
+            document = project.document(params.text_document.uri)
+            return feature(project, document, params) if document is not None else None
+
+        server.feature(method, options)(handle)
+
+    def of_document(method: str, feature: Callable[..., Any], options: Any = None) -> None:
+        of_request(method, lambda project, document, _: feature(project, document), options)
+
+    def of_range(method: str, feature: Callable[..., Any], options: Any = None) -> None:
+        of_request(
+            method, lambda project, document, params: feature(project, document, params.range), options
+        )
+
+    def of_place(method: str, feature: Callable[..., Any], options: Any = None) -> None:
+        def at_offset(project: Project, document: SourceDocument, params: Any) -> Any:
+            return feature(project, document, document.positions.offset(params.position))
+
+        of_request(method, at_offset, options)
+
+    def complete(project: Project, document: SourceDocument, params: types.CompletionParams) -> Any:
+        offset = document.positions.offset(params.position)
+        trigger = params.context.trigger_character if params.context is not None else None
+        item = _completion_item_capabilities(server)
+        snippets = item is not None and item.snippet_support is True
+        markdown = item is not None and types.MarkupKind.Markdown in (item.documentation_format or ())
+        return completion.complete(project, document, offset, trigger or "", snippets, markdown)
+
+    def describe(project: Project, document: SourceDocument, offset: int) -> types.Hover | None:
+        capabilities = server.client_capabilities.text_document
+        formats = capabilities.hover.content_format if capabilities and capabilities.hover else None
+        return hover.hover(project, document, offset, types.MarkupKind.Markdown in (formats or ()))
+
+    # completion, hover, inlay_hints, semantic_tokens
+    of_request(types.TEXT_DOCUMENT_COMPLETION, complete, types.CompletionOptions(completion.TRIGGERS))
+    of_place(types.TEXT_DOCUMENT_HOVER, describe)
+    of_range(types.TEXT_DOCUMENT_INLAY_HINT, inlay_hints.inlay_hints)
+    legend = semantic_tokens.LEGEND
+    of_document(types.TEXT_DOCUMENT_SEMANTIC_TOKENS_FULL, semantic_tokens.semantic_tokens, legend)
+    of_range(types.TEXT_DOCUMENT_SEMANTIC_TOKENS_RANGE, semantic_tokens.semantic_tokens, legend)
+
+    of_place(types.TEXT_DOCUMENT_DEFINITION, navigation.find_definition)
+    of_place(types.TEXT_DOCUMENT_PREPARE_RENAME, rename.prepare_rename)
+    of_document(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL, outline.find_document_symbols)
+    of_document(types.TEXT_DOCUMENT_FOLDING_RANGE, outline.find_folding_ranges)
+
+    def references(project: Project, document: SourceDocument, params: types.ReferenceParams) -> Any:
+        offset = document.positions.offset(params.position)
+        return navigation.find_references(project, document, offset, params.context.include_declaration)
+
+    def renaming(project: Project, document: SourceDocument, params: types.RenameParams) -> Any:
+        return rename.rename_symbol(
+            project, document, document.positions.offset(params.position), params.new_name
+        )
+
+    of_request(types.TEXT_DOCUMENT_REFERENCES, references)
+    of_request(types.TEXT_DOCUMENT_RENAME, renaming, types.RenameOptions(prepare_provider=True))
+
+    @server.feature(types.WORKSPACE_SYMBOL)
+    def workspace_symbols(params: types.WorkspaceSymbolParams) -> list[types.WorkspaceSymbol]:
+        return outline.find_workspace_symbols(project, params.query)
+
+    # quick_fixes, formatting, lenses
+    kinds = [types.CodeActionKind.QuickFix, types.CodeActionKind.RefactorRewrite]
+    of_request(types.TEXT_DOCUMENT_CODE_ACTION, quick_fixes.code_actions, types.CodeActionOptions(kinds))
+    of_request(types.TEXT_DOCUMENT_FORMATTING, formatting.format_document)
+    of_request(types.TEXT_DOCUMENT_RANGE_FORMATTING, formatting.format_range)
+    of_document(types.TEXT_DOCUMENT_CODE_LENS, lenses.code_lenses)
+
+
+def _completion_item_capabilities(server: TreeServer) -> types.ClientCompletionItemOptions | None:
+    document = server.client_capabilities.text_document
+    completion = document.completion if document is not None else None
+    return completion.completion_item if completion is not None else None
+
+
+def _keep_up_to_date(server: TreeServer) -> None:
+    """Register what the client notifies: settings, documents and files."""
+    project, checker = server.project, server.checker
+
+    @server.feature(types.INITIALIZE)
+    def initialize(params: types.InitializeParams) -> None:
+        folders = params.workspace_folders or ()
+        if not folders and params.root_uri:
+            folders = [types.WorkspaceFolder(params.root_uri, "")]
+        settings = Settings.from_client(params.initialization_options)
+        project.configure(_paths(folders), settings or Settings())
+
+    @server.feature(types.INITIALIZED)
+    def initialized(_: types.InitializedParams) -> None:
+        checker.start()
+        checker.check_all()
+        workspace = server.client_capabilities.workspace
+        watching = workspace.did_change_watched_files if workspace is not None else None
+        if watching is not None and watching.dynamic_registration:
+            watchers = [types.FileSystemWatcher("**/*.{xml,btproj,py}")]
+            options = types.DidChangeWatchedFilesRegistrationOptions(watchers)
+            method = types.WORKSPACE_DID_CHANGE_WATCHED_FILES
+            registration = types.Registration("watch", method, options)
+            server.client_register_capability(types.RegistrationParams([registration]))
+
+    # Not a coroutine: `exit` may be the next message, and would end the server before the reply.
+    @server.feature(types.SHUTDOWN)
+    def shutdown(_: None) -> None:
+        checker.close()
+        server.was_shut_down = True
+
+    @server.feature(types.TEXT_DOCUMENT_DID_OPEN)
+    def did_open(params: types.DidOpenTextDocumentParams) -> None:
+        item = params.text_document
+        checker.changed(project.open(item.uri, item.text, item.version))
+
+    @server.feature(types.TEXT_DOCUMENT_DID_CHANGE)
+    def did_change(params: types.DidChangeTextDocumentParams) -> None:
+        identifier = params.text_document
+        checker.changed(project.change(identifier.uri, params.content_changes, identifier.version))
+
+    @server.feature(types.TEXT_DOCUMENT_DID_CLOSE)
+    def did_close(params: types.DidCloseTextDocumentParams) -> None:
+        document = project.document(params.text_document.uri)
+        project.close(params.text_document.uri)
+        if document is not None:
+            checker.changed(document)
+
+    @server.feature(types.TEXT_DOCUMENT_DID_SAVE)
+    def did_save(params: types.DidSaveTextDocumentParams) -> None:
+        document = project.document(params.text_document.uri)
+        if document is not None:
+            checker.changed(document)
+
+    @server.feature(types.WORKSPACE_DID_CHANGE_WATCHED_FILES)
+    def did_change_watched_files(params: types.DidChangeWatchedFilesParams) -> None:
+        if any(change.type != types.FileChangeType.Changed for change in params.changes):
+            project.forget_files()
+        for change in params.changes:
+            path = uris.to_fs_path(change.uri)
+            if path:
+                checker.file_changed(real_path(path))
+
+    @server.feature(types.WORKSPACE_DID_CHANGE_WORKSPACE_FOLDERS)
+    def did_change_folders(params: types.DidChangeWorkspaceFoldersParams) -> None:
+        removed = {uris.to_fs_path(folder.uri) for folder in params.event.removed}
+        added = [uris.to_fs_path(folder.uri) for folder in params.event.added]
+        kept = [
+            folder
+            for folder in project.folders
+            if folder not in {real_path(path) for path in removed if path}
+        ]
+        project.configure([*kept, *(Path(path) for path in added if path)], project.settings)
+        checker.reload()
+
+    @server.feature(types.WORKSPACE_DID_CHANGE_CONFIGURATION)
+    def did_change_configuration(params: types.DidChangeConfigurationParams) -> None:
+        settings = Settings.from_client(params.settings)
+        if settings is not None and settings != project.settings:
+            project.configure(project.folders, settings)
+            checker.reload()
+
+
+def _paths(folders: Iterable[types.WorkspaceFolder]) -> list[Path]:
+    return [real_path(path) for folder in folders if (path := uris.to_fs_path(folder.uri))]

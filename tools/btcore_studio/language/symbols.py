@@ -1,0 +1,511 @@
+"""Read what a document defines and names: trees, calls of trees, models, includes, and blackboard keys.
+
+The symbols are read from the scan of the text, so a document that is being edited has symbols as well.
+"""
+
+import enum
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, Port, PortRole, braced_key, remapped_key
+from btcore.errors import ConversionError
+from btcore.names import is_port_name
+from btcore.registry.manifest import Manifest
+from btcore.registry.registry import Registry
+from btcore.script import lexer
+from btcore.values import BOOL
+from btcore.xml.lint.scripts import WRITING, AccessKind, find_name_uses
+from btcore.xml.models.tree_nodes_model import PORT_TAGS
+from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, SCRIPT_ATTRIBUTES, parse_format
+from btcore_studio.language.scanner import Scan, ScannedAttribute, ScannedElement, value_offsets
+
+_CALL_TAGS: Final = DIALECTS[3].subtree_tags
+_READING: Final = (AccessKind.READS, AccessKind.READS_AS_KEY, AccessKind.UPDATES)
+
+
+class KeyForm(enum.Enum):
+    """How a key is written.
+
+    - BRACED: in braces, as `{key}`.
+    - OF_PORT: as `=` or `{=}`, which stand for the name of the port.
+    - SCRIPT: as a name in a script.
+    - BARE: as the whole text of a port, without braces.
+    - ATTRIBUTE: as the name of an attribute of a SubTree element.
+    - MODEL: as the name of a port in the model of a subtree.
+    - DEFAULT: not written: the key is the default of a port that the document does not set.
+    """
+
+    BRACED = enum.auto()
+    OF_PORT = enum.auto()
+    SCRIPT = enum.auto()
+    BARE = enum.auto()
+    ATTRIBUTE = enum.auto()
+    MODEL = enum.auto()
+    DEFAULT = enum.auto()
+
+
+@dataclass(slots=True, eq=False)  # not frozen: a document has thousands of uses, and creating them takes time
+class KeyUse:
+    """One place that names a blackboard key.
+
+    Attributes:
+        file: The file.
+        key: The key.
+        start: The offset of the first character of the written key.
+        end: The offset after the written key.
+        form: How the key is written.
+        element: The element that contains the place.
+        reads: Whether the entry is read.
+        writes: Whether the entry is written.
+        port: Name of the port of the element, or of the attribute with the script.
+    """
+
+    file: str
+    key: str
+    start: int
+    end: int
+    form: KeyForm
+    element: ScannedElement
+    reads: bool = False
+    writes: bool = False
+    port: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CallPort:
+    """A key of a called tree that the SubTree element, or the model of the tree, connects.
+
+    Attributes:
+        inner: The key of the called tree.
+        outer: The key of the calling tree; None if the inner key is set to a constant.
+        is_outer_constant: Whether the constant is written to the calling tree's entry of the same name.
+    """
+
+    inner: KeyUse
+    outer: KeyUse | None
+    is_outer_constant: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TreeCall:
+    """A SubTree element.
+
+    Attributes:
+        caller: The tree that contains the element.
+        id: The ID of the called tree.
+        element: The element.
+        ports: The connected keys by inner key.
+        autoremap: Whether every other key of the called tree is the caller's key of the same name.
+        shared: Whether both trees use one blackboard.
+    """
+
+    caller: "TreeSymbol"
+    id: str
+    element: ScannedElement
+    ports: dict[str, CallPort]
+    autoremap: bool
+    shared: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TreeSymbol:
+    """A `<BehaviorTree>` element.
+
+    Attributes:
+        file: The file.
+        id: The ID, or "".
+        element: The element.
+        nodes: The elements of the nodes, in the order of the text.
+        uses: The keys that its nodes use, except for the attributes of SubTree elements.
+        calls: Its SubTree elements.
+    """
+
+    file: str
+    id: str
+    element: ScannedElement
+    nodes: list[ScannedElement] = field(default_factory=list)
+    uses: list[KeyUse] = field(default_factory=list)
+    calls: list[TreeCall] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelPort:
+    """A port in the model of a node.
+
+    Attributes:
+        name: The name as a key of the called tree, if the node is a subtree.
+        default: The key of the calling tree that the default names, or None.
+        text: The text of the default, or None.
+    """
+
+    name: KeyUse
+    default: KeyUse | None
+    text: str | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NodeModel:
+    """An element of a `<TreeNodesModel>`.
+
+    Attributes:
+        file: The file.
+        id: The ID of the node, or of the subtree if the tag is `SubTree`.
+        element: The element.
+        ports: The ports by name.
+    """
+
+    file: str
+    id: str
+    element: ScannedElement
+    ports: dict[str, ModelPort] = field(default_factory=dict)
+
+    @property
+    def is_subtree(self) -> bool:
+        """Whether the model describes a tree, and not a node."""
+        return self.element.tag not in EXPLICIT_TAGS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileSymbols:
+    """The symbols of one file.
+
+    Attributes:
+        file: The file.
+        scan: The scan of its text.
+        format: The XML format, 3 or 4.
+        main_tree: The attribute `main_tree_to_execute`, or None.
+        includes: The `<include>` elements.
+        trees: The trees.
+        models: The models.
+    """
+
+    file: str
+    scan: Scan
+    format: int
+    main_tree: ScannedAttribute | None
+    includes: list[ScannedElement]
+    trees: list[TreeSymbol]
+    models: list[NodeModel]
+
+    def key_uses(self) -> Iterator[KeyUse]:
+        """Yield all places of the file that name a key, except for defaults, which are not written."""
+        for tree in self.trees:
+            yield from (use for use in tree.uses if use.form is not KeyForm.DEFAULT)
+            for call in tree.calls:
+                for port in call.ports.values():
+                    yield port.inner
+                    if port.outer is not None:
+                        yield port.outer
+        for model in self.models:
+            for declared in model.ports.values():
+                yield declared.name
+                if declared.default is not None:
+                    yield declared.default
+
+    def key_at(self, offset: int) -> KeyUse | None:
+        """Return the place that names a key at *offset*, or None. A cursor at its end is on the key, too."""
+        return next((use for use in self.key_uses() if use.start <= offset <= use.end), None)
+
+
+def node_id(element: ScannedElement) -> str:
+    """Return the ID of the node that *element* names: its tag, or the ID of an explicit tag."""
+    return element.get("ID") or "" if element.tag in EXPLICIT_TAGS else element.tag
+
+
+def is_call(element: ScannedElement) -> bool:
+    """Return whether *element* calls a tree."""
+    return element.tag in _CALL_TAGS
+
+
+def written_format(scan: Scan) -> int:
+    """Return the XML format that the outermost element names; 4 if it is unknown or missing."""
+    root = scan.roots[0] if scan.roots else None
+    return (parse_format(root.get("BTCPP_format")) or 4) if root is not None and root.tag == "root" else 4
+
+
+ScriptNames = list[tuple[str, int, bool, bool]]
+"""The names in a script: the name, its index in the script, and whether the entry is read and written."""
+
+
+def read_symbols(
+    file: str, scan: Scan, format: int, registry: Registry, scripts: dict[str, ScriptNames] | None = None
+) -> FileSymbols:
+    """Return the symbols of one file.
+
+    Args:
+        file: The name of the file.
+        scan: The scan of its text.
+        format: The XML format, 3 or 4.
+        registry: The known nodes and enums.
+        scripts: The names in known scripts. The names in further scripts are added.
+    """
+    return _SymbolReader(file, scan, format, registry, {} if scripts is None else scripts).read()
+
+
+class _SymbolReader:
+    def __init__(
+        self, file: str, scan: Scan, format: int, registry: Registry, scripts: dict[str, ScriptNames]
+    ) -> None:
+        self._known_scripts = scripts
+        self._file = file
+        self._text = scan.text
+        self._format = format
+        self._registry = registry
+        self._enums = registry.types.enums
+        self._symbols = FileSymbols(file, scan, format, _main_tree(scan), [], [], [])
+
+    def read(self) -> FileSymbols:
+        symbols = self._symbols
+        trees: dict[ScannedElement, TreeSymbol] = {}
+        models: dict[ScannedElement, NodeModel | None] = {}
+        for element in symbols.scan.elements:
+            parent = element.parent
+            tag = element.tag
+            if tag == "BehaviorTree":
+                trees[element] = tree = TreeSymbol(self._file, element.get("ID") or "", element)
+                symbols.trees.append(tree)
+            elif tag == "TreeNodesModel":
+                models[element] = None
+            elif tag == "include":
+                symbols.includes.append(element)
+            elif parent in models:
+                models[element] = self._model(element, models[parent])
+            elif parent in trees:
+                trees[element] = tree = trees[parent]
+                tree.nodes.append(element)
+                if is_call(element):
+                    tree.calls.append(self._call(tree, element))
+                    tree.uses.extend(self._scripts(element))
+                else:
+                    tree.uses.extend(self._node(element))
+        return symbols
+
+    # --- models
+
+    def _model(self, element: ScannedElement, model: NodeModel | None) -> NodeModel | None:
+        """Read an element of a TreeNodesModel: a model, or a port of *model*. Returns the model."""
+        if model is None:
+            model = NodeModel(self._file, element.get("ID") or "", element)
+            self._symbols.models.append(model)
+        elif element.tag in PORT_TAGS:
+            name, default = element.attribute("name"), element.attribute("default")
+            if name is not None and name.value:
+                text = default.value if default is not None else None
+                outer = (
+                    self._outer_key(element, name.value, default) if default and model.is_subtree else None
+                )
+                use = KeyUse(
+                    self._file, name.value, name.value_start, name.value_end, KeyForm.MODEL, element,
+                    writes=bool(text) and outer is None, port=name.value,
+                )  # fmt: skip
+                model.ports[name.value] = ModelPort(use, outer, text)
+        return model
+
+    # --- SubTree elements
+
+    def _call(self, tree: TreeSymbol, element: ScannedElement) -> TreeCall:
+        autoremap = shared = False
+        ports: dict[str, CallPort] = {}
+        for attribute in element.attributes:
+            name = attribute.name
+            if self._format == 3:
+                if name == "__shared_blackboard" and element.tag == "SubTree":
+                    shared = self._truth(attribute)
+                    continue
+                if name == "__autoremap" and element.tag == "SubTreePlus":
+                    autoremap = self._truth(attribute)
+                    continue
+                is_port = name not in ("ID", "name", "_description")
+            else:
+                if name == "_autoremap":
+                    autoremap = self._truth(attribute)
+                    continue
+                is_port = is_port_name(name)
+            if is_port and name not in ports:
+                ports[name] = self._call_port(element, attribute, autoremap)
+        return TreeCall(tree, element.get("ID") or "", element, ports, autoremap, shared)
+
+    def _call_port(self, element: ScannedElement, attribute: ScannedAttribute, autoremap: bool) -> CallPort:
+        name = attribute.name
+        outer = None
+        if attribute.value is not None:
+            if self._format == 3 and element.tag == "SubTree":
+                # <SubTree> of format 3 has no braces: the text is the outer key itself.
+                outer = self._use(element, attribute, attribute.value, 0, len(attribute.value), KeyForm.BARE)
+            else:
+                outer = self._outer_key(element, name, attribute)
+        is_constant = outer is None
+        inner = KeyUse(
+            self._file, name, attribute.start, attribute.name_end, KeyForm.ATTRIBUTE, element,
+            writes=is_constant, port=name,
+        )  # fmt: skip
+        return CallPort(inner, outer, is_constant and autoremap and self._format == 3)
+
+    def _outer_key(self, element: ScannedElement, name: str, attribute: ScannedAttribute) -> KeyUse | None:
+        """Return the key of the calling tree that the text of *attribute* names, or None for a constant."""
+        text = attribute.value or ""
+        key = braced_key(text, self._format)
+        if key is None:
+            return None
+        if key == "=" and self._format != 3:
+            return KeyUse(
+                self._file, name, attribute.value_start, attribute.value_end, KeyForm.OF_PORT, element,
+                port=name,
+            )  # fmt: skip
+        return self._braced(element, attribute, key)
+
+    def _truth(self, attribute: ScannedAttribute) -> bool:
+        try:
+            return BOOL.from_text(attribute.value or "", self._format) is True
+        except ConversionError:
+            return False
+
+    # --- other nodes
+
+    def _node(self, element: ScannedElement) -> Iterator[KeyUse]:
+        manifest = self._registry.get(node_id(element), self._format)
+        yield from self._scripts(element)
+        given: set[str] = set()
+        for attribute in element.attributes:
+            name = attribute.name
+            if attribute.value is None or name in given:
+                continue
+            given.add(name)
+            port = manifest.ports.get(name) if manifest is not None else None
+            if port is not None:
+                yield from self._port(element, attribute, port)
+            elif manifest is None and name not in ("ID", "name") and name[:1] != "_":
+                # The ports of an unknown node are unknown, but braces always mean a key.
+                key = remapped_key(attribute.value, name, self._format)
+                if key is not None:
+                    yield self._remapped(element, attribute, key)
+        if manifest is not None:
+            yield from self._defaults(element, manifest, given)
+
+    def _port(self, element: ScannedElement, attribute: ScannedAttribute, port: Port) -> Iterator[KeyUse]:
+        text = attribute.value or ""
+        key = remapped_key(text, port.name, self._format)
+        if key is not None:
+            reads, writes = _access(port)
+            yield self._remapped(element, attribute, key, reads, writes)
+        elif port.role in SCRIPT_ROLES:
+            yield from self._script(element, attribute)
+        elif text and port.role in KEY_ROLES:
+            reads, writes = port.role is PortRole.WATCHED_ENTRY, port.role is PortRole.WRITTEN_ENTRY
+            yield self._use(element, attribute, text, 0, len(text), KeyForm.BARE, reads, writes)
+        elif text and port.writes and port.role is not PortRole.QUEUE and self._format == 3:
+            # In format 3 an output port accepts the key without braces.
+            yield self._use(element, attribute, text, 0, len(text), KeyForm.BARE, False, True)
+
+    def _defaults(self, element: ScannedElement, manifest: Manifest, given: set[str]) -> Iterator[KeyUse]:
+        """Yield the keys of the ports that have a key as default, and that *element* does not set."""
+        for port in manifest.ports.values():
+            if port.default is None or port.name in given:
+                continue
+            key = remapped_key(port.default, port.name, self._format)
+            reads, writes = _access(port)
+            if key is None and port.default and port.role in KEY_ROLES:
+                key = port.default
+                reads, writes = port.role is PortRole.WATCHED_ENTRY, port.role is PortRole.WRITTEN_ENTRY
+            if self._format == 3:
+                writes = False  # the default of an output port is not connected
+            if key is not None and (reads or writes or self._format == 4):
+                yield KeyUse(
+                    self._file, key, element.tag_start, element.tag_end, KeyForm.DEFAULT, element,
+                    reads, writes, port.name,
+                )  # fmt: skip
+
+    def _scripts(self, element: ScannedElement) -> Iterator[KeyUse]:
+        for attribute in element.attributes:
+            if attribute.name in SCRIPT_ATTRIBUTES and self._format == 4:
+                yield from self._script(element, attribute)
+
+    def _script(self, element: ScannedElement, attribute: ScannedAttribute) -> list[KeyUse]:
+        script = attribute.value or ""
+        names = self._known_scripts.get(script)
+        if names is None:
+            names = self._known_scripts[script] = self._names_in(script)
+        if not names:
+            return []
+        offset = self._offsets(attribute)
+        return [
+            KeyUse(
+                self._file, name, offset(at), offset(at + len(name)), KeyForm.SCRIPT, element,
+                reads, writes, attribute.name,
+            )
+            for name, at, reads, writes in names
+        ]  # fmt: skip
+
+    def _names_in(self, script: str) -> ScriptNames:
+        uses = find_name_uses(script, self._enums)
+        if uses:
+            return [(use.name, use.column - 1, use.access in _READING, use.access in WRITING) for use in uses]
+        # An invalid script has no uses, but its names can be listed.
+        return [
+            (token.text, token.start, False, False)
+            for token in lexer.tokenize(script)
+            if token.kind == lexer.NAME and token.text not in self._enums
+        ]
+
+    # --- places of keys
+
+    def _remapped(
+        self,
+        element: ScannedElement,
+        attribute: ScannedAttribute,
+        key: str,
+        reads: bool = False,
+        writes: bool = False,
+    ) -> KeyUse:
+        """Return the use of *key*, which the text of a port points to."""
+        text = attribute.value or ""
+        if text == "=" or (self._format == 4 and braced_key(text) == "="):
+            return self._use(element, attribute, key, 0, len(text), KeyForm.OF_PORT, reads, writes)
+        return self._braced(element, attribute, key, reads, writes)
+
+    def _braced(
+        self,
+        element: ScannedElement,
+        attribute: ScannedAttribute,
+        key: str,
+        reads: bool = False,
+        writes: bool = False,
+    ) -> KeyUse:
+        start = (attribute.value or "").index("{") + 1
+        return self._use(element, attribute, key, start, start + len(key), KeyForm.BRACED, reads, writes)
+
+    def _use(
+        self,
+        element: ScannedElement,
+        attribute: ScannedAttribute,
+        key: str,
+        first: int,
+        last: int,
+        form: KeyForm,
+        reads: bool = False,
+        writes: bool = False,
+    ) -> KeyUse:
+        """Return the use of *key*, which is written from character *first* to *last* of the value."""
+        offset = self._offsets(attribute)
+        start, end = offset(first), offset(last)
+        return KeyUse(self._file, key, start, end, form, element, reads, writes, attribute.name)
+
+    def _offsets(self, attribute: ScannedAttribute) -> Callable[[int], int]:
+        """Return the function from an index in the value to the offset in the text."""
+        start = attribute.value_start
+        if attribute.value_end - start == len(attribute.value or ""):
+            return start.__add__
+        return value_offsets(self._text, attribute).__getitem__
+
+
+def _access(port: Port) -> tuple[bool, bool]:
+    """Return whether a node reads and writes the entry in the braces of *port*."""
+    if port.role is PortRole.WRITTEN_ENTRY or port.role in SCRIPT_ROLES:
+        return True, False  # the entry holds the name of the written entry, or the script
+    # A loop takes items out of its queue, but never fills it.
+    return port.reads, port.writes and port.role is not PortRole.QUEUE
+
+
+def _main_tree(scan: Scan) -> ScannedAttribute | None:
+    return scan.roots[0].attribute("main_tree_to_execute") if scan.roots else None

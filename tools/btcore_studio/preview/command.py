@@ -1,0 +1,147 @@
+"""`btcore preview`: show a tree in a browser, follow its file, and watch the running tree."""
+
+import threading
+import webbrowser
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import click
+
+from btcore import entry_points
+from btcore.cli import node_libraries, terminal
+from btcore.cli.completion import complete_tree
+from btcore.cli.exit_codes import code_of_signal
+from btcore.cli.tick_loop import POLL_INTERVAL_S, ending_signals, signal_handlers
+from btcore.cli.tree_source import (
+    STDIN,
+    SaveWatcher,
+    find_source,
+    tree_options,
+)
+from btcore_studio.preview.live import LiveConnection, LiveError, PreviewExtension
+from btcore_studio.preview.server import PreviewServer
+from btcore_studio.preview.session import PreviewSession
+from btcore_studio.preview.tree_reading import TreeFile
+
+GROUP: Final = "btcore.preview"
+_META: Final = "btcore_studio.preview.command.extensions"
+
+
+class PreviewCommand(click.Command):
+    """A command that also has the options of the package that connects with running trees."""
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return the command's options, those of the extension, and `--help`."""
+        own = super().get_params(ctx)  # the last is --help
+        extension = _extension(ctx)
+        return own if extension is None else [*own[:-1], *extension.options, own[-1]]
+
+
+def _extension(ctx: click.Context) -> PreviewExtension | None:
+    """Return the first extension that can be loaded, or None."""
+    if _META not in ctx.meta:
+        loaded, _ = entry_points.load(GROUP)
+        ctx.meta[_META] = loaded[0].value() if loaded else None
+    extension: PreviewExtension | None = ctx.meta[_META]
+    return extension
+
+
+@click.command(cls=PreviewCommand, short_help="Show a tree in a browser, and watch it run.")
+@click.argument("source", metavar="TREE", shell_complete=complete_tree)
+@tree_options
+@click.option(
+    "--http-port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    metavar="PORT",
+    help="The port of the page on 127.0.0.1; by default a free port.",
+)
+@click.option("--open/--no-open", "opens", default=True, help="Open the page in the browser, or do not.")
+@click.option("--json", "as_json", is_flag=True, help="Print the address of the page as a JSON object.")
+@click.pass_context
+def preview(
+    ctx: click.Context,
+    /,
+    source: str,
+    tree: str | None,
+    format: int | None,
+    confined: bool,
+    plugins: Sequence[str],
+    models: Sequence[Path],
+    http_port: int,
+    opens: bool,
+    as_json: bool,
+    **settings: Any,
+) -> int:
+    """Serve a page with a drawing of TREE on this machine, until Ctrl-C.
+
+    The page follows the saved file, shows its errors, and connects with the running tree. Its address
+    contains a secret token, without which the page cannot be opened.
+
+    TREE is an XML file, or the name of a tree that is bundled with btcore.
+    """
+    path = find_source(source)
+    if path == STDIN:
+        raise click.UsageError("btcore preview needs a file: a tree on stdin cannot be saved again.")
+    extension = _extension(ctx)
+    address = extension.check(settings) if extension is not None else ""
+    saves = SaveWatcher(path, confined)
+    libraries = node_libraries.load_libraries(plugins, models, confined)
+
+    def connect(address: str) -> LiveConnection:
+        assert extension is not None
+        return extension.connect(address, settings)
+
+    file = TreeFile(path, libraries.nodes_for, tree, format, confined)
+    session = PreviewSession(file, connect if extension is not None else None)
+    try:
+        server = PreviewServer(session, http_port)
+    except OSError as error:
+        raise click.ClickException(f"cannot listen on port {http_port}: {error.strerror}") from None
+    with server, _stop_on_signals() as (stop, received), TemporaryDirectory() as folder:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            if address:
+                session.watch(address)
+            if as_json:
+                terminal.print_json({"url": server.url})
+            else:
+                click.echo(f"{path} is shown at {server.url} (Ctrl-C ends the preview)")
+            if opens and not as_json:
+                _open_page(server.url, Path(folder))
+            while not stop.wait(POLL_INTERVAL_S):
+                if saves():
+                    session.reload()
+        except LiveError as error:
+            raise click.ClickException(str(error)) from None
+        finally:
+            session.close()
+            server.shutdown()
+    return code_of_signal(received[0])
+
+
+def _open_page(url: str, folder: Path) -> None:
+    """Open the page in the browser by a file in *folder*, which only the user can read.
+
+    Other users could read the token in the arguments of the browser's process.
+    """
+    redirection = folder / "preview.html"
+    redirection.write_bytes(f'<!doctype html><meta http-equiv="refresh" content="0;url={url}">'.encode())
+    webbrowser.open(redirection.as_uri())
+
+
+@contextmanager
+def _stop_on_signals() -> Iterator[tuple[threading.Event, list[int]]]:
+    """Return an event that SIGINT, SIGTERM and SIGHUP set, and the list of the received signals."""
+    stop = threading.Event()
+    received: list[int] = []
+
+    def handle(number: int, frame: object) -> None:
+        received.append(number)
+        stop.set()
+
+    with signal_handlers(ending_signals(), handle):
+        yield stop, received

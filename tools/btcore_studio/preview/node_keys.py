@@ -1,0 +1,71 @@
+"""Keys that identify nodes of a drawing and of a running tree, also after the tree was edited."""
+
+from collections import Counter
+from collections.abc import Iterable
+from hashlib import blake2b
+from typing import NamedTuple
+
+from btcore.status import NodeType
+from btcore.xml.render.tree_drawing import DiagramNode
+
+
+class KeyedNode(NamedTuple):
+    """What the key of a node depends on: the numbers of the node and its parent, its ID and its name.
+
+    Attributes:
+        uid: Number of the node.
+        parent: Number of the parent, or 0.
+        id: ID of the node.
+        name: Name of the node.
+        is_subtree: Whether the node calls a tree. The name of a call is not part of its key.
+    """
+
+    uid: int
+    parent: int
+    id: str
+    name: str
+    is_subtree: bool = False
+
+
+def node_keys(nodes: Iterable[KeyedNode]) -> dict[int, str]:
+    """Return the key of each node by its number.
+
+    A key consists of the IDs and names from the root to the node. Equal siblings are counted. The same node
+    therefore has the same key in the file and in the running tree, unless an ancestor differs.
+
+    Args:
+        nodes: The nodes, each after its parent.
+
+    Examples:
+        >>> from btcore_studio.preview.node_keys import KeyedNode, node_keys
+        >>> root, door = KeyedNode(1, 0, "Sequence", "round"), KeyedNode(2, 1, "Open", "door")
+        >>> node_keys([root, door])[2] == node_keys([root, door._replace(uid=7)])[7]
+        True
+    """
+    keys: dict[int, str] = {}
+    seen: Counter[str] = Counter()
+    for node in nodes:
+        label = "SubTree" if node.is_subtree else f"{node.id}\0{node.name}"
+        text = f"{keys.get(node.parent, '')}\0{label}"
+        seen[text] += 1
+        keys[node.uid] = blake2b(f"{text}\0{seen[text]}".encode(), digest_size=8).hexdigest()
+    return keys
+
+
+def diagram_nodes(root: DiagramNode) -> list[tuple[DiagramNode, int]]:
+    """Return the nodes of a drawing in pre-order, each with the number of its parent, or 0."""
+    nodes: list[tuple[DiagramNode, int]] = []
+    pending = [(root, 0)]
+    while pending:
+        node, parent = pending.pop()
+        nodes.append((node, parent))
+        pending += [(child, node.uid) for child in reversed(node.children)]
+    return nodes
+
+
+def diagram_keys(nodes: Iterable[tuple[DiagramNode, int]]) -> dict[int, str]:
+    """Return the key of each node in the result of `diagram_nodes`, by its number."""
+    return node_keys(
+        KeyedNode(node.uid, parent, node.id, node.name, node.type is NodeType.SUBTREE)
+        for node, parent in nodes
+    )

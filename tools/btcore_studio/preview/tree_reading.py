@@ -1,0 +1,217 @@
+"""Read a tree for the preview: its diagnostics, and a drawing even if its nodes are unknown."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from btcore import diagnostic_codes
+from btcore.errors import Diagnostic, TreeError, shown_diagnostics
+from btcore.input_files import read_file
+from btcore.registry.registry import Registry
+from btcore.xml.lint.validate import validate_document
+from btcore.xml.models.model_file import add_undeclared_nodes
+from btcore.xml.plan.call_graph import CallGraph
+from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document
+from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.includes import resolve_includes
+from btcore.xml.render.node_card import FAMILY_COLOURS
+from btcore.xml.render.svg import diagram_to_svg
+from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
+from btcore_studio.preview.node_keys import diagram_keys, diagram_nodes
+
+MAX_CARDS: Final = 5_000
+"""Maximum number of nodes in a drawing. In a larger tree the deepest levels are folded."""
+
+_DRAWABLE: Final = frozenset(
+    {
+        diagnostic_codes.AMBIGUOUS_MAIN_TREE,
+        diagnostic_codes.CONFLICTING_ENTRY_TYPES,
+        diagnostic_codes.INCONVERTIBLE_TEXT,
+        diagnostic_codes.MISSING_PORT,
+        diagnostic_codes.MISSING_SUBTREE_PORT,
+        diagnostic_codes.NOT_A_BOOLEAN,
+        diagnostic_codes.SCRIPT_SYNTAX,
+        diagnostic_codes.UNKNOWN_PORT,
+    }
+)
+"""Errors in attributes of nodes: the nodes and their order are known."""
+
+
+@dataclass(frozen=True, slots=True)
+class TreeFile:
+    """The file of a preview, and how to read it.
+
+    Attributes:
+        path: The XML file.
+        nodes_for: Returns the available nodes for a document.
+        tree: The ID of the tree to show; None for the main tree.
+        format: The XML format (3 or 4); None for the file's own.
+        confined: Whether includes from outside of the file's folder are errors.
+    """
+
+    path: Path
+    nodes_for: Callable[[Document], Registry]
+    tree: str | None = None
+    format: int | None = None
+    confined: bool = False
+
+    def read(self, text: str | None = None) -> "TreeReading":
+        """Read and check the file.
+
+        Args:
+            text: The content of the file, if an editor has not saved it; None reads the file.
+        """
+        if text is not None:
+            # A lone surrogate, which no file can contain, becomes "?".
+            text = text.encode(errors="replace").decode()
+        try:
+            if text is None:
+                document = parse_file(self.path, confined=self.confined)
+            else:
+                document = parse_text(text, str(self.path))
+                if self.confined:
+                    document.confine()
+            nodes = self.nodes_for(document)
+            found = validate_document(document, nodes=nodes, tree=self.tree, format=self.format)
+        except TreeError as error:
+            return TreeReading(list(error.diagnostics), None, self._content() if text is None else text)
+        drawn = nodes.copy()
+        add_undeclared_nodes(drawn, resolve_includes(document, DiagnosticCollector()))
+        analysis = analyse_document(document, drawn, self.tree, self.format)
+        is_known = _DRAWABLE.issuperset(error.code for error in analysis.diagnostics.errors)
+        is_drawable = is_known and bool(analysis.planner.definitions.by_id)
+        return TreeReading(found, analysis if is_drawable else None, document.text)
+
+    def _content(self) -> str:
+        """Return the text of a file that is not valid XML, or "" if it cannot be read."""
+        try:
+            return read_file(self.path).decode(errors="replace")
+        except OSError:
+            return ""
+
+
+@dataclass(frozen=True, slots=True)
+class TreeReading:
+    """The *diagnostics* and the *text* of a file, and its *analysis*: None if the file cannot be drawn."""
+
+    diagnostics: list[Diagnostic]
+    analysis: DocumentAnalysis | None
+    text: str
+
+    def summary(self) -> dict[str, Any]:
+        """Return the diagnostics, the IDs of the trees, and the text of a broken file as JSON data."""
+        shown, more = shown_diagnostics(self.diagnostics)
+        trees = list(self.analysis.planner.definitions.by_id) if self.analysis is not None else []
+        return {
+            "diagnostics": [
+                {
+                    "code": item.code,
+                    "severity": item.code.severity,
+                    "url": item.code.url,
+                    "message": item.message,
+                    "file": item.file,
+                    "line": item.line,
+                    "column": item.column,
+                    "hint": item.hint,
+                }
+                for item in shown
+            ],
+            "more": more,
+            "trees": trees,
+            # The text of a file with a drawing comes with the drawing.
+            "text": self.text if self.analysis is None else None,
+        }
+
+
+def draw(
+    analysis: DocumentAnalysis, tree: str | None, folded: Collection[str], styled: bool = False
+) -> dict[str, Any]:
+    """Return a drawing of a tree, its nodes and its source texts as JSON data.
+
+    Args:
+        analysis: A document without errors.
+        tree: The ID of the tree; None or an unknown ID is the main tree, or the first tree.
+        folded: The keys of the nodes whose children are hidden.
+        styled: Whether the drawing contains its style sheet.
+    """
+    by_id = analysis.planner.definitions.by_id
+    main = by_id.get(tree or "") or analysis.main or next(iter(by_id.values()))
+    if main is not analysis.main:
+        diagnostics = DiagnosticCollector()
+        calls = CallGraph(analysis.planner, diagnostics)
+        if not calls.is_recursive(main):
+            calls.check_size(main)
+        if diagnostics.errors:
+            return {"tree": main.id, "error": diagnostics.errors[0].message}
+    root = diagram_of_document(analysis._replace(main=main))
+    nodes = diagram_nodes(root)
+    keys = diagram_keys(nodes)
+    hidden = _fold(root, {uid for uid, key in keys.items() if key in folded}, len(nodes))
+    files: dict[str, tuple[int, Document]] = {}
+    rows = []
+    for node, parent in nodes:
+        assert node.origin is not None
+        document, element = node.origin
+        number, _ = files.setdefault(document.file, (len(files), document))
+        place = document.source_map.span(element)
+        rows.append(
+            {
+                "key": keys[node.uid],
+                "parent": parent,
+                "id": node.id,
+                "name": node.name,
+                "kind": FAMILY_COLOURS[node.type][0],
+                "calls": node.tree,
+                "ports": [[name, text] for name, text, _ in node.ports]
+                + [[*item] for item in node.scripts.items()],
+                "file": number,
+                "line": 0 if place is None else place.line,
+                "column": 0 if place is None else place.column,
+                "last": 0 if place is None else document.source_map.last_line(element),
+                "hidden": hidden.get(node.uid, 0),
+                "leaf": not node.children,
+            }
+        )
+    return {
+        "tree": main.id,
+        "file": analysis.planner.definitions.documents[-1].file,
+        "svg": diagram_to_svg(_pruned(root, hidden), main.id, analysis.planner.dialect.format, styled),
+        "nodes": rows,
+        "about": {node.id: node.about for node, _ in nodes if node.about},
+        "files": [{"name": name, "text": document.text} for name, (_, document) in files.items()],
+    }
+
+
+def _fold(root: DiagramNode, folded: set[int], count: int) -> dict[int, int]:
+    """Return the number of hidden descendants of each visible node with hidden children.
+
+    Args:
+        root: The root of the drawing.
+        folded: The numbers of the nodes whose children are hidden.
+        count: The number of all nodes.
+    """
+    # Nodes are numbered in pre-order: the descendants of a node follow it without a gap.
+    hidden: dict[int, int] = {}
+    visible = 1
+    level = [(root, root.uid + count)]
+    while level:
+        below: list[tuple[DiagramNode, int]] = []
+        for node, end in level:
+            if not node.children:
+                continue
+            if node.uid in folded or visible + len(node.children) > MAX_CARDS:
+                hidden[node.uid] = end - node.uid - 1
+                continue
+            visible += len(node.children)
+            ends = [child.uid for child in node.children[1:]]
+            below += zip(node.children, [*ends, end], strict=True)
+        level = below
+    return hidden
+
+
+def _pruned(node: DiagramNode, hidden: dict[int, int]) -> DiagramNode:
+    """Return the drawing without the children of nodes in *hidden*."""
+    children = [] if node.uid in hidden else [_pruned(child, hidden) for child in node.children]
+    return replace(node, children=children, hidden=hidden.get(node.uid, 0))

@@ -1,0 +1,166 @@
+"""Running the unfinished episodes of a sweep, with a progress bar."""
+
+import signal
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import click
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from btcore.cli import terminal
+from btcore.cli.exit_codes import ExitCode
+from btcore.cli.tick_loop import signal_handlers
+from btcore.script.program import Program
+from btcore_sweep import table
+from btcore_sweep.definition import Episode, SweepDefinition, format_setting
+from btcore_sweep.journal import Journal, Record
+
+if TYPE_CHECKING:
+    from btcore_sweep.cluster import Workers
+
+
+_MAX_WARNINGS: Final = 10
+
+
+class ExecutionSummary(NamedTuple):
+    """The result of `run_sweep`.
+
+    Attributes:
+        signal: The number of the signal that ended the sweep, or 0.
+        episodes: The number of episodes that were run.
+        wall: The duration in s of real time, including the start of the workers.
+        workers: The number of workers at the end.
+        deaths: The number of workers that died while they ran an episode.
+        busy: The fraction of *wall* that the workers spent running episodes.
+    """
+
+    signal: int = 0
+    episodes: int = 0
+    wall: float = 0.0
+    workers: int = 0
+    deaths: int = 0
+    busy: float = 0.0
+
+
+def run_sweep(
+    journal: Journal, script: Program | None, pool: "AbstractContextManager[Workers]"
+) -> ExecutionSummary:
+    """Run the episodes that are not in the journal yet, and add each of them to the journal.
+
+    SIGINT (Ctrl-C) or SIGTERM ends the sweep early.
+
+    Args:
+        journal: The journal, entered as a context manager.
+        script: The condition for a success, or None.
+        pool: A context with the workers, which is entered if there are episodes to run.
+
+    Raises:
+        click.UsageError: A combination of parameter values cannot be run with the first seed, or *script*
+            uses an unknown column.
+        click.ClickException: The workers cannot be reached, or cannot run episodes.
+    """
+    sweep = journal.definition
+    todo = [number for number in range(len(sweep)) if number not in journal.done]
+    if not todo:
+        return ExecutionSummary()
+    # If there are finished episodes, an error in the script is reported before workers are started.
+    for record in journal.done.values():
+        table.row(sweep.episode(record["episode"]), record, script)
+    began = time.perf_counter()
+    with (
+        _stoppable() as stopped,
+        _Bar(Path(sweep.tree).stem, len(sweep), len(journal.done)) as bar,
+        pool as workers,
+    ):
+        count, episode_time = 0, 0.0
+        for episode, result in workers.run_episodes((sweep.episode(number) for number in todo), stopped):
+            record = {"episode": episode.number, **result}
+            _raise_user_error(record, episode, sweep)
+            bar.warn(record.pop("warnings", ()))
+            journal.add(record)
+            count += 1
+            episode_time += record.get("wall_s", 0.0)
+            bar.count_episode(table.row(episode, record, script)["success"], workers.count)
+        wall = time.perf_counter() - began
+        busy = episode_time / (wall * max(workers.count, 1))
+        return ExecutionSummary(stopped(), count, wall, workers.count, workers.deaths, busy)
+
+
+def _raise_user_error(record: Record, episode: Episode, sweep: SweepDefinition) -> None:
+    """Raise UsageError if an episode with the first seed had a user error, which all seeds would repeat.
+
+    An error after the start of a run, such as an event that was not possible, may be due to the seed.
+    """
+    had_error = record["code"] == ExitCode.USER_ERROR and not record.get("began")
+    if had_error and episode.number < len(sweep.settings):
+        values = f"\n({format_setting(episode.values)})" if episode.values else ""
+        raise click.UsageError(f"{record['fault']}{values}")
+
+
+@contextmanager
+def _stoppable() -> Iterator[Callable[[], int]]:
+    """Return a context with a function that returns the number of the signal that was received, or 0.
+
+    The signals are SIGINT and SIGTERM. A second signal raises KeyboardInterrupt.
+    """
+    received = 0
+
+    def handler(number: int, frame: FrameType | None) -> None:
+        nonlocal received
+        if received:
+            raise KeyboardInterrupt
+        received = number
+
+    with signal_handlers((signal.SIGINT, signal.SIGTERM), handler):
+        yield lambda: received
+
+
+class _Bar(Progress):
+    """The progress bar of a sweep on stderr; without a terminal only warnings are printed.
+
+    Args:
+        name: The name of the sweep.
+        total: The number of episodes.
+        done: The number of episodes that are already finished.
+    """
+
+    def __init__(self, name: str, total: int, done: int) -> None:
+        console = terminal.stderr_console()
+        super().__init__(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[state]}"),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._printed: set[str] = set()
+        self._failed = 0
+        self._task = self.add_task(name, total=total, completed=done, state="starting workers")
+
+    def count_episode(self, success: bool, workers: int) -> None:
+        """Advance the bar by an episode.
+
+        Args:
+            success: Whether the episode was a success.
+            workers: The current number of workers.
+        """
+        self._failed += not success
+        state = f"[red]{self._failed} ✘[/] " if self._failed else ""
+        state += f"[dim]{terminal.counted(workers, 'worker')}[/]"
+        self.update(self._task, advance=1, state=state)
+
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Print *warnings* above the bar, each only once."""
+        for warning in warnings:
+            if warning not in self._printed and len(self._printed) < _MAX_WARNINGS:
+                self._printed.add(warning)
+                text = Text.assemble(("warning: ", "bold yellow"), warning)
+                self.console.print(text, soft_wrap=True)

@@ -1,0 +1,120 @@
+"""The options of `btcore run` that `btcore sweep` also has, and passes to all episodes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, cast
+
+import click
+
+from btcore.cli.extension import load_extensions
+from btcore.cli.run import explain_missing_options, run
+from btcore_sweep.parameters import RunOptions
+
+_GIVEN: Final = "btcore_sweep.options.given"
+_REFUSED: Final = {
+    "seed": "use --seeds to set the seeds of a sweep",
+    "fast": "a sweep always uses simulated time",
+    "json": "the results of the episodes are in the sweep's table",
+    "watch": "episodes cannot wait for a file to be saved",
+    "log": "all episodes would write to the same file; replay a single episode with --log",
+    "set": "write bb.KEY for a blackboard entry, for example bb.laps=1..5",
+}
+_OWN: Final = {"duration", "format"}
+"""Options of `btcore run` that a sweep defines itself, with another meaning or another default."""
+
+
+class SweepCommand(click.Command):
+    """A command that also has the options of `btcore run`, without those that cannot apply to many runs."""
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return the command's options, those of `btcore run`, and `--help`."""
+        own = super().get_params(ctx)
+        names = {"source", *(option.name for option in own)}
+        run_options = [
+            option
+            for key, option in collect_run_options(ctx).options.items()
+            if option.name not in names and key not in _OWN
+        ]
+        return [*own[:-1], *varying_options(ctx).values(), *run_options, own[-1]]
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse *args*, and keep the unconverted texts of the options for the command lines of the runs."""
+        words = list(args)  # click's parser removes the arguments from its list
+        with explain_missing_options(ctx):
+            rest = super().parse_args(ctx, args)
+        ctx.meta[_GIVEN] = self.make_parser(ctx).parse_args(words)[0]
+        return rest
+
+
+def collect_run_options(ctx: click.Context) -> RunOptions:
+    """Return the options of `btcore run` that a sweep accepts, and the reasons why it rejects others."""
+    refused = dict(_REFUSED)
+    for extension in load_extensions(ctx).extensions:
+        for option in extension.options:
+            if option.name in extension.single_run_options:
+                refused[_key(option)] = "it applies to a single run; replay a single episode with it"
+    options = {_key(item): item for item in run.get_params(ctx) if isinstance(item, click.Option)}
+    accepted = {key: option for key, option in options.items() if key not in {*refused, "help"}}
+    return RunOptions(accepted, refused)
+
+
+def given(ctx: click.Context) -> dict[str, Any]:
+    """Return the unconverted texts of the run options on a sweep's command line, by name without dashes."""
+    own = {option.name for option in ctx.command.params} - {"duration"}
+    texts = {name: text for name, text in ctx.meta[_GIVEN].items() if name not in own}
+    return {key: texts[item.name] for key, item in _options_with_set(ctx).items() if item.name in texts}
+
+
+def varied_by_extensions(ctx: click.Context) -> dict[str, tuple[str, ...]]:
+    """Return the values of the parameters that the additional options of extensions vary, by KEY."""
+    values = {key: ctx.params[str(option.name)] for key, option in varying_options(ctx).items()}
+    return {key: tuple(texts) for key, texts in values.items() if texts is not None}
+
+
+def varying_options(ctx: click.Context) -> dict[str, click.Option]:
+    """Return the additional options of extensions, by the KEY of the parameter that they vary."""
+    extensions = load_extensions(ctx).extensions
+    return {key: option for extension in extensions for key, option in extension.sweep_options.items()}
+
+
+def option_arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:
+    """Return options as arguments of `btcore run`.
+
+    Args:
+        ctx: The context of `btcore sweep`.
+        texts: The options, as returned by `given`.
+    """
+    options = _options_with_set(ctx)
+    words: list[str] = []
+    for key, text in texts.items():
+        option = cast(click.Option, options[key])
+        if option.is_flag:
+            words.append(option.opts[0])
+        else:
+            for value in _values(text):
+                words += [option.opts[0], str(value)]
+    return words
+
+
+def named_files(values: Sequence[Any]) -> set[Path]:
+    """Return those of *values*, of options and parameters, that are names of existing files."""
+    names = [name for value in values for name in _values(value) if isinstance(name, str) and name]
+    return {Path(name) for name in names if Path(name).is_file()}
+
+
+def _options_with_set(ctx: click.Context) -> dict[str, click.Parameter]:
+    """Return the options of `btcore run` by name without dashes, including `--set`.
+
+    A sweep accepts `--set` for all runs, but rejects it as a parameter.
+    """
+    set_option = next(option for option in run.params if option.name == "entries")
+    return {**collect_run_options(ctx).options, "set": set_option}
+
+
+def _values(text: Any) -> Sequence[Any]:
+    """Return the values of an option as a sequence, which has several elements if the option was repeated."""
+    return text if isinstance(text, (list, tuple)) else [text]
+
+
+def _key(option: click.Option) -> str:
+    return option.opts[0].lstrip("-")
