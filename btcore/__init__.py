@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from btcore import builds
 
-# Called before any further import, because a module that may be compiled must not be imported earlier.
-builds.select_build()
+builds.select_build(__name__)
 
 if TYPE_CHECKING:
     __version__: str
@@ -60,6 +59,11 @@ if TYPE_CHECKING:
     from btcore.nodes.loop import LoopNode as LoopNode
     from btcore.registry.registry import Registry as Registry
     from btcore.script.program import compile_script as compile_script
+    from btcore.status import FAILURE as FAILURE
+    from btcore.status import IDLE as IDLE
+    from btcore.status import RUNNING as RUNNING
+    from btcore.status import SKIPPED as SKIPPED
+    from btcore.status import SUCCESS as SUCCESS
     from btcore.status import NodeType as NodeType
     from btcore.status import Status as Status
     from btcore.status import Transition as Transition
@@ -100,7 +104,16 @@ _HOMES = {
     "btcore.nodes.loop": ("LoopNode",),
     "btcore.registry.registry": ("Registry",),
     "btcore.script.program": ("compile_script",),
-    "btcore.status": ("NodeType", "Status", "Transition"),
+    "btcore.status": (
+        "FAILURE",
+        "IDLE",
+        "RUNNING",
+        "SKIPPED",
+        "SUCCESS",
+        "NodeType",
+        "Status",
+        "Transition",
+    ),
     "btcore.tree.tree": ("Subtree", "Tree"),
     "btcore.xml.builder": ("Builder", "blackboard_key"),
 }

@@ -3,6 +3,8 @@
 from enum import IntEnum
 from typing import Final, NamedTuple
 
+from btcore.enum_members import cache_members
+
 
 class _NamedNumber(IntEnum):
     """An enum whose members are numbers, but are printed and formatted as their names."""
@@ -25,9 +27,11 @@ class Status(_NamedNumber):
         SKIPPED: A precondition of the node was not met, so the node was not ticked.
 
     Examples:
-        >>> from btcore import Status
+        >>> from btcore import SUCCESS, Status
         >>> Status.RUNNING, Status(2), Status["FAILURE"].value
         (<Status.RUNNING: 1>, <Status.SUCCESS: 2>, 3)
+        >>> SUCCESS is Status.SUCCESS
+        True
     """
 
     IDLE = 0
@@ -35,6 +39,9 @@ class Status(_NamedNumber):
     SUCCESS = 2
     FAILURE = 3
     SKIPPED = 4
+
+
+cache_members(Status)
 
 
 class NodeType(_NamedNumber):
@@ -63,12 +70,16 @@ class NodeType(_NamedNumber):
     SUBTREE = 5
 
 
-# The engine uses these constants, because the look-up of an Enum member takes longer than a comparison.
 IDLE: Final = Status.IDLE
+"""The member `Status.IDLE`."""
 RUNNING: Final = Status.RUNNING
+"""The member `Status.RUNNING`."""
 SUCCESS: Final = Status.SUCCESS
+"""The member `Status.SUCCESS`."""
 FAILURE: Final = Status.FAILURE
+"""The member `Status.FAILURE`."""
 SKIPPED: Final = Status.SKIPPED
+"""The member `Status.SKIPPED`."""
 
 
 ANY_RESULT: Final = frozenset({SUCCESS, FAILURE, SKIPPED})
