@@ -54,13 +54,14 @@ _MAX_DETOUR_CARROT = 0.4  # m: a detour bends more than a path
 class FollowPathGoal:
     """A *path* to follow to its end.
 
-    The ids name Nav2's plug-ins; the controller ignores them, because it has a single plug-in of each kind.
+    The ids name Nav2's plug-ins; "" = the default. There is a single plug-in of each kind, whatever its name,
+    but a name that the parameters lack is an error.
 
     Attributes:
         path: The path.
-        controller_id: Ignored.
-        goal_checker_id: Ignored.
-        progress_checker_id: Ignored.
+        controller_id: One of the parameter `controller_plugins`.
+        goal_checker_id: One of `goal_checker_plugins`.
+        progress_checker_id: One of `progress_checker_plugins`.
         path_handler_id: Ignored.
     """
 
@@ -193,6 +194,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     """
 
     name = "follow_path"
+    node = "controller_server"
 
     def __init__(
         self,
@@ -262,10 +264,9 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         After a *previous* goal the robot drives on, and the checkers keep their state.
         """
         path = handle.goal.path
-        if not len(path) or not np.isfinite(path.poses).all():
-            handle.abort(
-                Nav2ErrorCode.INVALID_PATH, "the path has no poses" if not len(path) else _NOT_FINITE
-            )
+        problem = self._problem(handle.goal)
+        if problem is not None:
+            handle.abort(*problem)
             if previous is not None:
                 self._smoother.halt(now)
             return
@@ -374,6 +375,27 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     def stop(self, handle: FollowPathHandle, now: int) -> None:
         """Brake; later steps brake further until the robot stands."""
         self._smoother.send_command(0.0, 0.0, now, self.period)
+
+    def _problem(self, goal: FollowPathGoal) -> tuple[Nav2ErrorCode, str] | None:
+        """Return error code and message of a goal that can't be followed, or None."""
+        parameters, unknown = self.parameters, Nav2ErrorCode.FOLLOW_PATH_UNKNOWN
+        for kind, name, names, code in (
+            (
+                "controller",
+                goal.controller_id,
+                parameters.controller_plugins,
+                Nav2ErrorCode.INVALID_CONTROLLER,
+            ),
+            ("goal checker", goal.goal_checker_id, parameters.goal_checker_plugins, unknown),
+            ("progress checker", goal.progress_checker_id, parameters.progress_checker_plugins, unknown),
+        ):
+            if name and name not in names:
+                return code, f"unknown {kind} '{name}': use {' or '.join(names)}"
+        if not len(goal.path):
+            return Nav2ErrorCode.INVALID_PATH, "the path has no poses"
+        if not np.isfinite(goal.path.poses).all():
+            return Nav2ErrorCode.INVALID_PATH, "a pose of the path is not finite"
+        return None
 
     def _pause(self, elapsed: int) -> None:
         """Exclude the *elapsed* time (ns) since the last step from all checks of progress."""
@@ -509,9 +531,6 @@ def _returns(free: NDArray[np.bool_], past: int) -> list[int]:
     chosen = [min(place + beyond, len(free) - 1) for place in places.tolist()]
     fits = [free[place : end + 1].all() for place, end in zip(places, chosen, strict=True)]
     return [end if fit else place for place, end, fit in zip(places.tolist(), chosen, fits, strict=True)]
-
-
-_NOT_FINITE = "a pose of the path is not finite"
 
 
 def _transform_pose(transform: Transform, pose: Pose2D) -> Pose2D:

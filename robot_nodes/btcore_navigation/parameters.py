@@ -166,8 +166,18 @@ class ControllerParameters:
     then walk on. After *scan_timeout* without a scan, or *odometry_timeout* without odometry, the robot
     stops; both hold for the recoveries, too. The speed is limited so that the robot needs at least
     *time_to_collision* to reach an obstacle ahead.
+
+    *controller_plugins*, *goal_checker_plugins* and *progress_checker_plugins* are the names that goals may
+    use. All names of a list stand for the same plug-in. Without a file, the names are those of Nav2.
     """
 
+    controller_plugins: tuple[str, ...] = ("FollowPath",)
+    goal_checker_plugins: tuple[str, ...] = field(
+        default=("general_goal_checker", "goal_checker"), metadata={ALIASES: ("goal_checker_plugin",)}
+    )
+    progress_checker_plugins: tuple[str, ...] = field(
+        default=("progress_checker",), metadata={ALIASES: ("progress_checker_plugin",)}
+    )
     controller_frequency: float = number_field(20.0, minimum=1.0)
     failure_tolerance: float = number_field(6.0, minimum=-1.0)
     required_movement_radius: float = number_field(0.5, minimum=0.0)

@@ -197,7 +197,9 @@ class ParameterOverlay:
         # A type is a text in modules that postpone the evaluation of annotations.
         kind = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", str(field.type))
         kind = "tuple[str, ...]" if kind.startswith("tuple") else kind
-        value = _read(kind, setting.value)
+        # Older releases of Nav2 have a single plug-in, whose key contains no list.
+        is_single = setting.name.endswith("_plugin") and isinstance(setting.value, str)
+        value = _read(kind, [setting.value] if is_single else setting.value)
         place = f"{self._path}:{setting.line}: {setting.name}"
         if value is None:
             self.errors.append(f"{place} must be {_WORDS[kind]}, not {setting.value!r}")

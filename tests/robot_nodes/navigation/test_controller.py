@@ -5,6 +5,7 @@ import pytest
 
 from btcore_navigation import sensor_watch
 from btcore_navigation.action import GoalStatus
+from btcore_navigation.controller import FollowPathGoal
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.path import empty_path
 from btcore_robot.robot import Pose2D
@@ -289,3 +290,20 @@ def test_an_idle_controller_sends_no_commands(floor):
     course = floor()
     course.run(1.0)
     assert course.robot.commands == []
+
+
+@pytest.mark.parametrize(
+    ("ids", "code"),
+    [
+        ({"controller_id": "Other"}, Nav2ErrorCode.INVALID_CONTROLLER),
+        ({"goal_checker_id": "other"}, Nav2ErrorCode.FOLLOW_PATH_UNKNOWN),
+        ({"progress_checker_id": "other"}, Nav2ErrorCode.FOLLOW_PATH_UNKNOWN),
+        ({"controller_id": "FollowPath", "goal_checker_id": "general_goal_checker"}, 0),
+        ({"goal_checker_id": "goal_checker", "progress_checker_id": "progress_checker"}, 0),
+    ],
+)
+def test_goals_name_plug_ins_of_the_parameters(floor, path, ids, code):
+    course = floor()
+    handle = course.follow_path.send_goal(FollowPathGoal(path((0, 0), (1, 0)), **ids))
+    course.run(0.1)
+    assert (handle.result.code if handle.result is not None else 0) == code

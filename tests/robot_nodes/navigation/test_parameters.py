@@ -69,6 +69,8 @@ def test_parameters_of_plugins_are_found_below_any_plugin_id(written):
     assert figures.controller.required_movement_radius == 0.7
     assert figures.controller.xy_goal_tolerance == 0.15
     assert figures.controller.max_vel_x == 0.2
+    assert figures.controller.controller_plugins == ("Drive",)
+    assert figures.controller.goal_checker_plugins == ("there",)
     assert figures.planner.tolerance == 0.5
     assert figures.warnings == ()
 

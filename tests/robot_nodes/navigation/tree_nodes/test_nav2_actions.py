@@ -191,11 +191,13 @@ def test_follow_path_continues_along_the_old_path_if_the_new_path_is_empty(bench
 
 
 def test_follow_path_sends_its_goal_again_for_another_plug_in(bench, path):
-    tree = bench.tree(FOLLOW % 'goal_checker_id="{checker}"', path=path((0, 0), (4, 0)), checker="general")
+    tree = bench.tree(
+        FOLLOW % 'goal_checker_id="{checker}"', path=path((0, 0), (4, 0)), checker="goal_checker"
+    )
     bench.run(tree, 0.5)
-    tree.blackboard["checker"] = "precise"
+    tree.blackboard["checker"] = "general_goal_checker"
     bench.run(tree, 0.2)
-    assert bench.servers.follow_path.current.goal.goal_checker_id == "precise"
+    assert bench.servers.follow_path.current.goal.goal_checker_id == "general_goal_checker"
 
 
 def test_follow_path_writes_its_feedback_and_resets_it_at_the_end(bench, path):
