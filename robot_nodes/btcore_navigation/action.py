@@ -127,11 +127,13 @@ class ActionServer(Generic[Goal, Feedback, Value]):
 
     Attributes:
         name: The name of the action.
+        node: The name of Nav2's node that serves the action.
         is_active: Whether goals are accepted. While it is False, all goals are aborted.
-        current: The handle of the goal that is being executed, or None.
+        current: The handle of the goal that is being executed, or of the last goal, or None.
     """
 
     name = "action"
+    node = "server"
 
     def __init__(self) -> None:
         self.is_active = True
@@ -178,7 +180,9 @@ class ActionServer(Generic[Goal, Feedback, Value]):
             self.work(current, now)
 
     def _reject(self, handle: GoalHandle[Goal, Feedback, Value]) -> None:
-        handle.abort(Nav2ErrorCode.GOAL_REJECTED, f"the server of {self.name} is not active")
+        handle.abort(Nav2ErrorCode.GOAL_REJECTED, f"{self.node} is not active")
+        if self.current is None or self.current.done:
+            self.current = handle
 
     def _accept(self, new: GoalHandle[Goal, Feedback, Value], now: int) -> None:
         if new.cancel_requested:

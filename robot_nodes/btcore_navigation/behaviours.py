@@ -135,6 +135,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         robot_radius: The radius (m) of the robot in the parameters of the local costmap; 0 = the robot's own.
     """
 
+    node = "behavior_server"
     _codes: _Codes
 
     def __init__(
@@ -462,6 +463,7 @@ class WaitBehaviour(ActionServer[WaitGoal, BehaviourFeedback, None]):
     """A pause. Call `step` from the robot's schedule at 10 Hz in `Phase.CONTROLLER`."""
 
     name = "wait"
+    node = "behavior_server"
 
     def __init__(self) -> None:
         super().__init__()

@@ -77,6 +77,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         RegistrationError: A library of *plugins* can't be used.
     """
 
+    node = "bt_navigator"
+
     def __init__(
         self,
         servers: NavigationServers,
@@ -172,6 +174,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
             return
         if self._hold is not None and self._hold():
             self._progress.pause(elapsed)
+            self._defer_feedback(handle, tree, now)
             reason = self._give_up_reason(self._began) if self._give_up_reason is not None else None
             if reason is not None:
                 self._give_up(handle, *reason, now)

@@ -353,6 +353,7 @@ class PlannerServer(ActionServer[ComputePathGoal, None, NavPath]):
     """
 
     name = "compute_path"
+    node = "planner_server"
 
     def __init__(self, planner: Planner, pose: Callable[[], Pose2D | None]) -> None:
         super().__init__()

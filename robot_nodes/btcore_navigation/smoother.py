@@ -22,6 +22,7 @@ class SmootherServer(ActionServer[SmoothPathGoal, None, SmoothedPath]):
     """
 
     name = "smooth_path"
+    node = "smoother_server"
 
     def __init__(self, planner: Planner) -> None:
         super().__init__()

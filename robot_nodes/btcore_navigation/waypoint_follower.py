@@ -52,6 +52,7 @@ class WaypointFollower(ActionServer[FollowWaypointsGoal, int, tuple[MissedWaypoi
     """
 
     name = "follow_waypoints"
+    node = "waypoint_follower"
     RATE = 20.0
 
     def __init__(

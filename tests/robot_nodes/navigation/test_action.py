@@ -77,10 +77,13 @@ def test_a_server_that_is_not_active_rejects_goals_and_aborts_the_goal_in_progre
     rejected = server.send_goal(1)
     server.step(1)
     assert (running.status, rejected.status, server.stopped) == (GoalStatus.ABORTED, GoalStatus.ABORTED, [5])
-    assert rejected.result.message == "the server of action is not active"
+    assert rejected.result.message == "server is not active"
+    assert server.current is running
+    server.step(2)
+    assert server.send_goal(1) is server.current  # the reason why a tree fails
     server.is_active = True
     accepted = server.send_goal(1)
-    server.step(2)
+    server.step(3)
     assert accepted.status == GoalStatus.SUCCEEDED
 
 

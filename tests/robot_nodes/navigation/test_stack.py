@@ -229,6 +229,20 @@ def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(flat):
     assert again.result.code == Nav2ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE
 
 
+def test_a_failure_names_the_server_that_is_not_active(flat):
+    home = flat()
+    home.navigation.servers.compute_path.is_active = False
+    tree = "navigation/navigate_w_replanning_time.xml"
+    goal = NavigateGoal((Pose2D(0.8, 0.0, 0.0),), str(TREES / tree))
+    handle = home.navigation.navigate_to_pose.send_goal(goal)
+    home.run(10.0, lambda: handle.done)
+    result = handle.result
+    assert (result.code, result.message) == (
+        Nav2ErrorCode.GOAL_REJECTED,
+        "GOAL_REJECTED: planner_server is not active",
+    )
+
+
 def test_several_goals_are_passed_in_their_order(flat):
     home = flat()
     goals = [Pose2D(0.0, 1.5, 0.0), Pose2D(0.3, -1.2, 0.0), Pose2D(2.5, 0.0, 0.0)]
@@ -533,6 +547,7 @@ def test_a_goal_waits_until_the_pose_is_known(flat, caplog):
     home.run(1.0)
     assert home.navigation.estimate() is None
     assert "the robot's pose is unknown" in caplog.text
+    assert handle.feedback.navigation_time == pytest.approx(1.0, abs=0.1)
     home.run(90.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
     assert home.distance_to(0.0, 0.0) < 0.35
