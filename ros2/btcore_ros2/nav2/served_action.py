@@ -7,13 +7,16 @@ from btcore_navigation.action import ActionServer, GoalHandle, GoalStatus
 from btcore_navigation.navigate_goal import NavigateGoal
 from btcore_navigation.navigator import Navigator, tree_file
 from btcore_robot.robot import NS_PER_S
-from btcore_ros2.action_server import DELIVERY_S, RosActionServer, ServerGoal
+from btcore_ros2.action_server import RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.conversions import ActionConverter, FrameError, seconds_to_duration
 from btcore_ros2.session import RosSession
 
 FEEDBACK_PERIOD_NS = NS_PER_S // 10
 """The time (ns) between two messages of feedback."""
+
+ENDED = "the server was ended"
+"""The message of goals that have not ended when the program ends."""
 
 
 class ServedAction:
@@ -81,14 +84,16 @@ class ServedAction:
 
     def close(self) -> None:
         """Send the results of goals that have ended, abort the others, and destroy the server."""
-        ended = [self._end(*goal) for goal in self._goals]
-        if any(ended) and self._session.context.ok():
-            # Clients request a result only when they have received the acceptance.
-            self._session.wait_for(lambda: False, DELIVERY_S)
+        for ros, handle, began in self._goals:
+            was_stopped = handle.status is GoalStatus.CANCELED and not ros.cancel_requested
+            if was_stopped or not self._end(ros, handle, began):
+                ros.canceled(self._result(self._type.Result.UNKNOWN, ENDED))
+        while (waiting := self._ros.take()) is not None:
+            waiting.canceled(self._result(self._type.Result.UNKNOWN, ENDED))
         self._ros.close()
 
     def _reject_reason(self, request: Any) -> str:
-        return self._reason(request) if self._server.is_active else f"{self._server.name} is not active"
+        return self._reason(request) if self._server.is_active else f"{self._server.node} is not active"
 
     def _start(self, ros: ServerGoal[Any, Any, Any]) -> None:
         try:
@@ -97,11 +102,11 @@ class ServedAction:
             code = self._type.Result.UNKNOWN
             if isinstance(error, FrameError):
                 code = getattr(self._type.Result, "TF_ERROR", code)
-            ros.abort(self._result(code, str(error)))
+            self._abort(ros, self._result(code, str(error)))
             return
         reason = self._refusal(goal)
         if reason:
-            ros.abort(self._result(self._type.Result.UNKNOWN, reason))
+            self._abort(ros, self._result(self._type.Result.UNKNOWN, reason))
             return
         self._goals.append((ros, self._server.send_goal(goal), self._now))
 
@@ -132,8 +137,15 @@ class ServedAction:
         elif handle.status is GoalStatus.CANCELED:
             ros.canceled(result)
         else:
-            ros.abort(result)
+            self._abort(ros, result)
         return True
+
+    def _abort(self, ros: ServerGoal[Any, Any, Any], result: Any) -> None:
+        """Abort a goal that has failed, and log the reason."""
+        reason = getattr(result, "error_msg", "")
+        logger = self._session.node.get_logger()
+        logger.warning(f"goal of {self._ros.name} failed with error {result.error_code}: {reason}")
+        ros.abort(result)
 
     def _stamp(self) -> Any:
         return self._session.node.get_clock().now().to_msg()

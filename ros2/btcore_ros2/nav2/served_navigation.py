@@ -32,15 +32,15 @@ from btcore_ros2.session import RosSession
 RATE = 100.0
 """The rate (Hz) at which goals, feedback and results are passed on."""
 
-NODES = {
-    "controller_server": ("follow_path",),
-    "smoother_server": ("smooth_path",),
-    "planner_server": ("compute_path_to_pose", "compute_path_through_poses"),
-    "behavior_server": ("spin", "backup", "drive_on_heading", "wait", "assisted_teleop"),
-    "bt_navigator": ("navigate_to_pose", "navigate_through_poses"),
-    "waypoint_follower": ("follow_waypoints",),
-}
-"""The actions of each node of Nav2, in the order in which Nav2 starts the nodes."""
+NODES = (
+    "controller_server",
+    "smoother_server",
+    "planner_server",
+    "behavior_server",
+    "bt_navigator",
+    "waypoint_follower",
+)
+"""Nav2's nodes with actions, in the order in which Nav2 starts them."""
 
 
 class ServedNavigation:
@@ -141,9 +141,9 @@ class ServedNavigation:
 
         localisation = {"map_server": ServedNode(set_map_server), "amcl": ServedNode(set_localiser)}
         navigating = {
-            node: node_of([served[action] for action in actions if action in served])
-            for node, actions in NODES.items()
-            if any(action in served for action in actions)
+            node: node_of([server for server in served.values() if server.node == node])
+            for node in NODES
+            if any(server.node == node for server in served.values())
         }
         return [
             LifecycleManager(self._session, "lifecycle_manager_localization", localisation),
