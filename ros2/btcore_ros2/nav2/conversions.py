@@ -99,6 +99,8 @@ def pose_to_stamped(pose: Pose2D, frame: str = MAP, stamp: Time | None = None) -
 def pose_from_message(message: Pose) -> Pose2D:
     """Return the position and heading on the floor of a `geometry_msgs/Pose`.
 
+    The heading of the quaternion (0, 0, 0, 0) is 0, as in Nav2.
+
     Raises:
         RosError: A number is not finite.
     """
@@ -115,15 +117,16 @@ def pose_from_stamped(message: PoseStamped, frame: str = MAP, default: str = "")
     Args:
         message: The message.
         frame: The name of the frame that the pose must have.
-        default: The frame of a message that names no frame; "" = *frame*.
+        default: The frame of a message that names no frame.
 
     Raises:
-        FrameError: The pose is in another frame.
+        FrameError: The pose is in another frame, or names none.
         RosError: A number is not finite.
     """
     found = (message.header.frame_id or default).strip("/")
-    if found not in ("", frame):
-        raise FrameError(f"a pose is in the frame '{found}', but it must be in '{frame}'")
+    if found != frame:
+        named = f"is in the frame '{found}'" if found else "names no frame"
+        raise FrameError(f"a pose {named}, but it must be in '{frame}'")
     return pose_from_message(message.pose)
 
 
@@ -166,17 +169,20 @@ def path_to_message(path: NavPath, stamp: Time | None = None) -> Path:
 
 
 def path_from_message(message: Path, stamp: int | None = None) -> NavPath:
-    """Return a `nav_msgs/Path`; without a frame it is in the frame of its first pose, or in `map`.
+    """Return a `nav_msgs/Path`; without a frame it is in the frame of its first pose.
 
     Args:
         message: The message.
         stamp: The time of planning (ns); None = the stamp of the message.
 
     Raises:
-        RosError: The poses are in different frames, or a number is not finite.
+        FrameError: The poses are in different frames, or no frame is named.
+        RosError: A number is not finite.
     """
-    frame = message.header.frame_id or (message.poses[0].header.frame_id if message.poses else "") or MAP
-    poses = [pose_from_stamped(pose, frame) for pose in message.poses]
+    frame = message.header.frame_id or (message.poses[0].header.frame_id if message.poses else MAP)
+    if not frame:
+        raise FrameError("the path names no frame")
+    poses = [pose_from_stamped(pose, frame, frame) for pose in message.poses]
     array = np.array([(pose.x, pose.y, pose.yaw) for pose in poses], dtype=np.float64).reshape(-1, 3)
     return NavPath(array, time_to_ns(message.header.stamp) if stamp is None else stamp, frame)
 

@@ -57,6 +57,7 @@ LATCHED = QoSProfile(
 )
 
 POSE_RATE, PARTICLE_RATE = 20.0, 1.0
+UNIT_TOLERANCE = 1e-4  # of the square of a quaternion's length, as in Nav2
 """The rates (Hz) of transforms, pose and plans, and of particles."""
 
 _COVARIANCES = (0, 1, 5)  # the rows and columns of x, y and yaw in a covariance of six dimensions
@@ -211,13 +212,21 @@ class NavigationTopics:
 
     def _set_pose(self, message: PoseWithCovarianceStamped) -> None:
         localiser = self._navigation.localiser
-        if message.header.frame_id not in ("", MAP_FRAME) or not isinstance(localiser, Localiser):
+        if message.header.frame_id.strip("/") != MAP_FRAME or not isinstance(localiser, Localiser):
             self._warn(f"initialpose: the pose has to be in the frame '{MAP_FRAME}'")
+            return
+        turn = message.pose.pose.orientation
+        # As amcl: goals may have such quaternions, initial poses may not.
+        if not abs(turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2 - 1.0) < UNIT_TOLERANCE:
+            self._warn("initialpose: ignored, because its quaternion is not a unit quaternion")
             return
         covariance = np.array(message.pose.covariance).reshape(6, 6)[np.ix_(_COVARIANCES, _COVARIANCES)]
         try:
+            pose = pose_from_message(message.pose.pose)
+            if not self._navigation.map.inside(pose.x, pose.y):
+                self._warn(f"initialpose: ({pose.x:.2f}, {pose.y:.2f}) is outside the map")
             self._published_pose = None  # as AMCL, publish the pose even if it is the same
-            localiser.set_pose(pose_from_message(message.pose.pose), covariance if covariance.any() else None)
+            localiser.set_pose(pose, covariance if covariance.any() else None)
         except RosError as error:
             self._warn(f"initialpose: {error}")
 

@@ -8,7 +8,6 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("nav2_msgs")
 
-from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import deserialize_message, serialize_message
 
 from btcore_navigation.behaviours import (
@@ -124,8 +123,19 @@ def test_a_pose_in_another_frame_is_refused():
         pose_from_stamped(pose_to_stamped(HERE, "odom"))
 
 
+def test_a_frame_has_to_be_named():
+    with pytest.raises(RosError, match="a pose names no frame, but it must be in 'map'"):
+        pose_from_stamped(pose_to_stamped(HERE, ""))
+    path = path_to_message(PATH)
+    path.header.frame_id = ""
+    assert path_from_message(path, 7).frame == "map"  # by its poses
+    path.poses[0].header.frame_id = ""
+    with pytest.raises(RosError, match="the path names no frame"):
+        path_from_message(path)
+
+
 def test_a_pose_that_is_not_finite_is_refused():
-    message = PoseStamped()
+    message = pose_to_stamped(HERE)
     message.pose.position.x = math.nan
     with pytest.raises(RosError, match="finite"):
         pose_from_stamped(message)
