@@ -29,6 +29,7 @@ _COUNTS: Final = {"ticks": "", "success": "green", "failure": "red", "skipped": 
 """The styles of the tick counts in the summary."""
 
 _MAX_NODES: Final = 40  # in the summary
+_MAX_ITEMS: Final = 8  # of a list of names or numbers in the summary
 # Widths in the summary, in characters: between two columns, outside of the table, and the least of a name.
 _GAP: Final = 3
 _MARGINS: Final = 2
@@ -187,8 +188,10 @@ def _format_figure(figure: object) -> str:
         known = ((key, value) for key, value in figure.items() if value is not None)
         return " ".join(f"{key} {_format_figure(value)}" for key, value in known)
     if isinstance(figure, (list, tuple)):
-        separator = "; " if any(isinstance(item, Mapping) for item in figure) else ", "
-        return separator.join(map(_format_figure, figure)) or "none"
+        if any(isinstance(item, Mapping) for item in figure):
+            return "; ".join(map(_format_figure, figure))
+        shown = ", ".join(map(_format_figure, figure[:_MAX_ITEMS]))
+        return f"{shown}, … ({len(figure)} in all)" if len(figure) > _MAX_ITEMS else shown or "none"
     if figure is None:
         return "not measured"
     return f"{figure:g}" if isinstance(figure, float) else str(figure)
