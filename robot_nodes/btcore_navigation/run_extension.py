@@ -105,6 +105,8 @@ class NavigationExtension(RunExtension):
             exploration = self._exploration = _exploration(robot, settings, provided)
             created += [exploration, exploration.servers, exploration.mapper, self._file]
         elif navigates:
+            if settings.get("save_map") is not None:
+                click.echo("warning: --save-map has no effect: the robot navigates on a known map", err=True)
             navigation = self._navigation = _navigation(robot, settings, (*provided, *created))
             created += [navigation, navigation.servers]
         if tracks:

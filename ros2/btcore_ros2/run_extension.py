@@ -95,6 +95,8 @@ class RosExtension(RunExtension):
             if settings.get("lockstep"):
                 raise click.UsageError("--lockstep needs a robot on ROS 2 (--ros2), or leaves that use ROS 2")
             return ()
+        if settings.get("nav2") and not navigates:
+            click.echo("warning: --nav2 has no effect: no leaf uses Nav2", err=True)
         import shlex
 
         # A tree without a robot must not import the modules of the robot.

@@ -1,14 +1,18 @@
 """`btcore ros2 navigation`: our navigation in the place of Nav2's servers."""
 
 import shlex
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
 from btcore.program_runner import FiniteRange, RunCommand, print_result, require_resources, run_program
 from btcore_robot.robot import Phase, Robot
+from btcore_ros2.commands.sim import SPARE_BOXES
 from btcore_ros2.errors import RosError
 from btcore_ros2.session import DRAIN_RATE, RosSession
+
+if TYPE_CHECKING:
+    from btcore_sim.simulated_robot import SimulatedRobot
 
 
 @click.command("navigation", cls=RunCommand, short_help="Navigate in the place of Nav2's servers.")
@@ -36,7 +40,9 @@ def navigation(ctx: click.Context, /, **settings: Any) -> int:
         raise click.UsageError(str(error)) from error
     with session:
         try:
-            return _run(ctx, session, {**settings, "fast": False, "ros_session": session})
+            # With spare boxes the simulated robot has the events of btcore ros2 sim.
+            fixed = {"fast": False, "ros_session": session, "spare_boxes": SPARE_BOXES}
+            return _run(ctx, session, {**settings, **fixed})
         except RosError as error:
             raise click.UsageError(str(error)) from error
 
@@ -59,6 +65,12 @@ def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> i
     navigates = not settings["without_navigators"]
     served = ServedNavigation(session, stack, navigates=navigates)
     NavigationTopics(session, stack, navigates=navigates)
+    for extension in gathered.extensions:
+        events = getattr(extension, "events", None)
+        if events is not None:
+            from btcore_ros2.simulation.services import offer_services
+
+            offer_services(session, cast("SimulatedRobot", robot), events, extension.report)
     session.node.get_logger().info("navigation is ready: the actions, services and topics of Nav2")
 
     def end() -> None:

@@ -9,6 +9,7 @@ pytest.importorskip("rclpy")
 pytest.importorskip("nav2_msgs")
 
 from rclpy.serialization import deserialize_message, serialize_message
+from std_msgs.msg import Header
 
 from btcore_navigation.behaviours import (
     AssistedTeleopGoal,
@@ -127,7 +128,7 @@ def test_a_frame_has_to_be_named():
     with pytest.raises(RosError, match="a pose names no frame, but it must be in 'map'"):
         pose_from_stamped(pose_to_stamped(HERE, ""))
     path = path_to_message(PATH)
-    path.header.frame_id = ""
+    path.header = Header()
     assert path_from_message(path, 7).frame == "map"  # by its poses
     path.poses[0].header.frame_id = ""
     with pytest.raises(RosError, match="the path names no frame"):

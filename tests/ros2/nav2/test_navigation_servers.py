@@ -62,7 +62,13 @@ class NavigationProcess:
             [
                 *(sys.executable, "-m", "btcore", "ros2", "navigation"),
                 *("--world", "arena", "--camera", "off", "--start", "0,0,0"),
-                *("--nav-params", str(parameters)),
+                *(
+                    "--nav-params",
+                    str(parameters),
+                    "--nav2",
+                    "--save-map",
+                    str(parameters.parent / "map.yaml"),
+                ),
             ],
             stderr=subprocess.PIPE,
             text=True,
@@ -136,6 +142,32 @@ def stamped(x: float, y: float, frame: str = "map") -> dict[str, Any]:
     return {"header": {"frame_id": frame}, "pose": {"position": {"x": x, "y": y}}}
 
 
+def test_options_without_effect(navigation: NavigationProcess) -> None:
+    assert "warning: --nav2 has no effect" in navigation.text
+    assert "warning: --save-map has no effect" in navigation.text
+
+
+def test_services_of_the_simulated_robot(navigation: NavigationProcess) -> None:
+    assert navigation.client.call("sim/recharge", "std_srvs/srv/Trigger")["success"]
+
+
+def test_initial_poses_that_are_not_valid(navigation: NavigationProcess) -> None:
+    """An initial pose without a valid heading is ignored, and a place outside the map is reported."""
+    publisher = navigation.session.node.create_publisher(PoseWithCovarianceStamped, "initialpose", 1)
+    navigation.wait(lambda: publisher.get_subscription_count())
+    message = PoseWithCovarianceStamped()
+    message.header.frame_id = "map"
+    message.pose.pose.orientation.w = 0.0
+    publisher.publish(message)
+    navigation.wait(lambda: "not a unit quaternion" in navigation.text)
+    message.pose.pose.orientation.w, message.pose.pose.position.x = 1.0, 100.0
+    publisher.publish(message)
+    navigation.wait(lambda: "(100.00, 0.00) is outside the map" in navigation.text)
+    message.pose.pose.position.x = 0.0
+    publisher.publish(message)
+    navigation.wait(lambda: abs(navigation.pose()[0]) < 0.1)
+
+
 def test_map_and_transforms(navigation: NavigationProcess) -> None:
     navigation.wait(lambda: {"map", "odom", "base_footprint"} <= navigation.newest.keys())
     grid = navigation.newest["map"]
@@ -188,13 +220,15 @@ def test_errors_of_the_planner(navigation: NavigationProcess) -> None:
 
 
 def test_goal_in_an_unknown_frame(navigation: NavigationProcess) -> None:
-    goal = {"goal": stamped(1.0, 0.0, "kitchen")}
-    status, result = navigation.client.result(
-        navigation.send("compute_path_to_pose", "ComputePathToPose", goal)
-    )
-    assert status == ABORTED
-    assert result["error_code"] == Nav2ErrorCode.COMPUTE_PATH_TF_ERROR
-    assert "'kitchen'" in result["error_msg"]
+    for frame, reason in (("kitchen", "'kitchen'"), ("", "names no frame")):
+        goal = {"goal": stamped(1.0, 0.0, frame)}
+        status, result = navigation.client.result(
+            navigation.send("compute_path_to_pose", "ComputePathToPose", goal)
+        )
+        assert status == ABORTED
+        assert result["error_code"] == Nav2ErrorCode.COMPUTE_PATH_TF_ERROR
+        assert reason in result["error_msg"]
+    navigation.wait(lambda: "compute_path_to_pose failed with error 202: a pose names no" in navigation.text)
 
 
 def test_services(navigation: NavigationProcess) -> None:
@@ -261,6 +295,9 @@ def test_follow_path(navigation: NavigationProcess) -> None:
     status, result = navigation.client.result(number)
     assert (status, result["error_code"]) == (SUCCEEDED, 0)
     assert navigation.client.feedback(number)
+    number = navigation.send("follow_path", "FollowPath", {"path": path, "controller_id": "Other"})
+    status, result = navigation.client.result(number)
+    assert (status, result["error_code"]) == (ABORTED, Nav2ErrorCode.INVALID_CONTROLLER)
     number = navigation.send("follow_path", "FollowPath", {"path": {"header": {"frame_id": "map"}}})
     status, result = navigation.client.result(number)
     assert (status, result["error_code"]) == (ABORTED, Nav2ErrorCode.INVALID_PATH)
@@ -414,6 +451,7 @@ def test_lifecycle(navigation: NavigationProcess) -> None:
     assert state(navigation, "behavior_server") == "inactive"
     assert navigation.client.result(number)[0] == ABORTED
     navigation.send("wait", "Wait", wait, accepted=False)
+    navigation.wait(lambda: "goal of wait rejected: behavior_server is not active" in navigation.text)
     active = ("lifecycle_manager_navigation/is_active", "std_srvs/srv/Trigger")
     assert not navigation.client.call(*active)["success"]
     assert not change_state(navigation, "behavior_server", Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
@@ -555,8 +593,12 @@ def test_goal_pose_and_interrupt(navigation: NavigationProcess) -> None:
     navigation.client.wait_until_executing(number)
     navigation.end()
     end = time.monotonic() + LIMIT_S
-    while not any(
-        event["event"] == "result" and event["goal"] == number for event in navigation.client.events
-    ):
+
+    def results() -> list[dict[str, Any]]:
+        events = list(navigation.client.events)
+        return [event for event in events if event["event"] == "result" and event["goal"] == number]
+
+    while not results():
         assert time.monotonic() < end, navigation.client.events[-5:]
         time.sleep(0.01)
+    assert results()[0]["value"]["error_msg"] == "the server was ended"
