@@ -167,7 +167,8 @@ def ros_subscriber(
         A decorator, which returns a class. Its ID is the name of the function in CamelCase.
 
     Raises:
-        RegistrationError: A parameter of the function has no annotation, or an invalid annotation.
+        RegistrationError: The function has no parameter for the message, or a parameter after it has no
+            annotation or an invalid annotation.
 
     Examples:
         >>> from btcore import In
@@ -280,6 +281,11 @@ class _FunctionSubscriber(_Function, RosSubscriber):
         return self._call(message)
 
 
+def _port_mark(hint: Any) -> PortMark | None:
+    """Return what makes a parameter with the annotation *hint* a port; None if it is not a port."""
+    return next((mark for mark in typing.get_args(hint) if isinstance(mark, PortMark)), None)
+
+
 def _leaf_class(
     base: type[Any], function: Function, attributes: dict[str, Any], takes_message: bool = False
 ) -> Any:
@@ -292,7 +298,15 @@ def _leaf_class(
             f"{name} is annotated with '{unknown.name}', which can't be found: define or import it before "
             "the function (not under TYPE_CHECKING)"
         ) from unknown
-    parameters = list(inspect.signature(function).parameters.values())[1 if takes_message else 0 :]
+    parameters = list(inspect.signature(function).parameters.values())
+    if takes_message:
+        first = parameters.pop(0) if parameters else None
+        if first is None or first.kind is first.KEYWORD_ONLY or _port_mark(hints.get(first.name)):
+            found = f"is '{first.name}'" if first else "is missing"
+            raise RegistrationError(
+                f"the first parameter of {name} {found}: write a parameter for the message before it, "
+                f"def {function.__name__}(message, …), which is None while there is no message"
+            )
     ports: dict[str, Any] = {}
     inputs: list[str] = []
     outputs: list[str] = []
@@ -305,7 +319,7 @@ def _leaf_class(
                 "annotate a port with In[…] or Put[…], or a resource with its type"
             )
         hint = hints[parameter.name]
-        mark = next((mark for mark in typing.get_args(hint) if isinstance(mark, PortMark)), None)
+        mark = _port_mark(hint)
         if mark is None:
             resources.append(parameter.replace(annotation=hint, kind=inspect.Parameter.KEYWORD_ONLY))
             continue

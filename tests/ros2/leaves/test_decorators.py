@@ -174,3 +174,14 @@ def test_manifest() -> None:
 def test_parameter_without_annotation() -> None:
     with pytest.raises(RegistrationError, match=r"parameter 'x' of .* has no annotation"):
         ros_publisher(String, "words")(lambda x: None)
+
+
+def test_subscriber_without_a_parameter_for_the_message() -> None:
+    def near(limit: In[float] = 1.0) -> bool:
+        return limit > 0
+
+    subscriber = ros_subscriber(String, "words")
+    with pytest.raises(RegistrationError, match=r"first parameter of .*near is 'limit': .*def near\(message"):
+        subscriber(near)
+    with pytest.raises(RegistrationError, match="is missing: write a parameter for the message"):
+        subscriber(lambda: True)
