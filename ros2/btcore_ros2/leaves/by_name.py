@@ -19,6 +19,8 @@ from btcore_ros2.session import RosSession
 log = logging.getLogger(__name__)
 
 WAIT_FOR_SERVER: Final = "the time (ms), after the client was created, in which the server must appear"
+DISCOVERY_MS: Final = 5000
+"""The default of this time: DDS repeats an announcement that was lost, as on a busy machine, after 3 s."""
 
 
 def _type_port(example: str) -> Port:
@@ -104,7 +106,7 @@ class RosActionCall(NoCodeLeaf, RosAction):
 
     action_name: Annotated[In[str], "the action; default: the instance name"] = ""
     server_timeout: Annotated[In[int], "the time (ms) that the server has to accept the goal"] = 1000
-    wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = 500
+    wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = DISCOVERY_MS
     node_symbol: ClassVar[str] = "⇄"
 
     @staticmethod
@@ -173,7 +175,7 @@ class RosServiceCall(NoCodeLeaf, RosService):
 
     service_name: Annotated[In[str], "the service; default: the instance name"] = ""
     server_timeout: Annotated[In[int], "the time (ms) that the server has to answer"] = 1000
-    wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = 500
+    wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = DISCOVERY_MS
     node_symbol: ClassVar[str] = "⇄"
 
     @staticmethod
@@ -268,7 +270,7 @@ class RosTopicPublish(_TopicLeaf):
 
     wait_for_subscriber_timeout: Annotated[
         In[int], "the time (ms), after the publisher was created, in which a subscriber must appear"
-    ] = 5000  # DDS repeats an announcement that was lost, as on a busy machine, after 3 s
+    ] = DISCOVERY_MS
     node_symbol: ClassVar[str] = "↑"
     may_return: ClassVar[frozenset[Status]] = frozenset({Status.SUCCESS})
     uses: ClassVar[frozenset[str] | None] = frozenset()
@@ -362,6 +364,9 @@ class RosTopicRead(_TopicLeaf):
     If a message has arrived since the tree was loaded, the leaf succeeds at once. With `max_age`, an older
     message does not count. After a failure, `error` has the reason.
 
+    After the tree was loaded, ROS 2 needs some time to find the publisher. `timeout` counts as soon as there is
+    a publisher, or `wait_for_publisher_timeout` is over. With `timeout="0"` the leaf never waits.
+
     `type` names the message. The name of the topic is `topic_name`; without it, the instance name (`name`) is
     the name of the topic. The quality of service must be compatible with the publishers.
 
@@ -370,6 +375,9 @@ class RosTopicRead(_TopicLeaf):
     """
 
     timeout: Annotated[In[int], "how long (ms) the leaf waits for a message"] = 1000
+    wait_for_publisher_timeout: Annotated[
+        In[int], "the time (ms), after the subscription was created, in which a publisher must appear"
+    ] = DISCOVERY_MS
     max_age: Annotated[In[float], "the maximum time (s) since the message arrived; 0 = no limit"] = 0.0
     node_symbol: ClassVar[str] = "↓"
 
@@ -429,6 +437,8 @@ class RosTopicRead(_TopicLeaf):
             if self.max_age <= 0 or age <= self.max_age * NS_PER_S:
                 self.on_halted()
                 return self.complete(self.write("message", newest.message, "field"))
+        elif self._is_undiscovered():
+            self._deadline = self.now() + self.timeout * NS_PER_MS
         if self.timeout > 0 and not self.has_passed(self._deadline):
             newest.waiting.add(self)
             self.wake_at(self._deadline)
@@ -441,6 +451,11 @@ class RosTopicRead(_TopicLeaf):
             self._logged = error
             log.warning("%s: %s", self.path, error)
         return self.complete(error)
+
+    def _is_undiscovered(self) -> bool:
+        """Return whether there is no publisher, but may be one that ROS 2 has not found yet."""
+        limit = self._endpoint.created + self.wait_for_publisher_timeout * NS_PER_MS
+        return not self.has_passed(limit) and not self.session.node.count_publishers(self._endpoint.name)
 
     def on_halted(self) -> None:
         """Stop waiting."""

@@ -214,7 +214,8 @@ def test_example_of_parameters_and_lifecycle_of_the_reference_page(session: RosS
 
 
 def test_missing_service_fails_with_a_reason(session: RosSession) -> None:
-    tree = tree_of(SWITCH.replace('"switch"', '"swich"'), session)
+    body = SWITCH.replace('"switch"', '"swich" wait_for_server_timeout="300"')
+    tree = tree_of(body, session)
     assert tree.tick_while_running() is Status.FAILURE
     assert "no service 'swich' (std_srvs/srv/SetBool)" in tree.blackboard["error"]
 
@@ -270,7 +271,10 @@ def test_best_effort_topic_is_read_with_the_profile_of_sensors(session: RosSessi
 def test_topic_without_a_message_fails_with_the_reason(
     session: RosSession, name: str, kind: str, qos: str, problem: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    body = f'<RosTopicRead topic_name="{name}" type="{kind}" qos="{qos}" error="{{error}}" timeout="100"/>'
+    assert session.wait_for(lambda: session.node.count_publishers("battery"), LIMIT_S)
+    discovery = 0 if name == "batery" else 60_000
+    body = f"""<RosTopicRead topic_name="{name}" type="{kind}" qos="{qos}" error="{{error}}" timeout="100"
+        wait_for_publisher_timeout="{discovery}"/>"""
     tree = tree_of(body, session)
     assert tree.tick_while_running() is Status.FAILURE
     error = tree.blackboard["error"]

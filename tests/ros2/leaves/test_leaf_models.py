@@ -38,6 +38,8 @@ IDLE, SUCCESS, FAILURE = Status.IDLE, Status.SUCCESS, Status.FAILURE
 LIMIT_S = 60
 SERVER_MS = 1000
 """The time (ms) in which a server has to answer, and a message has to arrive."""
+DISCOVERY_MS = 5000
+"""The time (ms) in which the other side has to appear."""
 
 
 class Stage:
@@ -117,13 +119,13 @@ def action_schedule(stage: Stage) -> None:
     attributes = """type="test_msgs/action/Fibonacci" goal='json:{"order": "{n}"}'"""
     RosActionServer[Any, Any, Any](stage.other, NestedMessage, "other_type")
     stage.load(f'name="other_type" {attributes}', n=3)
-    stage.pass_time()
+    stage.pass_time(DISCOVERY_MS + 1)
     stage.wait_for(lambda: stage.tick() is FAILURE and "has the type" in stage.error)
     stage.load(f'name="count" {attributes}', n=3)
     assert stage.tick() is RUNNING
     stage.halt()  # while the leaf waits for a server
     assert stage.tick() is RUNNING
-    stage.pass_time()
+    stage.pass_time(DISCOVERY_MS + 1)
     assert stage.tick() is FAILURE
     assert "no action server" in stage.error
     assert stage.tick() is FAILURE  # at once
@@ -194,13 +196,13 @@ def service_schedule(stage: Stage) -> None:
     node = stage.other.node
     node.create_service(Trigger, "other_type", lambda request, response: response)
     stage.load(f'name="other_type" {attributes}', on=True)
-    stage.pass_time()
+    stage.pass_time(DISCOVERY_MS + 1)
     stage.wait_for(lambda: stage.tick() is FAILURE and "has the type" in stage.error)
     stage.load(f'name="switch" {attributes}', on=True)
     assert stage.tick() is RUNNING
     stage.halt()  # while the leaf waits for a server
     assert stage.tick() is RUNNING
-    stage.pass_time()
+    stage.pass_time(DISCOVERY_MS + 1)
     assert stage.tick() is FAILURE
     assert "no service" in stage.error
     assert stage.tick() is FAILURE  # at once
@@ -241,14 +243,14 @@ def publish_schedule(stage: Stage) -> None:
     node.create_subscription(Bool, "other_type", heard.append, 1)
     stage.load(f'name="other_type" {attributes}', word="one")
     stage.wait_for(lambda: stage.session.node.count_subscribers("other_type"))
-    stage.pass_time(5001)
+    stage.pass_time(DISCOVERY_MS + 1)
     assert stage.tick() is SUCCESS
     assert stage.error.endswith("its type is std_msgs/msg/Bool")
     stage.load(f'name="words" {attributes}', word="one")
     assert stage.tick() is RUNNING
     stage.halt()  # while the leaf waits for a subscriber
     assert stage.tick() is RUNNING
-    stage.pass_time(5001)
+    stage.pass_time(DISCOVERY_MS + 1)
     assert stage.tick() is SUCCESS
     assert "no subscriber of the topic 'words' gets the message: nothing subscribes to it" in stage.error
     stage.load(f'name="words" qos="latched" wait_for_subscriber_timeout="0" {attributes}', word="one")
@@ -279,7 +281,22 @@ def read_schedule(stage: Stage) -> None:
         assert stage.tick() is FAILURE
         return stage.error
 
+    assert stage.tick() is RUNNING
+    stage.pass_time(DISCOVERY_MS - 1)
+    assert stage.tick() is RUNNING  # ROS 2 may not have found the publisher yet
+    stage.pass_time()
+    assert stage.tick() is FAILURE
     assert "nothing publishes it" in fails()
+    stage.load(f'name="late" {attributes.partition(" name=")[0]}', timeout=SERVER_MS)
+    assert stage.tick() is RUNNING
+    stage.pass_time()
+    assert stage.tick() is RUNNING
+    node.create_publisher(String, "late", 1)
+    stage.wait_for(lambda: stage.session.node.count_publishers("late"))
+    stage.pass_time()
+    assert stage.tick() is FAILURE, "the timeout counts as soon as there is a publisher"
+    assert "have sent nothing" in stage.error
+    stage.load(attributes, timeout=SERVER_MS)
     stage.tree.blackboard["timeout"] = 0
     assert stage.tick() is FAILURE  # at once
     stage.tree.blackboard["timeout"] = SERVER_MS
