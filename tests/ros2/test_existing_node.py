@@ -1,5 +1,8 @@
 """A session with the ROS node of a program, whose executor serves the rest of the program meanwhile."""
 
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -22,6 +25,7 @@ from btcore_ros2.errors import RosError
 from btcore_ros2.leaves import RosAction, register
 from btcore_ros2.session import RosSession
 from btcore_ros2.tree_server import TreeServer
+from tests.docs.test_docs import blocks
 
 LIMIT_S = 60.0
 
@@ -210,3 +214,24 @@ def test_tree_server_in_a_thread_beside_the_executor(
 def test_node_has_its_own_arguments(program: Program) -> None:
     with pytest.raises(RosError, match="only without a ROS node"):
         RosSession(node=program, arguments=["-r", "a:=b"])
+
+
+PATROL = '<root BTCPP_format="4"><BehaviorTree ID="Patrol"><Sleep msec="{}"/></BehaviorTree></root>'
+
+
+@pytest.mark.parametrize("duration_ms", [100, 600_000])
+def test_program_of_the_guide_ends_with_its_tree_or_by_ctrl_c(tmp_path: Path, duration_ms: int) -> None:
+    page = Path(__file__).parents[2] / "docs/guides/from_behaviortree_ros2.md"
+    program = next(block.text for block in blocks(page.read_text("utf-8")) if "class Patrol" in block.text)
+    (tmp_path / "patrol.xml").write_text(PATROL.format(duration_ms), encoding="utf-8")
+    program = program.replace("self.result = Future()", "self.result = Future(); print('loaded', flush=True)")
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "loaded\n"
+        if duration_ms > 1000:
+            time.sleep(0.5)  # Ctrl-C reaches a callback, or the executor between two callbacks
+            process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=LIMIT_S)
+    expected = "the tree ended in SUCCESS\n" if duration_ms < 1000 else ""
+    assert (process.returncode, output) == (0, expected)

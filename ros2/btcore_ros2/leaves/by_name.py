@@ -364,8 +364,8 @@ class RosTopicRead(_TopicLeaf):
     If a message has arrived since the tree was loaded, the leaf succeeds at once. With `max_age`, an older
     message does not count. After a failure, `error` has the reason.
 
-    After the tree was loaded, ROS 2 needs some time to find the publisher. `timeout` counts as soon as there is
-    a publisher, or `wait_for_publisher_timeout` is over. With `timeout="0"` the leaf never waits.
+    After the tree was loaded, ROS 2 needs some time to find the publisher. `timeout` counts as soon as there
+    is a publisher, or `wait_for_publisher_timeout` is over. With `timeout="0"` the leaf never waits.
 
     `type` names the message. The name of the topic is `topic_name`; without it, the instance name (`name`) is
     the name of the topic. The quality of service must be compatible with the publishers.
