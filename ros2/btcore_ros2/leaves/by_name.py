@@ -157,6 +157,20 @@ class RosActionCall(NoCodeLeaf, RosAction):
         return self.complete(self.error_message)
 
 
+def _refusals(response: Any) -> list[str]:
+    """Return the reasons of a server that did not do what was requested, which may be empty texts.
+
+    A response has the fields `success` and `message`, as in std_srvs, or contains results with the fields
+    `successful` and `reason`, as those of rcl_interfaces, which set parameters.
+    """
+    results = getattr(response, "results", None)
+    reports = [getattr(response, "result", None), *(results if isinstance(results, list) else ())]
+    refusals = [getattr(item, "reason", "") for item in reports if getattr(item, "successful", True) is False]
+    if getattr(response, "success", True) is False:
+        refusals.append(getattr(response, "message", ""))
+    return refusals
+
+
 class RosServiceCall(NoCodeLeaf, RosService):
     """Calls a service of ROS 2, and waits for the response.
 
@@ -165,8 +179,9 @@ class RosServiceCall(NoCodeLeaf, RosService):
     is the name of the service.
 
     The leaf succeeds when the response has arrived. It fails if the response has a boolean field `success`
-    that is false, as in std_srvs, if there is no server after `wait_for_server_timeout`, or if the server
-    does not answer within `server_timeout`; `error` then gets the reason.
+    that is false, as in std_srvs, or a result whose field `successful` is false, as when a parameter is set.
+    It also fails if there is no server after `wait_for_server_timeout`, or if the server does not answer
+    within `server_timeout`. `error` then gets the reason.
 
     Args:
         session: The session, a resource of the tree.
@@ -211,9 +226,10 @@ class RosServiceCall(NoCodeLeaf, RosService):
     def on_response(self, response: Any) -> Any:
         """Write the response."""
         problem = self.write("response", response, "response_field")
-        if getattr(response, "success", True) is False:
-            message = getattr(response, "message", "")
-            problem = f"the service '{self._endpoint.name}' did not succeed" + (message and f": {message}")
+        reasons = _refusals(response)
+        if reasons:
+            problem = f"the service '{self._endpoint.name}' did not succeed"
+            problem = ": ".join([problem, *filter(None, reasons)])
         return self.complete(problem)
 
     def on_failure(self, error: ServiceErrorCode) -> Any:

@@ -7,6 +7,7 @@ import sys
 import threading
 
 import rclpy
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.action import ActionServer
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.lifecycle import LifecycleNode
@@ -51,6 +52,9 @@ executor = MultiThreadedExecutor(4)
 executor.add_node(node)
 driver = LifecycleNode("driver")
 driver.declare_parameter("max_speed", 0.5)
+driver.add_on_set_parameters_callback(
+    lambda changes: SetParametersResult(successful=changes[0].value < 1.0, reason="max_speed is below 1.0")
+)
 executor.add_node(driver)
 spinning = threading.Thread(target=executor.spin)
 spinning.start()

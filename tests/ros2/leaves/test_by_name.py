@@ -213,6 +213,20 @@ def test_example_of_parameters_and_lifecycle_of_the_reference_page(session: RosS
     assert tree.tick_while_running() is Status.FAILURE  # it is configured already
 
 
+@pytest.mark.parametrize("kind", ["SetParameters", "SetParametersAtomically"])
+def test_parameter_that_is_refused_fails_with_the_reason(session: RosSession, kind: str) -> None:
+    name = f"driver/{'set_parameters' if kind == 'SetParameters' else 'set_parameters_atomically'}"
+    body = f"""<RosServiceCall name="{name}" type="rcl_interfaces/{kind}" error="{{error}}"
+        server_timeout="60000" wait_for_server_timeout="60000" request='json:{{"parameters": [
+            {{"name": "max_speed", "value": {{"type": 3, "double_value": "{{speed}}"}}}}]}}'/>"""
+    tree = tree_of(body, session, speed=9.0)
+    assert tree.tick_while_running() is Status.FAILURE
+    assert tree.blackboard["error"] == f"the service '{name}' did not succeed: max_speed is below 1.0"
+    tree.blackboard["speed"] = 0.5
+    assert tree.tick_while_running() is Status.SUCCESS
+    assert tree.blackboard["error"] == ""
+
+
 def test_missing_service_fails_with_a_reason(session: RosSession) -> None:
     body = SWITCH.replace('"switch"', '"swich" wait_for_server_timeout="300"')
     tree = tree_of(body, session)
