@@ -149,6 +149,8 @@ def _visible(node: "Node") -> Iterator[Finding]:
         if find_spec(package) is None:
             remedy = _package_remedy(package, find_installation())
             yield Finding("warning", "messages", f"{package} is used in this network, not installed", remedy)
+    from btcore_ros2.robot.topic_report import CLOCK_REMEDY
+
     clocks = [_name(info) for info in node.get_publishers_info_by_topic("/clock")]
     if not clocks:
         yield Finding("ok", "clock", "the clocks of the machines; no ROS node publishes /clock")
@@ -156,7 +158,7 @@ def _visible(node: "Node") -> Iterator[Finding]:
         yield Finding("ok", "clock", f"simulated time: {clocks[0]} publishes /clock")
     else:
         text = f"several ROS nodes publish /clock: {', '.join(clocks)}"
-        yield Finding("warning", "clock", text, "end all simulations except one")
+        yield Finding("warning", "clock", text, CLOCK_REMEDY)
 
 
 def _endpoints(infos: Sequence[Any], node: "Node") -> list[Any]:

@@ -2,9 +2,9 @@
 
 import gc
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 from btcore import Blackboard, BtcoreError, Registry, Status, Tree, make
 from btcore.blackboard.ports import UNSET
@@ -46,6 +46,17 @@ Python would not do it: a new tree is moved to the oldest generation, whose coll
 """
 
 
+@runtime_checkable
+class RecoverableRobot(Protocol):
+    """A robot that may fail and become available again, such as `RosRobot`."""
+
+    def raise_failure(self) -> None:
+        """Raise a RosError if the robot has failed."""
+
+    def recover(self, error: RosError, is_cancelled: Callable[[], bool]) -> None:
+        """Wait until the robot is available again; see `RosRobot.recover`."""
+
+
 class TreeServer:
     """Offers the trees of XML files as the action `btcpp_ros2_interfaces/ExecuteTree`.
 
@@ -57,6 +68,9 @@ class TreeServer:
     A goal ends as SUCCEEDED if its tree ends in SUCCESS, as CANCELED if it was cancelled, otherwise as
     ABORTED; the result contains the status of the tree and a message. The service `get_loaded_trees` returns
     the IDs of the trees.
+
+    If a `RosRobot` among the resources fails, the goal in progress is aborted with the error. The server
+    waits until the robot is available again, and then executes the goals that arrived meanwhile.
 
     Subclasses may override the methods from `reject_reason` to `on_completed`.
 
@@ -99,6 +113,7 @@ class TreeServer:
         self._files = files
         self._nodes = nodes if nodes is not None else Registry.standard()
         self._resources = (session, *resources)
+        self._robot = next((each for each in resources if isinstance(each, RecoverableRobot)), None)
         self._clock = clock if clock is not None else session.clock
         self.blackboard = Blackboard(clock=self._clock)
         self._trees = LoadedTrees(files, self._nodes)
@@ -196,10 +211,14 @@ class TreeServer:
         """Execute goals until `stop` is called."""
         ended = 0
         while not self._is_stopping:
-            goal = self._server.take()
+            try:
+                goal = self._next_goal()
+            except RosError as error:
+                if self._robot is None:
+                    raise
+                self._robot.recover(error, lambda: self._is_stopping)
+                continue
             if goal is None:
-                self._wake.clear()
-                self._clock.wait_until(self._clock.now() + IDLE_NS, self._wake)
                 continue
             self._goal = goal
             try:
@@ -209,6 +228,20 @@ class TreeServer:
             ended += 1
             if ended % COLLECT_GOALS == 0:
                 gc.collect()
+
+    def _next_goal(self) -> ServerGoal[Any, Any, Any] | None:
+        """Return the next goal, or wait a moment and return None.
+
+        Raises:
+            RosError: The robot has failed, or the session cannot be used.
+        """
+        if self._robot is not None:
+            self._robot.raise_failure()
+        goal = self._server.take()
+        if goal is None:
+            self._wake.clear()
+            self._clock.wait_until(self._clock.now() + IDLE_NS, self._wake)
+        return goal
 
     def stop(self) -> None:
         """End `run` after the present tick; its goal is aborted. For signal handlers and other threads."""

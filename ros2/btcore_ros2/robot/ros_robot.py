@@ -29,6 +29,8 @@ MISMATCH_TIME = 2.0
 """The time (s) after which a topic with another type than expected is an error at the start."""
 CLOCK_SEARCH = 0.5
 """The time (s) in which a publisher of `/clock` is searched at the start."""
+STABLE_TIME = 1.0
+"""The time (s) without a failure after which a robot that had failed is available again."""
 SHAPES_WAIT = 1.0
 """The longest time (s) for which the monitor waits for the robot's description."""
 
@@ -62,6 +64,10 @@ class _Watch:
         if not self.repeats:
             self.arrival = now
 
+    def reset(self) -> None:
+        """Forget the messages."""
+        self.arrival, self.stamp, self.repeats = -1, None, False
+
 
 class RosRobot(TopicRobot):
     """A robot over ROS 2 topics.
@@ -70,8 +76,8 @@ class RosRobot(TopicRobot):
     available. Messages are taken while a caller waits on `clock`. Stamps are converted to that clock.
 
     When a watched topic stops, or the robot's clock jumps, the robot is told to stop, and waiting on the
-    clock raises a `RosError`. While a simulated clock stands still, the robot is told to stop. At the end of
-    a program call `close`, which stops the robot.
+    clock raises a `RosError`, until `recover` was called. While a simulated clock stands still, the robot is
+    told to stop. At the end of a program call `close`, which stops the robot.
 
     Args:
         session: The ROS node.
@@ -95,6 +101,7 @@ class RosRobot(TopicRobot):
         self._watches_shapes = False
         self._camera_limit: int | None = None
         self._stopped_by_clock = False
+        self._is_recovering = False
         self._may_miss_clock = False
         try:
             self._time = self._choose_time()
@@ -176,6 +183,46 @@ class RosRobot(TopicRobot):
                 self._session.wait_for(lambda: self._shapes is not None, SHAPES_WAIT)
         return super().scene_static()
 
+    def raise_failure(self) -> None:
+        """Check the robot, as waiting on `clock` does.
+
+        Raises:
+            RosError: The robot has failed.
+        """
+        if self._failure is not None:
+            raise RosError(self._failure)
+        if isinstance(self._time, SimTime):
+            self._time.check()
+
+    def recover(self, error: RosError, is_cancelled: Callable[[], bool]) -> None:
+        """Wait until the robot is available again after a failure.
+
+        `clock` goes on from its present time, even if the robot's clock has jumped. The readings are those
+        from before the failure, until new messages arrive.
+
+        Args:
+            error: The error that waiting on `clock` has raised.
+            is_cancelled: A function that returns whether to end the wait.
+
+        Raises:
+            RosError: The session cannot be used. *error*: the robot is in lockstep with its simulation.
+        """
+        if isinstance(self._time, SimulatedTime):
+            raise error
+        _log.warning("%s; waiting until the robot '%s' is available", error, self.description.name)
+        self._velocity.stop(self._time.now())
+        self._is_recovering = is_broken = True
+        try:
+            while not is_cancelled():
+                if is_broken:
+                    self._start_again()
+                is_broken = self._session.wait_for(lambda: is_cancelled() or self._is_broken(), STABLE_TIME)
+                if not is_broken and self._is_available():
+                    _log.warning("the robot '%s' is available again", self.description.name)
+                    return
+        finally:
+            self._is_recovering = False
+
     def close(self) -> None:
         """Stop the robot if it was driven. Call it before the session is closed."""
         if self._node.context.ok():
@@ -241,7 +288,8 @@ class RosRobot(TopicRobot):
             return self._node.get_clock().now().to_msg()
         from builtin_interfaces.msg import Time
 
-        seconds, nanoseconds = divmod(self._time.now(), NS_PER_S)
+        offset = self._time.offset if isinstance(self._time, SimTime) else 0
+        seconds, nanoseconds = divmod(self._time.now() - offset, NS_PER_S)
         return Time(sec=seconds, nanosec=nanoseconds)
 
     # Subscriptions
@@ -346,6 +394,33 @@ class RosRobot(TopicRobot):
         if self._failure is not None:
             raise RosError(self._failure)
 
+    def _start_again(self) -> None:
+        """Forget the failure, the stamps and the arrivals."""
+        offset = 0
+        if isinstance(self._time, SimTime):
+            self._time.follow_jump()
+            offset = self._time.offset
+        self._stamps = StampConverter(shared=isinstance(self._time, SimTime), offset=offset)
+        for watch in self._watches:
+            watch.reset()
+        self._failure = None
+
+    def _is_broken(self) -> bool:
+        """Return whether something has failed since the last call of `_start_again`."""
+        return self._failure is not None or (isinstance(self._time, SimTime) and self._time.has_jumped)
+
+    def _is_available(self) -> bool:
+        """Return whether messages arrive on all watched topics, and the velocity has a subscriber."""
+        try:
+            self.raise_failure()
+        except RosError:
+            return False
+        return (
+            all(watch.timeout is None or watch.arrival >= 0 for watch in self._watches)
+            and not self._silent(self._time.now(), 1.0)
+            and not self._missing()
+        )
+
     def _has_mismatch(self) -> bool:
         """Return whether the robot uses another type for one of the topics."""
         node = self._node
@@ -441,8 +516,9 @@ class RosRobot(TopicRobot):
         """Stop the robot, and let the next wait on the clock raise an error."""
         if self._failure is None:
             self._failure = f"{reason}; the robot was told to stop"
-            self._velocity.stop(self._time.now())
-            _log.error("%s", self._failure)
+            if not self._is_recovering:
+                self._velocity.stop(self._time.now())
+                _log.error("%s", self._failure)
 
     # Commands
 

@@ -10,6 +10,7 @@ from btcore_robot.robot import NS_PER_S
 from btcore_robot.schedule import RealTime
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.stamps import JUMP
+from btcore_ros2.robot.topic_report import CLOCK_REMEDY
 from btcore_ros2.session import RosSession
 
 POLL_INTERVAL_S = 0.001
@@ -27,6 +28,9 @@ class SimTime(RealTime):
         topic: The topic of the clock.
         on_standstill: A function that is called with True when the time has not advanced for
             `time_limits.CLOCK`, and with False when it advances again.
+
+    Attributes:
+        offset: The time minus that of the topic (ns); 0 until `follow_jump` is called.
     """
 
     def __init__(
@@ -39,7 +43,8 @@ class SimTime(RealTime):
         from rosgraph_msgs.msg import Clock
 
         self._session = session
-        self._now = 0
+        self.offset = 0
+        self._newest = self._now = 0
         self._advanced = self._heard = time.monotonic_ns()
         self._stands = False
         self._on_standstill = on_standstill
@@ -61,7 +66,8 @@ class SimTime(RealTime):
         return self._now > 0
 
     def _receive(self, message: Any) -> None:
-        now = message.clock.sec * NS_PER_S + message.clock.nanosec
+        self._newest = message.clock.sec * NS_PER_S + message.clock.nanosec
+        now = self._newest + self.offset
         self._heard = time.monotonic_ns()
         if now < self._now - JUMP:
             self._jump = max(self._jump, self._now - now)
@@ -72,6 +78,17 @@ class SimTime(RealTime):
                 self._stands = False
                 self._on_standstill(False)
 
+    @property
+    def has_jumped(self) -> bool:
+        """Whether the time of the topic has jumped back."""
+        return self._jump > 0
+
+    def follow_jump(self) -> None:
+        """After a jump of the topic, let the time go on from its present value."""
+        if self._jump:
+            self.offset = self._now - self._newest
+            self._jump = 0
+
     def check(self) -> None:
         """Check that the time advances.
 
@@ -79,10 +96,8 @@ class SimTime(RealTime):
             RosError: The time jumped back, or no message has arrived for `time_limits.CLOCK_SILENCE`.
         """
         if self._jump:
-            raise RosError(
-                f"{self._subscription.topic_name} jumped back by {self._jump / NS_PER_S:.1f} s: "
-                "the simulation was reset; run the tree again"
-            )
+            topic, seconds = self._subscription.topic_name, self._jump / NS_PER_S
+            raise RosError(f"{topic} jumped back by {seconds:.1f} s: {self._cause(topic)}")
         now = time.monotonic_ns()
         if now - self._advanced > time_limits.CLOCK * NS_PER_S and not self._stands:
             self._stands = True
@@ -93,6 +108,16 @@ class SimTime(RealTime):
                 f"{self._subscription.topic_name}: no message for {silence:.1f} s: the simulation has "
                 "stopped or is paused, or the network is down"
             )
+
+    def _cause(self, topic: str) -> str:
+        """Return why the time has jumped back, and what to do."""
+        from btcore_ros2.connection_checks import endpoint_name
+
+        publishers = [endpoint_name(info) for info in self._session.node.get_publishers_info_by_topic(topic)]
+        if len(publishers) > 1:
+            return f"several ROS nodes publish it ({', '.join(publishers)}): {CLOCK_REMEDY}"
+        name = publishers[0] if publishers else "no ROS node now"
+        return f"the simulation was reset ({name} publishes it); run the tree again"
 
     def _rest(self, moment: int, wake: threading.Event) -> bool:
         before = self._now

@@ -32,10 +32,12 @@ class StampConverter:
 
     Args:
         shared: Whether the stamps are of our clock already, as with `use_sim_time`.
+        offset: Our clock minus that of shared stamps (ns).
     """
 
-    def __init__(self, *, shared: bool = False) -> None:
+    def __init__(self, *, shared: bool = False, offset: int = 0) -> None:
         self._shared = shared
+        self._shared_offset = offset
         self._first: int | None = None
         self._began = 0
         # The smallest differences in the current window and in the one before.
@@ -64,7 +66,7 @@ class StampConverter:
         if not stamp:
             converted = arrival
         elif self._shared:
-            converted = min(stamp, arrival)
+            converted = min(stamp + self._shared_offset, arrival)
         else:
             converted = stamp + self._offset(arrival - stamp, arrival)
         converted = max(converted, converted_before)

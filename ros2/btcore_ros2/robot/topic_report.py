@@ -6,6 +6,10 @@ DOMAIN_HINT = (
     "no other ROS node is visible: compare ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE with those of "
     "the robot"
 )
+CLOCK_REMEDY = (
+    "end all simulations except one, or start each simulation and the programs of its robot with a namespace "
+    "and a clock of its own: -r __ns:=/robot1 -r /clock:=clock"
+)
 
 
 def type_name(kind: type) -> str:

@@ -45,9 +45,17 @@ def test_topic_that_stops(session: RosSession, fresh_robot: PointRobotProcess, t
     assert stopped(process, session)
     # The error is raised again, and commands are not sent any more.
     robot.drive(0.1, 0.2)
-    with pytest.raises(RosError, match="/scan: no message"):
+    with pytest.raises(RosError, match="/scan: no message") as caught:
         wait(robot, 0.2)
     assert stopped(process, session)
+    # Without scans the wait does not end; with scans the robot drives again.
+    asked = iter(range(2000))
+    robot.recover(caught.value, lambda: next(asked, None) is None)
+    assert next(asked, None) is None
+    process.send(silent=[])
+    robot.recover(caught.value, lambda: False)
+    robot.raise_failure()
+    assert session.wait_for(drives, LIMIT)
 
 
 @pytest.mark.parametrize(("offset", "message"), [(1_000_060.0, "ahead by "), (999_940.0, "back by ")])

@@ -12,6 +12,8 @@ pytest.importorskip("rclpy")
 pytest.importorskip("tf2_msgs")
 
 from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Time
+from rosgraph_msgs.msg import Clock
 
 from btcore_robot import time_limits
 from btcore_robot.robot import NS_PER_S
@@ -25,8 +27,9 @@ from btcore_ros2.tree_server import TreeServer
 from tests.ros2.action_client import ClientProcess
 from tests.ros2.robot.conftest import LIMIT, PointRobotProcess, describe, drive_until_error, stopped
 
-ENDLESS = """<root BTCPP_format="4"><BehaviorTree ID="Endless">
-    <Repeat num_cycles="-1"><Sleep msec="10"/></Repeat></BehaviorTree></root>"""
+TREES = """<root BTCPP_format="4">
+    <BehaviorTree ID="Endless"><Repeat num_cycles="-1"><Sleep msec="10"/></Repeat></BehaviorTree>
+    <BehaviorTree ID="Rest"><Sleep msec="100"/></BehaviorTree></root>"""
 
 
 def sleep_until(condition: Callable[[], Any]) -> None:
@@ -143,32 +146,64 @@ def test_clock_that_is_found_late_is_reported(
     assert "/clock was found only after the start, and is not used" in caplog.text
 
 
-def test_tree_server_of_a_simulation_that_is_reset_ends(
-    session: RosSession, process: PointRobotProcess, tmp_path: Path
+def test_tree_server_survives_resets_and_pauses_of_the_simulation(
+    session: RosSession,
+    process: PointRobotProcess,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
+    """Only the goal in progress is aborted; a goal that arrives without a simulation waits for it."""
     pytest.importorskip("btcpp_ros2_interfaces")
-    file = tmp_path / "endless.xml"
-    file.write_text(ENDLESS)
+    monkeypatch.setattr(time_limits, "CLOCK_SILENCE", 1.0)
+    file = tmp_path / "trees.xml"
+    file.write_text(TREES)
     robot = RosRobot(session, describe(tmp_path))
-    errors: list[str] = []
     with TreeServer(session, [file], resources=[robot], action_name="reset", clock=robot.clock) as server:
-
-        def serve() -> None:
-            try:
-                server.run()
-            except RosError as error:
-                errors.append(str(error))
-
-        thread = threading.Thread(target=serve)
+        thread = threading.Thread(target=server.run)
         thread.start()
         client = ClientProcess(sleep_until)
-        goal = client.send(
-            "reset", "btcpp_ros2_interfaces/action/ExecuteTree", {"target_tree": "Endless", "payload": ""}
-        )
-        process.send(shift=100 * NS_PER_S)
-        status, result = client.result(goal)
-        thread.join(LIMIT)
-        client.close()
-    assert status == GoalStatus.STATUS_ABORTED
-    assert "/clock jumped back by " in result["return_message"]
-    assert errors == [result["return_message"]]
+
+        def send(tree: str) -> int:
+            return client.send("reset", "btcpp_ros2_interfaces/action/ExecuteTree", {"target_tree": tree})
+
+        try:
+            goal = send("Endless")
+            before = robot.clock.now()
+            process.send(shift=100 * NS_PER_S)
+            status, result = client.result(goal)
+            assert status == GoalStatus.STATUS_ABORTED
+            assert "/clock jumped back by " in result["return_message"]
+            assert client.result(send("Rest"))[0] == GoalStatus.STATUS_SUCCEEDED
+            assert before <= robot.clock.now() < before + LIMIT * NS_PER_S
+            assert abs(robot.odometry().stamp - robot.clock.now()) < LIMIT * NS_PER_S
+            process.send(silent=["/clock"], shift=0)
+            sleep_until(lambda: "/clock: no message for" in caplog.text or not thread.is_alive())
+            goal = send("Rest")
+            process.send(silent=[])
+            assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
+        finally:
+            process.send(silent=[])
+            server.stop()
+            thread.join(LIMIT)
+            client.close()
+    assert caplog.text.count("waiting until the robot 'point' is available") == 2
+
+
+def test_second_publisher_of_the_clock_is_named_with_a_remedy(
+    session: RosSession, process: PointRobotProcess, tmp_path: Path
+) -> None:
+    robot = RosRobot(session, describe(tmp_path))
+    with RosSession("other", arguments=["-r", "__ns:=/robot2"]) as other:
+        publisher = other.node.create_publisher(Clock, "/clock", 10)
+        assert session.wait_for(lambda: session.node.count_publishers("/clock") == 2, LIMIT)
+
+        def has_jumped() -> bool:
+            publisher.publish(Clock(clock=Time(sec=1)))
+            assert isinstance(robot.clock, SimTime)
+            return robot.clock.has_jumped
+
+        assert session.wait_for(has_jumped, LIMIT)
+        with pytest.raises(RosError, match=r"several ROS nodes publish it \(.*/robot2/other") as caught:
+            wait(robot, 1.0)
+    assert "-r /clock:=clock" in str(caught.value)
