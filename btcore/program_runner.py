@@ -94,7 +94,11 @@ def provide_resources(
 
 
 def require_resources(
-    ctx: click.Context, settings: Mapping[str, Any], wanted: Sequence[type], optional: Sequence[type] = ()
+    ctx: click.Context,
+    settings: Mapping[str, Any],
+    wanted: Sequence[type],
+    optional: Sequence[type] = (),
+    used: Sequence[str] = (),
 ) -> GatheredResources:
     """Return the resources that the extensions provide for *wanted*, such as a robot.
 
@@ -103,13 +107,14 @@ def require_resources(
         settings: The options of the command.
         wanted: The types of the required resources.
         optional: The types of further resources, which the result contains if an extension provides them.
+        used: The options of extensions that the command itself uses, such as "--ros-args".
 
     Raises:
         click.UsageError: No extension provides a resource of one of the types.
         ExtensionError: An installed extension cannot be used.
     """
     gathered = provide_resources(ctx, settings, (*wanted, *optional))
-    warn_unused_options(ctx, gathered.idle, "this command")
+    warn_unused_options(ctx, gathered.idle, "this command", used)
     missing = load_extensions(ctx).missing
     for kind in wanted:
         if not any(isinstance(resource, kind) for resource in gathered.resources):

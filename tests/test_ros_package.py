@@ -110,6 +110,7 @@ def imports_of(node: ast.AST) -> list[str]:
         (["trees", "--ros-args"], ["trees"]),
         (["--ros-args", "-p", "a:=b c", "--", "trees"], ["trees", "--ros-args", "-p 'a:=b c'"]),
         (["--ros-args", "-r", "a:=b", "--ros-args", "-r", "c:=d"], ["--ros-args", "-r a:=b -r c:=d"]),
+        (["trees", "--ros-args", "-p a:=1 -r b:=c"], ["trees", "--ros-args", "-p a:=1 -r b:=c"]),
         (["--arguments=", "--arguments=--world 'my world.json'"], ["--world", "my world.json"]),
         (
             ["--arguments=one two --ros-args -p a:=2", "--fast", "--ros-args", "-p", "a:=1"],
@@ -119,6 +120,14 @@ def imports_of(node: ast.AST) -> list[str]:
 )
 def test_arguments_of_ros_programs_become_those_of_the_command(given: list[str], expected: list[str]) -> None:
     assert command_arguments(given) == expected
+
+
+def test_missing_quotation_mark_in_an_argument_of_a_launch_file_is_a_usage_error() -> None:
+    program = "import sys; sys.argv[0] = 'serve'; from btcore_ros2.executables import main; main()"
+    command = [sys.executable, "-c", program, "--arguments=", "--arguments=--plugin 'my nodes.py"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "error: No closing quotation in the arguments --plugin 'my nodes.py\n"
 
 
 def test_parameters_of_the_launch_file_are_the_defaults_of_the_tree_server() -> None:

@@ -259,19 +259,26 @@ def read_tree_source(
     return source, examined, nodes
 
 
-def warn_unused_options(ctx: click.Context, idle: Sequence[RunExtension], subject: str = "the tree") -> None:
+def warn_unused_options(
+    ctx: click.Context,
+    idle: Sequence[RunExtension],
+    subject: str = "the tree",
+    used: Sequence[str] = (),
+) -> None:
     """Print a warning for options on the command line that no leaf of the tree uses.
 
     Args:
         ctx: The context of the command.
         idle: The extensions that provided no resource.
         subject: The subject of the sentence: what has no such leaf.
+        used: Options that the command itself uses.
     """
     for extension in idle:
         given = [
             option.opts[0]
             for option in extension.options
             if ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
+            and option.opts[0] not in used
         ]
         if extension.used_by is not None and given:
             have = "has" if len(given) == 1 else "have"

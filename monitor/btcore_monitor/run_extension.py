@@ -183,7 +183,7 @@ class MonitorExtension(RunExtension):
             return
         files = _files(settings)
         # Imported here, because most runs publish nothing, and the import takes a tenth of a second.
-        from btcore_monitor.serve import ServeError, serve
+        from btcore_monitor.serve import PortInUseError, ServeError, serve
         from btcore_monitor.serve.publisher import INTERRUPTED_GRACE
 
         port, groot1 = _ports(settings)
@@ -204,7 +204,8 @@ class MonitorExtension(RunExtension):
                     insecure=settings["insecure"],
                 )
             except ServeError as error:
-                raise click.ClickException(str(error)) from None
+                hint = settings.get("port_hint", "") if isinstance(error, PortInUseError) else ""
+                raise click.ClickException(f"{error}{hint}") from None
             stack.enter_context(publisher)
             verbose = settings["verbose"]
             if settings["publish"] or verbose:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from btcore_ros2.errors import RosError
 from btcore_ros2.installation import Installation, find_installation
-from btcore_ros2.message_packages.definitions import bundled_packages
+from btcore_ros2.interfaces import package_remedy
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -61,19 +61,19 @@ def examine_machine(environment: Mapping[str, str] = os.environ) -> Iterator[Fin
                 "warning",
                 "messages",
                 f"{package} is not installed; needed for {purpose}",
-                _package_remedy(package, installation),
+                package_remedy(package, installation),
             )
 
 
-def examine_network(seconds: float) -> Iterator[Finding]:
+def examine_network(seconds: float, ros_args: str | None) -> Iterator[Finding]:
     """Yield the findings about the topics, services and actions that are visible after *seconds* (s).
 
     Raises:
         RosError: ROS 2 cannot be used.
     """
-    from btcore_ros2.session import RosSession
+    from btcore_ros2.session import RosSession, node_arguments
 
-    with RosSession("btcore_doctor") as session:
+    with RosSession("btcore_doctor", arguments=node_arguments(ros_args)) as session:
         session.wait_for(lambda: False, seconds)
         yield from _visible(session.node)
 
@@ -113,14 +113,6 @@ def _discovery(environment: Mapping[str, str]) -> Finding:
     return Finding("ok", "discovery", text)
 
 
-def _package_remedy(package: str, installation: Installation) -> str:
-    if installation.kind == "sourced":
-        name = package.replace("_", "-")
-        return f"sudo apt install ros-{installation.distribution or 'DISTRO'}-{name}"
-    source = package if package in bundled_packages() else f"PATH/{package}"
-    return f"btcore ros2 messages {source}"
-
-
 def _visible(node: "Node") -> Iterator[Finding]:
     from btcore_ros2.connection_checks import IGNORED_TOPICS
 
@@ -147,17 +139,18 @@ def _visible(node: "Node") -> Iterator[Finding]:
         missing.update(name.partition("/")[0] for name in types)
     for package in sorted(missing):
         if find_spec(package) is None:
-            remedy = _package_remedy(package, find_installation())
+            remedy = package_remedy(package, find_installation())
             yield Finding("warning", "messages", f"{package} is used in this network, not installed", remedy)
     from btcore_ros2.robot.topic_report import CLOCK_REMEDY
 
-    clocks = [_name(info) for info in node.get_publishers_info_by_topic("/clock")]
+    topic = node.resolve_topic_name("/clock")
+    clocks = [_name(info) for info in node.get_publishers_info_by_topic(topic)]
     if not clocks:
-        yield Finding("ok", "clock", "the clocks of the machines; no ROS node publishes /clock")
+        yield Finding("ok", "clock", f"the clocks of the machines; no ROS node publishes {topic}")
     elif len(clocks) == 1:
-        yield Finding("ok", "clock", f"simulated time: {clocks[0]} publishes /clock")
+        yield Finding("ok", "clock", f"simulated time: {clocks[0]} publishes {topic}")
     else:
-        text = f"several ROS nodes publish /clock: {', '.join(clocks)}"
+        text = f"several ROS nodes publish {topic}: {', '.join(clocks)}"
         yield Finding("warning", "clock", text, CLOCK_REMEDY)
 
 
@@ -193,14 +186,19 @@ def _topic(
     return Finding("ok", subject, f"{types[0]}, {counts}{qos}")
 
 
-def diagnose(seconds: float) -> Iterator[Finding]:
-    """Yield the findings about this machine and, if ROS 2 can be used, about the network."""
+def diagnose(seconds: float, ros_args: str | None = None) -> Iterator[Finding]:
+    """Yield the findings about this machine and, if ROS 2 can be used, about the network.
+
+    Args:
+        seconds: How long to search for other ROS nodes (s).
+        ros_args: The arguments of the ROS node, as one text.
+    """
     usable = True
     for finding in examine_machine():
         usable = usable and finding.level != "error"
         yield finding
     if usable:
         try:
-            yield from examine_network(seconds)
+            yield from examine_network(seconds, ros_args)
         except RosError as error:
             yield Finding("error", "ROS 2", str(error), "see the message")

@@ -10,6 +10,7 @@ from typing import Any, Final, Literal
 
 from btcore.suggestions import did_you_mean, join_names
 from btcore_ros2.errors import RosError
+from btcore_ros2.installation import Installation, find_installation
 from btcore_ros2.message_packages.definitions import bundled_packages
 
 InterfaceKind = Literal["msg", "srv", "action"]
@@ -18,6 +19,10 @@ InterfaceKind = Literal["msg", "srv", "action"]
 _NOUNS: Final = {"msg": "message", "srv": "service", "action": "action"}
 _NAME: Final = re.compile(r"([a-z][a-z0-9_]*)/(?:(msg|srv|action)/)?([A-Z][A-Za-z0-9]*)")
 _TYPE_SUPPORT: Final = "*_s__rosidl_typesupport_c*"  # a file that each generated package contains
+
+
+UNRELEASED: Final = {"btcpp_ros2_interfaces": "https://github.com/BehaviorTree/BehaviorTree.ROS2"}
+"""The repositories of message packages that no release of ROS 2 contains."""
 
 
 class InterfaceError(RosError):
@@ -98,6 +103,20 @@ def message_packages() -> list[str]:
     return sorted(found)
 
 
+def package_remedy(package: str, installation: Installation) -> str:
+    """Return the command that installs a package of messages."""
+    if installation.kind != "sourced":
+        source = package if package in bundled_packages() else f"PATH/{package}"
+        return f"btcore ros2 messages {source}"
+    if package in UNRELEASED:
+        return (
+            f"git clone {UNRELEASED[package]} in the folder src of your workspace, then "
+            f"colcon build --packages-select {package}, and source the workspace again"
+        )
+    name = package.replace("_", "-")
+    return f"sudo apt install ros-{installation.distribution or 'DISTRO'}-{name}"
+
+
 def _folder(package: str) -> Path | None:
     """Return the folder of a package of generated messages, or None. The package is not imported.
 
@@ -118,10 +137,8 @@ def _not_installed(package: str) -> str:
             "is not installed, nor is any other package with messages: pip install 'btcore[ros2]', "
             "or source the setup file of your ROS 2"
         )
-    similar = did_you_mean(package, installed)
-    source = package if package in bundled_packages() else f"PATH/{package}"
-    hint = f"install it with your ROS 2, or run: btcore ros2 messages {source}"
-    return f"is not installed{similar or ';'} {hint}"
+    similar = "" if package in bundled_packages() else did_you_mean(package, installed)
+    return f"is not installed{similar or ';'} run: {package_remedy(package, find_installation())}"
 
 
 def _form_hint(name: str, kind: InterfaceKind) -> str:

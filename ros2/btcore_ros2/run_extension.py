@@ -12,7 +12,7 @@ from btcore.logs import LogError
 from btcore.run_extension import RunExtension
 from btcore_robot.robot import BaseInfo, Robot
 from btcore_ros2.errors import RosError
-from btcore_ros2.session import RosSession
+from btcore_ros2.session import RosSession, node_arguments
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -97,8 +97,6 @@ class RosExtension(RunExtension):
             return ()
         if settings.get("nav2") and not navigates:
             click.echo("warning: --nav2 has no effect: no leaf uses Nav2", err=True)
-        import shlex
-
         # A tree without a robot must not import the modules of the robot.
         from btcore_ros2.robot.description import load_robot
         from btcore_ros2.robot.ros_robot import RosRobot
@@ -108,7 +106,7 @@ class RosExtension(RunExtension):
             # A command that needs the session earlier, such as `btcore ros2 serve`, has created it.
             self._session = settings.get("ros_session")
             if self._session is None:
-                self._session = RosSession(arguments=shlex.split(settings.get("ros_args") or ""))
+                self._session = RosSession(arguments=node_arguments(settings.get("ros_args")))
             if settings.get("lockstep"):
                 from btcore_ros2.simulation.lockstep import LockstepClock
 

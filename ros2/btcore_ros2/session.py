@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shlex
 import threading
 import time
 import warnings
@@ -334,6 +335,21 @@ class RosSession:
         self.close()
 
 
+def node_arguments(text: str | None) -> list[str]:
+    """Return the arguments of a ROS node that the option `--ros-args` contains.
+
+    Args:
+        text: The value of the option, quoted as in a shell; None = no arguments.
+
+    Raises:
+        RosError: A quotation mark is missing.
+    """
+    try:
+        return shlex.split(text or "")
+    except ValueError as error:
+        raise RosError(f"--ros-args: {error} in {text}") from error
+
+
 def _check_domain(domain: str) -> None:
     """Raise a RosError for a domain that does not exist: Fast DDS would end the process."""
     if not (domain.isdecimal() and int(domain) <= MAX_DOMAIN):
@@ -353,6 +369,10 @@ def _create_node(name: str, arguments: Sequence[str], domain: int | None) -> "No
     try:
         context.init(args=["--ros-args", *arguments, *NAMESPACED_TF], domain_id=domain)
         return Node(name, context=context)
+    except rclpy_implementation.UnknownROSArgsError as error:
+        raise RosError(
+            f"unknown arguments of the ROS node: {error}; the form is: -p NAME:=VALUE -r OLD:=NEW"
+        ) from error
     except rclpy_implementation.RCLError as error:
         reason, _, _ = str(error).partition(", at /")  # then places in the source of rcl
         raise RosError(f"ROS 2 cannot start: {reason}") from error

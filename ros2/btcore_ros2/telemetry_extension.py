@@ -1,6 +1,5 @@
 """The extension of `btcore run` that publishes a run on topics of ROS 2: `--ros2-publish`."""
 
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
@@ -10,6 +9,7 @@ import click
 from btcore import Tree
 from btcore.run_extension import RunExtension
 from btcore_ros2.errors import RosError
+from btcore_ros2.session import node_arguments
 from btcore_ros2.telemetry import TOPICS, RosTelemetry, check_topics
 
 
@@ -57,9 +57,7 @@ class TelemetryExtension(RunExtension):
         if self._telemetry is not None:
             self._telemetry.close()
         try:
-            self._telemetry = RosTelemetry(
-                tree, topics, arguments=shlex.split(settings.get("ros_args") or "")
-            )
+            self._telemetry = RosTelemetry(tree, topics, arguments=node_arguments(settings.get("ros_args")))
         except (RosError, ValueError) as error:
             raise click.UsageError(str(error)) from error
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from btcore_ros2.installation import Installation, Kind
 from btcore_ros2.interfaces import (
     InterfaceError,
     InterfaceKind,
@@ -13,6 +14,7 @@ from btcore_ros2.interfaces import (
     interface_names,
     load_interface,
     message_packages,
+    package_remedy,
 )
 
 
@@ -24,6 +26,25 @@ def test_package_that_is_not_installed_is_named_with_what_to_do() -> None:
     assert caught.value.package == "rover_msgs"
     expected = "btcore ros2 messages PATH/rover_msgs" if message_packages() else "pip install 'btcore[ros2]'"
     assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "package", "remedy"),
+    [
+        ("wheels", "btcpp_ros2_interfaces", "btcore ros2 messages btcpp_ros2_interfaces"),
+        ("wheels", "rover_msgs", "btcore ros2 messages PATH/rover_msgs"),
+        ("sourced", "rover_msgs", "sudo apt install ros-jazzy-rover-msgs"),
+        (
+            "sourced",
+            "btcpp_ros2_interfaces",
+            "git clone https://github.com/BehaviorTree/BehaviorTree.ROS2 in",
+        ),
+    ],
+)
+def test_remedy_for_a_missing_package_depends_on_the_installation(
+    kind: Kind, package: str, remedy: str
+) -> None:
+    assert package_remedy(package, Installation(kind, "jazzy", (), (), (), "", "")).startswith(remedy)
 
 
 def test_package_without_messages_is_not_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

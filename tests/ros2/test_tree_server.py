@@ -341,7 +341,8 @@ def test_busy_port(folder: Path) -> None:
         arguments = [str(folder / "trees" / "more.xml"), "--ros-args", f"-p groot2_port:={port}"]
         code, text = refused(*arguments)
     assert code != 0
-    assert str(port) in text
+    assert f"port {port} is in use" in text
+    assert "the ROS parameter groot2_port" in text
 
 
 def refused(*arguments: str) -> tuple[int, str]:
@@ -354,6 +355,20 @@ def test_invalid_parameter(folder: Path) -> None:
     code, text = refused(str(folder / "trees" / "more.xml"), "--ros-args", "-p tick_frequency:=often")
     assert code == 2
     assert "the ROS parameter tick_frequency has to be a number, not 'often'" in text
+
+
+@pytest.mark.parametrize(
+    ("given", "problem"),
+    [
+        ("-p tick_frequency:=50 extra", "unknown arguments of the ROS node: ['extra']"),
+        ("-p tick_frequency=50", "ROS 2 cannot start: failed to initialize rcl: Couldn't parse parameter"),
+        ("-p 'tick_frequency:=50", "--ros-args: No closing quotation in -p 'tick_frequency:=50"),
+    ],
+)
+def test_invalid_arguments_of_the_ros_node_are_usage_errors(folder: Path, given: str, problem: str) -> None:
+    code, text = refused(str(folder / "trees" / "more.xml"), "--ros-args", given)
+    assert code == 2
+    assert problem in text
 
 
 def test_no_trees() -> None:

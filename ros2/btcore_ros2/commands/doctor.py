@@ -23,8 +23,11 @@ _SIGNS: Final = {"ok": ("✓", "green"), "warning": ("!", "bold yellow"), "error
     metavar="S",
     help="How long to search for other ROS nodes.",
 )
+@click.option(
+    "--ros-args", metavar="ARGS", help="Arguments of the ROS node, as one text: '-r __ns:=/robot1'."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
-def doctor(seconds: float, as_json: bool) -> None:
+def doctor(seconds: float, ros_args: str | None, as_json: bool) -> None:
     """Examine the installation of ROS 2, its settings, and the ROS nodes that are visible.
 
     Reports which ROS 2 is used, the domain, the discovery range, the middleware, missing message packages,
@@ -33,7 +36,7 @@ def doctor(seconds: float, as_json: bool) -> None:
     """
     console = Console(highlight=False, soft_wrap=True)
     findings = []
-    for finding in diagnose(seconds):
+    for finding in diagnose(seconds, ros_args):
         findings.append(finding)
         if not as_json:
             console.print(_line(finding))

@@ -1,6 +1,5 @@
 """`btcore ros2 navigation`: our navigation in the place of Nav2's servers."""
 
-import shlex
 from typing import TYPE_CHECKING, Any, cast
 
 import click
@@ -9,7 +8,7 @@ from btcore.program_runner import FiniteRange, RunCommand, print_result, require
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.commands.sim import SPARE_BOXES
 from btcore_ros2.errors import RosError
-from btcore_ros2.session import DRAIN_RATE, RosSession
+from btcore_ros2.session import DRAIN_RATE, RosSession, node_arguments
 
 if TYPE_CHECKING:
     from btcore_sim.simulated_robot import SimulatedRobot
@@ -35,7 +34,7 @@ def navigation(ctx: click.Context, /, **settings: Any) -> int:
     lifecycle nodes.
     """
     try:
-        session = RosSession("navigation", arguments=shlex.split(settings.get("ros_args") or ""))
+        session = RosSession("navigation", arguments=node_arguments(settings.get("ros_args")))
     except (RosError, ValueError) as error:
         raise click.UsageError(str(error)) from error
     with session:

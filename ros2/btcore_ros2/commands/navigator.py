@@ -1,6 +1,5 @@
 """`btcore ros2 navigator`: a navigator in place of Nav2's bt_navigator."""
 
-import shlex
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ import click
 from btcore import RegistrationError, Tree
 from btcore.program_runner import FiniteRange, RunCommand, require_resources, run_program
 from btcore_ros2.errors import RosError
-from btcore_ros2.session import RosSession
+from btcore_ros2.session import RosSession, node_arguments
 
 if TYPE_CHECKING:
     from btcore_ros2.nav2.navigator_server import NavigatorServer
@@ -55,7 +54,7 @@ def navigator(ctx: click.Context, /, **settings: Any) -> int:
     """
     with ExitStack() as stack:
         try:
-            arguments = shlex.split(settings.get("ros_args") or "")
+            arguments = node_arguments(settings.get("ros_args"))
             session = stack.enter_context(RosSession("bt_navigator", arguments=arguments))
             # Imported here: ROS 2 is installed, since there is a session.
             from btcore_ros2.nav2.navigator_server import NavigatorServer
@@ -75,7 +74,7 @@ def navigator(ctx: click.Context, /, **settings: Any) -> int:
 
 def _run(ctx: click.Context, server: "NavigatorServer", settings: dict[str, Any]) -> int:
     """Serve goals until a signal arrives, and return the exit code. Extensions publish the running tree."""
-    gathered = require_resources(ctx, settings, ())
+    gathered = require_resources(ctx, settings, (), used=["--ros-args"])
     published: Tree | None = None
 
     def publish() -> bool:

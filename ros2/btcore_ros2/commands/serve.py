@@ -2,7 +2,6 @@
 
 import importlib.util
 import random
-import shlex
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -24,7 +23,7 @@ from btcore.xml.models.stand_ins import StubPlans
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
 from btcore_ros2.parameters import declare_parameter
-from btcore_ros2.session import DRAIN_RATE, RosSession
+from btcore_ros2.session import DRAIN_RATE, RosSession, node_arguments
 from btcore_ros2.tree_server import LoadedTrees, TreeServer
 
 NODE_NAME = "bt_action_server"
@@ -59,12 +58,12 @@ def serve(ctx: click.Context, /, trees: tuple[Path, ...], **settings: Any) -> in
     The parameters of BehaviorTree.ROS2's TreeExecutionServer can be given by --ros-args:
     '-p tick_frequency:=50' or '--params-file FILE.yaml'. Ctrl-C ends the server.
     """
-    arguments = shlex.split(settings.get("ros_args") or "")
-    for option in ("action_name", "tick_frequency"):
-        if settings[option] is not None:
-            arguments += ["-p", f"{option}:={settings[option]}"]
     with ExitStack() as stack:
         try:
+            arguments = node_arguments(settings.get("ros_args"))
+            for option in ("action_name", "tick_frequency"):
+                if settings[option] is not None:
+                    arguments += ["-p", f"{option}:={settings[option]}"]
             session = stack.enter_context(RosSession(NODE_NAME, arguments=arguments))
             files = trees or _files_of_parameter(session)
             plugins = _plugins_of_parameter(session)
@@ -134,6 +133,7 @@ def _publish_by_default(session: RosSession, settings: dict[str, Any]) -> None:
     settings["publish"] = settings["publish"] or ("groot2",)
     if settings["port"] is None and "groot2" in settings["publish"]:
         settings["port"] = port
+        settings["port_hint"] = "; for a server that ros2 launch starts, set the ROS parameter groot2_port"
 
 
 def _plugins_of_parameter(session: RosSession) -> Sequence[str]:

@@ -1,6 +1,5 @@
 """`btcore ros2 sim`: the simulated robot as a ROS 2 robot."""
 
-import shlex
 from typing import Any
 
 import click
@@ -15,7 +14,7 @@ from btcore.program_runner import (
 )
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
-from btcore_ros2.session import RosSession
+from btcore_ros2.session import RosSession, node_arguments
 
 SPARE_BOXES = 5
 """The number of boxes that the service `sim/drop_box` can drop."""
@@ -43,7 +42,7 @@ def sim(ctx: click.Context, /, **settings: Any) -> int:
     and the figures of the run are services below sim/. Ctrl-C ends the simulation.
     """
     try:
-        session = RosSession("simulation", arguments=shlex.split(settings.get("ros_args") or ""))
+        session = RosSession("simulation", arguments=node_arguments(settings.get("ros_args")))
     except (RosError, ValueError) as error:
         raise click.UsageError(str(error)) from error
     with session:

@@ -84,15 +84,29 @@ def test_a_clock_of_a_simulation_is_named() -> None:
 
     from btcore_ros2.session import RosSession
 
-    with RosSession("simulation") as session:
-        session.node.create_publisher(Clock, "/clock", 10)
+    def clock(expected: str, *arguments: str) -> tuple[str, str]:
         for seconds in SECONDS:
-            clocks = [
-                finding["text"] for finding in findings("--seconds", seconds) if finding["subject"] == "clock"
+            found = [
+                each for each in findings("--seconds", seconds, *arguments) if each["subject"] == "clock"
             ]
-            if clocks and "simulated" in clocks[0]:
+            if found and expected in found[0]["text"]:
                 break
-    assert clocks == ["simulated time: /simulation publishes /clock"]
+        return found[0]["text"], found[0]["remedy"]
+
+    with (
+        RosSession("simulation") as session,
+        RosSession("simulation", arguments=["-r", "__ns:=/robot1", "-r", "/clock:=clock"]) as own,
+    ):
+        session.node.create_publisher(Clock, "/clock", 10)
+        own.node.create_publisher(Clock, "/clock", 10)
+        assert clock("simulated") == ("simulated time: /simulation publishes /clock", "")
+        with RosSession("simulation", arguments=["-r", "__ns:=/robot2"]) as other:
+            other.node.create_publisher(Clock, "/clock", 10)
+            text, remedy = clock("several")
+        assert text.startswith("several ROS nodes publish /clock: ")
+        assert "-r /clock:=clock" in remedy
+        text, _ = clock("simulated", "--ros-args", "-r __ns:=/robot1 -r /clock:=clock")
+        assert text == "simulated time: /robot1/simulation publishes /robot1/clock"
 
 
 @needs_ros

@@ -52,7 +52,7 @@ BROKEN = '<root BTCPP_format="4"><BehaviorTree ID="B"><Script code="a := missing
 @pytest.fixture(scope="module")
 def navigator(shared_bench: Any) -> Iterator[subprocess.Popen[str]]:
     """The process of the navigator."""
-    command = [sys.executable, "-c", PATIENT, "ros2", "navigator"]
+    command = [sys.executable, "-c", PATIENT, "ros2", "navigator", "--ros-args", "-r spare:=other"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     with process:
         yield process
@@ -266,3 +266,4 @@ def test_ctrl_c_cancels_the_goals_and_ends_the_process(client, navigator, drive)
     output = navigator.communicate(timeout=LIMIT)[1]
     assert navigator.returncode == 130
     assert "Traceback" not in output
+    assert "--ros-args has no effect" not in output
