@@ -385,6 +385,9 @@ def test_trees_and_plugins_of_a_parameter_file(folder: Path, client: ClientProce
         "  ros__parameters:\n"
         "    action_name: from_file\n"
         "    groot2_port: 0\n"
+        "    tick_frequenzy: 50\n"
+        "    ros_plugins_timeout: 1000\n"
+        "    speed: 1.0\n"
         f"    plugins: [btcpp_ros2_samples/bt_plugins, {folder / 'plugin.py'}]\n"
         f"    behavior_trees: [{folder / 'trees'}]\n"
     )
@@ -393,6 +396,8 @@ def test_trees_and_plugins_of_a_parameter_file(folder: Path, client: ClientProce
     assert ended(client, number)[1] is Status.SUCCESS
     check_changes_of_parameters(folder, client)
     assert server.end() == 130
+    warning = "the ROS parameter tick_frequenzy has no effect; did you mean 'tick_frequency'?"
+    assert re.findall("the ROS parameter .* has no effect.*", server.text) == [warning]
     assert "'btcpp_ros2_samples/bt_plugins' of the ROS parameter is ignored" in " ".join(server.text.split())
 
 

@@ -19,6 +19,7 @@ from btcore.program_runner import (
     run_server,
 )
 from btcore.run_extension import RunExtension
+from btcore.suggestions import did_you_mean
 from btcore.xml.models.stand_ins import StubPlans
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
@@ -28,6 +29,9 @@ from btcore_ros2.tree_server import LoadedTrees, TreeServer
 
 NODE_NAME = "bt_action_server"
 """The name of the ROS node, as in BehaviorTree.ROS2, whose parameter files can be used."""
+
+PARAMETERS = ("action_name", "behavior_trees", "groot2_port", "plugins", "tick_frequency")
+"""The ROS parameters, as in BehaviorTree.ROS2, whose `ros_plugins_timeout` is ignored."""
 
 GROOT2_PORT = 1667
 
@@ -81,6 +85,7 @@ def serve(ctx: click.Context, /, trees: tuple[Path, ...], **settings: Any) -> in
             server = PublishedTreeServer(session, files, nodes=nodes, resources=resources, clock=clock)
         except RosError as error:
             raise click.UsageError(str(error)) from error
+        _warn_about_misspelt_parameters(session)
         server.extensions, server.settings = gathered.extensions, settings
         server.has_arguments, server.plugins = bool(trees), plugins
 
@@ -134,6 +139,15 @@ def _publish_by_default(session: RosSession, settings: dict[str, Any]) -> None:
     if settings["port"] is None and "groot2" in settings["publish"]:
         settings["port"] = port
         settings["port_hint"] = "; for a server that ros2 launch starts, set the ROS parameter groot2_port"
+
+
+def _warn_about_misspelt_parameters(session: RosSession) -> None:
+    """Warn about given ROS parameters that nothing has declared and whose names are similar to ours."""
+    given = getattr(session.node, "_parameter_overrides", {})  # rclpy has no public list of them
+    for name in given:
+        hint = did_you_mean(name, PARAMETERS)
+        if hint and name not in PARAMETERS and not session.node.has_parameter(name):
+            _warn(f"the ROS parameter {name} has no effect{hint}")
 
 
 def _plugins_of_parameter(session: RosSession) -> Sequence[str]:
