@@ -21,9 +21,7 @@ def main() -> None:
     try:
         sys.argv[1:] = [*command, *command_arguments(sys.argv[1:])]
     except ValueError as error:
-        from btcore.cli.terminal import print_error
-
-        print_error(str(error))
+        print(f"error: {error}", file=sys.stderr)
         sys.exit(USAGE_ERROR)
     try:
         run_command_line()
