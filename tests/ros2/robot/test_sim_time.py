@@ -182,8 +182,12 @@ def test_tree_server_survives_resets_and_pauses_of_the_simulation(
             goal = send("Rest")
             process.send(silent=[])
             assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
+            process.send(paused=True)
+            server.stop()
+            thread.join(LIMIT)
+            assert not thread.is_alive()
         finally:
-            process.send(silent=[])
+            process.send(silent=[], paused=False)
             server.stop()
             thread.join(LIMIT)
             client.close()
