@@ -73,6 +73,8 @@ def full_name(name: str, namespace: str) -> str:
 
 def endpoint_name(info: Any) -> str:
     """Return the name of the ROS node of a publisher or subscription, from its `TopicEndpointInfo`."""
+    if info.node_name == UNKNOWN_NAME:
+        return "a ROS node whose name is not known yet"
     return full_name(info.node_name, info.node_namespace)
 
 
