@@ -20,6 +20,11 @@ if HAS_ROS:
     isolate_ros()
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    # rclpy warns if a service does not know its client yet: the response is lost, and leaves ask again.
+    config.addinivalue_line("filterwarnings", "ignore:failed to send response:RuntimeWarning")
+
+
 @pytest.fixture
 def session() -> "Iterator[RosSession]":
     """A ROS node in the domain of this worker."""
