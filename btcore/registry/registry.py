@@ -503,7 +503,7 @@ def _plugin_error(library: str, error: BaseException, doing: str = "it was impor
         where = f"{last.filename}:{last.lineno}"
     message = f"plugin '{library}' raised while {doing}: {where}: {type(error).__name__}: {error}"
     if isinstance(error, ModuleNotFoundError):
-        # A missing package is reported, not the module in it.
+        # Python names the missing package, not the module in it that a plugin imports.
         moved = [new for old, new in MOVED_MODULES.items() if f"{old}.".startswith(f"{error.name}.")]
         message += f": it has moved to {' or '.join(moved)}" if moved else ""
     return RegistrationError(message)
