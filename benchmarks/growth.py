@@ -21,7 +21,7 @@ from random import Random
 
 import btcore
 from btcore import Blackboard, Builder, Registry, Tree
-from btcore.tree.tree import MAX_NODES
+from btcore.engine.node_config import MAX_NODES
 from measure.benchmark_trees import Succeed
 from measure.loading_cost import allocated_bytes, loading_time
 from measure.paired_timing import SLICE, Measured, Spread, Work, measure, measure_rounds

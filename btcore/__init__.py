@@ -52,6 +52,9 @@ if TYPE_CHECKING:
     from btcore.errors import TreeError as TreeError
     from btcore.errors import UnknownNodeError as UnknownNodeError
     from btcore.errors import XmlSyntaxError as XmlSyntaxError
+    from btcore.loading.builder import Builder as Builder
+    from btcore.loading.builder import blackboard_key as blackboard_key
+    from btcore.loading.load import LoadOptions as LoadOptions
     from btcore.loading.load import load as load
     from btcore.loading.load import loads as loads
     from btcore.loading.load import make as make
@@ -69,8 +72,6 @@ if TYPE_CHECKING:
     from btcore.status import Transition as Transition
     from btcore.tree.tree import Subtree as Subtree
     from btcore.tree.tree import Tree as Tree
-    from btcore.xml.builder import Builder as Builder
-    from btcore.xml.builder import blackboard_key as blackboard_key
 
 _HOMES = {
     "btcore.blackboard.blackboard": ("Blackboard", "Entry"),
@@ -100,7 +101,8 @@ _HOMES = {
         "UnknownNodeError",
         "XmlSyntaxError",
     ),
-    "btcore.loading.load": ("load", "loads", "make", "required_resources"),
+    "btcore.loading.builder": ("Builder", "blackboard_key"),
+    "btcore.loading.load": ("LoadOptions", "load", "loads", "make", "required_resources"),
     "btcore.nodes.loop": ("LoopNode",),
     "btcore.registry.registry": ("Registry",),
     "btcore.script.program": ("compile_script",),
@@ -115,7 +117,6 @@ _HOMES = {
         "Transition",
     ),
     "btcore.tree.tree": ("Subtree", "Tree"),
-    "btcore.xml.builder": ("Builder", "blackboard_key"),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 

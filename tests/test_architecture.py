@@ -25,8 +25,8 @@ PARENTS = {
     "btcore_studio": "tools",
     "btcore_sweep": "tools",
 }
-# The layers of the engine from the bottom up: a file imports from its own line and from the lines above it.
-LAYERS = (
+# The tiers of the engine from the bottom up: a file imports from its own tier and from the tiers above it.
+TIERS = (
     {
         "status",
         "errors",
@@ -39,6 +39,7 @@ LAYERS = (
         "data_folders",
         "escaping",
         "names",
+        "paused_collector",
         "suggestions",
         "builds",
         "flatbuffer",
@@ -48,28 +49,11 @@ LAYERS = (
         "process_group",
         "process_limits",
     },
-    {"values"},
-    {"blackboard"},
-    {"script"},
-    {"engine"},
-    {"nodes"},
-    {"xml.read"},
-    {"registry"},
-    {"tree"},
-    {"xml.models"},
-    {"xml.plan"},
-    {"xml.build"},
-    {"xml.lint"},
-    {"xml.convert"},
-    {"xml.render"},
-    {"xml.builder", "xml.schema"},
-    {"loading"},
-    {"logs"},
-    {""},  # btcore/__init__.py
-    {"testing"},
-    {"run_extension", "bundled_trees"},
-    {"cli", "__main__"},
-    {"program_runner"},
+    {"values", "blackboard", "script", "xml.read"},
+    {"engine", "nodes", "registry"},
+    {"xml"},
+    {"tree", "loading", "logs", ""},  # "" is btcore/__init__.py
+    {"testing", "bundled_trees", "run_extension", "cli", "program_runner", "__main__"},
 )
 ROBOT_PACKAGES = ("btcore_navigation", "btcore_robot", "btcore_sim")
 GENERIC_NAMES = {"utils", "util", "helpers", "helper", "common", "misc", "base", "manager"}
@@ -131,14 +115,14 @@ def inside(name: str, package: str) -> bool:
     return name == package or name.startswith(package + ".") or not package
 
 
-def layer(module: str) -> int:
+def tier(module: str) -> int:
+    """Return the index of the tier of *module*: that of its folder, or of the folder within its folder."""
     rooms = module.split(".")[1:]
-    names = {".".join(rooms[:1]), ".".join(rooms[:2])}
-    if names == {"xml"}:
-        return 0  # the package itself contains only a docstring
-    places = [rank for rank, rooms in enumerate(LAYERS) if names & rooms]
-    assert places, f"{module}: give its folder a place in LAYERS"
-    return places[0]
+    for room in (".".join(rooms[:2]), ".".join(rooms[:1])):
+        for rank, names in enumerate(TIERS):
+            if room in names:
+                return rank
+    raise AssertionError(f"{module}: give its folder a place in TIERS")
 
 
 @pytest.mark.parametrize("stranger", sorted(PARENTS.keys() - {"btcore"}))
@@ -262,13 +246,13 @@ def test_a_heavy_dependency_is_imported_in_one_package_only(guest: str, room: st
     assert violations("", guest, but=(room,)) == []
 
 
-def test_engine_imports_follow_the_layers() -> None:
+def test_engine_imports_follow_the_tiers() -> None:
     upward = [
         f"{module} → {name}"
         for module in SOURCES
         if inside(module, "btcore")
         for name in imports(module)
-        if inside(name, "btcore") and layer(name) > layer(module)
+        if inside(name, "btcore") and tier(name) > tier(module)
     ]
     assert upward == []
 
@@ -310,11 +294,11 @@ def names_in(cell: str) -> set[str]:
     return set(re.findall(r"`([^`]*)`", cell))
 
 
-def test_documented_layers_are_the_checked_layers() -> None:
+def test_documented_tiers_are_the_checked_tiers() -> None:
     rows = re.findall(r"^\| (\d+) \| (.*?) \|", PAGE, re.MULTILINE)
-    assert [int(number) for number, _ in rows] == list(range(1, len(LAYERS) + 1))
+    assert [int(number) for number, _ in rows] == list(range(1, len(TIERS) + 1))
     documented = [names_in(cell) for _, cell in rows]
-    assert documented == [{name or "__init__" for name in names} for names in LAYERS]
+    assert documented == [{name or "__init__" for name in names} for names in TIERS]
 
 
 def test_documented_imports_of_the_packages_are_those_of_the_source() -> None:

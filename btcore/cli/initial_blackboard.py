@@ -8,12 +8,11 @@ from btcore.blackboard.ports import remapped_key
 from btcore.cli import terminal
 from btcore.errors import BlackboardError, ConversionError, NodeExecutionError
 from btcore.json_text import too_deep_at
-from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.values import ValueType
 from btcore.values.numbers import read_json
-from btcore.xml.plan.document_checks import DocumentAnalysis
+from btcore.xml.plan.plan import Plans
 
 
 def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
@@ -73,7 +72,7 @@ def _value_of(text: str, kind: ValueType | None, format: int) -> object:
     return text if value is None else value
 
 
-def write(tree: Tree, entries: Mapping[str, str], examined: DocumentAnalysis, nodes: Registry) -> None:
+def write(tree: Tree, entries: Mapping[str, str], plans: Plans) -> None:
     """Write entries to the blackboard of a tree, before its first tick.
 
     A key that no port or script uses is written too, with a warning.
@@ -81,8 +80,7 @@ def write(tree: Tree, entries: Mapping[str, str], examined: DocumentAnalysis, no
     Args:
         tree: The tree.
         entries: The texts of the values, by key.
-        examined: The checked document of the tree.
-        nodes: The nodes that the document was checked with.
+        plans: The plans of the tree.
 
     Raises:
         click.UsageError: A text is not a value of its key's type.
@@ -90,7 +88,7 @@ def write(tree: Tree, entries: Mapping[str, str], examined: DocumentAnalysis, no
     board = tree.blackboard
     without_port = [key for key in entries if board.find(key) is None]
     if without_port:
-        _warn_unused(without_port, examined, nodes)
+        _warn_unused(without_port, plans)
     for key, text in entries.items():
         entry = board.find(key)
         kind = entry.declared if entry is not None and entry.declared.strong else None
@@ -100,13 +98,13 @@ def write(tree: Tree, entries: Mapping[str, str], examined: DocumentAnalysis, no
             raise click.UsageError(f"--set {key}={text}: {error}.") from error
 
 
-def _warn_unused(keys: Iterable[str], examined: DocumentAnalysis, nodes: Registry) -> None:
+def _warn_unused(keys: Iterable[str], plans: Plans) -> None:
     """Print a warning for each of *keys* that neither a port nor a script of the tree uses."""
     from btcore.xml.lint.dry_run import DryRun  # most runs do not need it
 
-    assert examined.main is not None
-    dry_run = DryRun(examined.planner, examined.main, nodes)
-    dry_run.run()
+    assert plans.main is not None
+    dry_run = DryRun(plans)
+    dry_run.run(plans.main)
     board = dry_run.blackboard
     for key in keys:
         hint = did_you_mean(key, board.visible_keys())

@@ -13,9 +13,8 @@ from btcore.entry_points import UnavailableEntryPoint
 from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry, library_of
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
-from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
-from btcore.xml.read.includes import resolve_includes
+from btcore.xml.read.read import read
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -80,8 +79,7 @@ class NodeLibraries:
             return self.nodes
         # A copy, since the same explicit tag may have other ports in another document.
         nodes = self.nodes.copy()
-        diagnostics = DiagnosticCollector()  # dropped: failing includes are reported when the tree is checked
-        add_explicit_nodes(nodes, resolve_includes(document, diagnostics))
+        add_explicit_nodes(nodes, read(document).documents)
         return nodes
 
     def missing_library_notes(self, diagnostics: Iterable[Diagnostic]) -> list[str]:

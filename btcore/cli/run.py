@@ -24,12 +24,11 @@ from btcore.cli.tree_source import (
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.diagnostic_codes import NODE_NOT_CREATED
 from btcore.errors import TreeError
-from btcore.registry.registry import Registry
+from btcore.loading.instantiate import instantiate
 from btcore.run_extension import RunExtension
 from btcore.suggestions import join_names
-from btcore.xml.build import TreeInstantiator
 from btcore.xml.models.stand_ins import StubPlans
-from btcore.xml.plan.document_checks import DocumentAnalysis
+from btcore.xml.plan.plan import Plans
 
 
 class FiniteRange(click.FloatRange):
@@ -196,16 +195,15 @@ def create_session(
         if file == STDIN:
             raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
         saves = SaveWatcher(file, settings["confined"])
-    source, examined, nodes = read_tree_source(settings, installed)
+    source, plans = read_tree_source(settings, installed)
     installed_extensions, missing = load_extensions(ctx)
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
-    wanted = [kind for manifest in examined.used_manifests() for kind in manifest.required_resources]
+    wanted = plans.required_resources()
     resources, extensions, idle = gather_resources(installed_extensions, settings, wanted)
     clock = clock_of(resources, settings["fast"])
     resources += [random.Random(settings["seed"]), StubPlans(settings["plans"])]
     try:
-        limit = settings["tick_limit"]
-        tree = TreeInstantiator(examined, nodes, None, resources, clock, limit).instantiate()
+        tree = instantiate(plans, resources, clock=clock, tick_limit=settings["tick_limit"])
     except TreeError as error:
         for point in missing if wanted else ():
             error.add_note(
@@ -221,8 +219,8 @@ def create_session(
                 "btcore.TreeState, or write an extension that provides the object: see 'Your robot'"
             )
         raise
-    initial_blackboard.write(tree, settings["entries"], examined, nodes)
-    terminal.print_diagnostics(examined.diagnostics.warnings)
+    initial_blackboard.write(tree, settings["entries"], plans)
+    terminal.print_diagnostics(plans.diagnostics.warnings)
     substitute.warn_unused_rules(tree)
     warn_unused_options(ctx, idle)
     return RunSession(tree, source, settings, [*extensions, *joining], resources, saves)
@@ -230,7 +228,7 @@ def create_session(
 
 def read_tree_source(
     settings: Mapping[str, Any], installed: node_libraries.NodeLibraries | None = None
-) -> tuple[TreeSource, DocumentAnalysis, Registry]:
+) -> tuple[TreeSource, Plans]:
     """Read and check the document of a run's tree, before extensions create resources such as a simulator.
 
     Args:
@@ -238,7 +236,7 @@ def read_tree_source(
         installed: The installed nodes, or None to load them.
 
     Returns:
-        The source of the tree, and the result of its method `read`.
+        The source of the tree, and its plans.
 
     Raises:
         click.UsageError: An option has an invalid value.
@@ -254,9 +252,9 @@ def read_tree_source(
     libraries.add_models(settings["models"], confined)
     source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)
     substitute.add_rules(libraries.nodes, settings["substitutes"])
-    examined, nodes = source.read()
-    stub_plans.check(settings["plans"], examined)
-    return source, examined, nodes
+    plans = source.read()
+    stub_plans.check(settings["plans"], plans)
+    return source, plans
 
 
 def warn_unused_options(

@@ -19,7 +19,7 @@ from btcore.loading.hot_reload import rebuild_tree
 from btcore.run_extension import OutputError, RunExtension
 from btcore.status import Status
 from btcore.tree.tree import Tree
-from btcore.xml.plan.document_checks import DocumentAnalysis
+from btcore.xml.plan.plan import Plans
 
 
 class RunSession:
@@ -180,25 +180,25 @@ class RunSession:
 
     def _reload(self) -> bool:
         """Replace the tree by the tree in the saved file; on errors, print them and return False."""
-        examined: DocumentAnalysis | None = None
+        plans: Plans | None = None
         try:
-            examined, nodes = self.source.read()
-            tree = rebuild_tree(self.tree, examined, self.resources, nodes)
+            plans = self.source.read()
+            tree = rebuild_tree(self.tree, plans, self.resources)
         except BtcoreError as error:
-            if examined is not None:
-                self._note_missing_resources(error, examined)
+            if plans is not None:
+                self._note_missing_resources(error, plans)
             terminal.print_btcore_error(error)
             action = "continues" if self.tree.status is Status.RUNNING else "is kept"
             terminal.print_warning(f"{self.source.path.name} has errors: the previous tree {action}")
             return False
-        terminal.print_diagnostics(examined.diagnostics.warnings)
+        terminal.print_diagnostics(plans.diagnostics.warnings)
         self._replace_tree(tree)
         terminal.print_labelled("reloaded", str(self.source.path))
         return True
 
-    def _note_missing_resources(self, error: BtcoreError, examined: DocumentAnalysis) -> None:
+    def _note_missing_resources(self, error: BtcoreError, plans: Plans) -> None:
         """Add a note to *error* if leaves of the new tree need resources that this run does not have."""
-        wanted = [kind for manifest in examined.used_manifests() for kind in manifest.required_resources]
+        wanted = plans.required_resources()
         try:
             complete = all(any(isinstance(resource, kind) for resource in self.resources) for kind in wanted)
         except TypeError:

@@ -55,17 +55,17 @@ def show(
         raise click.UsageError(f"{picture} and {other} cannot be used together.")
     path = find_source(source)
     libraries = node_libraries.load_libraries(plugins, models, confined)
-    examined, nodes = TreeSource(path, tree, libraries, format, confined).read()
-    main, format = examined.main, examined.planner.dialect.format
+    plans = TreeSource(path, tree, libraries, format, confined).read()
+    main, format = plans.main, plans.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if as_table:
-        rows = trace_dataflow(examined, nodes)
+        rows = trace_dataflow(plans)
         if as_json:
             terminal.print_json([asdict(row) for row in rows], indent=2)
         else:
             _print_data(rows)
         return
-    root = diagram_of_document(examined)
+    root = diagram_of_document(plans)
     if picture is not None:
         drawing = diagram_to_svg(root, main.id, format)
         if svg is not None:

@@ -9,7 +9,7 @@ import click
 from btcore.status import NodeType
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.models.stand_ins import StubAction, StubCondition
-from btcore.xml.plan.document_checks import DocumentAnalysis, nodes_of, reachable_plans
+from btcore.xml.plan.plan import Plans
 
 _LETTERS: Final = re.compile(r"[RSFK]+(\|[RSFK]+)*")
 
@@ -41,12 +41,12 @@ plan_option = click.option(
 )
 
 
-def check(plans: Mapping[str, str], examined: DocumentAnalysis) -> None:
+def check(plans: Mapping[str, str], examined: Plans) -> None:
     """Check that each plan applies to a leaf of the tree that has no code.
 
     Args:
         plans: The letters of each plan, by the name or ID of its leaf.
-        examined: The analysis of the tree's document.
+        examined: The plans of the tree.
 
     Raises:
         click.UsageError: There is no such leaf, or the plan of a condition contains `|`.
@@ -66,12 +66,12 @@ def check(plans: Mapping[str, str], examined: DocumentAnalysis) -> None:
             )
 
 
-def _leaves(examined: DocumentAnalysis) -> dict[str, NodeType]:
+def _leaves(examined: Plans) -> dict[str, NodeType]:
     """Return the types of the leaves that have no code, by name and by ID."""
     leaves: dict[str, NodeType] = {}
     assert examined.main is not None
-    for plan in reachable_plans(examined.planner, examined.main):
-        for node in nodes_of(plan):
+    for tree in examined.reachable(examined.main):
+        for node in tree.nodes():
             manifest = node.manifest
             if manifest is not None and issubclass(manifest.cls, (StubAction, StubCondition)):
                 leaves.setdefault(node.name or node.id, manifest.type)

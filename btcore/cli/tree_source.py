@@ -17,8 +17,10 @@ from btcore.errors import TreeError
 from btcore.input_files import read_error, read_stream
 from btcore.loading.hot_reload import FileWatcher
 from btcore.registry.registry import Registry
-from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document
+from btcore.xml.examine import examine
+from btcore.xml.plan.plan import Plans
 from btcore.xml.read.document import Document, parse_bytes, parse_file
+from btcore.xml.read.read import read
 
 STDIN: Final = Path("-")
 """Stands for the standard input in place of the path of a file."""
@@ -134,16 +136,14 @@ class TreeSource:
         """The name of the file without its suffix."""
         return "stdin" if self.path == STDIN else self.path.stem
 
-    def read(
-        self, substitute: Callable[[Registry], Registry] | None = None
-    ) -> tuple[DocumentAnalysis, Registry]:
+    def read(self, substitute: Callable[[Registry], Registry] | None = None) -> Plans:
         """Read and check the file.
 
         Args:
             substitute: Returns the nodes to use instead of the available nodes; None = use these.
 
         Returns:
-            The analysis of the document, which has no errors, and the nodes that it was analysed with.
+            The plans of the tree, without errors.
 
         Raises:
             TreeError: The file has an error.
@@ -153,14 +153,14 @@ class TreeSource:
             nodes = self.libraries.nodes_for(document)
             if substitute is not None:
                 nodes = substitute(nodes)
-            examined = analyse_document(document, nodes, self.tree, self.format)
-            examined.diagnostics.raise_errors()
+            plans = examine(read(document, nodes.documents), nodes, self.tree, self.format)
+            plans.diagnostics.raise_errors()
         except TreeError as error:
             # An unknown node may belong to an installed library that cannot be imported.
             for note in self.libraries.missing_library_notes(error.diagnostics):
                 error.add_note(note)
             raise
-        return examined, nodes
+        return plans
 
 
 class SaveWatcher:

@@ -14,6 +14,9 @@ NO_INPUTS: Final[dict[str, Input]] = {}
 NO_OUTPUTS: Final[dict[str, Output]] = {}
 NO_ENUMS: Final[dict[str, int]] = {}
 
+MAX_NODES: Final = 65_535
+"""The maximum number of nodes of a tree: a uid has 16 bits in Groot's protocols, and 0 is not a uid."""
+
 
 class NodeConfig:
     """The configuration of one node: its position in the tree and in the XML, and its ports.

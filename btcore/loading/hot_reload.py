@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from btcore.errors import BtcoreError
-from btcore.registry.registry import Registry
+from btcore.loading.instantiate import instantiate
 from btcore.tree.tree import Tree
-from btcore.xml.build import TreeInstantiator
-from btcore.xml.plan.document_checks import DocumentAnalysis
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.plan.plan import Plans
 from btcore.xml.read.document import parse_file
-from btcore.xml.read.includes import resolve_includes
+from btcore.xml.read.read import read
 
 
 class FileWatcher:
@@ -37,8 +35,7 @@ class FileWatcher:
 
     def _all_files(self) -> set[Path]:
         try:
-            document = parse_file(self._path, confined=self._confined)
-            documents = resolve_includes(document, DiagnosticCollector())
+            documents = read(parse_file(self._path, confined=self._confined)).documents
         except BtcoreError:
             return {self._path}
         return {self._path, *(Path(document.file) for document in documents if document.file)}
@@ -53,18 +50,15 @@ def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
     return {path: (stat.st_mtime_ns, stat.st_size) for path, stat in stats.items()}
 
 
-def rebuild_tree(
-    tree: Tree, examined: DocumentAnalysis, resources: Sequence[object], nodes: Registry
-) -> Tree:
+def rebuild_tree(tree: Tree, plans: Plans, resources: Sequence[object]) -> Tree:
     """Return a new tree from a document, with the blackboard and the clock of the running *tree*.
 
     *tree* is not halted: the caller must halt it before the new tree is ticked.
 
     Args:
         tree: The tree to replace.
-        examined: The analysed document.
+        plans: The plans of the new tree.
         resources: The resources of the new tree.
-        nodes: The registry with which the document was analysed.
 
     Raises:
         TreeError: The document has errors. The blackboard is unchanged.
@@ -72,8 +66,7 @@ def rebuild_tree(
     board = tree.blackboard
     before = set(board.local_entries())
     try:
-        examined.diagnostics.raise_errors()
-        return TreeInstantiator(examined, nodes, board, resources, tree.clock, tree.tick_limit).instantiate()
+        return instantiate(plans, resources, board, tree.clock, tree.tick_limit)
     except BtcoreError:
         # Creating nodes has created the entries of their ports: remove these entries.
         for key in board.local_entries().keys() - before:

@@ -3,56 +3,71 @@
 import reprlib
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar, Unpack
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.diagnostic_codes import AMBIGUOUS_MAIN_TREE
 from btcore.errors import Diagnostic, TreeError, XmlSyntaxError
+from btcore.loading.instantiate import instantiate
+from btcore.paused_collector import PausedCollector
 from btcore.registry.registry import Registry
+from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
-from btcore.xml.build import build, pause_gc
-from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.examine import examine
+from btcore.xml.plan.plan import Plans
 from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.includes import PackageResolver
+from btcore.xml.read.read import PackageResolver, read
 
 S = TypeVar("S")
 
 
-@pause_gc()
-def load(
-    path: str | PathLike[str],
-    *more: str | PathLike[str],
-    nodes: Registry | None = None,
-    resources: Sequence[object] = (),
-    tree: str | None = None,
-    blackboard: Blackboard | None = None,
-    format: int | None = None,
-    clock: Clock | None = None,
-    packages: PackageResolver | None = None,
-    tick_limit: float | None = None,
-    confined: bool = False,
-) -> Tree:
+class LoadOptions(TypedDict, total=False):
+    """The options with which a tree is loaded; each may be omitted.
+
+    Attributes:
+        nodes: The nodes and trees that the tree may use; default `Registry.standard`.
+        tree: The ID of the tree to load; default the main tree of the first document.
+        format: The XML format, 3 or 4; default the `BTCPP_format` of the first document, or 3 if it has none.
+        packages: A function that returns the share directory of a ROS package that an `<include>` names.
+        confined: Whether includes from outside of the folder of the including XML file are errors, for trees
+            from strangers. The folder of a text is the working directory.
+        resources: Objects that leaves get by the types of their parameters, for example a robot.
+        blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
+        clock: The clock; default the first clock among *resources*, else the system's clock.
+        tick_limit: The longest time (s, real time) for which a tick may repeat nodes; default no limit. See
+            `Tree`.
+
+    Examples:
+        >>> import btcore
+        >>> options: btcore.LoadOptions = {"nodes": btcore.Registry.standard(), "clock": btcore.SimClock()}
+        >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sleep msec="5"/></BehaviorTree></root>'
+        >>> btcore.loads(xml, **options).tick_while_running()
+        <Status.SUCCESS: 2>
+    """
+
+    nodes: Registry | None
+    tree: str | None
+    format: int | None
+    packages: PackageResolver | None
+    confined: bool
+    resources: Sequence[object]
+    blackboard: Blackboard | None
+    clock: Clock | None
+    tick_limit: float | None
+
+
+def load(path: str | PathLike[str], *more: str | PathLike[str], **options: Unpack[LoadOptions]) -> Tree:
     """Return the tree in an XML file, ready to be ticked.
 
     Args:
         path: The XML file.
         more: Further XML files, whose trees the first file may call without an include.
-        nodes: The nodes and trees that the tree may use; default `Registry.standard`.
-        resources: Objects that leaves get by the types of their parameters, for example a robot.
-        tree: The ID of the tree to load; default the main tree of the first file.
-        blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
-        format: The XML format, 3 or 4; default the `BTCPP_format` of the first file, or 3 if it has none.
-        clock: The clock; default the first clock among *resources*, else the system's clock.
-        packages: A function that returns the share directory of a ROS package that an `<include>` names.
-        tick_limit: The longest time (s, real time) for which a tick may repeat nodes; default no limit. See
-            `Tree`.
-        confined: Whether includes from outside of the folder of the including XML file are errors, for trees
-            from strangers.
+        options: See `LoadOptions`.
 
     Raises:
         TreeError: The files have errors. It holds all of them, with file, line and column.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an option is unknown.
         ValueError: *tick_limit* is not a positive number.
 
     Examples:
@@ -63,43 +78,21 @@ def load(
         >>> btcore.load("tree.xml").tick_while_running()
         <Status.SUCCESS: 2>
     """
-    first, *others = _parse(parse_file, confined, path, *more)
-    registry, given = _registry(nodes), _listed(resources)
-    return build(first, registry, tree, format, blackboard, given, clock, packages, others, tick_limit)
+    with PausedCollector():
+        return _load(_parse(parse_file, options, path, *more), options)
 
 
-@pause_gc()
-def loads(
-    text: str,
-    *more: str,
-    nodes: Registry | None = None,
-    resources: Sequence[object] = (),
-    tree: str | None = None,
-    blackboard: Blackboard | None = None,
-    format: int | None = None,
-    clock: Clock | None = None,
-    packages: PackageResolver | None = None,
-    tick_limit: float | None = None,
-    confined: bool = False,
-) -> Tree:
+def loads(text: str, *more: str, **options: Unpack[LoadOptions]) -> Tree:
     """Return the tree in an XML text, ready to be ticked.
 
     Args:
         text: The XML. Paths of includes are relative to the working directory.
         more: Further XML texts, whose trees the first text may call.
-        nodes: As in `load`, like all following arguments.
-        resources: As in `load`.
-        tree: As in `load`.
-        blackboard: As in `load`.
-        format: As in `load`.
-        clock: As in `load`.
-        packages: As in `load`.
-        tick_limit: As in `load`.
-        confined: As in `load`, with the working directory as the folder.
+        options: See `LoadOptions`.
 
     Raises:
         TreeError: The texts have errors. It holds all of them, with line and column.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an option is unknown.
         ValueError: *tick_limit* is not a positive number.
 
     Examples:
@@ -108,38 +101,21 @@ def loads(
         >>> btcore.loads(xml).tick_while_running()
         <Status.SUCCESS: 2>
     """
-    first, *others = _parse(parse_text, confined, text, *more)
-    registry, given = _registry(nodes), _listed(resources)
-    return build(first, registry, tree, format, blackboard, given, clock, packages, others, tick_limit)
+    with PausedCollector():
+        return _load(_parse(parse_text, options, text, *more), options)
 
 
-@pause_gc()
-def make(
-    tree: str,
-    *,
-    nodes: Registry,
-    resources: Sequence[object] = (),
-    blackboard: Blackboard | None = None,
-    format: int | None = None,
-    clock: Clock | None = None,
-    packages: PackageResolver | None = None,
-    tick_limit: float | None = None,
-) -> Tree:
+def make(ID: str, /, **options: Unpack[LoadOptions]) -> Tree:
     """Return a new instance of a tree that was registered with `Registry.add_trees`.
 
     Args:
-        tree: The ID of the tree.
-        nodes: The registry of the tree and its nodes.
-        resources: As in `load`.
-        blackboard: As in `load`.
-        format: The XML format, 3 or 4; default the format of the tree's document.
-        clock: As in `load`.
-        packages: As in `load`.
-        tick_limit: As in `load`.
+        ID: The ID of the tree.
+        options: See `LoadOptions`. *nodes* is the registry of the tree. Whether includes are *confined* is
+            an argument of `Registry.add_trees` instead.
 
     Raises:
         TreeError: There is no such tree, or the registered documents have errors. It holds all of them.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an option is unknown.
         ValueError: *tick_limit* is not a positive number.
 
     Examples:
@@ -151,39 +127,29 @@ def make(
         >>> first is second
         False
     """
-    registry, given = _registry(nodes), _listed(resources)
-    documents = registry.documents
+    documents = _registry(options.get("nodes")).documents
     if not documents:
         hint = "register it: nodes.add_trees(…)"
-        raise TreeError([Diagnostic(AMBIGUOUS_MAIN_TREE, f"unknown tree '{tree}'", hint=hint)])
+        raise TreeError([Diagnostic(AMBIGUOUS_MAIN_TREE, f"unknown tree '{ID}'", hint=hint)])
     # The document of the tree; the last document if the tree is in an included file.
-    main = next((document for document in reversed(documents) if _defines(document, tree)), documents[-1])
-    return build(main, registry, tree, format, blackboard, given, clock, packages, tick_limit=tick_limit)
+    main = next((document for document in reversed(documents) if _defines(document, ID)), documents[-1])
+    with PausedCollector():
+        return _load([main], {**options, "tree": ID})
 
 
 def required_resources(
-    path: str | PathLike[str],
-    *more: str | PathLike[str],
-    nodes: Registry | None = None,
-    tree: str | None = None,
-    format: int | None = None,
-    packages: PackageResolver | None = None,
-    confined: bool = False,
+    path: str | PathLike[str], *more: str | PathLike[str], **options: Unpack[LoadOptions]
 ) -> list[Any]:
     """Return the types of the resources that the leaves of a tree need, each once.
 
     Args:
         path: The XML file.
-        more: As in `load`, like all following arguments.
-        nodes: As in `load`.
-        tree: As in `load`.
-        format: As in `load`.
-        packages: As in `load`.
-        confined: As in `load`.
+        more: As in `load`.
+        options: As in `load`.
 
     Raises:
         TreeError: The files have errors.
-        TypeError: *nodes* is not a Registry.
+        TypeError: *nodes* is not a Registry, or an option is unknown.
 
     Examples:
         >>> from pathlib import Path
@@ -200,16 +166,38 @@ def required_resources(
         >>> btcore.required_resources("grasp.xml", nodes=nodes) == [Gripper]
         True
     """
-    first, *others = _parse(parse_file, confined, path, *more)
-    analysis = analyse_document(first, _registry(nodes), tree, format, packages, others)
-    analysis.diagnostics.raise_errors()
-    types: list[Any] = []
-    for manifest in analysis.used_manifests():
-        types += (resource for resource in manifest.required_resources if resource not in types)
-    return types
+    plans = _examined(_parse(parse_file, options, path, *more), options)
+    plans.diagnostics.raise_errors()
+    return plans.required_resources()
 
 
-def _parse(parse: Callable[[S], Document], confined: bool, *sources: S) -> list[Document]:
+def _load(documents: Sequence[Document], options: LoadOptions) -> Tree:
+    """Return the tree of the first of *documents*."""
+    resources = options.get("resources", ())
+    # A text can be iterated, but is a single object here.
+    if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
+        raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
+    return instantiate(
+        _examined(documents, options),
+        list(resources),
+        options.get("blackboard"),
+        options.get("clock"),
+        options.get("tick_limit"),
+    )
+
+
+def _examined(documents: Sequence[Document], options: LoadOptions) -> Plans:
+    """Return the plans of the tree of the first of *documents*."""
+    for name in options.keys() - LoadOptions.__annotations__.keys():
+        hint = did_you_mean(name, LoadOptions.__annotations__)
+        raise TypeError(f"unexpected keyword argument '{name}'{hint}")
+    nodes = _registry(options.get("nodes"))
+    first, *others = documents
+    sources = read(first, [*nodes.documents, *others], options.get("packages"))
+    return examine(sources, nodes, options.get("tree"), options.get("format"))
+
+
+def _parse(parse: Callable[[S], Document], options: LoadOptions, *sources: S) -> list[Document]:
     """Return the documents of *sources*. Raise XmlSyntaxError, which holds the errors of all sources."""
     documents: list[Document] = []
     errors: list[Diagnostic] = []
@@ -220,7 +208,7 @@ def _parse(parse: Callable[[S], Document], confined: bool, *sources: S) -> list[
             errors += error.diagnostics
     if errors:
         raise XmlSyntaxError(errors)
-    for document in documents if confined else ():
+    for document in documents if options.get("confined") else ():
         document.confine()
     return documents
 
@@ -238,11 +226,3 @@ def _registry(nodes: object) -> Registry:
             f"nodes={reprlib.repr(nodes)} is not a Registry: nodes = Registry.standard(); nodes.add(…)"
         )
     return nodes
-
-
-def _listed(resources: object) -> Sequence[object]:
-    """Return *resources* as a list. Raise TypeError for a single object."""
-    # A text can be iterated, but is a single object here.
-    if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
-        raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
-    return list(resources)

@@ -20,6 +20,7 @@ from lxml import etree
 
 from btcore.clock import NS_PER_S, NS_PER_US
 from btcore.input_files import ENLARGE, format_size, max_size
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs.bag_reader import BagReader
 from btcore.logs.files import LogError, create, expect_extension, read_bytes, write_whole
 from btcore.logs.log import Log
@@ -27,7 +28,6 @@ from btcore.logs.recording import Gap, LoggedTransition, RecordedNode, Recording
 from btcore.status import NodeType, Status, Transition
 from btcore.tree.tree import Tree
 from btcore.xml.models.tree_nodes_model import TAG_OF
-from btcore.xml.render.tree_xml import tree_to_xml
 
 EXTENSION: Final = ".mcap"
 LOG_TOPIC: Final = "/behavior_tree_log"

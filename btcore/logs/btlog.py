@@ -17,6 +17,7 @@ from typing import Final
 
 from btcore.clock import NS_PER_US
 from btcore.input_files import read_file
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs.files import LogError, create, expect_extension, read_bytes, write_whole
 from btcore.logs.log import Log
 from btcore.logs.recording import (
@@ -29,7 +30,6 @@ from btcore.logs.recording import (
 )
 from btcore.status import Transition
 from btcore.tree.tree import Tree
-from btcore.xml.render.tree_xml import tree_to_xml
 
 MAGIC: Final = b"BTCPP4-FileLogger2"
 PROTOCOL: Final = 1

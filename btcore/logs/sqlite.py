@@ -16,13 +16,13 @@ from typing import ClassVar, Final, NamedTuple
 from btcore.clock import NS_PER_US
 from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs.files import LogError, ensure_writable, expect_extension, read_bytes
 from btcore.logs.log import Log
 from btcore.logs.recording import STATUSES, Gap, RecordedNode, Recording, TransitionCollector, parse_nodes
 from btcore.status import IDLE, RUNNING, Status, Transition
 from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
-from btcore.xml.render.tree_xml import tree_to_xml
 
 EXTENSIONS: Final = (".db3", ".btdb")
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from math import inf
-from typing import TYPE_CHECKING, Final, NoReturn, SupportsIndex, TextIO, TypeVar
+from typing import TYPE_CHECKING, NoReturn, SupportsIndex, TextIO, TypeVar
 
 from mypy_extensions import mypyc_attr
 
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
 N = TypeVar("N", bound=TreeNode)
 
-MAX_NODES: Final = 65_535
-"""The maximum number of nodes of a tree: a uid has 16 bits in Groot's protocols, and 0 is not a uid."""
-
 
 class Subtree:
     """One instance of a tree definition: the main tree, or the content of a SubTree node.
@@ -45,11 +42,11 @@ class Subtree:
         [('Main', ''), ('Charge', 'Charge::1')]
     """
 
-    def __init__(self, id: str, path: str, blackboard: Blackboard) -> None:
+    def __init__(self, id: str, path: str, blackboard: Blackboard, nodes: list[TreeNode]) -> None:
         self.id = id
         self.path = path
         self.blackboard = blackboard
-        self.nodes: list[TreeNode] = []
+        self.nodes = nodes
 
     @property
     def root(self) -> TreeNode:

@@ -18,9 +18,10 @@ from btcore.status import NodeType
 from btcore.testing import Harness
 from btcore.testing.trace import TraceStep
 from btcore.xml.convert.convert import convert
+from btcore.xml.examine import examine
 from btcore.xml.models.stand_ins import StubAction, StubCondition, StubPlans
-from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import read
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
@@ -91,9 +92,9 @@ class NodeExample:
 
     def diagram(self) -> DiagramNode:
         """Return the tree as a drawing. Raise TreeError if it has errors."""
-        examined = analyse_document(parse_text(self.xml), self.nodes)
-        examined.diagnostics.raise_errors()
-        return diagram_of_document(examined)
+        plans = examine(read(parse_text(self.xml)), self.nodes)
+        plans.diagnostics.raise_errors()
+        return diagram_of_document(plans)
 
     def svg(self) -> str:
         """Return a picture of the tree."""

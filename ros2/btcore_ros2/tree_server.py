@@ -13,7 +13,8 @@ from btcore.json_text import load_json
 from btcore.loading.json_export import import_blackboard
 from btcore.registry.manifest import find_resource
 from btcore.suggestions import did_you_mean
-from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.examine import examine
+from btcore.xml.read.read import read
 from btcore_robot.robot import NS_PER_S
 from btcore_ros2.action_server import RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError
@@ -414,10 +415,9 @@ class LoadedTrees:
         """
         types: dict[type, None] = {}
         for ID, document in self.documents.items():
-            analysis = analyse_document(document, self._nodes, ID)
-            analysis.diagnostics.raise_errors()
-            for manifest in analysis.used_manifests():
-                types.update(dict.fromkeys(manifest.required_resources))
+            plans = examine(read(document, self._nodes.documents), self._nodes, ID)
+            plans.diagnostics.raise_errors()
+            types.update(dict.fromkeys(plans.required_resources()))
         return list(types)
 
     def create(self, tree_id: str, resources: Sequence[object], blackboard: Blackboard, clock: Clock) -> Tree:

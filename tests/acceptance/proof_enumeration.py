@@ -30,14 +30,15 @@ from btcore.blackboard.format3 import LegacyBlackboard
 from btcore.clock import NS_PER_MS, Clock, SimClock, SystemClock
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.errors import NodeExecutionError
+from btcore.loading.instantiate import instantiate
 from btcore.nodes.manual_selector import Prompt
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.tree.saved_state import save_state
 from btcore.tree.tree import Tree
-from btcore.xml.build import TreeInstantiator
-from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.examine import examine
 from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import read
 
 _STATUSES = {"S": SUCCESS, "F": FAILURE, "K": SKIPPED, "R": RUNNING}
 _TIMED = ("Delay", "Timeout", "Sleep", "UserTimer")
@@ -327,8 +328,8 @@ class Runner:
         self.tree = tree
         self.grid = UNIT_MS * NS_PER_MS // ticks
         self.runs = 0
-        self._analysis = analyse_document(parse_text(tree.xml), SCRIPTED_NODES)
-        self._analysis.diagnostics.raise_errors()
+        self._plans = examine(read(parse_text(tree.xml)), SCRIPTED_NODES)
+        self._plans.diagnostics.raise_errors()
         self._unknown = (0, 1) if tree.compares_unknown else (1,)
         tags = tree.tags.values()
         self._watches = any(tag in tags for tag in _WATCHERS)
@@ -347,7 +348,7 @@ class Runner:
         leaves = LeafScript(self._unknown)
         board = first_blackboard(self.tree.format, clock)
         resources = [leaves, ScriptedPrompt(leaves)]
-        tree = TreeInstantiator(self._analysis, SCRIPTED_NODES, board, resources, clock).instantiate()
+        tree = instantiate(self._plans, resources, board, clock)
         results: dict[str, list[Status]] = {}
 
         def pass_time() -> None:
@@ -387,7 +388,7 @@ class Runner:
         leaves = RandomScript(chance, seconds, self._unknown)
         board = first_blackboard(self.tree.format, clock)
         resources = [leaves, ScriptedPrompt(leaves)]
-        tree = TreeInstantiator(self._analysis, SCRIPTED_NODES, board, resources, clock).instantiate()
+        tree = instantiate(self._plans, resources, board, clock)
         results: dict[str, list[Status]] = {}
         for node in tree.nodes:
             node.set_post_tick_function(partial(_record, results))

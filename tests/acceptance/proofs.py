@@ -42,12 +42,13 @@ from btcore.blackboard.ports import Port
 from btcore.clock import Clock
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.errors import BtcoreError
+from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, SUCCESS
 from btcore.tree.tree import Tree
-from btcore.xml.build import TreeInstantiator
-from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.examine import examine
 from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import read
 from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore_proof.propositions import parse_question
 from btcore_proof.prover import POSSIBLE, PROVED, REFUTED, Answer, Prover
@@ -98,13 +99,13 @@ MODEL_NODES = _model_nodes()
 
 def prover_of(tree: RandomTree) -> Prover:
     """Return a prover for a random tree."""
-    analysis = analyse_document(parse_text(tree.xml), MODEL_NODES)
-    analysis.diagnostics.raise_errors()
+    plans = examine(read(parse_text(tree.xml)), MODEL_NODES)
+    plans.diagnostics.raise_errors()
 
     def make(choices: Choices, clock: Clock) -> Tree:
         resources = [choices, ModelPrompt(choices)]
         board = first_blackboard(tree.format, clock)
-        return TreeInstantiator(analysis, MODEL_NODES, board, resources, clock).instantiate()
+        return instantiate(plans, resources, board, clock)
 
     return Prover(
         make,

@@ -299,7 +299,6 @@ WITHOUT = {
     "btcore.program_runner.require_resources": PROGRAM,
     "btcore.program_runner.run_program": PROGRAM,
     "btcore.program_runner.run_server": PROGRAM,
-    "btcore.xml.models.tree_nodes_model.subtree_models": "its parameters are parts of the loader",
     "btcore.values.PortDirection": "an enum that scripts use",
     "btcore.values.UserType": "a registry creates it for a class of the user",
     "btcore_monitor.breakpoints.HookReached": EVENT,

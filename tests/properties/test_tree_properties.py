@@ -7,9 +7,9 @@ import btcore
 from btcore import ControlNode, NodeType, SimClock, Status, Tree
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.testing import Harness, Outcomes, TraceStep, outcomes, trees
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS
-from btcore.xml.render.tree_xml import tree_to_xml
 
 DONE = (Status.SUCCESS, Status.FAILURE)
 LEAVES = (NodeType.ACTION, NodeType.CONDITION)

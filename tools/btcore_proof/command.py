@@ -20,7 +20,7 @@ from btcore.logs.formats import open_log
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
 from btcore.xml.models.stand_ins import StubAction, StubCondition
-from btcore.xml.plan.document_checks import DocumentAnalysis
+from btcore.xml.plan.plan import Plans
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import RunTick
 from btcore_proof.declarations import SUFFIX, Declarations
@@ -157,11 +157,11 @@ def prove(
         raise click.UsageError("--save needs a tree in a file, because tests name the file.")
     libraries = node_libraries.load_libraries(plugins, models, confined)
     declared = Declarations() if path == STDIN and file is None else declarations_of(path, file)
-    examined, nodes = TreeSource(path, tree, libraries, format, confined).read(
+    plans = TreeSource(path, tree, libraries, format, confined).read(
         lambda nodes: with_model_leaves(nodes, declared.leaves)
     )
     questions = [*(f"never {text}" for text in never), *asked]
-    prover = prover_of(examined, nodes, questions, declared, given, instant_leaves)
+    prover = prover_of(plans, questions, declared, given, instant_leaves)
     if is_template:
         return _write_template(path, prover.tree)
     with _Progress() as progress:
@@ -171,7 +171,7 @@ def prove(
         used = TreeReference(path, tree, format, models, plugins, has_libraries, file)
         for number, answer in enumerate(report.answers, 1):
             if answer.answer == REFUTED and answer.counterexample is not None:
-                _save(save, file_name(number, answer.question), answer, used, examined, nodes, declared)
+                _save(save, file_name(number, answer.question), answer, used, plans, declared)
     if as_json:
         terminal.print_json({"questions": [_as_data(answer) for answer in report.answers]})
     else:
@@ -228,8 +228,7 @@ def _save(
     name: str,
     answer: Answer,
     used: TreeReference,
-    examined: DocumentAnalysis,
-    nodes: Registry,
+    plans: Plans,
     declared: Declarations,
 ) -> None:
     """Write the counterexample of *answer* as a log and as a test."""
@@ -244,8 +243,7 @@ def _save(
     log = folder / f"{name}.btlog"
     with ExitStack() as open_logs:
         fault = fault_in_run(
-            examined,
-            nodes,
+            plans,
             answer.question,
             plan,
             cycle,

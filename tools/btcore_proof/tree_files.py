@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Final
 
 from btcore.clock import Clock
+from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.tree.drawing import to_text
 from btcore.tree.tree import Tree
-from btcore.xml.build import TreeInstantiator
+from btcore.xml.examine import examine
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
-from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.plan.plan import Plans
 from btcore.xml.read.document import parse_file
-from btcore.xml.read.includes import resolve_includes
+from btcore.xml.read.read import read
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import TreeMaker
 from btcore_proof.declarations import Declarations, declarations_beside, read_declarations
@@ -90,8 +90,8 @@ def prove(
         [('DoorOpen', 'SUCCESS'), ('Drive', 'RUNNING')]
     """
     declared = declarations_of(Path(file), declarations)
-    analysis, leaves = _analysed(file, nodes, models, tree, format, declared)
-    prover = prover_of(analysis, leaves, questions, declared, given, instant_leaves)
+    plans = _plans(file, nodes, models, tree, format, declared)
+    prover = prover_of(plans, questions, declared, given, instant_leaves)
     return prover.answer(ticks, memory << 20, None, jobs, seconds)
 
 
@@ -220,8 +220,8 @@ def assert_holds_in_run(
         >>> assert_holds_in_run("drive.xml", "never Drive & PathFree is FAILURE", plan, models=["drive.xml"])
     """
     declared = declarations_of(Path(file), declarations)
-    analysis, leaves = _analysed(file, nodes, models, tree, format, declared)
-    fault = fault_in_run(analysis, leaves, question, plan, cycle, set_before or {}, declared)
+    plans = _plans(file, nodes, models, tree, format, declared)
+    fault = fault_in_run(plans, question, plan, cycle, set_before or {}, declared)
     if fault is not None:
         raise AssertionError(f"{question}: {fault}")
 
@@ -236,8 +236,7 @@ def declarations_of(file: Path, declarations: File | None) -> Declarations:
 
 
 def prover_of(
-    analysis: DocumentAnalysis,
-    leaves: Registry,
+    plans: Plans,
     questions: Sequence[str],
     declared: Declarations,
     given: Sequence[str] = (),
@@ -246,8 +245,7 @@ def prover_of(
     """Return the prover for a tree.
 
     Args:
-        analysis: The analysis of the tree's document, which has no errors.
-        leaves: The nodes that the document was analysed with: model leaves replace leaves with code.
+        plans: The plans of the tree, without errors: model leaves replace leaves with code.
         questions: The questions, in addition to the declared ones.
         declared: The declarations.
         given: The keys that the program sets before the first tick, in addition to the declared ones.
@@ -260,12 +258,11 @@ def prover_of(
     """
     parsed = [parse_question(text) for text in [*questions, *declared.questions.values()]]
     keys = [*dict.fromkeys([*declared.given, *given])]
-    return Prover(_maker(analysis, leaves, {}), parsed, declared.entries, keys, instant_leaves)
+    return Prover(_maker(plans, {}), parsed, declared.entries, keys, instant_leaves)
 
 
 def fault_in_run(
-    analysis: DocumentAnalysis,
-    leaves: Registry,
+    plans: Plans,
     question: str,
     plan: Sequence[PlannedTick],
     cycle: tuple[int, float] | None,
@@ -277,8 +274,7 @@ def fault_in_run(
     """Return how a planned run violates a question, or None.
 
     Args:
-        analysis: As in `prover_of`.
-        leaves: As in `prover_of`.
+        plans: As in `prover_of`.
         question: As in `assert_holds_in_run`, like the following arguments.
         plan: The plan.
         cycle: The cycle.
@@ -292,15 +288,15 @@ def fault_in_run(
         QuestionError: The question is invalid.
     """
     choices = PlannedChoices(plan, None if cycle is None else cycle[0], declared.entries)
-    return run_plan(_maker(analysis, leaves, set_before), choices, plan, question, cycle, attach, cycles)
+    return run_plan(_maker(plans, set_before), choices, plan, question, cycle, attach, cycles)
 
 
-def _maker(analysis: DocumentAnalysis, leaves: Registry, set_before: Mapping[str, str]) -> TreeMaker:
+def _maker(plans: Plans, set_before: Mapping[str, str]) -> TreeMaker:
     known = {key: (text,) for key, text in set_before.items() if text != "?"}
 
     def make(choices: Choices, clock: Clock) -> Tree:
         resources = [choices, ModelPrompt(choices)]
-        made = TreeInstantiator(analysis, leaves, None, resources, clock).instantiate()
+        made = instantiate(plans, resources, clock=clock)
         (values,) = beginnings_of(made, choices, known, list(set_before))
         write_entries(made, values)
         return made
@@ -308,22 +304,22 @@ def _maker(analysis: DocumentAnalysis, leaves: Registry, set_before: Mapping[str
     return make
 
 
-def _analysed(
+def _plans(
     file: File,
     nodes: Registry | None,
     models: Sequence[File],
     tree: str | None,
     format: int | None,
     declared: Declarations,
-) -> tuple[DocumentAnalysis, Registry]:
-    """Read and check a tree, and return the nodes with model leaves."""
+) -> Plans:
+    """Read and plan a tree with model leaves."""
     document = parse_file(file)
     available = Registry.standard() if nodes is None else nodes.copy()
     for model in models:
         add_models(available, model)
     if models:
-        add_explicit_nodes(available, resolve_includes(document, DiagnosticCollector()))
+        add_explicit_nodes(available, read(document).documents)
     leaves = with_model_leaves(available, declared.leaves)
-    analysis = analyse_document(document, leaves, tree, format)
-    analysis.diagnostics.raise_errors()
-    return analysis, leaves
+    plans = examine(read(document, leaves.documents), leaves, tree, format)
+    plans.diagnostics.raise_errors()
+    return plans

@@ -16,9 +16,8 @@ from btcore.cli.run import read_tree_source, run
 from btcore.cli.tree_source import find_tree
 from btcore.input_files import read_file
 from btcore.suggestions import join_names
-from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import parse_file
-from btcore.xml.read.includes import resolve_includes
+from btcore.xml.read.read import read
 from btcore_sweep import options, parameters
 
 FORM: Final = 1
@@ -167,7 +166,7 @@ def create_definition(
             raise click.UsageError(f"--{key} and --param {key}=… cannot be used together.")
     arguments = tuple(options.option_arguments(ctx, texts))
     path = find_tree(source)
-    documents = resolve_includes(parse_file(path, confined="confined" in texts), DiagnosticCollector())
+    documents = read(parse_file(path, confined="confined" in texts)).documents
     files = {path, *(Path(document.file) for document in documents if document.file)}
     files |= options.named_files([*texts.values(), *varied.values()])
     existing = sorted(file for file in files if file.is_file())
@@ -188,8 +187,8 @@ def _check(sweep: SweepDefinition) -> None:
         try:
             with run.make_context("run", words) as context:
                 if values is first:
-                    _, examined, _ = read_tree_source(context.params)
-                    terminal.print_diagnostics(examined.diagnostics.warnings)
+                    _, plans = read_tree_source(context.params)
+                    terminal.print_diagnostics(plans.diagnostics.warnings)
         except click.ClickException as error:
             if not values:
                 raise

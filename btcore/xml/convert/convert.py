@@ -16,11 +16,12 @@ from btcore.registry.registry import Registry
 from btcore.xml.convert.changes import ConversionChanges
 from btcore.xml.convert.nodes import convert_node
 from btcore.xml.convert.subtree import convert_subtree
-from btcore.xml.plan.document_checks import analyse_document, check_scripts
+from btcore.xml.examine import examine
 from btcore.xml.read.diagnostics import sort_diagnostics
 from btcore.xml.read.dialect import DIALECTS, parse_format
 from btcore.xml.read.document import Document, parse_text
 from btcore.xml.read.element import Element
+from btcore.xml.read.read import read
 
 
 class Conversion(NamedTuple):
@@ -108,14 +109,12 @@ def _convert_trees(changes: ConversionChanges) -> None:
 
 def _errors(document: Document, registry: Registry) -> list[Diagnostic]:
     """Return the errors of *document*."""
-    planner, _, diagnostics = analyse_document(document, registry)
-    for definition in planner.definitions.by_id.values():
-        check_scripts(planner.plan(definition), registry, diagnostics)
+    plans = examine(read(document, registry.documents), registry, every_tree=True)
     # Only this file is converted, so its main tree may be in another file.
     return sort_diagnostics(
         [
             error
-            for error in diagnostics.errors
+            for error in plans.diagnostics.errors
             if error.file == document.file and error.code != AMBIGUOUS_MAIN_TREE
         ]
     )

@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass, field
 
-from btcore.registry.registry import Registry
 from btcore.xml.lint.dry_run import DryRun, EntryUse
 from btcore.xml.lint.scripts import WRITING, AccessKind
-from btcore.xml.plan.document_checks import DocumentAnalysis
+from btcore.xml.plan.plan import Plans
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,24 +46,23 @@ class DataflowRow:
 _READING = (AccessKind.READS, AccessKind.READS_AS_KEY, AccessKind.UPDATES)
 
 
-def trace_dataflow(analysis: DocumentAnalysis, registry: Registry) -> list[DataflowRow]:
+def trace_dataflow(plans: Plans) -> list[DataflowRow]:
     """Return the entries of the main tree, sorted by scope and key.
 
     Entries that only a remapping names, and that no node uses, are left out.
 
     Args:
-        analysis: The analysed document, without errors.
-        registry: The registered nodes.
+        plans: The plans of a document without errors.
     """
-    assert analysis.main is not None, "a document without a main tree has errors"
-    dry_run = DryRun(analysis.planner, analysis.main, registry)
-    dry_run.run()
-    paths = {subtree.blackboard: subtree.path for subtree in reversed(dry_run.subtrees)}
+    assert plans.main is not None, "a document without a main tree has errors"
+    dry_run = DryRun(plans)
+    dry_run.run(plans.main)
+    paths = {tree.blackboard: tree.path for tree in reversed(dry_run.instances)}
     homes = dry_run.entry_homes()
     rows: list[DataflowRow] = []
     for entry, uses in dry_run.uses.items():
-        subtree, key = homes[entry]
-        row = DataflowRow(subtree.path, key, entry.declared.name if entry.declared.strong else "")
+        home, key = homes[entry]
+        row = DataflowRow(home.path, key, entry.declared.name if entry.declared.strong else "")
         for use in uses:
             access = _access(use, paths[use.scope])
             if use.access in WRITING and access not in row.writers:

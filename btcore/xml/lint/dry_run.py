@@ -1,7 +1,7 @@
-"""Build a tree without its user-defined nodes, and record the uses of each blackboard entry.
+"""Create a tree without its user-defined nodes, and record the uses of each blackboard entry.
 
-The dry run is a subclass of the tree builder: it creates the same blackboards and connects the same ports.
-It therefore reports the same errors with the same messages, except for errors that user code raises.
+The dry run visits the plans of a tree as loading does: it creates the same blackboards and connects the same
+ports. It therefore finds the same errors, except for errors that user code raises.
 """
 
 from collections.abc import Iterator, Sequence
@@ -9,20 +9,17 @@ from dataclasses import dataclass
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES, Port, PortRole, remapped_key
+from btcore.clock import SystemClock
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import BlackboardError
+from btcore.errors import BlackboardError, Diagnostic
 from btcore.registry.manifest import Manifest
-from btcore.registry.registry import Registry
-from btcore.tree.tree import Subtree
-from btcore.xml.build import TreeInstantiator
 from btcore.xml.lint.possible_results import is_built_in
 from btcore.xml.lint.scripts import WRITING, AccessKind, find_name_uses
 from btcore.xml.models.stand_ins import is_stub
-from btcore.xml.plan.document_checks import DocumentAnalysis
-from btcore.xml.plan.plan import NodePlan, SubtreeCall, TreePlan, TreePlanner
-from btcore.xml.plan.tree_definitions import TreeDefinition
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.plan.node_plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.visitor import PlanVisitor, TreeInstance
 from btcore.xml.read.document import Document
 
 
@@ -44,7 +41,7 @@ class EntryUse:
     port: Port | None = None
 
 
-class DryRun(TreeInstantiator):
+class DryRun(PlanVisitor):
     """A dry run of one tree. Call `run` to fill the attributes.
 
     Attributes:
@@ -54,21 +51,19 @@ class DryRun(TreeInstantiator):
         has_stubs: Whether nodes without code are replaced by stand-ins. Then the registry may lack enums that
             the C++ code registers.
         entrances: For each inner blackboard, the place of the SubTree element that creates it.
-        plans: For each blackboard, the plan of the tree whose nodes use it.
     """
 
-    def __init__(self, planner: TreePlanner, main: TreeDefinition, registry: Registry) -> None:
-        super().__init__(DocumentAnalysis(planner, main, DiagnosticCollector()), registry, None, (), None)
+    def __init__(self, plans: Plans) -> None:
+        super().__init__(plans, (), SystemClock())
         self.uses: dict[Entry, list[EntryUse]] = {}
         self.has_untracked_access = False
         self.has_stubs = False
         self.entrances: dict[Blackboard, EntryUse] = {}
-        self.plans: dict[Blackboard, TreePlan] = {}
         self._recorded: list[EntryUse] = []
 
-    def run(self) -> DiagnosticCollector:
-        """Connect all ports, and fill the attributes. Return the errors that the builder would report."""
-        self._instance(self._planner.plan(self._main), "", self.blackboard)
+    def run(self, tree: TreePlan) -> list[Diagnostic]:
+        """Visit *tree*, and fill the attributes. Return the errors that loading the tree would report."""
+        self.visit(tree)
         for use in self._recorded:
             entry = self._entry(use)
             if entry is not None:
@@ -78,18 +73,22 @@ class DryRun(TreeInstantiator):
             has_writer(uses) and any(use.access is AccessKind.READS_AS_KEY for use in uses)
             for uses in self.uses.values()
         )
-        return self._diagnostics
+        return self.found.errors
 
-    def entry_homes(self) -> dict[Entry, tuple[Subtree, str]]:
-        """Return for each entry the outermost subtree that holds it, and its key there."""
-        homes: dict[Entry, tuple[Subtree, str]] = {}
-        # In format 3, subtrees may share a blackboard.
-        outermost: dict[Blackboard, Subtree] = {}
-        for subtree in self.subtrees:
-            outermost.setdefault(subtree.blackboard, subtree)
-        for board, subtree in outermost.items():
+    def plan_of(self, board: Blackboard) -> TreePlan:
+        """Return the plan of the innermost tree whose nodes use *board*."""
+        # In format 3, trees may share a blackboard.
+        return next(tree.plan for tree in reversed(self.instances) if tree.blackboard is board)
+
+    def entry_homes(self) -> dict[Entry, tuple[TreeInstance, str]]:
+        """Return for each entry the outermost tree that holds it, and its key there."""
+        homes: dict[Entry, tuple[TreeInstance, str]] = {}
+        outermost: dict[Blackboard, TreeInstance] = {}
+        for tree in self.instances:
+            outermost.setdefault(tree.blackboard, tree)
+        for board, tree in outermost.items():
             for key, entry in board.local_entries().items():
-                homes.setdefault(entry, (subtree, key))
+                homes.setdefault(entry, (tree, key))
         return homes
 
     def _entry(self, use: EntryUse) -> Entry | None:
@@ -99,33 +98,31 @@ class DryRun(TreeInstantiator):
         try:
             return use.scope.create(use.key)
         except BlackboardError:
-            return None  # a key with two @, which the builder has reported
+            return None  # a key with two @, which the visit has reported
 
-    # --- steps of the builder, each recording the entries that it uses
+    # --- steps of the visit, each recording the entries that it uses
 
-    def _instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
-        self.plans[blackboard] = plan
-        return super()._instance(plan, path, blackboard)
-
-    def _make(
+    def create(
         self,
         plan: NodePlan,
         manifest: Manifest | None,
         config: NodeConfig,
-        document: Document,
-        blackboard: Blackboard,
+        tree: TreeInstance,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
+        """Create a built-in node; other nodes are replaced by a node without effect."""
         # Leaves of users are not created: they may need resources, and their code may have effects.
         if manifest is None or not is_built_in(manifest.cls):
             return TreeNode()
         for bound in config.inputs.values():
             if bound.port.role in SCRIPT_ROLES and bound.key is not None:
                 return TreeNode()  # the node would compile a script from the blackboard, which is empty here
-        return super()._make(plan, manifest, config, document, blackboard, children)
+        return super().create(plan, manifest, config, tree, children)
 
-    def _ports(self, plan: NodePlan, config: NodeConfig, document: Document, blackboard: Blackboard) -> None:
-        super()._ports(plan, config, document, blackboard)
+    def bind_ports(self, plan: NodePlan, config: NodeConfig, tree: TreeInstance) -> None:
+        """Bind the ports, and record the entries that ports and scripts use."""
+        super().bind_ports(plan, config, tree)
+        document, blackboard = tree.document, tree.blackboard
         for port, text, written in plan.ports:
             self._recorded += self._uses_of_port(plan, port, text, written, document, blackboard)
         for attribute, text in plan.scripts.items():
@@ -173,8 +170,10 @@ class DryRun(TreeInstantiator):
             for use in find_name_uses(text, self._enums)
         )
 
-    def _scope(self, plan: NodePlan, call: SubtreeCall, document: Document, outer: Blackboard) -> Blackboard:
-        inner = super()._scope(plan, call, document, outer)
+    def open_scope(self, plan: NodePlan, call: SubtreeCall, tree: TreeInstance) -> Blackboard:
+        """Return the blackboard of the called tree, and record the entries that the call uses."""
+        document, outer = tree.document, tree.blackboard
+        inner = super().open_scope(plan, call, tree)
         for attribute, text in plan.scripts.items():
             self._script(plan, attribute, text, document, outer)
         if inner is not outer:

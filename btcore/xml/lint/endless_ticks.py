@@ -10,8 +10,8 @@ from btcore.status import FAILURE, SUCCESS, NodeType
 from btcore.xml.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.models.stand_ins import is_stub
-from btcore.xml.plan.plan import NodePlan, TreePlanner
-from btcore.xml.plan.tree_definitions import TreeDefinition
+from btcore.xml.plan.node_plan import NodePlan, TreePlan
+from btcore.xml.plan.plan import Plans
 
 _FOREVER: Final = -1
 _CHECKED_WHILE_RUNNING: Final = "_while"  # the only pre-condition that may halt a node that is RUNNING
@@ -21,40 +21,39 @@ _SKIPPING: Final = frozenset({"_skipIf", "_while"})
 class EndlessTickCheck:
     """Reports the loops of trees that never end a tick, each once."""
 
-    def __init__(self, planner: TreePlanner, results: ResultAnalysis, reporter: LintReporter) -> None:
-        self._planner = planner
+    def __init__(self, plans: Plans, results: ResultAnalysis, reporter: LintReporter) -> None:
+        self._plans = plans
         self._results = results
         self._reporter = reporter
         # In format 3 a loop repeats within its own tick, so that no other node can halt it.
-        self._repeats_at_once = planner.dialect.format == 3
+        self._repeats_at_once = plans.dialect.format == 3
         # The results of _may_pause and _has_action, because many loops may contain the same nodes.
         self._pauses: dict[NodePlan, bool] = {}
         self._acts: dict[NodePlan, bool] = {}
 
-    def check(self, roots: Iterable[TreeDefinition]) -> None:
+    def check(self, roots: Iterable[TreePlan]) -> None:
         """Check the trees *roots* and the trees that they call, which must not be recursive."""
         to_do = list(roots)
         done: set[str] = set()
         while to_do:
-            definition = to_do.pop()
-            if definition.id in done:
+            tree = to_do.pop()
+            if tree.id in done:
                 continue
-            done.add(definition.id)
-            root = self._planner.plan(definition).root
-            nodes = [root] if root is not None else []
+            done.add(tree.id)
+            nodes = [tree.root] if tree.root is not None else []
             while nodes:
                 node = nodes.pop()
                 if node.manifest is None or _CHECKED_WHILE_RUNNING in node.scripts:
                     continue
                 cls = behaviour_of(node.manifest.cls)
                 if issubclass(cls, RepeatedNode):
-                    self._check_loop(node, cls, definition)
+                    self._check_loop(node, cls, tree)
                 if self._repeats_at_once or cls.never_pauses:
                     nodes += node.children
                     if node.call is not None and (inner := self._called(node)) is not None:
                         to_do.append(inner)
 
-    def _check_loop(self, node: NodePlan, cls: type[RepeatedNode], definition: TreeDefinition) -> None:
+    def _check_loop(self, node: NodePlan, cls: type[RepeatedNode], tree: TreePlan) -> None:
         forever = any(
             bound.port.role is PortRole.REPETITIONS and bound.key is None and bound.literal == _FOREVER
             for bound in node.bindings
@@ -78,7 +77,7 @@ class EndlessTickCheck:
         self._reporter.warn(
             ENDLESS_TICK,
             f"{message}, and no node below it can be RUNNING",
-            definition.document,
+            tree.definition.document,
             node,
             hint="add a pause, such as a <Delay>, or limit the number of repetitions",
         )
@@ -93,8 +92,7 @@ class EndlessTickCheck:
     def _find_pause(self, node: NodePlan) -> bool:
         if node.call is not None:
             inner = self._called(node)
-            root = self._planner.plan(inner).root if inner is not None else None
-            return root is None or self._may_pause(root)
+            return inner is None or inner.root is None or self._may_pause(inner.root)
         if node.manifest is None or is_stub(node.manifest.cls) or not all_children_known(node):
             return True
         if behaviour_of(node.manifest.cls).never_pauses:
@@ -111,10 +109,9 @@ class EndlessTickCheck:
     def _find_action(self, node: NodePlan) -> bool:
         if node.call is not None:
             inner = self._called(node)
-            root = self._planner.plan(inner).root if inner is not None else None
-            return root is None or self._has_action(root)
+            return inner is None or inner.root is None or self._has_action(inner.root)
         is_action = node.manifest is not None and node.manifest.cls.node_type is NodeType.ACTION
         return is_action or any(map(self._has_action, node.children))
 
-    def _called(self, node: NodePlan) -> TreeDefinition | None:
-        return None if node.call is None else self._planner.definitions.by_id.get(node.call.tree)
+    def _called(self, node: NodePlan) -> TreePlan | None:
+        return None if node.call is None else self._plans.trees.get(node.call.tree)

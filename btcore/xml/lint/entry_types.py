@@ -26,8 +26,7 @@ from btcore.xml.lint.reporter import LintReporter, line_of, node_label
 from btcore.xml.lint.scripts import WRITING, AccessKind, is_constant, parse_statements
 from btcore.xml.lint.unwritten_keys import is_declaration
 from btcore.xml.models.stand_ins import is_stub
-from btcore.xml.plan.document_checks import nodes_of
-from btcore.xml.plan.plan import NodePlan, TreePlan
+from btcore.xml.plan.node_plan import NodePlan, TreePlan
 from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES
 
 ChildPlace = tuple[NodePlan, int]
@@ -196,7 +195,7 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], reporter: Lint
         creator = next((use for use in creators if not use.within), creators[0] if creators else None)
         if creator is None:
             continue
-        plan = dry_run.plans[creator.scope]
+        plan = dry_run.plan_of(creator.scope)
         if creator.within and plan not in places:
             places[plan] = _child_places(plan)
         for use in texts:
@@ -229,7 +228,7 @@ def _creates_untyped(use: EntryUse) -> bool:
 
 def _child_places(plan: TreePlan) -> dict[NodePlan, ChildPlace]:
     """Return for each node of *plan*, except the root, its parent and its index among the children."""
-    return {child: (node, index) for node in nodes_of(plan) for index, child in enumerate(node.children)}
+    return {child: (node, index) for node in plan.nodes() for index, child in enumerate(node.children)}
 
 
 def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, ChildPlace]) -> bool:

@@ -5,7 +5,8 @@ from typing import Final
 from btcore.engine.node import TreeNode
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
 from btcore.xml.models.stand_ins import is_stub
-from btcore.xml.plan.plan import NodePlan, TreePlanner
+from btcore.xml.plan.node_plan import NodePlan
+from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.structure_checks import element_children
 
 _DECLARATIONS: Final = frozenset({"possible_results", "may_return", "continue_on", "branch_results"})
@@ -42,8 +43,8 @@ class ResultAnalysis:
     *bounded* must be False if trees are recursive or too large: then SubTree calls are not followed.
     """
 
-    def __init__(self, planner: TreePlanner, bounded: bool) -> None:
-        self._planner = planner
+    def __init__(self, plans: Plans, bounded: bool) -> None:
+        self._plans = plans
         self._bounded = bounded
         self._known: dict[NodePlan, PossibleResults] = {}
 
@@ -58,9 +59,8 @@ class ResultAnalysis:
 
     def _without_conditions(self, node: NodePlan) -> PossibleResults:
         if node.call is not None:
-            inner = self._planner.definitions.by_id.get(node.call.tree) if self._bounded else None
-            root = self._planner.plan(inner).root if inner is not None else None
-            return self.results_of(root) if root is not None else UNKNOWN_RESULTS
+            inner = self._plans.trees.get(node.call.tree) if self._bounded else None
+            return UNKNOWN_RESULTS if inner is None or inner.root is None else self.results_of(inner.root)
         if node.manifest is None or is_stub(node.manifest.cls) or not all_children_known(node):
             return UNKNOWN_RESULTS
         cls = behaviour_of(node.manifest.cls)

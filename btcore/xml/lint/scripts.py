@@ -19,8 +19,7 @@ from btcore.script.expressions import (
 from btcore.script.parser import Parser
 from btcore.script.program import condition_result
 from btcore.xml.lint.reporter import LintReporter, node_label
-from btcore.xml.plan.document_checks import scripts_of
-from btcore.xml.plan.plan import NodePlan
+from btcore.xml.plan.node_plan import NodePlan
 from btcore.xml.read.document import Document
 
 
@@ -151,7 +150,7 @@ def check_script_results(
         enums: Values of the registered enum names.
         reporter: Collects the warnings.
     """
-    for attribute, text, is_condition in scripts_of(node):
+    for attribute, text, is_condition in node.every_script():
         if not text and is_condition and attribute not in node.scripts:
             message = f"the script in '{attribute}' of {node_label(node)} always raises: it is empty"
             reporter.warn(SCRIPT_RAISES, message, document, node, attribute)

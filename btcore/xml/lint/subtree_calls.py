@@ -1,6 +1,6 @@
 """Check calls of trees: unused trees (W104), and SubTree attributes without effect (W204, W205)."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
@@ -8,34 +8,33 @@ from btcore.suggestions import join_names, nearest_name
 from btcore.xml.lint.dry_run import uses_whole_blackboard
 from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.lint.scripts import find_name_uses
-from btcore.xml.plan.document_checks import nodes_of
-from btcore.xml.plan.plan import NodePlan, SubtreeCall, TreePlan, TreePlanner
-from btcore.xml.plan.tree_definitions import TreeDefinition
+from btcore.xml.plan.node_plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.plan.plan import Plans
 from btcore.xml.read.document import Document
 
 _OF_THE_ELEMENT = ("name", "_description")
 
 
-def check_unused_trees(
-    planner: TreePlanner, main: TreeDefinition, used: Collection[str], reporter: LintReporter
-) -> None:
+def check_unused_trees(plans: Plans, main: TreePlan, reporter: LintReporter) -> None:
     """Warn about trees of the main document that neither *main* nor another unused tree calls.
 
     Args:
-        planner: Plans the trees.
+        plans: The plans of all trees.
         main: The main tree.
-        used: IDs of the main tree and of the trees that it calls, directly or indirectly.
         reporter: Collects the warnings.
     """
-    document = planner.definitions.documents[-1]
-    trees = planner.definitions.by_id.values()
-    unused = [tree for tree in trees if tree.id not in used and tree.document is document]
-    called = {call.tree for tree in unused for call in planner.plan(tree).calls if call.tree != tree.id}
+    document = plans.definitions.sources.main
+    used = plans.reachable(main)
+    unused = [
+        tree for tree in plans.trees.values() if tree not in used and tree.definition.document is document
+    ]
+    called = {call.tree for tree in unused for call in tree.calls if call.tree != tree.id}
     for tree in unused:
-        if tree.id not in called and tree.element.get("ID") is not None:
+        element = tree.definition.element
+        if tree.id not in called and element.get("ID") is not None:
             message = f"the tree '{tree.id}' is unused: '{main.id}' doesn't call it, directly or indirectly"
             hint = f'call it with <SubTree ID="{tree.id}"/>, or remove it'
-            reporter.diagnostics.add(document.diagnostic(UNUSED_TREE, message, tree.element, "ID", hint=hint))
+            reporter.diagnostics.add(document.diagnostic(UNUSED_TREE, message, element, "ID", hint=hint))
 
 
 class TreeKeys:
@@ -44,10 +43,10 @@ class TreeKeys:
     *bounded* must be False if trees are recursive or too large: then SubTree calls are not followed.
     """
 
-    def __init__(self, planner: TreePlanner, enums: Mapping[str, int], bounded: bool) -> None:
-        self._planner = planner
+    def __init__(self, plans: Plans, enums: Mapping[str, int], bounded: bool) -> None:
+        self._plans = plans
         self._bounded = bounded
-        self._format = planner.dialect.format
+        self._format = plans.dialect.format
         self._enums = enums
         self._known: dict[str, set[str] | None] = {}
 
@@ -55,16 +54,16 @@ class TreeKeys:
         """Return the keys of *tree* and of called trees that share its blackboard; None means any key."""
         if tree not in self._known:
             self._known[tree] = None  # ends the recursion of trees that call each other
-            definition = self._planner.definitions.by_id.get(tree)
-            if definition is not None:
-                self._known[tree] = self._plan_keys(self._planner.plan(definition))
+            plan = self._plans.trees.get(tree)
+            if plan is not None:
+                self._known[tree] = self._plan_keys(plan)
         return self._known[tree]
 
     def _plan_keys(self, plan: TreePlan) -> set[str] | None:
         if plan.has_unknown_nodes:
             return None
         keys: set[str] = set()
-        for node in nodes_of(plan):
+        for node in plan.nodes():
             own = self._node_keys(node) if node.call is None else self._call_keys(node.call)
             if own is None:
                 return None

@@ -1,6 +1,6 @@
 """Find all errors and warnings in a document, without building its tree."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Final
 
 from btcore.diagnostic_codes import (
@@ -10,10 +10,11 @@ from btcore.diagnostic_codes import (
     RECURSIVE_TREES,
     TOO_LARGE,
 )
+from btcore.engine.node_config import MAX_NODES
 from btcore.errors import Diagnostic
+from btcore.paused_collector import PausedCollector
 from btcore.registry.registry import Registry
-from btcore.tree.tree import MAX_NODES
-from btcore.xml.build import pause_gc
+from btcore.xml.examine import examine
 from btcore.xml.lint.children import check_child_count, check_reachable_children
 from btcore.xml.lint.dry_run import DryRun
 from btcore.xml.lint.endless_ticks import EndlessTickCheck
@@ -30,19 +31,11 @@ from btcore.xml.lint.reporter import LintReporter
 from btcore.xml.lint.scripts import check_script_results
 from btcore.xml.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
 from btcore.xml.lint.unwritten_keys import check_keys
-from btcore.xml.models.tree_nodes_model import subtree_models
-from btcore.xml.plan.call_graph import CallGraph
-from btcore.xml.plan.document_checks import (
-    DocumentAnalysis,
-    analyse_document,
-    check_scripts,
-    nodes_of,
-    reachable_plans,
-)
-from btcore.xml.plan.plan import TreePlanner
-from btcore.xml.plan.tree_definitions import TreeDefinition
+from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.visitor import allow_depth
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.document import Document
+from btcore.xml.read.read import read
 
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
 _HARMLESS: Final = frozenset({AMBIGUOUS_MAIN_TREE, FIRST_TICK_REFUSED})
@@ -55,7 +48,6 @@ MAX_REPEATED_NODES: Final = MAX_NODES
 """The maximum number of nodes that are dry-run again, because several uncalled trees call the same trees."""
 
 
-@pause_gc(keeps=False)
 def validate_document(
     document: Document,
     *,
@@ -82,81 +74,73 @@ def validate_document(
         format: 3 or 4, overriding the document's `BTCPP_format`.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
-    analysis = analyse_document(document, nodes, tree, format)
-    planner, main, diagnostics = analysis
-    calls = CallGraph(planner, diagnostics)
-    used_plans = reachable_plans(planner, main) if main is not None else []
-    used = {plan.definition.id for plan in used_plans}
-    checked = set(used)
-    for definition in planner.definitions.by_id.values():
-        if definition.id not in checked:
-            calls.is_recursive(definition)
-            checked |= {plan.definition.id for plan in reachable_plans(planner, definition, checked)}
-        check_scripts(planner.plan(definition), nodes, diagnostics)
-    names_main = document.root.get("main_tree_to_execute") is not None
-    if tree is None and planner.definitions.all and not names_main:
+    with PausedCollector(keeps=False):
+        sources = read(document, nodes.documents)
+        plans = examine(sources, nodes, tree, format, every_tree=True)
+        found = _check_plans(plans, tree is not None, given)
+    return [*sort_diagnostics(found.errors), *sort_diagnostics(found.warnings)]
+
+
+def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> DiagnosticCollector:
+    """Return what was found in the document and in the trees of *plans*.
+
+    Args:
+        plans: The plans of every tree.
+        is_selected: Whether the caller has selected the main tree.
+        given: As in `validate_document`.
+    """
+    found = DiagnosticCollector(plans.diagnostics)
+    definitions, main, enums = plans.definitions, plans.main, plans.nodes.types.enums
+    names_main = definitions.sources.main.root.get("main_tree_to_execute") is not None
+    if not is_selected and definitions.all and not names_main:
         # The document is a library: no main tree is needed.
-        diagnostics.errors = [error for error in diagnostics.errors if error.code != AMBIGUOUS_MAIN_TREE]
-    roots = [root for root in _roots(analysis, used) if _is_bounded(calls, root)]
-    models = subtree_models(planner.definitions.documents, planner.dialect, DiagnosticCollector())
-    reporter = LintReporter(diagnostics)
-    results = _check_nodes(planner, nodes.types.enums, models, reporter)
-    EndlessTickCheck(planner, results, reporter).check(roots)
-    for parsed in planner.definitions.documents:
-        check_stray_text(parsed, diagnostics)
-    if main is not None and names_main and tree is None:
-        check_unused_trees(planner, main, used, reporter)
-    harmless = _HARMLESS_IN_FORMAT_3 if planner.dialect.format == 3 else _HARMLESS
-    if all(error.code in harmless for error in diagnostics.errors):
-        trees = planner.definitions.by_id.values()
-        room = MAX_REPEATED_NODES + sum(planner.plan(tree).size for tree in trees)
+        found.errors = [error for error in found.errors if error.code != AMBIGUOUS_MAIN_TREE]
+    roots = [root for root in plans.roots() if root.id in plans.sizes]
+    for root in roots:
+        allow_depth(plans.sizes[root.id].depth)
+    models = definitions.subtree_models
+    reporter = LintReporter(found)
+    results = _check_nodes(plans, models, reporter)
+    EndlessTickCheck(plans, results, reporter).check(roots)
+    for document in definitions.sources.documents:
+        check_stray_text(document, found)
+    if main is not None and names_main and not is_selected:
+        check_unused_trees(plans, main, reporter)
+    harmless = _HARMLESS_IN_FORMAT_3 if plans.dialect.format == 3 else _HARMLESS
+    if all(error.code in harmless for error in found.errors):
+        room = MAX_REPEATED_NODES + sum(tree.size for tree in plans.trees.values())
         for root in roots:
             if root is not main:
-                room -= calls.size_of(root)
+                room -= plans.sizes[root.id].nodes
                 if room < 0:
                     break
-            dry_run = DryRun(planner, root, nodes)
-            for error in dry_run.run().errors:
-                diagnostics.add(error)
+            dry_run = DryRun(plans)
+            for error in dry_run.run(root):
+                found.add(error)
             # A subtree model declares ports that callers of the tree provide.
             known = {*given, *models.get(root.id, ())}
             check_keys(dry_run, root is main, known, reporter)
-            check_value_types(dry_run, root is main, known, nodes.types.enums, reporter)
-    return [*sort_diagnostics(diagnostics.errors), *sort_diagnostics(diagnostics.warnings)]
+            check_value_types(dry_run, root is main, known, enums, reporter)
+    return found
 
 
 def _check_nodes(
-    planner: TreePlanner,
-    enums: dict[str, int],
-    models: dict[str, dict[str, str | None]],
-    reporter: LintReporter,
+    plans: Plans, models: Mapping[str, Mapping[str, str | None]], reporter: LintReporter
 ) -> ResultAnalysis:
     """Check every node of all trees by itself and with its children. Return the possible results."""
     bounded = not any(error.code in _UNBOUNDED for error in reporter.diagnostics.errors)
-    results = ResultAnalysis(planner, bounded)
-    tree_keys = TreeKeys(planner, enums, bounded)
-    for definition in planner.definitions.by_id.values():
-        document = definition.document
-        for node in nodes_of(planner.plan(definition)):
-            check_child_count(node, document, planner.dialect.format, reporter)
+    results = ResultAnalysis(plans, bounded)
+    enums = plans.nodes.types.enums
+    tree_keys = TreeKeys(plans, enums, bounded)
+    for tree in plans.trees.values():
+        document = tree.definition.document
+        for node in tree.nodes():
+            check_child_count(node, document, plans.dialect.format, reporter)
             check_ignored_attributes(node, document, reporter)
-            check_port_literals(node, document, planner.dialect.format, reporter)
+            check_port_literals(node, document, plans.dialect.format, reporter)
             check_literals_of_class(node, document, reporter)
             check_missing_ports(node, document, reporter)
             check_script_results(node, document, enums, reporter)
             check_reachable_children(node, document, results, reporter)
             check_remappings(node, document, tree_keys, models, reporter)
     return results
-
-
-def _roots(analysis: DocumentAnalysis, used: Collection[str]) -> list[TreeDefinition]:
-    """Return the main tree and the trees that no other tree calls."""
-    planner, main, _ = analysis
-    others = [tree for tree in planner.definitions.by_id.values() if tree.id not in used]
-    called = {call.tree for tree in others for call in planner.plan(tree).calls}
-    return [*([main] if main is not None else []), *(tree for tree in others if tree.id not in called)]
-
-
-def _is_bounded(calls: CallGraph, root: TreeDefinition) -> bool:
-    """Return whether the tree is neither recursive nor too large; otherwise add an error."""
-    return not calls.is_recursive(root) and calls.check_size(root)

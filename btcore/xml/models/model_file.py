@@ -26,7 +26,7 @@ from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES, parse_format
 from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
-from btcore.xml.read.includes import resolve_includes
+from btcore.xml.read.read import read
 
 # Other names for types of BehaviorTree.CPP, as users and other compilers write them.
 _ALIASES: Final = {
@@ -65,9 +65,9 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
     Raises:
         TreeError: The file or an included file can't be read, or the file contains no valid model.
     """
-    diagnostics = DiagnosticCollector()
-    documents = resolve_includes(parse_file(path, confined=confined), diagnostics)
-    diagnostics.raise_errors()
+    sources = read(parse_file(path, confined=confined))
+    sources.diagnostics.raise_errors()
+    documents = sources.documents
     added = [id for document in documents for id in add_document_models(nodes, document)]
     added += add_explicit_nodes(nodes, documents)
     if not added and not any(_models(document) for document in documents):
@@ -190,7 +190,7 @@ def add_document_models(nodes: Registry, document: Document) -> list[str]:
             added.append(str(id))
         except RegistrationError as error:
             diagnostics.add(document.diagnostic(INVALID_NAME, str(error), model, "ID"))
-    diagnostics.raise_errors()
+    diagnostics.collected().raise_errors()
     return added
 
 

@@ -1,422 +1,223 @@
-"""Plans of trees: the manifest, ports and scripts of every node, checked once for each tree definition."""
+"""Plan trees: check them against the registered nodes, before any node is created.
 
-from collections.abc import Mapping, Sequence
-from operator import attrgetter
+This is the third stage of loading.
+"""
 
-from btcore.blackboard.ports import Binding, Input, Port, braced_key
-from btcore.diagnostic_codes import (
-    CONTROL_CHARACTER_IN_NAME,
-    INCONVERTIBLE_TEXT,
-    MISSING_SUBTREE_PORT,
-    NOT_A_BOOLEAN,
-    UNEXPECTED_ID,
-    UNKNOWN_PORT,
-    UNKNOWN_TREE,
-    DiagnosticCode,
-)
-from btcore.engine.node_config import EMPTY_MAPPING
-from btcore.errors import ConversionError
-from btcore.names import is_port_name
+from collections.abc import Collection, Mapping
+from typing import Any, Final, NamedTuple
+
+from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TOO_LARGE
+from btcore.engine.node_config import MAX_NODES
+from btcore.errors import Diagnostic, ScriptError
 from btcore.registry.manifest import Manifest
-from btcore.values import BOOL
-from btcore.xml.plan.palette import NodePalette, port_hint
-from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions, tree_hint
-from btcore.xml.read.diagnostics import DiagnosticCollector
-from btcore.xml.read.dialect import (
-    EXPLICIT_TAGS,
-    POSTCONDITION_ATTRIBUTES,
-    PRECONDITION_ATTRIBUTES,
-    SCRIPT_ATTRIBUTES,
-    Dialect,
-)
-from btcore.xml.read.element import Element, ElementPart
+from btcore.registry.registry import Registry
+from btcore.script.program import compile_script
+from btcore.xml.define import Definitions, TreeDefinition
+from btcore.xml.plan.node_plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.plan.palette import NodePalette
+from btcore.xml.plan.structure_checks import outline_trees
+from btcore.xml.plan.tree_planner import PlanContext, TreePlanner
+from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
+from btcore.xml.read.dialect import Dialect
+from btcore.xml.read.document import Document
 
-_DEPTH_OF = attrgetter("depth")
-_CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
+MAX_DEPTH: Final = 10_000
+"""The maximum number of levels of a tree. Ticking needs a few hundred bytes of the C stack for each level."""
+_MAX_SHOWN_CYCLE: Final = 20
 
 
-class SubtreeCall:
-    """A SubTree element: the tree that it calls, and how the two blackboards are connected.
+class TreeSize(NamedTuple):
+    """The number of nodes and of levels of a tree with all its subtrees."""
+
+    nodes: int
+    depth: int
+
+
+class Plans(NamedTuple):
+    """The plans of the trees of a document.
 
     Attributes:
-        tree: ID of the called tree.
-        element: The SubTree element.
-        remaps: For each remapped key of the called tree, the key in the calling tree.
-        constants: For each key of the called tree that is set to a constant, the text of the constant.
-        written: The text of each port: as written in the document, else the default in the subtree's model.
-        autoremap: Whether `_autoremap`, or `__autoremap` of format 3, maps every inner key to the outer
-            key of the same name.
-        outer_constants: The keys of the constants that *autoremap* maps, too: they are written to the entries
-            of the calling tree. All other constants stay in the inner blackboard.
-        shared: Whether both trees use one blackboard (`__shared_blackboard` of format 3).
+        definitions: The definitions of the trees.
+        nodes: The registered nodes with which they were planned.
+        trees: The plans by the IDs of the trees: of the main tree and of the trees that it calls, directly or
+            indirectly, or of every tree.
+        main: The plan of the main tree; None if it is missing or ambiguous.
+        sizes: The sizes of the planned trees, by ID, except for trees that are recursive or too large.
+        diagnostics: What was found in this stage and before.
     """
 
-    __slots__ = (
-        "autoremap", "constants", "element", "outer_constants", "remaps", "shared", "tree", "written",
-    )  # fmt: skip
-
-    def __init__(self, tree: str, element: Element) -> None:
-        self.tree = tree
-        self.element = element
-        self.remaps: dict[str, str] = {}
-        self.constants: dict[str, str] = {}
-        self.written: dict[str, str] = {}
-        self.autoremap = False
-        self.shared = False
-        self.outer_constants: set[str] = set()
-
-
-class NodePlan:
-    """One node of a tree definition.
-
-    *depth* counts from the `<BehaviorTree>`, which has depth 0. *bindings* holds the ports that the
-    document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
-    that are neither ports nor scripts.
-    """
-
-    __slots__ = (
-        "attributes", "bindings", "call", "children", "depth", "element", "id", "manifest", "name", "scripts",
-    )  # fmt: skip
-
-    def __init__(self, element: Element, depth: int) -> None:
-        self.element = element
-        self.depth = depth
-        self.id = ""
-        self.manifest: Manifest | None = None
-        self.name: str | None = None
-        self.scripts = EMPTY_MAPPING
-        self.attributes = EMPTY_MAPPING
-        self.bindings: Sequence[Binding] = ()
-        self.children: Sequence[NodePlan] = ()
-        self.call: SubtreeCall | None = None
+    definitions: Definitions
+    nodes: Registry
+    trees: Mapping[str, TreePlan]
+    main: TreePlan | None
+    sizes: Mapping[str, TreeSize]
+    diagnostics: Diagnostics
 
     @property
-    def ports(self) -> list[tuple[Port, str, bool]]:
-        """The ports, as (port, text, whether the document sets the port)."""
-        return [(bound.port, bound.text, bound.is_explicit) for bound in self.bindings]
+    def dialect(self) -> Dialect:
+        """The rules of the XML format."""
+        return self.definitions.dialect
 
+    def reachable(self, tree: TreePlan, known: Collection[str] = ()) -> list[TreePlan]:
+        """Return the plans of *tree* and of all trees that it calls, directly or indirectly, each once.
 
-class BindingCache:
-    """The port bindings of one manifest that were created so far. Nodes with equal port texts share them.
-
-    *bindings* maps the name of a port, then its text, to the binding. *defaults* holds a binding for each
-    port that has a default.
-    """
-
-    __slots__ = ("bindings", "defaults", "id", "manifest", "ports")
-
-    def __init__(self, id: str, manifest: Manifest, format: int) -> None:
-        self.id = id
-        self.manifest = manifest
-        self.ports = manifest.ports
-        self.bindings: dict[str, dict[str, Binding]] = {name: {} for name in manifest.ports}
-        self.defaults = [
-            (Input if port.reads else Binding)(port, port.default, format, written=False)
-            for port in manifest.ports.values()
-            if port.default is not None
-        ]
-
-
-class TreePlan:
-    """A tree definition with the plans of its nodes.
-
-    *calls* holds a SubtreeCall for each of its SubTree nodes. *depth* is the number of its levels, *size* the
-    number of its nodes. *has_unknown_nodes* is True if unknown nodes were removed.
-    """
-
-    def __init__(self, definition: TreeDefinition, root: NodePlan | None) -> None:
-        self.definition = definition
-        self.root = root
-        self.calls: list[SubtreeCall] = []
-        self.depth = 0
-        self.size = 0
-        self.has_unknown_nodes = False
-
-
-class TreePlanner:
-    """Plans each tree definition when its plan is first needed, and adds errors to *diagnostics*."""
-
-    def __init__(
-        self,
-        definitions: TreeDefinitions,
-        palette: NodePalette,
-        outlines: Mapping[TreeDefinition, list[NodePlan]],
-        subtree_models: Mapping[str, Mapping[str, str | None]],
-        diagnostics: DiagnosticCollector,
-    ) -> None:
-        self.definitions = definitions
-        self.dialect: Dialect = definitions.dialect
-        self._palette = palette
-        self._outlines = outlines
-        self._models = subtree_models
-        self._diagnostics = diagnostics
-        self._plans: dict[str, TreePlan] = {}
-        self._known: dict[str, BindingCache] = {}
-        self._by_tag: dict[str, BindingCache] = {}
-        # Names of attributes that _other_attributes() kept. Its decision depends only on the name, so it is
-        # not called again for these names.
-        self._kept: set[str] = set()
-        self._document = definitions.documents[-1]
-
-    def plan(self, definition: TreeDefinition) -> TreePlan:
-        """Return the plan of *definition*, without the trees that it calls."""
-        known = self._plans.get(definition.id)
-        if known is not None:
-            return known
-        self._document = definition.document
-        plan = TreePlan(definition, None)
-        self._plans[definition.id] = plan
-        top, *nodes = self._outlines[definition]
-        if nodes:
-            plan.root = nodes[0]
-            if len(top.children) > 1:
-                # A tree has one root; further roots are an error of StructureChecker, and ignored here.
-                nodes = nodes[: nodes.index(top.children[1])]
-            self._nodes(nodes, plan)
-        return plan
-
-    def _error(
-        self,
-        code: DiagnosticCode,
-        message: str,
-        element: Element,
-        attribute: str,
-        hint: str = "",
-        name: bool = False,
-    ) -> None:
-        part: ElementPart = "name" if name else "value"
-        self._diagnostics.add(self._document.diagnostic(code, message, element, attribute, part, hint))
-
-    def _nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
-        """Plan *nodes*, and remove unknown nodes, which StructureChecker reports, from the tree."""
-        tree.size = len(nodes)
-        tree.depth = max(map(_DEPTH_OF, nodes))
-        known_tags = self._by_tag
-        unknown: set[NodePlan] = set()
-        for node in nodes:
-            tag = node.element.tag
-            known = known_tags.get(tag)
-            if known is None:
-                if tag in self.dialect.subtree_tags:
-                    if not self._subtree(tag, node, tree):
-                        unknown.add(node)
-                    continue
-                known = self._look_up(tag, node.element)
-                if known is None:
-                    unknown.add(node)
-                    continue
-            node.id = known.id
-            node.manifest = known.manifest
-            self._attributes(node, known)
-        if unknown:
-            tree.has_unknown_nodes = True
-            if tree.root in unknown:
-                tree.root = None
-            for node in nodes:
-                node.children = [child for child in node.children if child not in unknown]
-
-    def _look_up(self, tag: str, element: Element) -> BindingCache | None:
-        """Return the bindings for the node that *element* names, or None if the node is unknown."""
-        id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
-        known = self._known.get(id)
-        if known is None:
-            manifest = self._palette.get(id)
-            if manifest is None:
-                return None
-            self._known[id] = known = BindingCache(id, manifest, self.dialect.format)
-        if tag not in EXPLICIT_TAGS:
-            self._by_tag[tag] = known
-        return known
-
-    def _attributes(self, plan: NodePlan, known: BindingCache) -> None:
-        bindings: list[Binding] = []
-        others: dict[str, str] = {}
-        known_bindings = known.bindings
-        for key, text in plan.element.attributes.items():
-            by_text = known_bindings.get(key)
-            if by_text is not None:
-                bindings.append(by_text.get(text) or self._bind(plan, known.ports[key], text, by_text))
-            elif key == "name":
-                plan.name = text
-                if not text.isprintable():
-                    self._check_name(plan, text)
-            else:
-                others[key] = text
-        if others:
-            if not self._kept.issuperset(others):
-                others = self._other_attributes(plan, known.manifest, others)
-            plan.attributes = others
-        if known.defaults and len(bindings) < len(known.bindings):
-            given = {bound.port for bound in bindings}
-            bindings += [bound for bound in known.defaults if bound.port not in given]
-        plan.bindings = bindings
-
-    def _other_attributes(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
-        """Return the attributes in *others* to keep. *others* holds neither ports nor the name.
-
-        Scripts are stored in `plan.scripts`. Attributes that are neither kept nor scripts are errors.
+        Args:
+            tree: The tree to start with.
+            known: IDs of trees that are left out, with the trees that they call.
         """
-        dialect = self.dialect
-        scripts: dict[str, str] = {}
-        kept: dict[str, str] = {}
-        for key, text in others.items():
-            if key in SCRIPT_ATTRIBUTES and dialect.free_underscore:
-                scripts[key] = text
-            elif key == "ID":
-                if dialect.explicit_by_id and plan.element.tag not in EXPLICIT_TAGS:
-                    message = (
-                        f'unexpected ID in <{plan.id}>: only explicit tags such as <Action ID="…"> have one'
-                    )
-                    self._error(UNEXPECTED_ID, message, plan.element, key, 'to name the node, write name="…"')
-            elif key in dialect.reserved or (dialect.free_underscore and not is_port_name(key)):
-                kept[key] = text
-            else:
-                message = f"<{plan.id}> has no port '{key}'"
-                has_time = self._diagnostics.has_time_for_hint(manifest.ports)
-                hint = port_hint(manifest, key) if has_time else ""
-                self._error(UNKNOWN_PORT, message, plan.element, key, hint, name=True)
-        if scripts:
-            plan.scripts = {
-                key: scripts[key]
-                for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
-                if key in scripts
-            }
-        self._kept.update(kept)
-        return kept
+        plans: dict[str, TreePlan] = {}
+        pending = [tree.id]
+        while pending:
+            id = pending.pop()
+            if id not in plans and id not in known and id in self.trees:
+                plans[id] = self.trees[id]
+                pending += [call.tree for call in reversed(plans[id].calls)]
+        return list(plans.values())
 
-    def _check_name(self, plan: NodePlan, text: str) -> None:
-        if self.dialect.free_underscore and not _CONTROL_CHARACTERS.isdisjoint(text):
-            message = f"control character in the name {text!r}"
-            self._error(CONTROL_CHARACTER_IN_NAME, message, plan.element, "name")
+    def roots(self) -> list[TreePlan]:
+        """Return the main tree and the planned trees that no other tree calls."""
+        used = set() if self.main is None else {tree.id for tree in self.reachable(self.main)}
+        others = [tree for tree in self.trees.values() if tree.id not in used]
+        called = {call.tree for tree in others for call in tree.calls}
+        roots = [tree for tree in others if tree.id not in called]
+        return roots if self.main is None else [self.main, *roots]
 
-    def _bind(self, plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
-        """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
-        bound = (Input if port.reads else Binding)(port, text, self.dialect.format)
-        if bound.key is None:
-            is_fine = not bound.error and text != port.default
-        else:
-            is_fine = text[0] == "{" and text[-1] == "}"
-        if is_fine or not self.dialect.literals_checked or self._is_convertible(plan, bound):
-            by_text[text] = bound
-        return bound
+    def used_manifests(self) -> list[Manifest]:
+        """Return the manifests of the nodes in the main tree and its subtrees, each once."""
+        manifests: dict[str, Manifest] = {}
+        for tree in self.reachable(self.main) if self.main is not None else ():
+            for node in tree.nodes():
+                if node.manifest is not None:
+                    manifests.setdefault(node.id, node.manifest)
+        return list(manifests.values())
 
-    def _is_convertible(self, plan: NodePlan, bound: Binding) -> bool:
-        """Return whether the text is a `{key}` or converts to the port's type; otherwise add an error."""
-        port, text = bound.port, bound.text
-        if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
-            return True  # a key, possibly in the notation of the other format
-        kind = port.type
-        if not port.checks_text:
-            return True
-        error = bound.error
-        if bound.key is not None or text == port.default:
-            # The binding has not converted the text.
+    def required_resources(self) -> list[Any]:
+        """Return the types of the resources that the leaves of the main tree need, each once."""
+        types: list[Any] = []
+        for manifest in self.used_manifests():
+            types += (resource for resource in manifest.required_resources if resource not in types)
+        return types
+
+
+def plan(definitions: Definitions, nodes: Registry, every_tree: bool = False) -> Plans:
+    """Return the plans of the main tree and of the trees that it calls.
+
+    Args:
+        definitions: The definitions of the trees.
+        nodes: The registered nodes.
+        every_tree: Whether all other trees are planned, too, and all scripts checked. Otherwise the scripts
+            are checked only after errors: without errors they are compiled when the nodes are created.
+    """
+    found = DiagnosticCollector(definitions.diagnostics)
+    context = PlanContext(definitions, NodePalette(nodes, definitions.dialect.format), found)
+    outlines = outline_trees(context)
+    trees: dict[str, TreePlan] = {}
+    by_id, main = definitions.by_id, definitions.main
+    pending: list[TreeDefinition] = [*by_id.values()][::-1] if every_tree else []
+    if main is not None:
+        pending.append(main)
+    while pending:
+        definition = pending.pop()
+        if definition.id not in trees:
+            trees[definition.id] = tree = TreePlanner(context, definition).plan(outlines[definition])
+            pending += [by_id[call.tree] for call in reversed(tree.calls) if call.tree in by_id]
+    sizes: dict[str, TreeSize] = {}
+    plans = Plans(definitions, nodes, trees, None if main is None else trees[main.id], sizes, Diagnostics())
+    checked: set[str] = set()
+    # Trees that call each other may have no root among them.
+    for tree in (*plans.roots(), *trees.values()):
+        if tree.id not in checked:
+            _measure(tree, trees, sizes, found)
+            checked |= {called.id for called in plans.reachable(tree, checked)}
+    if every_tree or found.errors:
+        for tree in trees.values():
+            _check_scripts(tree, nodes.types.enums, found)
+    return plans._replace(diagnostics=found.collected())
+
+
+def _measure(
+    root: TreePlan, trees: Mapping[str, TreePlan], sizes: dict[str, TreeSize], found: DiagnosticCollector
+) -> None:
+    """Add the sizes of *root* and of the trees that it calls, or an error if they are recursive or too large.
+
+    A tree that is not recursive is visited once, however many of the measured trees call it.
+    """
+    order: dict[str, TreePlan] = {}  # each tree comes before the trees that call it
+    is_recursive = False
+    path: list[str] = []
+    places: dict[str, int] = {}  # the index of each tree in the path
+    pending: list[tuple[str, bool]] = [(root.id, False)]
+    while pending:
+        id, leaving = pending.pop()
+        if leaving:
+            del places[path.pop()]
+            order[id] = trees[id]
+            continue
+        if id in order or id in sizes:
+            continue
+        places[id] = len(path)
+        path.append(id)
+        pending.append((id, True))
+        for call in trees[id].calls:
+            if call.tree in places:
+                is_recursive = True
+                _add_cycle(path, places[call.tree], trees[id], call, found)
+            elif call.tree in trees and call.tree not in order:
+                pending.append((call.tree, False))
+    if is_recursive:
+        return
+    for id, tree in order.items():
+        below = [sizes[call.tree] for call in tree.calls if call.tree in sizes]  # without unknown trees
+        count = min(MAX_NODES + 1, tree.size + sum(size.nodes for size in below))
+        sizes[id] = TreeSize(count, tree.depth + max((size.depth for size in below), default=0))
+    size = sizes[root.id]
+    message, hint = "", ""
+    if size.nodes > MAX_NODES:
+        message = f"with all its subtrees the tree has more than {MAX_NODES:,} nodes"
+        hint = "nodes are numbered with 16 bits; look for trees that call other trees several times"
+    elif size.depth > MAX_DEPTH:
+        message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
+    if message:
+        definition = root.definition
+        found.add(definition.document.diagnostic(TOO_LARGE, message, definition.element, "ID", hint=hint))
+        del sizes[root.id]
+
+
+def _add_cycle(
+    path: list[str], start: int, tree: TreePlan, call: SubtreeCall, found: DiagnosticCollector
+) -> None:
+    """Add the error for *call* in the last tree of *path*: it calls the tree with the index *start*."""
+    if len(path) - start < _MAX_SHOWN_CYCLE:
+        cycle = path[start:]
+    else:
+        half = _MAX_SHOWN_CYCLE // 2
+        cycle = [*path[start : start + half], "…", *path[1 - half :]]
+    message = f"the trees call each other recursively: {' → '.join([*cycle, call.tree])}"
+    document = tree.definition.document
+    hint = "a tree can't contain itself"
+    found.add(document.diagnostic(RECURSIVE_TREES, message, call.element, "ID", hint=hint))
+
+
+def _check_scripts(tree: TreePlan, enums: dict[str, int], found: DiagnosticCollector) -> None:
+    """Add an error for each invalid script of *tree*."""
+    for node in tree.nodes():
+        for key, text, _ in node.every_script():
+            if not text and key not in node.scripts:
+                continue  # BehaviorTree.CPP accepts an empty port of a Script, and checks it only in ticks
             try:
-                kind.from_text(text)
-            except ConversionError as conversion_error:
-                error = str(conversion_error)
-        if not error:
-            return True
-        hint = ""
-        if bound.key is not None:
-            hint = "write {=}" if "=" in text else f"write {text.strip()} without surrounding spaces"
-        elif is_port_name(text):
-            hint = f"to use the blackboard entry, write {{{text}}}"
-        message = f"the port '{port.name}' of <{plan.id}> has the type {kind.name}: {error}"
-        self._error(INCONVERTIBLE_TEXT, message, plan.element, port.name, hint)
-        return False
+                compile_script(text, enums)
+            except ScriptError as error:
+                found.add(script_diagnostic(tree.definition.document, node, key, error))
 
-    # --- SubTree elements
 
-    def _subtree(self, tag: str, plan: NodePlan, tree: TreePlan) -> bool:
-        """Plan a SubTree element. Return whether the called tree exists."""
-        element = plan.element
-        id = element.get("ID") or ""
-        plan.id = tag
-        plan.manifest = self._palette.get(tag)
-        call = SubtreeCall(id, element)
-        plan.call = call
-        tree.calls.append(call)
-        if self.dialect.format == 3:
-            self._call_of_3(plan, call, tag)
-        else:
-            self._call_of_4(plan, call)
-        if id in self.definitions.by_id:
-            return True
-        if element.get("ID") is not None and self.definitions.complete:
-            known = self.definitions.by_id
-            hint = tree_hint(id, known) if self._diagnostics.has_time_for_hint(known) else ""
-            self._error(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
-        return False
+def script_diagnostic(document: Document, node: NodePlan, key: str, error: ScriptError) -> Diagnostic:
+    """Return the diagnostic of an invalid script.
 
-    def _call_of_4(self, plan: NodePlan, call: SubtreeCall) -> None:
-        given: dict[str, str] = {}
-        scripts: dict[str, str] = {}
-        attributes: dict[str, str] = {}
-        for key, text in plan.element.attributes.items():
-            if key == "_autoremap":
-                call.autoremap = self._truth(plan, key, text)
-            elif key == "name":
-                plan.name = text
-                self._check_name(plan, text)
-            elif key in SCRIPT_ATTRIBUTES:
-                scripts[key] = text
-            elif is_port_name(key):
-                given[key] = text
-            elif key != "ID":
-                attributes[key] = text
-        plan.scripts, plan.attributes = scripts, attributes
-        if not call.autoremap:
-            for port, default in self._models.get(call.tree, {}).items():
-                if port in given:
-                    continue
-                if default is None or default == "":
-                    if self._diagnostics.is_full(MISSING_SUBTREE_PORT):
-                        break
-                    message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree}' requires"
-                    hint = f'write {port}="…", or declare a default in <TreeNodesModel>'
-                    self._error(MISSING_SUBTREE_PORT, message, plan.element, "", hint)
-                else:
-                    given[port] = default
-        call.written = given
-        for key, text in given.items():
-            # In a SubTree "=" is a constant, and only "{=}" stands for the key of the same name. As the
-            # default of a model it stands for the key "=".
-            outer = braced_key(text)
-            if outer is not None:
-                call.remaps[key] = key if text == "{=}" and key in plan.element.attributes else outer
-            else:
-                call.constants[key] = text
-
-    def _call_of_3(self, plan: NodePlan, call: SubtreeCall, tag: str) -> None:
-        for key, text in plan.element.attributes.items():
-            if key == "ID":
-                continue
-            if key == "__shared_blackboard" and tag == "SubTree":
-                call.shared = self._truth(plan, key, text)
-            elif key == "__autoremap" and tag == "SubTreePlus":
-                call.autoremap = self._truth(plan, key, text)
-            elif tag == "SubTree":
-                call.written[key] = text
-                # <SubTree> of format 3 has no braces: the text is the outer key itself.
-                call.remaps[key] = text
-            else:
-                call.written[key] = text
-                outer = braced_key(text, 3)
-                if outer is not None:
-                    call.remaps[key] = outer
-                else:
-                    call.constants[key] = text
-                    # BehaviorTree.CPP 3.8 reads the attributes in order: autoremap maps those that follow.
-                    if call.autoremap:
-                        call.outer_constants.add(key)
-        # Format 3 ignores the name of a call.
-        plan.name = call.tree
-
-    def _truth(self, plan: NodePlan, key: str, text: str) -> bool:
-        try:
-            return BOOL.from_text(text, self.dialect.format) is True
-        except ConversionError:
-            message = f"{key} must be 'true' or 'false', not '{text}'"
-            self._error(NOT_A_BOOLEAN, message, plan.element, key)
-            return False
+    Args:
+        document: The document that contains the script.
+        node: The node of the script.
+        key: The attribute that holds the script.
+        error: The error of the parser.
+    """
+    message = f"invalid script in '{key}' of <{node.id}>: {error.message}"
+    return document.diagnostic(SCRIPT_SYNTAX, message, node.element, key, within=error.column)

@@ -1,7 +1,5 @@
 """Check the structure of trees (known tags, numbers of children, valid names), and list their nodes."""
 
-from collections.abc import Mapping
-
 from btcore.diagnostic_codes import (
     CAPITALISED_ROOT,
     DUPLICATE_MODELS,
@@ -16,13 +14,12 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
+from btcore.engine.node_config import MAX_NODES
 from btcore.names import forbidden_in, is_reserved
 from btcore.status import NodeType
-from btcore.tree.tree import MAX_NODES
-from btcore.xml.plan.palette import NodePalette
-from btcore.xml.plan.plan import NodePlan
-from btcore.xml.plan.tree_definitions import TreeDefinition, TreeDefinitions
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.define import TreeDefinition
+from btcore.xml.plan.node_plan import NodePlan
+from btcore.xml.plan.tree_planner import PlanContext
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
@@ -40,54 +37,90 @@ def count_text(count: int) -> str:
     return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
 
 
-class StructureChecker:
-    """Checks all tree definitions of the documents, whether they are used or not."""
+def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
+    """Check the structure of all trees of the documents, whether they are used or not.
 
-    def __init__(
-        self, definitions: TreeDefinitions, palette: NodePalette, diagnostics: DiagnosticCollector
-    ) -> None:
-        self._trees: Mapping[str, TreeDefinition] = definitions.by_id
-        self._definitions = definitions
-        self._dialect: Dialect = definitions.dialect
-        self._palette = palette
-        self._diagnostics = diagnostics
-        self._document = definitions.documents[-1]
-        self._kinds: dict[str, NodeType | None] = {}
-        self._leaves: set[str] = set()
+    Returns:
+        The nodes of each definition in pre-order, beginning with its `<BehaviorTree>`.
+    """
+    definitions, dialect = context.definitions, context.dialect
+    for document in definitions.sources.documents:
+        models = list(document.root.iterchildren("TreeNodesModel"))
+        if dialect.explicit_by_id and len(models) > 1:
+            message = "second <TreeNodesModel> in the document"
+            hint = "move its models into the first <TreeNodesModel>"
+            context.found.add(document.diagnostic(DUPLICATE_MODELS, message, models[1], hint=hint))
+    tags = _Tags(context)
+    return {
+        definition: _Outline(context, tags, definition.document).nodes(definition.element)
+        for definition in definitions.all
+    }
+
+
+class _Tags:
+    """What the outlines of all trees share about tags, each found once."""
+
+    def __init__(self, context: PlanContext) -> None:
+        self._context = context
+        self.kinds: dict[str, NodeType | None] = {}
+        self.leaves: set[str] = set()
         # The files that declare nodes in their TreeNodesModel, by ID; None before the first unknown node.
         self._declared: dict[str | None, str] | None = None
 
-    def check(self) -> dict[TreeDefinition, list[NodePlan]]:
-        """Check all definitions.
+    def add(self, tag: str) -> NodeType | None:
+        """Return the node type that limits the children of *tag*; None if *tag* is not the ID of a node."""
+        manifest = self._context.palette.get(tag)
+        dialect = self._context.dialect
+        kind = None
+        if manifest is not None and tag not in dialect.subtree_tags and tag not in EXPLICIT_TAGS:
+            kind = manifest.type
+            needed = dialect.controls_need_children
+            may_be_empty = kind is NodeType.CONTROL and needed is not None and tag not in needed
+            # UNDEFINED permits any number of children.
+            if may_be_empty or (kind in _LEAVES and not dialect.leaves_checked):
+                kind = NodeType.UNDEFINED
+        self.kinds[tag] = kind
+        if kind in _LEAVES:
+            self.leaves.add(tag)
+        return kind
 
-        Returns:
-            The nodes of each definition in pre-order, beginning with its `<BehaviorTree>`.
-        """
-        for document in self._definitions.documents:
-            self._models(document)
-        outlines: dict[TreeDefinition, list[NodePlan]] = {}
-        for definition in self._definitions.all:
-            self._document = definition.document
-            outlines[definition] = self._walk(definition.element)
-        return outlines
+    def unknown_node_hint(self, node: str) -> str:
+        """Return a hint for the unknown *node*."""
+        context = self._context
+        if not context.found.has_time_for_hint(context.palette.names):
+            return ""
+        if self._declared is None:
+            self._declared = {
+                model.get("ID"): document.file
+                for document in reversed(context.definitions.sources.documents)
+                for models in document.root.iterchildren("TreeNodesModel")
+                for model in models.iterchildren(*EXPLICIT_TAGS)
+            }
+        trees = context.definitions.by_id
+        return context.palette.unknown_node_hint(node, trees, self._declared.get(node))
+
+
+class _Outline:
+    """Checks the structure of one tree."""
+
+    def __init__(self, context: PlanContext, tags: _Tags, document: Document) -> None:
+        self._dialect: Dialect = context.dialect
+        self._palette = context.palette
+        self._found = context.found
+        self._tags = tags
+        self._document = document
 
     def _error(
         self, code: DiagnosticCode, message: str, element: Element, attribute: str = "", hint: str = ""
     ) -> None:
-        self._diagnostics.add(self._document.diagnostic(code, message, element, attribute, hint=hint))
+        self._found.add(self._document.diagnostic(code, message, element, attribute, hint=hint))
 
-    def _models(self, document: Document) -> None:
-        models = list(document.root.iterchildren("TreeNodesModel"))
-        if self._dialect.explicit_by_id and len(models) > 1:
-            message = "second <TreeNodesModel> in the document"
-            hint = "move its models into the first <TreeNodesModel>"
-            self._diagnostics.add(document.diagnostic(DUPLICATE_MODELS, message, models[1], hint=hint))
-
-    def _walk(self, top: Element) -> list[NodePlan]:
+    def nodes(self, top: Element) -> list[NodePlan]:
+        """Return the nodes of the tree *top* in pre-order, beginning with *top*."""
         limit = self._document.max_depth or self._dialect.max_depth
         closed, ignored_below = self._dialect.closed_tags, self._dialect.ignoring_tags
         ignored: set[NodePlan] = set()
-        kinds = self._kinds
+        kinds, leaves = self._tags.kinds, self._tags.leaves
         nodes: list[NodePlan] = []
         pending = [NodePlan(top, 0)]
         while pending:
@@ -102,16 +135,16 @@ class StructureChecker:
             element = node.element
             tag = element.tag
             children = element.children
-            if not children and tag in self._leaves:
+            if not children and tag in leaves:
                 continue
             if children:
                 children = element_children(element)
                 if len(children) != len(element.children):
                     self._warn_obsolete_root(element)
-            kind = kinds[tag] if tag in kinds else self._compact(tag)
+            kind = kinds[tag] if tag in kinds else self._tags.add(tag)
             if kind is None:
                 self._special(tag, element, children)
-            elif children or tag not in self._leaves:
+            elif children or tag not in leaves:
                 self._count(tag, kind, element, children)
             if not children:
                 continue
@@ -128,28 +161,10 @@ class StructureChecker:
                     node.children = below
         return nodes
 
-    def _compact(self, tag: str) -> NodeType | None:
-        """Return the node type that limits the children of *tag*; None if *tag* is not the ID of a node."""
-        manifest = self._palette.get(tag)
-        kind = None
-        if manifest is not None and tag not in self._dialect.subtree_tags and tag not in EXPLICIT_TAGS:
-            kind = manifest.type
-            needed = self._dialect.controls_need_children
-            may_be_empty = kind is NodeType.CONTROL and needed is not None and tag not in needed
-            # UNDEFINED permits any number of children.
-            if may_be_empty or (kind in _LEAVES and not self._dialect.leaves_checked):
-                kind = NodeType.UNDEFINED
-        self._kinds[tag] = kind
-        if kind in _LEAVES:
-            self._leaves.add(tag)
-        return kind
-
     def _warn_obsolete_root(self, element: Element) -> None:
         for child in element.iterchildren("Root"):
             message = "the obsolete <Root> is ignored"
-            self._diagnostics.add(
-                self._document.diagnostic(CAPITALISED_ROOT, message, child, hint="remove it")
-            )
+            self._error(CAPITALISED_ROOT, message, child, hint="remove it")
 
     def _special(self, tag: str, element: Element, children: list[Element]) -> None:
         """Check an element whose tag is not the ID of a node."""
@@ -160,7 +175,9 @@ class StructureChecker:
         elif tag in EXPLICIT_TAGS:
             self._explicit(tag, element, children)
         else:
-            self._error(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=self._unknown(tag))
+            self._error(
+                UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=self._tags.unknown_node_hint(tag)
+            )
 
     def _explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         node = element.get("ID") or ""
@@ -171,23 +188,12 @@ class StructureChecker:
             return
         manifest = self._palette.get(node)
         if manifest is None:
-            self._error(UNKNOWN_NODE, f"unknown node '{node}'", element, "ID", self._unknown(node))
+            self._error(
+                UNKNOWN_NODE, f"unknown node '{node}'", element, "ID", self._tags.unknown_node_hint(node)
+            )
             return
         kind = manifest.type if self._dialect.explicit_by_id else EXPLICIT_TAGS[tag]
         self._count(node, kind, element, children)
-
-    def _unknown(self, node: str) -> str:
-        """Return a hint for the unknown *node*."""
-        if not self._diagnostics.has_time_for_hint(self._palette.names):
-            return ""
-        if self._declared is None:
-            self._declared = {
-                model.get("ID"): document.file
-                for document in reversed(self._definitions.documents)
-                for models in document.root.iterchildren("TreeNodesModel")
-                for model in models.iterchildren(*EXPLICIT_TAGS)
-            }
-        return self._palette.unknown_node_hint(node, self._trees, self._declared.get(node))
 
     def _count(self, node: str, kind: NodeType, element: Element, children: list[Element]) -> None:
         """Add an error if *children* are too few or too many for *node*, which is of *kind*."""

@@ -1,8 +1,8 @@
 """Collect the diagnostics of a document, so that all errors are reported at once."""
 
 from collections import Counter
-from collections.abc import Sized
-from typing import Final
+from collections.abc import Sequence, Sized
+from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import UNKNOWN_NODE, DiagnosticCode
 from btcore.errors import Diagnostic, PortError, TreeError, UnknownNodeError, XmlSyntaxError
@@ -14,45 +14,18 @@ MAX_PER_CODE: Final = 50_000
 """Maximum number of diagnostics that are collected with the same code."""
 
 
-class DiagnosticCollector:
-    """The diagnostics found so far: *errors* prevent loading the tree, *warnings* don't.
+class Diagnostics(NamedTuple):
+    """What a stage of loading and the stages before it have found.
 
-    Args:
-        comparisons: The number of comparisons with known names, to suggest a similar name in hints.
+    Attributes:
+        errors: The diagnostics that prevent loading the tree.
+        warnings: The other diagnostics.
+        comparisons: How many comparisons with known names are left, to suggest similar names in hints.
     """
 
-    def __init__(self, comparisons: int = MAX_COMPARISONS) -> None:
-        self.errors: list[Diagnostic] = []
-        self.warnings: list[Diagnostic] = []
-        self._added: set[Diagnostic] = set()
-        self._counts: Counter[str] = Counter()
-        self._comparisons = comparisons
-
-    def add(self, diagnostic: Diagnostic) -> None:
-        """Add *diagnostic*, unless an equal diagnostic, or MAX_PER_CODE with its code, were added before."""
-        if not self.is_full(diagnostic.code) and diagnostic not in self._added:
-            self._counts[diagnostic.code] += 1
-            self._added.add(diagnostic)
-            (self.errors if diagnostic.is_error else self.warnings).append(diagnostic)
-
-    def put_first(self, error: Diagnostic) -> None:
-        """Add *error*, the cause of other errors, before all errors."""
-        self.errors.insert(0, error)
-
-    def is_full(self, code: DiagnosticCode) -> bool:
-        """Return whether no further diagnostics with *code* are collected."""
-        return self._counts[code] >= MAX_PER_CODE
-
-    def has_time_for_hint(self, names: Sized) -> bool:
-        """Return whether there is time to search *names* for a similar name, which a hint suggests.
-
-        After *comparisons* comparisons the result is False: of thousands of mistakes, only the first get
-        hints.
-        """
-        if len(names) > self._comparisons:
-            return False
-        self._comparisons -= len(names)
-        return True
+    errors: tuple[Diagnostic, ...] = ()
+    warnings: tuple[Diagnostic, ...] = ()
+    comparisons: int = MAX_COMPARISONS
 
     def raise_errors(self) -> None:
         """Raise a single exception with all errors, if there are any.
@@ -65,7 +38,53 @@ class DiagnosticCollector:
             raise make_tree_error(self.errors)
 
 
-def make_tree_error(errors: list[Diagnostic]) -> TreeError:
+class DiagnosticCollector:
+    """Collects the diagnostics of a stage, after those of the earlier stages, *before*.
+
+    Attributes:
+        errors: The errors so far.
+        warnings: The warnings so far.
+    """
+
+    def __init__(self, before: Diagnostics | None = None) -> None:
+        self.errors: list[Diagnostic] = []
+        self.warnings: list[Diagnostic] = []
+        self._comparisons = MAX_COMPARISONS
+        self._added: set[Diagnostic] = set()
+        self._counts: Counter[str] = Counter()
+        if before is not None:
+            self._comparisons = before.comparisons
+            for diagnostic in (*before.errors, *before.warnings):
+                self.add(diagnostic)
+
+    def add(self, diagnostic: Diagnostic) -> None:
+        """Add *diagnostic*, unless an equal diagnostic, or MAX_PER_CODE with its code, were added before."""
+        if not self.is_full(diagnostic.code) and diagnostic not in self._added:
+            self._counts[diagnostic.code] += 1
+            self._added.add(diagnostic)
+            (self.errors if diagnostic.is_error else self.warnings).append(diagnostic)
+
+    def is_full(self, code: DiagnosticCode) -> bool:
+        """Return whether no further diagnostics with *code* are collected."""
+        return self._counts[code] >= MAX_PER_CODE
+
+    def has_time_for_hint(self, names: Sized) -> bool:
+        """Return whether there is time to search *names* for a similar name, which a hint suggests.
+
+        After MAX_COMPARISONS comparisons the result is False: of thousands of mistakes, only the first get
+        hints.
+        """
+        if len(names) > self._comparisons:
+            return False
+        self._comparisons -= len(names)
+        return True
+
+    def collected(self) -> Diagnostics:
+        """Return all diagnostics so far."""
+        return Diagnostics(tuple(self.errors), tuple(self.warnings), self._comparisons)
+
+
+def make_tree_error(errors: Sequence[Diagnostic]) -> TreeError:
     """Return the exception of the class that fits all *errors*, which are sorted by file and position."""
     ordered = sort_diagnostics(errors)
     # E0… codes are about the document as XML, E2… codes about ports and scripts.
@@ -78,7 +97,7 @@ def make_tree_error(errors: list[Diagnostic]) -> TreeError:
     return TreeError(ordered)
 
 
-def sort_diagnostics(diagnostics: list[Diagnostic]) -> list[Diagnostic]:
+def sort_diagnostics(diagnostics: Sequence[Diagnostic]) -> list[Diagnostic]:
     """Return *diagnostics* grouped by file, and sorted by line and column within each file."""
     files: dict[str, int] = {}
     for item in diagnostics:

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Port
 from btcore.status import NodeType
-from btcore.xml.plan.document_checks import DocumentAnalysis
-from btcore.xml.plan.plan import NodePlan
+from btcore.xml.plan.node_plan import NodePlan, TreePlan
+from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.visitor import allow_depth
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
 
@@ -46,18 +47,16 @@ class DiagramNode:
     origin: tuple[Document, Element] | None = None
 
 
-def diagram_of_document(analysis: DocumentAnalysis) -> DiagramNode:
+def diagram_of_document(plans: Plans) -> DiagramNode:
     """Return the main tree of a document without errors as a drawing, numbered as in a running tree."""
-    assert analysis.main is not None, "a document without a main tree has errors"
-    planner = analysis.planner
-    # TreeInstantiator numbers the nodes in the same order: a parent before its children.
+    assert plans.main is not None, "a document without a main tree has errors"
+    allow_depth(plans.sizes[plans.main.id].depth)
+    # PlanVisitor numbers the nodes in the same order: a parent before its children.
     uids = itertools.count(1)
 
-    def of_tree(id: str) -> DiagramNode:
-        definition = planner.definitions.by_id[id]
-        root = planner.plan(definition).root
-        assert root is not None, "the tree has been checked"
-        return of_node(root, definition.document)
+    def of_tree(tree: TreePlan) -> DiagramNode:
+        assert tree.root is not None, "the tree has been checked"
+        return of_node(tree.root, tree.definition.document)
 
     def of_node(plan: NodePlan, document: Document) -> DiagramNode:
         manifest, call = plan.manifest, plan.call
@@ -76,12 +75,12 @@ def diagram_of_document(analysis: DocumentAnalysis) -> DiagramNode:
             sketch.type = NodeType.SUBTREE
             sketch.ports = [(name, text, "") for name, text in call.written.items()]
             sketch.tree = call.tree
-            sketch.children = [of_tree(call.tree)]
+            sketch.children = [of_tree(plans.trees[call.tree])]
         else:
             sketch.children = [of_node(child, document) for child in plan.children]
         return sketch
 
-    return of_tree(analysis.main.id)
+    return of_tree(plans.main)
 
 
 def _direction(port: Port) -> str:

@@ -6,9 +6,10 @@ from typing import Final
 import zmq
 
 from btcore.blackboard.ports import Direction, Port
+from btcore.engine.node_config import MAX_NODES
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
-from btcore.tree.tree import MAX_NODES, Tree
+from btcore.tree.tree import Tree
 from btcore_monitor.serve.queueing_observer import StampedTransition
 from btcore_monitor.serve.request_socket import RequestSocket
 from btcore_monitor.serve.tcp_ports import Socket

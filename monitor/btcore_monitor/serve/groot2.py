@@ -5,7 +5,8 @@ import uuid
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from btcore.tree.tree import MAX_NODES, Tree
+from btcore.engine.node_config import MAX_NODES
+from btcore.tree.tree import Tree
 from btcore_monitor.serve.blackboards import ReservedNameError
 from btcore_monitor.serve.hook_controller import HookController, RequestRejectedError
 from btcore_monitor.serve.queueing_observer import StampedTransition

@@ -5,8 +5,8 @@ import uuid
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.tree.tree import Tree
-from btcore.xml.render.tree_xml import tree_to_xml
 from btcore_monitor.serve.blackboards import BlackboardTracker
 from btcore_monitor.serve.groot1 import Groot1Server
 from btcore_monitor.serve.groot2 import Groot2Server, statuses_of

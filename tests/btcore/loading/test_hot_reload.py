@@ -8,8 +8,9 @@ import pytest
 import btcore
 from btcore import Status, Tree, TreeError
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
-from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.examine import examine
 from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import read
 
 FIRST = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
     <Script code="x := 1"/><Sleep msec="3600000"/></Sequence></BehaviorTree></root>"""
@@ -59,8 +60,7 @@ def test_saved_include_is_reported_too(file: Path) -> None:
 
 
 def rebuilt(tree: Tree, file: Path) -> Tree:
-    examined = analyse_document(parse_file(file), tree.registry)
-    return rebuild_tree(tree, examined, (), tree.registry)
+    return rebuild_tree(tree, examine(read(parse_file(file)), tree.registry), ())
 
 
 def test_the_new_tree_has_the_blackboard_of_the_old_tree(file: Path) -> None:

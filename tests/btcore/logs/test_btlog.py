@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from btcore import SimClock, Status, Transition, Tree
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs import BtLog, LogError, read_btlog
-from btcore.xml.render.tree_xml import tree_to_xml
 
 RUNNING, SUCCESS, FAILURE, IDLE = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.IDLE
 # The listing of the recorded session: the events of the first run that the client received.

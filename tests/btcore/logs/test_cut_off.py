@@ -43,7 +43,7 @@ def small_tree(small: Callable[..., Tree]) -> Tree:
 
 @pytest.fixture
 def xml(small_tree: Tree) -> str:
-    from btcore.xml.render.tree_xml import tree_to_xml
+    from btcore.loading.tree_xml import tree_to_xml
 
     return tree_to_xml(small_tree)
 

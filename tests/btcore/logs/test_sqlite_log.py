@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from btcore import SimClock, Status, Transition, Tree
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs import LogError, Session, SqliteLog, read_btlog, read_sqlite, sessions
-from btcore.xml.render.tree_xml import tree_to_xml
 
 
 def rows(path: Path, query: str) -> list[Any]:

@@ -7,9 +7,11 @@ import pytest
 
 from btcore import Blackboard, In, Put, Registry, StatefulAction, Status, SyncAction, action, condition
 from btcore.errors import Diagnostic, TreeError
-from btcore.xml.build import build
+from btcore.loading.instantiate import instantiate
+from btcore.xml.examine import examine
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import read
 
 
 @condition
@@ -164,7 +166,7 @@ def tree_error(
     def make(source: str | tuple[object, ...]) -> TreeError:
         text = source if isinstance(source, str) else document(*source)
         with pytest.raises(TreeError) as caught:
-            build(parse_text(text, "t.xml"), nodes, resources=[nodes])
+            instantiate(examine(read(parse_text(text, "t.xml")), nodes), resources=[nodes])
         return caught.value
 
     return make

@@ -19,9 +19,9 @@ from btcore import (
     blackboard_key,
     condition,
 )
-from btcore.xml.builder import NodeSpec
+from btcore.loading.builder import NodeSpec
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.xml.read.document import parse_text
-from btcore.xml.render.tree_xml import tree_to_xml
 
 
 class Gear(enum.Enum):

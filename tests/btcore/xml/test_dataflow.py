@@ -3,9 +3,10 @@
 from dataclasses import asdict
 
 from btcore import In, Put, Registry, action
+from btcore.xml.examine import examine
 from btcore.xml.lint.data_flow import DataflowRow, trace_dataflow
-from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import read
 
 TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">
@@ -38,9 +39,9 @@ def drive(goal: In[str], reach: In[float], shout: Put[str]) -> bool:
 def table() -> dict[str, DataflowRow]:
     nodes = Registry.standard()
     nodes.add(find, drive)
-    examined = analyse_document(parse_text(TEXT, "t.xml"), nodes)
-    examined.diagnostics.raise_errors()
-    return {f"{row.scope}/{row.key}": row for row in trace_dataflow(examined, nodes)}
+    plans = examine(read(parse_text(TEXT, "t.xml")), nodes)
+    plans.diagnostics.raise_errors()
+    return {f"{row.scope}/{row.key}": row for row in trace_dataflow(plans)}
 
 
 def places(row: DataflowRow) -> tuple[list[str], list[str]]:

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from btcore import Registry
-from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.examine import examine
 from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import read
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tidy_layout import LayoutBox, Spacing, layout_tree
 from btcore.xml.render.tree_drawing import diagram_of_document
@@ -29,9 +30,9 @@ TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">
 
 
 def svg(text: str) -> str:
-    examined = analyse_document(parse_text(text), Registry.standard())
-    examined.diagnostics.raise_errors()
-    return diagram_to_svg(diagram_of_document(examined), "Main")
+    plans = examine(read(parse_text(text)), Registry.standard())
+    plans.diagnostics.raise_errors()
+    return diagram_to_svg(diagram_of_document(plans), "Main")
 
 
 @pytest.fixture

@@ -7,8 +7,9 @@ from io import BytesIO
 import pytest
 
 from btcore import Registry
-from btcore.xml.plan.document_checks import analyse_document
+from btcore.xml.examine import examine
 from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import read
 from btcore.xml.render import png
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import diagram_of_document
@@ -21,8 +22,8 @@ BLUE, GREEN = (0x2F, 0x66, 0xC8), (0x3D, 0x8B, 0x3D)
 
 def svg_of(body: str) -> str:
     document = parse_text(f'<root BTCPP_format="4"><BehaviorTree ID="Tür">{body}</BehaviorTree></root>')
-    examined = analyse_document(document, Registry.standard(), None, None)
-    return diagram_to_svg(diagram_of_document(examined), "Tür")
+    plans = examine(read(document), Registry.standard())
+    return diagram_to_svg(diagram_of_document(plans), "Tür")
 
 
 def test_picture_shows_cards_glyphs_edges_and_texts() -> None:

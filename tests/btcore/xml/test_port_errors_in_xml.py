@@ -10,9 +10,11 @@ import btcore
 from btcore import In, Registry, condition
 from btcore.blackboard.blackboard import Blackboard
 from btcore.errors import PortError, TreeError
-from btcore.xml.build import build
+from btcore.loading.instantiate import instantiate
+from btcore.xml.examine import examine
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import read
 
 Write = Callable[..., str]
 Refused = Callable[[object], TreeError]
@@ -199,7 +201,7 @@ def test_error_message(case: str, tree_error: Refused) -> None:
 
 def test_port_error_in_an_unused_tree_does_not_refuse_the_main_tree(nodes: Registry, document: Write) -> None:
     text = document("<Say/>", {"Unused": '<Say txt="1"/>'})
-    assert build(parse_text(text), nodes).id == "Main"
+    assert instantiate(examine(read(parse_text(text)), nodes)).id == "Main"
 
 
 def test_type_of_an_entry_on_a_given_blackboard_is_checked(nodes: Registry, document: Write) -> None:
@@ -207,7 +209,7 @@ def test_type_of_an_entry_on_a_given_blackboard_is_checked(nodes: Registry, docu
     blackboard["n"] = True
     text = document('<Repeat num_cycles="{n}"><Say/></Repeat>')
     with pytest.raises(PortError) as caught:
-        build(parse_text(text, "t.xml"), nodes, blackboard=blackboard)
+        instantiate(examine(read(parse_text(text, "t.xml")), nodes), blackboard=blackboard)
     assert caught.value.diagnostics[0].hint.startswith("it was on the blackboard before the tree")
 
 

@@ -7,9 +7,9 @@ from lxml import etree
 
 from btcore import Registry, StatefulAction, Status, loads
 from btcore.blackboard.ports import Direction, Port
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.values import DOUBLE, INT
 from btcore.xml.models.tree_nodes_model import write_models
-from btcore.xml.render.tree_xml import tree_to_xml
 
 
 class Count(StatefulAction):

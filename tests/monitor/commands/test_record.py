@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs import BtLog, find_divergence, read_btlog, read_log, read_sqlite, steps
 from btcore.logs.recording import parse_nodes
-from btcore.xml.render.tree_xml import tree_to_xml
 from btcore_monitor.events import (
     ConnectionChanged,
     DataMissed,

@@ -26,9 +26,8 @@ from btcore.xml.models.model_file import (
     add_models,
     has_models,
 )
-from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.includes import resolve_includes
+from btcore.xml.read.read import read
 from btcore_studio.language.diagnostics import check
 from btcore_studio.language.node_models import NodeModel, add_stand_ins, models_of
 from btcore_studio.language.python_source import module_file, read_nodes
@@ -172,7 +171,7 @@ class Libraries:
 
         While a tree is written, the code of its nodes may be missing, so the models of the document suffice.
         """
-        documents = resolve_includes(document, DiagnosticCollector())
+        documents = read(document).documents
         is_project = document.file.endswith(".btproj")
         if not (self._has_models or is_project or any(map(has_models, documents))):
             return self.nodes

@@ -38,7 +38,7 @@ class PreviewSession:
         self._reading_lock = threading.Lock()
         self._text: str | None = None
         self._reading = file.read()
-        self._drawable = self._reading if self._reading.analysis is not None else None
+        self._drawable = self._reading if self._reading.plans is not None else None
         self._version = self._drawn_at = 1
         self._drawing: tuple[object, bytes] | None = None
         self._address = ""
@@ -71,7 +71,7 @@ class PreviewSession:
             reading = self.file.read(text)
             with self._news:
                 self._reading = reading
-                if reading.analysis is not None:
+                if reading.plans is not None:
                     self._drawable, self._drawn_at = reading, self._version + 1
                 self._version += 1
                 self._news.notify_all()
@@ -80,13 +80,13 @@ class PreviewSession:
         """Return the last drawing that was possible as the JSON text of the result of `draw`."""
         with self._news:
             drawable, drawn_at = self._drawable, self._drawn_at
-        if drawable is None or drawable.analysis is None:
+        if drawable is None or drawable.plans is None:
             return json.dumps({"error": "There is no picture yet, because the file has errors."}).encode()
         wanted = (drawn_at, tree, frozenset(folded), styled)
         with self._reading_lock:
             # Pages that load at the same time, or again, share the drawing.
             if self._drawing is None or self._drawing[0] != wanted:
-                data = draw(drawable.analysis, tree, wanted[2], styled)
+                data = draw(drawable.plans, tree, wanted[2], styled)
                 self._drawing = wanted, json.dumps(data).encode()
             return self._drawing[1]
 

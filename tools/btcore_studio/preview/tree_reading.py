@@ -9,13 +9,12 @@ from btcore import diagnostic_codes
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.input_files import read_file
 from btcore.registry.registry import Registry
+from btcore.xml.examine import examine
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_undeclared_nodes
-from btcore.xml.plan.call_graph import CallGraph
-from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.plan.plan import Plans, plan
 from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.includes import resolve_includes
+from btcore.xml.read.read import read
 from btcore.xml.render.node_card import FAMILY_COLOURS
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
@@ -78,11 +77,12 @@ class TreeFile:
         except TreeError as error:
             return TreeReading(list(error.diagnostics), None, self._content() if text is None else text)
         drawn = nodes.copy()
-        add_undeclared_nodes(drawn, resolve_includes(document, DiagnosticCollector()))
-        analysis = analyse_document(document, drawn, self.tree, self.format)
-        is_known = _DRAWABLE.issuperset(error.code for error in analysis.diagnostics.errors)
-        is_drawable = is_known and bool(analysis.planner.definitions.by_id)
-        return TreeReading(found, analysis if is_drawable else None, document.text)
+        sources = read(document, drawn.documents)
+        add_undeclared_nodes(drawn, sources.documents)
+        plans = examine(sources, drawn, self.tree, self.format)
+        is_known = _DRAWABLE.issuperset(error.code for error in plans.diagnostics.errors)
+        is_drawable = is_known and bool(plans.definitions.by_id)
+        return TreeReading(found, plans if is_drawable else None, document.text)
 
     def _content(self) -> str:
         """Return the text of a file that is not valid XML, or "" if it cannot be read."""
@@ -94,16 +94,16 @@ class TreeFile:
 
 @dataclass(frozen=True, slots=True)
 class TreeReading:
-    """The *diagnostics* and the *text* of a file, and its *analysis*: None if the file cannot be drawn."""
+    """The *diagnostics* and the *text* of a file, and its *plans*: None if the file cannot be drawn."""
 
     diagnostics: list[Diagnostic]
-    analysis: DocumentAnalysis | None
+    plans: Plans | None
     text: str
 
     def summary(self) -> dict[str, Any]:
         """Return the diagnostics, the IDs of the trees, and the text of a broken file as JSON data."""
         shown, more = shown_diagnostics(self.diagnostics)
-        trees = list(self.analysis.planner.definitions.by_id) if self.analysis is not None else []
+        trees = list(self.plans.definitions.by_id) if self.plans is not None else []
         return {
             "diagnostics": [
                 {
@@ -121,31 +121,27 @@ class TreeReading:
             "more": more,
             "trees": trees,
             # The text of a file with a drawing comes with the drawing.
-            "text": self.text if self.analysis is None else None,
+            "text": self.text if self.plans is None else None,
         }
 
 
-def draw(
-    analysis: DocumentAnalysis, tree: str | None, folded: Collection[str], styled: bool = False
-) -> dict[str, Any]:
+def draw(plans: Plans, tree: str | None, folded: Collection[str], styled: bool = False) -> dict[str, Any]:
     """Return a drawing of a tree, its nodes and its source texts as JSON data.
 
     Args:
-        analysis: A document without errors.
+        plans: The plans of a document without errors that prevent a drawing.
         tree: The ID of the tree; None or an unknown ID is the main tree, or the first tree.
         folded: The keys of the nodes whose children are hidden.
         styled: Whether the drawing contains its style sheet.
     """
-    by_id = analysis.planner.definitions.by_id
-    main = by_id.get(tree or "") or analysis.main or next(iter(by_id.values()))
-    if main is not analysis.main:
-        diagnostics = DiagnosticCollector()
-        calls = CallGraph(analysis.planner, diagnostics)
-        if not calls.is_recursive(main):
-            calls.check_size(main)
-        if diagnostics.errors:
-            return {"tree": main.id, "error": diagnostics.errors[0].message}
-    root = diagram_of_document(analysis._replace(main=main))
+    definitions = plans.definitions
+    main = definitions.by_id.get(tree or "") or definitions.main or next(iter(definitions.by_id.values()))
+    if main is not definitions.main:
+        plans = plan(definitions._replace(main=main), plans.nodes)
+        fatal = [error for error in plans.diagnostics.errors if error.code not in _DRAWABLE]
+        if fatal:
+            return {"tree": main.id, "error": fatal[0].message}
+    root = diagram_of_document(plans)
     nodes = diagram_nodes(root)
     keys = diagram_keys(nodes)
     hidden = _fold(root, {uid for uid, key in keys.items() if key in folded}, len(nodes))
@@ -176,8 +172,8 @@ def draw(
         )
     return {
         "tree": main.id,
-        "file": analysis.planner.definitions.documents[-1].file,
-        "svg": diagram_to_svg(_pruned(root, hidden), main.id, analysis.planner.dialect.format, styled),
+        "file": definitions.sources.main.file,
+        "svg": diagram_to_svg(_pruned(root, hidden), main.id, plans.dialect.format, styled),
         "nodes": rows,
         "about": {node.id: node.about for node, _ in nodes if node.about},
         "files": [{"name": name, "text": document.text} for name, (_, document) in files.items()],

@@ -4,9 +4,10 @@ from pathlib import Path
 import pytest
 from lsprotocol import types
 
+from btcore.xml.examine import examine
 from btcore.xml.lint.data_flow import trace_dataflow
-from btcore.xml.plan.document_checks import analyse_document
 from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import read
 from btcore_studio.language.entries import entry_facts
 from btcore_studio.language.hover import hover
 from btcore_studio.language.key_links import TreeKey, links_of
@@ -112,17 +113,17 @@ def test_every_tag_and_port_of_a_real_file_is_described(project: Project) -> Non
 def test_writers_and_readers_are_those_of_the_analysis(project: Project, path: Path) -> None:
     """The entries of the scanned text are the entries that the dry run of the tree finds."""
     document = project.open(path.as_uri(), path.read_text(encoding="utf-8"), 1)
-    analysis = analyse_document(parse_file(path), project.registry)
-    assert not analysis.diagnostics.errors
-    assert analysis.main is not None
+    plans = examine(read(parse_file(path)), project.registry)
+    assert not plans.diagnostics.errors
+    assert plans.main is not None
     links = links_of(project)
-    main = next(tree for tree in file_symbols(project, document).trees if tree.id == analysis.main.id)
+    main = next(tree for tree in file_symbols(project, document).trees if tree.id == plans.main.id)
 
     def places(uses: list[KeyUse]) -> set[tuple[str, str]]:
         line = document.positions.line
         return {(use.port, f"{path}:{line(use.element.start) + 1}") for use in uses}
 
-    for row in trace_dataflow(analysis, project.registry):
+    for row in trace_dataflow(plans):
         assert row.scope == "", "each of these trees has a single blackboard"
         facts = entry_facts(links, [TreeKey(main, row.key)])
         assert places(facts.writers) == {(access.attribute, access.where) for access in row.writers}

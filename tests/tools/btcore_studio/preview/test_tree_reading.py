@@ -11,7 +11,7 @@ from btcore_studio.preview.tree_reading import TreeFile, draw
 
 
 def drawing(file: TreeFile, text: str | None = None, *folded: str) -> dict[str, Any]:
-    analysis = file.read(text).analysis
+    analysis = file.read(text).plans
     assert analysis is not None
     return draw(analysis, None, folded)
 
@@ -107,7 +107,7 @@ def test_large_tree_is_folded_at_its_deepest_levels(
 def test_broken_text_has_diagnostics_and_no_drawing(tree_file: TreeFile, old: str, new: str) -> None:
     broken = tree_file.path.read_text(encoding="utf-8").replace(old, new)
     reading = tree_file.read(broken)
-    assert reading.analysis is None
+    assert reading.plans is None
     assert reading.summary()["diagnostics"]
     assert reading.summary()["text"] == broken
 
@@ -119,12 +119,12 @@ def test_text_that_no_file_can_contain_is_read(tree_file: TreeFile) -> None:
 
 def test_trees_that_call_each_other_have_no_drawing(tree_file: TreeFile) -> None:
     loop = tree_file.path.read_text(encoding="utf-8").replace('ID="Visit"', 'ID="Rounds"')
-    assert tree_file.read(loop).analysis is None
+    assert tree_file.read(loop).plans is None
 
 
 def test_each_tree_of_a_library_can_be_shown(tree_file: TreeFile) -> None:
     text = tree_file.path.read_text(encoding="utf-8")
-    analysis = tree_file.read(text.replace(' main_tree_to_execute="Rounds"', "")).analysis
+    analysis = tree_file.read(text.replace(' main_tree_to_execute="Rounds"', "")).plans
     assert analysis is not None
     assert draw(analysis, "Visit", ())["tree"] == "Visit"
     assert len(draw(analysis, "Visit", ())["nodes"]) == 2

@@ -1,13 +1,16 @@
-"""Resolve `<include path="…" ros_pkg="…"/>`: read the included documents."""
+"""Read the documents of a tree: the first stage of loading.
+
+`<include path="…" ros_pkg="…"/>` names the documents that are read with a document.
+"""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import IGNORED_PACKAGE, INCLUDE_FAILED, UNREADABLE_FILE
 from btcore.errors import XmlSyntaxError
 from btcore.input_files import real_path
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
 
@@ -20,35 +23,54 @@ MAX_INCLUDE_DEPTH: Final = 100
 """Maximum number of files between the main file and an included file."""
 
 
-def resolve_includes(
-    document: Document,
-    diagnostics: DiagnosticCollector,
-    packages: PackageResolver | None = None,
-    libraries: Iterable[Document] = (),
-) -> list[Document]:
+class Sources(NamedTuple):
+    """The documents of a tree.
+
+    Attributes:
+        documents: The libraries and the included documents, each before the document that includes it; the
+            main document is the last. So a tree of the including document comes after included trees with
+            the same ID.
+        libraries: Those of the documents whose trees a later tree with the same ID replaces.
+        diagnostics: What was found while they were read.
+    """
+
+    documents: tuple[Document, ...]
+    libraries: tuple[Document, ...]
+    diagnostics: Diagnostics
+
+    @property
+    def main(self) -> Document:
+        """The document that includes the others."""
+        return self.documents[-1]
+
+
+def read(
+    document: Document, libraries: Iterable[Document] = (), packages: PackageResolver | None = None
+) -> Sources:
     """Read the documents that *document* and *libraries* include, directly or indirectly.
 
     A file that is included several times is read once.
 
     Args:
-        document: The including document.
-        diagnostics: Collects an error for each include that fails.
+        document: The parsed main document.
+        libraries: Further documents, whose trees *document* may call without an include, such as those of a
+            registry.
         packages: Finds the share directory of a ROS package.
-        libraries: Further documents, whose trees *document* may call without an include.
-
-    Returns:
-        The libraries and the included documents, each before the document that includes it; *document* is the
-        last. Therefore a tree of the including document comes after included trees with the same ID.
     """
+    found = DiagnosticCollector()
+    libraries = tuple(libraries)
     documents: list[Document] = []
     main = real_path(document.file) if document.file else None
     seen: set[Path] = set() if main is None else {main}
     for library in libraries:
         # The same file may be a library and the document itself, or an include of an earlier library.
         if library is not document and not (library.file and real_path(library.file) in seen):
-            _gather(library, diagnostics, packages, documents, seen, [])
-    _gather(document, diagnostics, packages, documents, seen, [])
-    return documents
+            _gather(library, found, packages, documents, seen, [])
+    _gather(document, found, packages, documents, seen, [])
+    for each in documents:
+        for warning in each.warnings:
+            found.add(warning)
+    return Sources(tuple(documents), libraries, found.collected())
 
 
 def _gather(

@@ -1,16 +1,14 @@
-"""Build a tree from documents: check and plan them, then create the nodes."""
+"""Visit the nodes of a planned tree: connect their ports with the blackboards, and create the nodes."""
 
-import gc
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from typing import cast
+import sys
+from collections.abc import Sequence
 
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.format3 import LegacyBlackboard
 from btcore.blackboard.ports import Binding, Input, Output, Port
-from btcore.clock import Clock, SystemClock
+from btcore.clock import Clock
 from btcore.diagnostic_codes import (
     CONFLICTING_ENTRY_TYPES,
     DUPLICATE_SUBTREE_PATH,
@@ -26,147 +24,89 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, Diagnostic, NodeError, ScriptError
 from btcore.registry.manifest import Manifest, Resources, takes_children
-from btcore.registry.registry import Registry, library_of
-from btcore.tree.tree import Subtree, Tree
+from btcore.registry.registry import library_of
 from btcore.values import parse_constant, type_of
-from btcore.xml.plan.document_checks import DocumentAnalysis, analyse_document, script_diagnostic
-from btcore.xml.plan.plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.plan.node_plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.plan.plan import Plans, script_diagnostic
 from btcore.xml.read.diagnostics import DiagnosticCollector
-from btcore.xml.read.document import Document
-from btcore.xml.read.includes import PackageResolver
 
 
-@contextmanager
-def pause_gc(keeps: bool = True) -> Iterator[None]:
-    """Disable Python's cyclic garbage collector while a tree is loaded or checked.
+class TreeInstance:
+    """One instance of a tree: the main tree, or the content of a SubTree node.
 
-    The collector would scan the growing tree again and again, although no part of it is garbage.
-
-    Args:
-        keeps: Whether the new objects are kept afterwards. False if nearly all of them are freed.
+    Attributes:
+        plan: The plan of the tree.
+        path: The path of the SubTree node; "" for the main tree.
+        blackboard: The scope of the instance.
+        nodes: The nodes of the instance in pre-order, with its SubTree nodes but without their content.
     """
-    was_enabled = gc.isenabled()
-    gc.disable()
-    # A new tree goes to the oldest generation at once: scanning it on its way there takes a fifth of the
-    # time of loading. Only freeze() moves objects there, and it moves all young objects of the process;
-    # therefore the other young objects are collected first. An application's frozen objects stay frozen.
-    moves = keeps and was_enabled and not gc.get_freeze_count()
-    if moves:
-        gc.collect(1)
-    try:
-        yield
-    finally:
-        if moves:
-            gc.freeze()
-            gc.unfreeze()
-        if was_enabled:
-            gc.enable()
 
+    __slots__ = ("blackboard", "document", "nodes", "path", "plan", "prefix")
 
-@pause_gc()
-def build(
-    document: Document,
-    registry: Registry,
-    tree: str | None = None,
-    format: int | None = None,
-    blackboard: Blackboard | None = None,
-    resources: Sequence[object] = (),
-    clock: Clock | None = None,
-    packages: PackageResolver | None = None,
-    libraries: Sequence[Document] = (),
-    tick_limit: float | None = None,
-) -> Tree:
-    """Build the tree of a document.
-
-    Args:
-        document: The parsed document.
-        registry: The registered nodes.
-        tree: ID of the tree to build; by default the document's main tree.
-        format: 3 or 4, overriding the document's `BTCPP_format`.
-        blackboard: The blackboard of the main tree; by default a new blackboard.
-        resources: Objects that leaves require, selected by their types.
-        clock: The clock; by default the first clock in *resources*, or else the system clock.
-        packages: Finds the share directory of a ROS package.
-        libraries: Further documents, whose trees *document* may call without an include.
-        tick_limit: See `Tree`.
-
-    Raises:
-        TreeError: The document has errors; the exception contains all of them.
-    """
-    analysis = analyse_document(document, registry, tree, format, packages, libraries)
-    analysis.diagnostics.raise_errors()
-    return TreeInstantiator(analysis, registry, blackboard, resources, clock, tick_limit).instantiate()
+    def __init__(self, plan: TreePlan, path: str, blackboard: Blackboard) -> None:
+        self.plan = plan
+        self.path = path
+        self.blackboard = blackboard
+        self.nodes: list[TreeNode] = []
+        self.document = plan.definition.document
+        self.prefix = f"{path}/" if path else ""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class TreeInstantiator:
-    """Creates the nodes of one tree, depth-first, and collects the errors.
+class PlanVisitor:
+    """Visits the nodes of a planned tree and of its subtrees, depth-first, and creates them.
+
+    A subclass may override `bind_ports`, `open_scope` and `create`.
 
     Attributes:
         format: The format of the tree, 3 or 4.
+        context: The objects that the nodes share.
         blackboard: The main tree's blackboard.
-        subtrees: The subtrees with their blackboards, the main tree first.
+        instances: The instances of trees, the main tree first.
+        nodes: All nodes in depth-first pre-order; the content of a SubTree node follows it.
+        found: Collects the errors.
     """
 
     def __init__(
         self,
-        analysis: DocumentAnalysis,
-        registry: Registry,
-        blackboard: Blackboard | None,
+        plans: Plans,
         resources: Sequence[object],
-        clock: Clock | None,
-        tick_limit: float | None = None,
+        clock: Clock,
+        blackboard: Blackboard | None = None,
     ) -> None:
-        self._tick_limit = tick_limit
-        if clock is None:
-            clock = _clock_among(resources)
-        assert analysis.main is not None
-        self._main = analysis.main
-        self._planner = analysis.planner
-        self.format = analysis.planner.dialect.format
+        self._plans = plans
+        self.format = plans.dialect.format
+        registry = plans.nodes
         self._registry = registry
         # Most registries have no substitution rules; then the manifests of the plan are used as they are.
         self._rules = registry.substitutions
         self._enums = registry.types.enums
         self._resources = Resources(resources)
-        self._context = TreeContext(clock)
+        self.context = TreeContext(clock)
         self._scopes = Blackboard if self.format == 4 else LegacyBlackboard
         self.blackboard = blackboard if blackboard is not None else self._scopes(clock=clock)
-        self.subtrees: list[Subtree] = []
-        self._nodes: list[TreeNode] = []
+        self.instances: list[TreeInstance] = []
+        self.nodes: list[TreeNode] = []
         # The main tree's path is the empty text, as in BehaviorTree.CPP.
         self._paths: set[str] = {""}
         self._declared: dict[Entry, tuple[Binding, NodeConfig]] = {}
         self._uid = 0
-        self._diagnostics = DiagnosticCollector()
+        self.found = DiagnosticCollector()
 
-    def instantiate(self) -> Tree:
-        """Create the nodes, and return the tree.
+    def visit(self, tree: TreePlan) -> None:
+        """Visit the nodes of *tree*, which is neither recursive nor too large."""
+        allow_depth(self._plans.sizes[tree.id].depth)
+        self._visit_tree(tree, "", self.blackboard)
 
-        Raises:
-            TreeError: Nodes could not be created; the exception contains all errors.
-        """
-        self._instance(self._planner.plan(self._main), "", self.blackboard)
-        self._diagnostics.raise_errors()
-        return Tree(
-            self._main.id,
-            self.format,
-            self.subtrees,
-            self._nodes,
-            self._context,
-            self._registry,
-            self._tick_limit,
-        )
-
-    def _instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
-        """Create an instance of a tree definition. Return its root, or None if it could not be created."""
-        subtree = Subtree(plan.definition.id, path, blackboard)
-        self.subtrees.append(subtree)
+    def _visit_tree(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
+        """Visit an instance of a tree. Return its root, or None if it could not be created."""
+        instance = TreeInstance(plan, path, blackboard)
+        self.instances.append(instance)
         assert plan.root is not None
-        return self._node(plan.root, plan, subtree, f"{path}/" if path else "")
+        return self._visit_node(plan.root, instance)
 
-    def _node(self, plan: NodePlan, tree: TreePlan, subtree: Subtree, prefix: str) -> TreeNode | None:
-        document = tree.definition.document
+    def _visit_node(self, plan: NodePlan, tree: TreeInstance) -> TreeNode | None:
+        document = tree.document
         line = plan.element.line if document.knows_lines else document.line(plan.element)
         self._uid = uid = self._uid + 1
         id = plan.id
@@ -175,36 +115,36 @@ class TreeInstantiator:
             id, name, uid, self.format, document.file, line, plan.scripts, plan.attributes, self._enums
         )
         if plan.call is not None:
-            return self._subtree(plan, plan.call, config, tree, subtree, prefix)
+            return self._visit_call(plan, plan.call, config, tree)
         if name == id:
             # BehaviorTree.CPP appends the uid to the path of a node without a name.
-            config.path = f"{prefix}{name}::{uid}"
-        elif prefix:
-            config.path = prefix + name
-        blackboard = subtree.blackboard
-        self._ports(plan, config, document, blackboard)
-        manifest = self._substituted(plan, config, document) if self._rules else plan.manifest
+            config.path = f"{tree.prefix}{name}::{uid}"
+        elif tree.prefix:
+            config.path = tree.prefix + name
+        self.bind_ports(plan, config, tree)
+        manifest = self._substituted(plan, config, tree) if self._rules else plan.manifest
         if not plan.children:
-            leaf = self._make(plan, manifest, config, document, blackboard, ())
+            leaf = self.create(plan, manifest, config, tree, ())
             if leaf is not None:
-                self._nodes.append(leaf)
-                subtree.nodes.append(leaf)
+                self.nodes.append(leaf)
+                tree.nodes.append(leaf)
             return leaf
         # Nodes are listed in pre-order, but a parent is created after its children: keep its place.
-        at, own_at = len(self._nodes), len(subtree.nodes)
-        self._nodes.append(_PLACE_HOLDER)
-        subtree.nodes.append(_PLACE_HOLDER)
+        at, own_at = len(self.nodes), len(tree.nodes)
+        self.nodes.append(_PLACE_HOLDER)
+        tree.nodes.append(_PLACE_HOLDER)
         below = plan.children if not self._rules or takes_children(manifest) else ()
-        children = [self._node(child, tree, subtree, prefix) for child in below]
-        node = self._make(plan, manifest, config, document, blackboard, children)
+        children = [self._visit_node(child, tree) for child in below]
+        node = self.create(plan, manifest, config, tree, children)
         if node is not None:
-            self._nodes[at] = subtree.nodes[own_at] = node
+            self.nodes[at] = tree.nodes[own_at] = node
         return node
 
-    def _ports(self, plan: NodePlan, config: NodeConfig, document: Document, blackboard: Blackboard) -> None:
+    def bind_ports(self, plan: NodePlan, config: NodeConfig, tree: TreeInstance) -> None:
         """Bind the ports, and declare the entries that the ports point to."""
         if not plan.bindings:
             return
+        blackboard = tree.blackboard
         inputs: dict[str, Input] = {}
         outputs: dict[str, Output] = {}
         for bound in plan.bindings:
@@ -214,7 +154,7 @@ class TreeInstantiator:
                 try:
                     entry = blackboard.create(key, port.type, not port.writes)
                 except (BlackboardError, ConversionError) as error:
-                    self._diagnostics.add(self._clash(document, plan, port, blackboard.find(key), error))
+                    self.found.add(self._clash(plan, port, tree, blackboard.find(key), error))
                 else:
                     # The first port with a type declares the type; later ports are compared with it.
                     if entry not in self._declared and port.type.strong:
@@ -236,9 +176,10 @@ class TreeInstantiator:
         return f"'{bound.port.name}' of <{config.id}> ({config.where})"
 
     def _clash(
-        self, document: Document, plan: NodePlan, port: Port, entry: Entry | None, error: BtcoreError
+        self, plan: NodePlan, port: Port, tree: TreeInstance, entry: Entry | None, error: BtcoreError
     ) -> Diagnostic:
         """Return the diagnostic for a port whose type differs from the declared type of its entry."""
+        document = tree.document
         if entry is None or entry.declared.same(port.type):
             return document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, port.name)
         own, declared = port.type.name, entry.declared.name
@@ -256,15 +197,15 @@ class TreeInstantiator:
             )
         return document.diagnostic(CONFLICTING_ENTRY_TYPES, message, plan.element, port.name, hint=hint)
 
-    def _make(
+    def create(
         self,
         plan: NodePlan,
         manifest: Manifest | None,
         config: NodeConfig,
-        document: Document,
-        blackboard: Blackboard,
+        tree: TreeInstance,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
+        """Create a node. Return None if it or a child could not be created."""
         created: list[TreeNode] = []
         if children:
             created += [child for child in children if child is not None]
@@ -273,11 +214,11 @@ class TreeInstantiator:
         if manifest is None:
             return None
         try:
-            return manifest.make(config, self._context, blackboard, self._resources, created)
+            return manifest.make(config, self.context, tree.blackboard, self._resources, created)
         except ScriptError as error:
-            self._diagnostics.add(self._script_diagnostic(document, plan, error))
+            self.found.add(self._script_diagnostic(plan, tree, error))
         except (NodeError, BlackboardError, ConversionError) as error:
-            self._diagnostics.add(document.diagnostic(_code_of(error, plan), str(error), plan.element))
+            self.found.add(tree.document.diagnostic(_code_of(error, plan), str(error), plan.element))
         except BtcoreError:
             raise  # an error of the program, not of the document
         except Exception as error:
@@ -285,10 +226,10 @@ class TreeInstantiator:
             hint = ""
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
-            self._diagnostics.add(document.diagnostic(LEAF_INIT_RAISED, message, plan.element, hint=hint))
+            self.found.add(tree.document.diagnostic(LEAF_INIT_RAISED, message, plan.element, hint=hint))
         return None
 
-    def _substituted(self, plan: NodePlan, config: NodeConfig, document: Document) -> Manifest | None:
+    def _substituted(self, plan: NodePlan, config: NodeConfig, tree: TreeInstance) -> Manifest | None:
         """Return the manifest after the registry's substitution rules, or None after an error."""
         if plan.manifest is None:
             return None
@@ -297,55 +238,48 @@ class TreeInstantiator:
         try:
             return self._registry.apply_substitutions(config, plan.manifest, children)
         except NodeError as error:
-            self._diagnostics.add(document.diagnostic(NODE_NOT_CREATED, str(error), plan.element))
+            self.found.add(tree.document.diagnostic(NODE_NOT_CREATED, str(error), plan.element))
             return None
 
-    def _script_diagnostic(self, document: Document, plan: NodePlan, error: ScriptError) -> Diagnostic:
+    def _script_diagnostic(self, plan: NodePlan, tree: TreeInstance, error: ScriptError) -> Diagnostic:
         texts = {key: text for key, text in plan.element.attributes.items() if text == error.text}
         if texts:
-            return script_diagnostic(document, plan, next(iter(texts)), error)
-        return document.diagnostic(SCRIPT_SYNTAX, f"a script of <{plan.id}>: {error}", plan.element)
+            return script_diagnostic(tree.document, plan, next(iter(texts)), error)
+        return tree.document.diagnostic(SCRIPT_SYNTAX, f"a script of <{plan.id}>: {error}", plan.element)
 
     # --- SubTree elements
 
-    def _subtree(
-        self,
-        plan: NodePlan,
-        call: SubtreeCall,
-        config: NodeConfig,
-        tree: TreePlan,
-        subtree: Subtree,
-        prefix: str,
+    def _visit_call(
+        self, plan: NodePlan, call: SubtreeCall, config: NodeConfig, tree: TreeInstance
     ) -> TreeNode | None:
-        document = tree.definition.document
         config.name = plan.name if plan.name is not None else call.tree
         # Format 3 ignores the name of a SubTree node in paths.
         own_name = plan.name if self.format == 4 else None
-        config.path = prefix + (own_name if own_name is not None else f"{call.tree}::{config.uid}")
+        config.path = tree.prefix + (own_name if own_name is not None else f"{call.tree}::{config.uid}")
         config.attributes = {**call.written, **plan.attributes}
         if config.path in self._paths:
             message = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or remove the names"
-            self._diagnostics.add(
-                document.diagnostic(DUPLICATE_SUBTREE_PATH, message, plan.element, "name", hint=hint)
+            self.found.add(
+                tree.document.diagnostic(DUPLICATE_SUBTREE_PATH, message, plan.element, "name", hint=hint)
             )
         self._paths.add(config.path)
-        at, own_at = len(self._nodes), len(subtree.nodes)
-        self._nodes.append(_PLACE_HOLDER)
-        subtree.nodes.append(_PLACE_HOLDER)
-        manifest = self._substituted(plan, config, document) if self._rules else plan.manifest
+        at, own_at = len(self.nodes), len(tree.nodes)
+        self.nodes.append(_PLACE_HOLDER)
+        tree.nodes.append(_PLACE_HOLDER)
+        manifest = self._substituted(plan, config, tree) if self._rules else plan.manifest
         children = []
         if takes_children(manifest):
-            inner = self._scope(plan, call, document, subtree.blackboard)
-            content = self._planner.plan(self._planner.definitions.by_id[call.tree])
-            children.append(self._instance(content, config.path, inner))
-        node = self._make(plan, manifest, config, document, subtree.blackboard, children)
+            inner = self.open_scope(plan, call, tree)
+            children.append(self._visit_tree(self._plans.trees[call.tree], config.path, inner))
+        node = self.create(plan, manifest, config, tree, children)
         if node is not None:
-            self._nodes[at] = subtree.nodes[own_at] = node
+            self.nodes[at] = tree.nodes[own_at] = node
         return node
 
-    def _scope(self, plan: NodePlan, call: SubtreeCall, document: Document, outer: Blackboard) -> Blackboard:
-        """Return the blackboard of the inner tree, connected with *outer*."""
+    def open_scope(self, plan: NodePlan, call: SubtreeCall, tree: TreeInstance) -> Blackboard:
+        """Return the blackboard of the called tree, connected with that of *tree*, which calls it."""
+        outer = tree.blackboard
         if call.shared:
             return outer
         inner = self._scopes(outer)
@@ -357,8 +291,8 @@ class TreeInstantiator:
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as error:
-                self._diagnostics.add(
-                    document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, key)
+                self.found.add(
+                    tree.document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, key)
                 )
         inner.autoremap = call.autoremap
         return inner
@@ -374,12 +308,10 @@ def _code_of(error: Exception, plan: NodePlan) -> DiagnosticCode:
     return MISSING_PORT if missing else NODE_NOT_CREATED
 
 
-def _clock_among(resources: Sequence[object]) -> Clock:
-    """Return the first clock in *resources*, or else the system clock."""
-    for resource in resources:
-        if hasattr(resource, "now") and hasattr(resource, "wait_until"):
-            return cast(Clock, resource)
-    return SystemClock()
+def allow_depth(depth: int) -> None:
+    """Raise Python's recursion limit, if a tree of *depth* levels needs it."""
+    # Nodes are created, checked and ticked recursively, with at most six Python calls per level.
+    sys.setrecursionlimit(max(sys.getrecursionlimit(), 6 * depth + 1000))
 
 
 _PLACE_HOLDER = TreeNode()

@@ -25,7 +25,7 @@ def tree_to_xml(tree: Tree, metadata: bool = True, builtin_models: bool = True) 
 
     Examples:
         >>> import btcore
-        >>> from btcore.xml.render.tree_xml import tree_to_xml
+        >>> from btcore.loading.tree_xml import tree_to_xml
         >>> b = btcore.Builder()
         >>> print(tree_to_xml(b.build(b.Inverter(b.AlwaysSuccess())), builtin_models=False), end="")
         <root BTCPP_format="4">

@@ -24,15 +24,18 @@ from btcore.diagnostic_codes import (
     DiagnosticCode,
 )
 from btcore.errors import ConversionError, Diagnostic, PortError, TreeError, UnknownNodeError, XmlSyntaxError
+from btcore.loading.instantiate import instantiate
+from btcore.paused_collector import PausedCollector
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name
 from btcore.tree.tree import Tree
 from btcore.values import to_text
-from btcore.xml.build import build
+from btcore.xml.examine import examine
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.document import Document, parse_text
 from btcore.xml.read.element import Element, ElementPart
+from btcore.xml.read.read import read
 
 _STEP: Final = "    "
 MAX_BUILDER_DEPTH: Final = 2_000
@@ -163,7 +166,9 @@ class Builder:
             TreeError: The tree has errors; each has the file and line of the code that created the spec.
         """
         document = _Writer(main, id, subtrees, "").document()
-        return build(document, self._nodes, tree=id, resources=resources, blackboard=blackboard, clock=clock)
+        with PausedCollector():
+            plans = examine(read(document, self._nodes.documents), self._nodes, id)
+            return instantiate(plans, resources, blackboard, clock)
 
     def _maker(self, id: str, where: tuple[str, int]) -> Callable[..., NodeSpec]:
         manifest = self._nodes.get(id)

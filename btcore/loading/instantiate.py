@@ -1,0 +1,54 @@
+"""Create a tree from its plans: the last stage of loading."""
+
+from collections.abc import Sequence
+from typing import cast
+
+from btcore.blackboard.blackboard import Blackboard
+from btcore.clock import Clock, SystemClock
+from btcore.tree.tree import Subtree, Tree
+from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.visitor import PlanVisitor
+
+
+def instantiate(
+    plans: Plans,
+    resources: Sequence[object] = (),
+    blackboard: Blackboard | None = None,
+    clock: Clock | None = None,
+    tick_limit: float | None = None,
+) -> Tree:
+    """Create the nodes of the main tree, and return the tree.
+
+    Args:
+        plans: The plans.
+        resources: As in `LoadOptions`, like all following arguments.
+        blackboard: The blackboard of the main tree.
+        clock: The clock.
+        tick_limit: The limit of a tick (s).
+
+    Raises:
+        TreeError: The plans have errors, or nodes could not be created. It holds all errors.
+    """
+    plans.diagnostics.raise_errors()
+    main = plans.main
+    assert main is not None, "a missing main tree is an error"
+    visitor = PlanVisitor(plans, resources, clock or _clock_among(resources), blackboard)
+    visitor.visit(main)
+    visitor.found.collected().raise_errors()
+    return Tree(
+        main.id,
+        visitor.format,
+        [Subtree(part.plan.id, part.path, part.blackboard, part.nodes) for part in visitor.instances],
+        visitor.nodes,
+        visitor.context,
+        plans.nodes,
+        tick_limit,
+    )
+
+
+def _clock_among(resources: Sequence[object]) -> Clock:
+    """Return the first clock in *resources*, or else the system clock."""
+    for resource in resources:
+        if hasattr(resource, "now") and hasattr(resource, "wait_until"):
+            return cast(Clock, resource)
+    return SystemClock()

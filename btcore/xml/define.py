@@ -1,0 +1,237 @@
+"""Find the trees that documents define, the main tree among them, and the models of subtrees.
+
+This is the second stage of loading.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple
+
+from btcore.diagnostic_codes import (
+    AMBIGUOUS_MAIN_TREE,
+    DUPLICATE_TREE_ID,
+    INVALID_NAME,
+    MISSING_ID,
+    NOT_A_ROOT,
+    TOO_LARGE,
+    TREE_WITHOUT_ID,
+    UNKNOWN_FORMAT,
+)
+from btcore.names import model_port_name_error
+from btcore.suggestions import join_names, nearest_name
+from btcore.xml.models.tree_nodes_model import PORT_TAGS
+from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
+from btcore.xml.read.dialect import DIALECTS, Dialect, parse_format
+from btcore.xml.read.document import Document
+from btcore.xml.read.element import EXAMPLE, Element
+from btcore.xml.read.read import Sources
+
+MAX_MODEL_PORTS: Final = 1_000
+"""Maximum number of ports in the model of a subtree."""
+
+
+class TreeDefinition(NamedTuple):
+    """A `<BehaviorTree>` element with its ID and its document."""
+
+    id: str
+    document: Document
+    element: Element
+
+
+class Definitions(NamedTuple):
+    """The trees that documents define.
+
+    Attributes:
+        sources: The documents.
+        dialect: The rules of the main document's format, which apply to all documents.
+        all: The definitions in the order of the documents.
+        by_id: The definitions without unused duplicates.
+        main: The main tree; None if it is missing or ambiguous.
+        subtree_models: For each tree that a model declares, the names of its ports with their defaults; None
+            means a required port.
+        are_complete: Whether all documents could be read. If not, they may define the missing trees.
+        diagnostics: What was found in this stage and before.
+    """
+
+    sources: Sources
+    dialect: Dialect
+    all: tuple[TreeDefinition, ...]
+    by_id: Mapping[str, TreeDefinition]
+    main: TreeDefinition | None
+    subtree_models: Mapping[str, Mapping[str, str | None]]
+    are_complete: bool
+    diagnostics: Diagnostics
+
+
+def define(sources: Sources, tree: str | None = None, format: int | None = None) -> Definitions:
+    """Return the trees that documents define.
+
+    Args:
+        sources: The documents.
+        tree: ID of the main tree; by default the main document determines it.
+        format: 3 or 4, overriding the main document's `BTCPP_format`.
+    """
+    found = DiagnosticCollector(sources.diagnostics)
+    main_document = sources.main
+    if format is None:
+        written = main_document.root.get("BTCPP_format")
+        format = parse_format(written)
+        if format is None:
+            message = f"unknown BTCPP_format '{written}'"
+            hint = 'write BTCPP_format="4", or "3" for a tree of Groot 1'
+            found.add(
+                main_document.diagnostic(
+                    UNKNOWN_FORMAT, message, main_document.root, "BTCPP_format", hint=hint
+                )
+            )
+    dialect = DIALECTS[format or 4]
+    are_complete = not found.errors
+    every: list[TreeDefinition] = []
+    by_id: dict[str, TreeDefinition] = {}
+    unnamed = 0
+    for document in sources.documents:
+        root = document.root
+        if root.tag != "root":
+            message = f"the outermost element is <{root.tag}>, not <root>"
+            hint = EXAMPLE
+            if str(root.tag).lower() == "root":
+                hint = "did you mean <root>? XML is case-sensitive"
+            found.add(document.diagnostic(NOT_A_ROOT, message, root, hint=hint))
+            continue
+        only_child = len(root.children) == 1
+        for element in root.iterchildren("BehaviorTree"):
+            name = element.get("ID")
+            if not name and not only_child and dialect.tree_ids_checked:
+                message = "missing ID of the <BehaviorTree>"
+                hint = 'write <BehaviorTree ID="…">'
+                found.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
+            if name is None:
+                # The name that BehaviorTree.CPP gives to a tree without an ID. An empty ID remains empty.
+                name = f"BehaviorTree_{unnamed}"
+                unnamed += 1
+            definition = TreeDefinition(name, document, element)
+            every.append(definition)
+            earlier = by_id.setdefault(name, definition)
+            if earlier is not definition:
+                replaces = dialect.last_tree_wins or earlier.document in sources.libraries
+                if replaces:
+                    by_id[name] = definition
+                _warn_duplicate(definition, earlier, replaces, found)
+    main = None
+    if main_document.root.tag == "root":
+        main = _main(main_document, tree, every, by_id, are_complete, found)
+    models = _subtree_models(sources.documents, dialect, found)
+    return Definitions(sources, dialect, tuple(every), by_id, main, models, are_complete, found.collected())
+
+
+def _warn_duplicate(
+    definition: TreeDefinition, earlier: TreeDefinition, replaces: bool, found: DiagnosticCollector
+) -> None:
+    place = earlier.document.source_map.span(earlier.element, "ID")
+    where = f"{earlier.document.file or '<text>'}:{place.line}" if place else earlier.document.file
+    effect = f"it replaces the tree at {where}" if replaces else f"it is ignored, the tree at {where} is used"
+    message = f"duplicate tree '{definition.id}': {effect}"
+    hint = "rename or remove one of the two trees"
+    found.add(definition.document.diagnostic(DUPLICATE_TREE_ID, message, definition.element, "ID", hint=hint))
+
+
+def _main(
+    document: Document,
+    requested: str | None,
+    every: list[TreeDefinition],
+    by_id: Mapping[str, TreeDefinition],
+    are_complete: bool,
+    found: DiagnosticCollector,
+) -> TreeDefinition | None:
+    """Return the main tree: *requested*, or the document's main tree or only tree; None on error."""
+    root = document.root
+    if requested is not None:
+        if requested not in by_id and are_complete:
+            hint = tree_hint(requested, by_id)
+            if not hint.startswith("did you mean"):
+                hint = f"--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; {hint}"
+            message = f"unknown main tree '{requested}'"
+            found.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, root, hint=hint))
+        return by_id.get(requested)
+    written = root.get("main_tree_to_execute")
+    if written is not None:
+        if written not in by_id and are_complete:
+            message = f"unknown main tree '{written}' in main_tree_to_execute"
+            hint = tree_hint(written, by_id)
+            found.add(
+                document.diagnostic(AMBIGUOUS_MAIN_TREE, message, root, "main_tree_to_execute", hint=hint)
+            )
+        return by_id.get(written)
+    # Trees of the document itself take precedence over included trees.
+    own = [definition for definition in every if definition.document is document]
+    for candidates in (own, list(by_id.values())):
+        if len(candidates) == 1:
+            return by_id[candidates[0].id]
+    if not are_complete:
+        return None
+    if not every:
+        message = "missing <BehaviorTree>: the document has no tree"
+        hint = EXAMPLE
+    else:
+        message = "ambiguous main tree: the document has several trees"
+        names = join_names(sorted(by_id), "or")
+        hint = f'write main_tree_to_execute="…" in <root>, or select a tree when loading: {names}'
+    found.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, root, hint=hint))
+    return None
+
+
+def tree_hint(name: str, known: Iterable[str]) -> str:
+    """Return a hint for an unknown tree.
+
+    Args:
+        name: The unknown ID.
+        known: The IDs of the known trees.
+    """
+    names = sorted(known)
+    near = nearest_name(name, names)
+    if near is not None:
+        return f"did you mean '{near}'?"
+    return f"the trees are: {join_names(names)}" if names else "no tree has an ID"
+
+
+def _subtree_models(
+    documents: Iterable[Document], dialect: Dialect, found: DiagnosticCollector
+) -> dict[str, dict[str, str | None]]:
+    """Return the ports that subtree models declare. Models of other nodes are ignored."""
+    models_by_id: dict[str, dict[str, str | None]] = {}
+    for document in documents:
+        for models in document.root.iterchildren("TreeNodesModel"):
+            for model in models.iterchildren("SubTree"):
+                id = model.get("ID")
+                if id is None:
+                    message = "missing ID in the model of a subtree"
+                    hint = 'write <SubTree ID="…">'
+                    found.add(document.diagnostic(MISSING_ID, message, model, hint=hint))
+                    continue
+                ports = models_by_id.setdefault(id, {})
+                for port in model.iterchildren(*PORT_TAGS):
+                    if len(ports) >= MAX_MODEL_PORTS:
+                        # Every call of the tree has all ports: a short document could fill the memory.
+                        message = f"the model of '{id}' has more than {MAX_MODEL_PORTS:,} ports"
+                        found.add(document.diagnostic(TOO_LARGE, message, model, "ID"))
+                        break
+                    _add_model_port(document, port, ports, dialect, found)
+    return models_by_id
+
+
+def _add_model_port(
+    document: Document,
+    port: Element,
+    ports: dict[str, str | None],
+    dialect: Dialect,
+    found: DiagnosticCollector,
+) -> None:
+    name = port.get("name")
+    if name is None:
+        message = f"missing name of the <{port.tag}>"
+        found.add(document.diagnostic(MISSING_ID, message, port, hint=f'write <{port.tag} name="…"/>'))
+        return
+    error = model_port_name_error(name) if dialect.tree_ids_checked else ""
+    if error:
+        message = f"invalid port name '{name}' in the model of a subtree: {error}"
+        found.add(document.diagnostic(INVALID_NAME, message, port, "name"))
+    ports[name] = port.get("default")
