@@ -50,7 +50,6 @@ COLD_FILES = {
     "btcore/input_files.py",
     "btcore/json_text.py",
     "btcore/names.py",
-    "btcore/paused_collector.py",
     "btcore/program_runner.py",
     "btcore/run_extension.py",
     "btcore/suggestions.py",
@@ -69,9 +68,7 @@ COLD_FILES = {
 HOT_FILES = {
     "btcore/registry/substitution.py",
     "btcore/xml/read/element.py",
-    "btcore/xml/plan/node_plan.py",
-    "btcore/xml/plan/structure_checks.py",
-    "btcore/xml/plan/tree_planner.py",
+    "btcore/xml/plan/tree_plan.py",
     "btcore/xml/plan/visitor.py",
 }
 

@@ -3,24 +3,21 @@
 from typing import Final
 
 # Spaces, characters with a meaning in XML, paths or patterns, and control characters, as in BehaviorTree.CPP.
-_FORBIDDEN: Final = frozenset(" \t\r\n<>&\"'/\\:*?|.") | {chr(code) for code in (*range(32), 127)}
+FORBIDDEN: Final = frozenset(" \t\r\n<>&\"'/\\:*?|.") | {chr(code) for code in (*range(32), 127)}
+"""The characters that are not allowed in an ID."""
 _RESERVED_IN_3: Final = frozenset({"ID", "name", "_description"})
 # Without "_autoremap": the models that BehaviorTree.CPP writes list it as a port of SubTree.
 _RESERVED_ATTRIBUTES: Final = frozenset(
     {"ID", "name", "_failureIf", "_successIf", "_skipIf", "_while"}
     | {"_onHalted", "_onFailure", "_onSuccess", "_post"}
 )
-_RESERVED_IDS: Final = frozenset({"Root", "root"})
+RESERVED_IDS: Final = frozenset({"Root", "root"})
+"""The names that no node or tree may have."""
 
 
 def forbidden_in(name: str) -> str:
     """Return the first character of *name* that is not allowed in an ID, or "". All letters are allowed."""
-    return next((char for char in name if char in _FORBIDDEN), "")
-
-
-def is_reserved(ID: str) -> bool:
-    """Return whether *ID* is reserved, so that no node or tree may have it."""
-    return ID in _RESERVED_IDS
+    return next((char for char in name if char in FORBIDDEN), "")
 
 
 def port_name_error(name: str, format: int = 4) -> str:

@@ -39,7 +39,6 @@ TIERS = (
         "data_folders",
         "escaping",
         "names",
-        "paused_collector",
         "suggestions",
         "builds",
         "flatbuffer",

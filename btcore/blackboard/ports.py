@@ -186,6 +186,8 @@ class Binding:
         if key is None:
             if port.value is not UNSET and text == port.default:
                 self.literal = port.value
+            elif port.type is STRING:
+                self.literal = text
             else:
                 try:
                     self.literal = port.type.from_text(text, format)

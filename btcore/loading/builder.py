@@ -25,7 +25,7 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import ConversionError, Diagnostic, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
-from btcore.paused_collector import PausedCollector
+from btcore.loading.load import PausedCollector
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name

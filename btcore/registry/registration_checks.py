@@ -12,7 +12,7 @@ from btcore.engine.leaf import StatefulAction
 from btcore.engine.node import TreeNode
 from btcore.engine.threaded import ThreadedAction
 from btcore.errors import ConversionError, RegistrationError
-from btcore.names import forbidden_in, is_reserved, port_name_error
+from btcore.names import RESERVED_IDS, forbidden_in, port_name_error
 from btcore.suggestions import join_names
 from btcore.values import STRING, UserType, ValueType, VectorType
 
@@ -29,7 +29,7 @@ def check_id(ID: str) -> None:
     """Raise RegistrationError if *ID* cannot be a tag in the XML."""
     if not ID:
         raise RegistrationError("the ID of a node must not be empty")
-    if is_reserved(ID):
+    if ID in RESERVED_IDS:
         raise RegistrationError(f"'{ID}' is reserved in Groot, and can't be the ID of a node")
     character = forbidden_in(ID)
     if character:

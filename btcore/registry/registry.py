@@ -5,6 +5,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
+from functools import cache
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
@@ -39,6 +40,12 @@ MOVED_MODULES: Final = {
     "btcore_robot.leaves.navigate": "btcore_navigation.leaves.navigate",
 }
 """The new names of modules that have moved, by their old names. CHANGELOG.md lists them under "To do"."""
+
+
+@cache
+def _builtin_manifest(ID: str, node: type[TreeNode]) -> Manifest:
+    """Return the manifest of a built-in node, whose types need no registry. All registries share it."""
+    return create_manifest(ID, node, TypeRegistry(), {}, "btcore")
 
 
 class Registry:
@@ -127,7 +134,8 @@ class Registry:
             if isinstance(entry, Manifest):
                 return entry
             if entry is not None:
-                manifest = table[ID] = create_manifest(ID, entry, self.types, {}, "btcore")
+                # mypy takes the hash of a node for that of the class.
+                manifest = table[ID] = _builtin_manifest(ID, entry)  # type: ignore[arg-type]
                 return manifest
         return None
 

@@ -1,15 +1,168 @@
-"""Compiled scripts, and the results of conditions."""
+"""Parse scripts with the operator precedences of BehaviorTree.CPP, and run the programs."""
 
 from collections.abc import Mapping
 from typing import Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.errors import ConversionError, ScriptError
-from btcore.script.expressions import Expression
-from btcore.script.parser import Parser
+from btcore.script.expressions import (
+    Assignment,
+    Comparison,
+    ConditionalExpression,
+    Expression,
+    Literal,
+    Name,
+    OperatorChain,
+    UnaryOperation,
+)
+from btcore.script.lexer import BOOLEAN, END, INTEGER, MALFORMED, NAME, REAL, STRING, Token, tokenize
 from btcore.values import as_bool, number_of
+from btcore.values.numbers import MAX_INT64, leading_float
 
 _NO_ENUMS: Final[dict[str, int]] = {}
+# The operators by precedence: level 1 binds the loosest, the last level the tightest.
+_LEVELS: Final = (":= = += -= *= /=", "?", "||", "&&", "== != < > <= >=", "| ^", "&", "+ - ..", "* /")
+_BINDING: Final[dict[str, int]] = {
+    operator: level for level, operators in enumerate(_LEVELS, start=1) for operator in operators.split()
+}
+_LOOSEST: Final = 0
+_ASSIGNING: Final = 1
+_CHOOSING: Final = 2
+_COMPARING: Final = 5
+# Bounds the recursion of the parser and of the evaluation.
+_DEEPEST: Final = 200
+
+
+class Parser:
+    """A parser of one script, which is a sequence of statements."""
+
+    def __init__(self, text: str, enums: Mapping[str, int]) -> None:
+        self.text: str = text
+        self.enums: Mapping[str, int] = enums
+        self.tokens: list[Token] = tokenize(text)
+        self.at: int = 0
+        self.depth: int = 0
+
+    def statements(self) -> list[Expression]:
+        """Parse all statements, each followed by any number of `;`. Raise ScriptError."""
+        statements: list[Expression] = []
+        while self._next().kind != END:
+            statements.append(self._expression(_LOOSEST))
+            # As in BehaviorTree.CPP, a statement may also follow without a semicolon.
+            while self._next().kind == ";":
+                self.at += 1
+        if not statements:
+            raise ScriptError("the script is empty; write an expression, such as a := 1", self.text)
+        return statements
+
+    def _next(self) -> Token:
+        return self.tokens[self.at]
+
+    def _take(self) -> Token:
+        token = self.tokens[self.at]
+        if token.kind != END:
+            self.at += 1
+        return token
+
+    def _expression(self, least: int) -> Expression:
+        """Parse a value, and the operators after the value whose precedence level is at least *least*."""
+        self.depth += 1
+        if self.depth > _DEEPEST:
+            raise self._error(self._next(), f"the expression is nested more than {_DEEPEST} deep")
+        left = self._prefixed()
+        while True:
+            token = self._next()
+            binding = _BINDING.get(token.kind, -1)
+            if binding < least:
+                break
+            if binding == _COMPARING:
+                left = self._comparison(left)
+                continue
+            self.at += 1
+            if binding == _ASSIGNING:
+                left = Assignment(self.text, token, left, self._expression(_LOOSEST), self.enums)
+                break
+            if binding == _CHOOSING:
+                left = self._choice(token, left)
+                break
+            chain = left if isinstance(left, OperatorChain) else OperatorChain(self.text, token, left)
+            # A tighter level for the right operand, because equal levels are evaluated from left to right.
+            chain.extend(token, self._expression(binding + 1))
+            left = chain
+        self.depth -= 1
+        return left
+
+    def _comparison(self, first: Expression) -> Expression:
+        comparison = Comparison(self.text, self._next(), first, self.enums)
+        while _BINDING.get(self._next().kind, -1) == _COMPARING:
+            token = self._take()
+            comparison.extend(token, self._expression(_COMPARING + 1))
+        return comparison
+
+    def _choice(self, question: Token, condition: Expression) -> Expression:
+        then = self._expression(_LOOSEST)
+        colon = self._take()
+        if colon.kind != ":":
+            raise self._unexpected(colon, f"expected ':' to follow the '?' in column {question.start + 1}")
+        return ConditionalExpression(self.text, question, condition, then, self._expression(_CHOOSING))
+
+    def _prefixed(self) -> Expression:
+        first = self._next()
+        signs: list[str] = []
+        while self._next().kind in ("-", "~", "!"):
+            signs.append(self._take().kind)
+        value = self._value()
+        return UnaryOperation(self.text, first, signs, value) if signs else value
+
+    def _value(self) -> Expression:
+        token = self._take()
+        kind = token.kind
+        if kind == NAME:
+            return Name(self.text, token, self.enums)
+        if kind == STRING:
+            return Literal(self.text, token, token.text)
+        if kind == BOOLEAN:
+            return Literal(self.text, token, 1.0 if token.text == "true" else 0.0)
+        if kind == INTEGER:
+            return Literal(self.text, token, _integer(token.text))
+        if kind == REAL:
+            try:
+                return Literal(self.text, token, leading_float(token.text))
+            except ConversionError as error:
+                raise self._error(token, str(error)) from None
+        if kind == "(":
+            inner = self._expression(_LOOSEST)
+            close = self._take()
+            if close.kind != ")":
+                raise self._unexpected(close, f"expected ')' to close the '(' in column {token.start + 1}")
+            return inner
+        raise self._unexpected(token, "expected a value")
+
+    def _unexpected(self, token: Token, expected: str) -> ScriptError:
+        if token.kind == END:
+            return self._error(token, f"{expected}, but the script ends")
+        if token.kind != MALFORMED:
+            return self._error(token, f"{expected}, but found '{token.text}'")
+        if token.text.startswith("'"):
+            return self._error(token, "the string has no closing quote")
+        if token.text == '"':
+            return self._error(token, "strings are written between single quotes: '…'")
+        if token.text[0] in "0123456789":
+            return self._error(token, f"'{token.text}' is not a number; examples: 12, 0x1F, 1.5, 1e3")
+        return self._error(token, f"unexpected character '{token.text}'")
+
+    def _error(self, token: Token, message: str) -> ScriptError:
+        return ScriptError(message, self.text, token.start + 1, token.width)
+
+
+def _integer(digits: str) -> int:
+    """Return the value of the literal; 0 for more than 63 bits, as in BehaviorTree.CPP."""
+    hexadecimal = digits[1:2] in ("x", "X")
+    bare = (digits[2:] if hexadecimal else digits).lstrip("0") or "0"
+    if len(bare) > 19:
+        return 0
+    value = int(bare, 16 if hexadecimal else 10)
+    return value if value <= MAX_INT64 else 0
 
 
 class Program:

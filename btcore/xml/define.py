@@ -20,13 +20,23 @@ from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.models.tree_nodes_model import PORT_TAGS
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
-from btcore.xml.read.dialect import DIALECTS, Dialect, parse_format
+from btcore.xml.read.dialect import DIALECTS, Dialect
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import EXAMPLE, Element
 from btcore.xml.read.read import Sources
 
 MAX_MODEL_PORTS: Final = 1_000
 """Maximum number of ports in the model of a subtree."""
+
+
+def parse_format(written: str | None) -> int | None:
+    """Return the format (3 or 4) that the attribute `BTCPP_format` names, or None if it is unknown.
+
+    A document without the attribute has format 3, as Groot 1 writes it.
+    """
+    if written is None:
+        return 3
+    return {"3": 3, "4": 4}.get(written.strip())
 
 
 class TreeDefinition(NamedTuple):

@@ -24,8 +24,7 @@ from btcore.script.expressions import (
     UnaryOperation,
 )
 from btcore.script.operators import EPSILON, OPERATORS, compare, compound_assigned_value, negated, operate
-from btcore.script.parser import Parser
-from btcore.script.program import condition_result
+from btcore.script.program import Parser, condition_result
 from btcore.values.numbers import leading_float
 from btcore.values.types import INT64, MAX_EXACT, as_double, number_of
 from btcore_batch.columns import NUMBER, OBJECT, TEXT, TRUTH, BatchValue, Column, Slot, Values, to_objects

@@ -15,8 +15,7 @@ from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
 from btcore.xml.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.xml.lint.reporter import LintReporter, line_of, node_label
 from btcore.xml.models.stand_ins import is_stub
-from btcore.xml.plan.node_plan import NodePlan
-from btcore.xml.plan.structure_checks import count_text, element_children
+from btcore.xml.plan.tree_plan import NodePlan, count_text, element_children
 from btcore.xml.read.document import Document
 
 _THRESHOLDS: Final = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}

@@ -17,8 +17,8 @@ from btcore.registry.manifest import Manifest
 from btcore.xml.lint.possible_results import is_built_in
 from btcore.xml.lint.scripts import WRITING, AccessKind, find_name_uses
 from btcore.xml.models.stand_ins import is_stub
-from btcore.xml.plan.node_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.visitor import PlanVisitor, TreeInstance
 from btcore.xml.read.document import Document
 

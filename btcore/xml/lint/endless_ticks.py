@@ -10,8 +10,8 @@ from btcore.status import FAILURE, SUCCESS, NodeType
 from btcore.xml.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.models.stand_ins import is_stub
-from btcore.xml.plan.node_plan import NodePlan, TreePlan
 from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 
 _FOREVER: Final = -1
 _CHECKED_WHILE_RUNNING: Final = "_while"  # the only pre-condition that may halt a node that is RUNNING

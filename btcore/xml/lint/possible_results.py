@@ -5,9 +5,8 @@ from typing import Final
 from btcore.engine.node import TreeNode
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
 from btcore.xml.models.stand_ins import is_stub
-from btcore.xml.plan.node_plan import NodePlan
 from btcore.xml.plan.plan import Plans
-from btcore.xml.plan.structure_checks import element_children
+from btcore.xml.plan.tree_plan import NodePlan, element_children
 
 _DECLARATIONS: Final = frozenset({"possible_results", "may_return", "continue_on", "branch_results"})
 # The result of each pre-condition that takes effect before the node itself is ticked.

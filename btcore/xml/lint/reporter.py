@@ -1,7 +1,7 @@
 """Report warnings about nodes, and name nodes in messages."""
 
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.xml.plan.node_plan import NodePlan
+from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import ElementPart

@@ -16,10 +16,9 @@ from btcore.script.expressions import (
     OperatorChain,
     UnaryOperation,
 )
-from btcore.script.parser import Parser
-from btcore.script.program import condition_result
+from btcore.script.program import Parser, condition_result
 from btcore.xml.lint.reporter import LintReporter, node_label
-from btcore.xml.plan.node_plan import NodePlan
+from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.document import Document
 
 

@@ -8,8 +8,8 @@ from btcore.suggestions import join_names, nearest_name
 from btcore.xml.lint.dry_run import uses_whole_blackboard
 from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.lint.scripts import find_name_uses
-from btcore.xml.plan.node_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.document import Document
 
 _OF_THE_ELEMENT = ("name", "_description")

@@ -1,5 +1,6 @@
 """Find all errors and warnings in a document, without building its tree."""
 
+import gc
 from collections.abc import Collection, Mapping
 from typing import Final
 
@@ -12,7 +13,6 @@ from btcore.diagnostic_codes import (
 )
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import Diagnostic
-from btcore.paused_collector import PausedCollector
 from btcore.registry.registry import Registry
 from btcore.xml.examine import examine
 from btcore.xml.lint.children import check_child_count, check_reachable_children
@@ -74,10 +74,14 @@ def validate_document(
         format: 3 or 4, overriding the document's `BTCPP_format`.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
-    with PausedCollector(keeps=False):
-        sources = read(document, nodes.documents)
-        plans = examine(sources, nodes, tree, format, every_tree=True)
+    was_enabled = gc.isenabled()
+    gc.disable()  # the collector would scan the plans again and again, although they are no garbage
+    try:
+        plans = examine(read(document, nodes.documents), nodes, tree, format, every_tree=True)
         found = _check_plans(plans, tree is not None, given)
+    finally:
+        if was_enabled:
+            gc.enable()
     return [*sort_diagnostics(found.errors), *sort_diagnostics(found.warnings)]
 
 

@@ -20,10 +20,11 @@ from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import ANY, ValueType
+from btcore.xml.define import parse_format
 from btcore.xml.models.stand_ins import make_stub_class
 from btcore.xml.models.tree_nodes_model import PORT_TAGS
 from btcore.xml.read.diagnostics import DiagnosticCollector
-from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES, parse_format
+from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
 from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import read

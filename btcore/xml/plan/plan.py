@@ -13,10 +13,7 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition
-from btcore.xml.plan.node_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.plan.palette import NodePalette
-from btcore.xml.plan.structure_checks import outline_trees
-from btcore.xml.plan.tree_planner import PlanContext, TreePlanner
+from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner, outline_trees
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.document import Document
@@ -109,7 +106,7 @@ def plan(definitions: Definitions, nodes: Registry, every_tree: bool = False) ->
             are checked only after errors: without errors they are compiled when the nodes are created.
     """
     found = DiagnosticCollector(definitions.diagnostics)
-    context = PlanContext(definitions, NodePalette(nodes, definitions.dialect.format), found)
+    context = PlanContext(definitions, nodes, found)
     outlines = outline_trees(context)
     trees: dict[str, TreePlan] = {}
     by_id, main = definitions.by_id, definitions.main

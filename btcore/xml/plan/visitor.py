@@ -26,8 +26,8 @@ from btcore.errors import BlackboardError, BtcoreError, ConversionError, Diagnos
 from btcore.registry.manifest import Manifest, Resources, takes_children
 from btcore.registry.registry import library_of
 from btcore.values import parse_constant, type_of
-from btcore.xml.plan.node_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.plan import Plans, script_diagnostic
+from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.diagnostics import DiagnosticCollector
 
 

@@ -90,13 +90,3 @@ DIALECTS: Final = {
         max_depth=256,
     ),
 }
-
-
-def parse_format(written: str | None) -> int | None:
-    """Return the format (3 or 4) that the attribute `BTCPP_format` names, or None if it is unknown.
-
-    A document without the attribute has format 3, as Groot 1 writes it.
-    """
-    if written is None:
-        return 3
-    return {"3": 3, "4": 4}.get(written.strip())

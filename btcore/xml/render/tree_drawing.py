@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Port
 from btcore.status import NodeType
-from btcore.xml.plan.node_plan import NodePlan, TreePlan
 from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.plan.visitor import allow_depth
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element

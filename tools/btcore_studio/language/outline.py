@@ -12,8 +12,8 @@ from lsprotocol.types import (
     WorkspaceSymbol,
 )
 
+from btcore.registry.registry import Registry
 from btcore.status import NodeType
-from btcore.xml.plan.palette import NodePalette
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import ProjectSymbols, symbols_of
@@ -50,7 +50,7 @@ def find_document_symbols(project: Project, document: SourceDocument) -> list[Do
         document: The document.
     """
     # The other files are not read, because editors request the outline after each change.
-    palette = NodePalette(project.registry, written_format(document.scan))
+    nodes, format = project.registry, written_format(document.scan)
     outline: list[DocumentSymbol] = []
     # For each element the list that gets the symbols of its children, and their level.
     lists: dict[ScannedElement | None, tuple[list[DocumentSymbol], int]] = {None: (outline, 0)}
@@ -59,7 +59,7 @@ def find_document_symbols(project: Project, document: SourceDocument) -> list[Do
         if element.tag == "root":
             lists[element] = (siblings, level)
             continue
-        symbol = _document_symbol(palette, document, element)
+        symbol = _document_symbol(nodes, format, document, element)
         siblings.append(symbol)
         children: list[DocumentSymbol] = []
         symbol.children = children
@@ -118,7 +118,7 @@ def find_folding_ranges(project: Project, document: SourceDocument) -> list[Fold
 
 
 def _document_symbol(
-    palette: NodePalette, document: SourceDocument, element: ScannedElement
+    nodes: Registry, format: int, document: SourceDocument, element: ScannedElement
 ) -> DocumentSymbol:
     whole = document.positions.range(element.start, element.end)
     attribute = element.attribute("name") or element.attribute("ID")
@@ -128,7 +128,7 @@ def _document_symbol(
     label, detail = _description(element)
     return DocumentSymbol(
         name=_label(label) or element.tag,
-        kind=_kind(palette, element),
+        kind=_kind(nodes, format, element),
         range=whole,
         selection_range=document.positions.range(start, end),
         detail=_label(detail),
@@ -154,12 +154,12 @@ def _description(element: ScannedElement) -> tuple[str, str]:
     return name or own, " ".join(details)
 
 
-def _kind(palette: NodePalette, element: ScannedElement) -> SymbolKind:
+def _kind(nodes: Registry, format: int, element: ScannedElement) -> SymbolKind:
     if element.tag in _STRUCTURE:
         return _STRUCTURE[element.tag]
     if is_call(element):
         return SymbolKind.Module
-    manifest = palette.get(node_id(element))
+    manifest = nodes.get(node_id(element), format)
     kind = manifest.type if manifest is not None else EXPLICIT_TAGS.get(element.tag)
     # A port or another element of a model, or an unknown node.
     return _KINDS.get(kind, SymbolKind.Method) if kind is not None else SymbolKind.Property
@@ -168,7 +168,7 @@ def _kind(palette: NodePalette, element: ScannedElement) -> SymbolKind:
 def _names(symbols: ProjectSymbols, uri: str) -> Iterator[tuple[str, SymbolKind, str, ScannedAttribute]]:
     """Yield (name, kind, name of the container, place of the name) of each symbol of a file."""
     file, document = symbols.files[uri], symbols.documents[uri]
-    palette = NodePalette(symbols.registry, file.format)
+    nodes, format = symbols.registry, file.format
     name_of_file = document.path.name if document.path is not None else uri
     for tree in file.trees:
         attribute = tree.element.attribute("ID")
@@ -177,11 +177,11 @@ def _names(symbols: ProjectSymbols, uri: str) -> Iterator[tuple[str, SymbolKind,
         for element in tree.nodes:
             attribute = element.attribute("name")
             if attribute is not None and attribute.value:
-                yield attribute.value, _kind(palette, element), tree.id or name_of_file, attribute
+                yield attribute.value, _kind(nodes, format, element), tree.id or name_of_file, attribute
     for model in file.models:
         attribute = model.element.attribute("ID")
         if attribute is not None and model.id:
-            yield model.id, _kind(palette, model.element), name_of_file, attribute
+            yield model.id, _kind(nodes, format, model.element), name_of_file, attribute
 
 
 def _rank(name: str, wanted: str) -> int | None:

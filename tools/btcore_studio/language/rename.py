@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, TextEdit, WorkspaceEdit
 from pygls.exceptions import JsonRpcException
 
-from btcore.names import forbidden_in, is_reserved, port_name_error
+from btcore.names import RESERVED_IDS, forbidden_in, port_name_error
 from btcore.script import lexer
 from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.models.tree_nodes_model import quoted
@@ -252,7 +252,7 @@ def _rename_tree(
         character = forbidden_in(new_name)
         if character:
             raise RenameError(f"invalid tree ID '{new_name}': {character!r} is not allowed")
-        if is_reserved(new_name):
+        if new_name in RESERVED_IDS:
             raise RenameError(f"invalid tree ID '{new_name}': the name is reserved")
         known = symbols.registry.get(new_name, 4)
         if symbols.node_models(new_name) or (known is not None and not known.is_overridable):
@@ -293,7 +293,11 @@ def _rename_node(symbols: ProjectSymbols, target: NamedNode, new_name: str) -> l
     character = forbidden_in(new_name)
     if character:
         raise RenameError(f"invalid ID of a node '{new_name}': {character!r} is not allowed")
-    if is_reserved(new_name) or new_name in EXPLICIT_TAGS or new_name in ("BehaviorTree", "TreeNodesModel"):
+    if (
+        new_name in RESERVED_IDS
+        or new_name in EXPLICIT_TAGS
+        or new_name in ("BehaviorTree", "TreeNodesModel")
+    ):
         raise RenameError(f"invalid ID of a node '{new_name}': the name is reserved")
     is_taken = any(symbols.registry.get(new_name, format) is not None for format in (3, 4))
     if is_taken or symbols.node_models(new_name) or any(symbols.nodes(new_name)):

@@ -1,8 +1,7 @@
-"""The nodes that a document of one format may use, with hints for unknown nodes and ports."""
+"""Hints for unknown nodes and ports."""
 
-from collections.abc import Callable, Mapping
-from functools import cache, cached_property, partial
-from typing import Final
+from collections.abc import Mapping
+from functools import cache, cached_property
 
 from btcore.entry_points import UnavailableEntryPoint
 from btcore.registry.manifest import Manifest
@@ -11,24 +10,20 @@ from btcore.suggestions import join_names, nearest_name
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 
 
-class NodePalette:
-    """The nodes of a registry that exist in one XML format (3 or 4)."""
+class UnknownNodeHints:
+    """Makes hints for the unknown nodes of a document in one XML format (3 or 4)."""
 
     def __init__(self, registry: Registry, format: int) -> None:
         self._registry = registry
         self._format = format
-        # Cached, because every node of a document is looked up several times.
-        self.get: Final[Callable[[str], Manifest | None]] = cache(partial(registry.get, format=format))
         self._plugin_suggested = False
 
     @cached_property
     def names(self) -> Mapping[str, Manifest]:
-        """The nodes by ID."""
+        """The nodes of the format, by ID."""
         return self._registry.manifests_of(self._format)
 
-    def unknown_node_hint(
-        self, name: str, trees: Mapping[str, object], declared_in: str | None = None
-    ) -> str:
+    def hint(self, name: str, trees: Mapping[str, object], declared_in: str | None = None) -> str:
         """Return a hint for an unknown node; the first of the hints suggests to load a plugin.
 
         Args:
@@ -39,7 +34,7 @@ class NodePalette:
         if name in trees:
             return f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>"
         successor = NODE_REPLACEMENTS.get(name)
-        if successor is not None and self.get(successor) is not None:
+        if successor is not None and self._registry.get(successor, self._format) is not None:
             return f"use <{successor}>, which replaces it"
         other = 7 - self._format
         if self._registry.get(name, other) is not None:
@@ -61,7 +56,7 @@ class NodePalette:
                 f"the installed library {provided.distribution} provides it: call nodes.add_plugins() of the "
                 "registry, and pass nodes=nodes"
             )
-        searched = "searched: " + ", ".join(self.distributions())
+        searched = "searched: " + ", ".join(self._distributions())
         near = nearest_name(name, [*self.names, *EXPLICIT_TAGS])
         hint = searched if near is None else f"did you mean <{near}>?   {searched}"
         if not self._plugin_suggested:
@@ -70,7 +65,7 @@ class NodePalette:
             hint += "".join(f"; {library.note}" for library in unavailable)
         return hint
 
-    def distributions(self) -> list[str]:
+    def _distributions(self) -> list[str]:
         """Return the names of the Python distributions that provide the nodes, btcore first."""
         names = {manifest.distribution for manifest in self.names.values()}
         if "__main__" in names:
