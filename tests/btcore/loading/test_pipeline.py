@@ -28,7 +28,8 @@ def test_each_stage_gets_the_result_of_the_stage_before() -> None:
     sources = read(parse_text(CALLING))
     definitions = define(sources)
     plans = plan(definitions, Registry.standard())
-    assert definitions.sources is sources and plans.definitions is definitions
+    assert definitions.sources is sources
+    assert plans.definitions is definitions
     assert list(definitions.by_id) == ["Main", "Inner", "Unused"]
     assert {id: plans.sizes[id] for id in plans.trees} == {"Main": (5, 3), "Inner": (1, 1)}
     assert instantiate(plans).tick_while_running() is btcore.SUCCESS
@@ -40,7 +41,7 @@ def test_trees_that_are_not_used_are_planned_on_request_only() -> None:
     definitions = define(read(parse_text(CALLING)))
     assert plan(definitions, Registry.standard()).diagnostics.errors == ()
     (error,) = plan(definitions, Registry.standard(), every_tree=True).diagnostics.errors
-    assert error.code == "E202" and error.line == 6
+    assert (error.code, error.line) == ("E202", 6)
 
 
 def test_a_stage_keeps_what_the_stages_before_have_found() -> None:

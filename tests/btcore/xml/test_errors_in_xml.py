@@ -12,7 +12,7 @@ from btcore.errors import TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
 from btcore.xml.examine import examine
 from btcore.xml.lint.validate import validate_document
-from btcore.xml.plan import palette
+from btcore.xml.plan import hints
 from btcore.xml.read.document import parse_file, parse_text
 from btcore.xml.read.read import read
 
@@ -332,9 +332,9 @@ CASES = {
 def no_installed_libraries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Hide the node libraries of this environment, which hints about unknown nodes name."""
     monkeypatch.setenv(LIMIT_VARIABLE, "")
-    palette._installed_nodes.cache_clear()
+    hints._installed_nodes.cache_clear()
     yield
-    palette._installed_nodes.cache_clear()
+    hints._installed_nodes.cache_clear()
 
 
 @pytest.mark.usefixtures("no_installed_libraries")
@@ -450,12 +450,12 @@ def test_library_that_cannot_be_loaded(
     (information / "entry_points.txt").write_text("[btcore.nodes]\narm = arm_leaves\n")
     (tmp_path / "arm_leaves.py").write_text("import arm_driver\n")
     monkeypatch.syspath_prepend(tmp_path)
-    palette._installed_nodes.cache_clear()
+    hints._installed_nodes.cache_clear()
     try:
         with pytest.raises(UnknownNodeError) as caught:
             loads(document("<Grasp/>"))
     finally:
-        palette._installed_nodes.cache_clear()
+        hints._installed_nodes.cache_clear()
     assert (
         "; the node library 'arm' was not searched; it cannot be loaded: the module 'arm_driver' is not "
         "installed (from the distribution 'arm')"
