@@ -1,17 +1,14 @@
 """Leaves that follow the plan in their port `plan`, and record their calls.
 
-They are the leaves of the recorded conformance cases and of random trees, and can replace other leaves in a
-test. The letters of a plan are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); X raises an exception.
+They are the leaves of random trees, and can replace other leaves in a test. The letters of a plan are R
+(RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); X raises an exception.
 """
 
 from typing import ClassVar
 
-from btcore.blackboard.ports import Direction, Port
 from btcore.engine.leaf import Condition, StatefulAction, SyncAction
 from btcore.engine.signature import In
-from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
-from btcore.values import INT
 
 LETTERS = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
 
@@ -188,28 +185,3 @@ class PlanSync(SyncAction):
         self.journal.record(self.name, "tick")
         self.ticks += 1
         return _status_at(self.plan, self.ticks - 1)
-
-
-class Inc(SyncAction):
-    """An action that writes `in` + 1 to `out`, and fails if `in` cannot be read. `tick` is recorded."""
-
-    def __init__(self, journal: CallLog) -> None:
-        self.journal = journal
-
-    @staticmethod
-    def provided_ports() -> list[Port]:
-        """Return the ports."""
-        return [Port("in", type=INT), Port("out", Direction.OUT, type=INT)]
-
-    def tick(self) -> Status:
-        """Add 1."""
-        self.journal.record(self.name, "tick")
-        try:
-            value = self.get_input("in")
-        except (NodeError, BlackboardError, ConversionError):
-            return FAILURE
-        port = self.config.outputs.get("out")
-        # Without a blackboard key there is nothing to write, which is not an error.
-        if port is not None and port.key is not None and isinstance(value, int):
-            port.write(value + 1)
-        return SUCCESS

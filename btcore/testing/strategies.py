@@ -106,9 +106,9 @@ def xml_documents(
 ) -> str:
     """Return a strategy of documents as XML text. The nodes are named n1, n2 … in pre-order.
 
-    The leaves are PlanAction, PlanCondition and PlanSync, each with its own plan; load the documents with
-    `conformance_registry` and a `CallLog`. Without *own_plans* the leaves
-    are Act and Ask, which follow an `Outcomes`; load the documents with `with_mock_leaves`.
+    The leaves are PlanAction, PlanCondition and PlanSync, each with its own plan; load the documents with a
+    registry that contains them, and a `CallLog`. Without *own_plans* the leaves are Act and Ask, which follow
+    an `Outcomes`; load the documents with `with_mock_leaves`.
 
     All loops end. But a KeepRunningUntilFailure may keep the tree RUNNING forever, and `tick_once` does not
     return if the branches of a WhileDoElse alternate and wake the tree up each time.

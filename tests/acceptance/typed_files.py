@@ -24,7 +24,7 @@ from pathlib import Path
 
 from click.testing import CliRunner
 from editor import Editor, position, session
-from fuzz import corpus, mutated
+from fuzz import RECORDED, corpus, mutated
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException
 
@@ -37,8 +37,11 @@ REQUEST_EVERY = 60
 """The number of characters between two requests."""
 GREETINGS = ("<!-- Grüße 🤖 -->", "<!-- 你好\n𝄞 -->", "<!-- \u2028 é -->")
 # The leaves of the recorded trees, as a node library of the user.
-LIBRARY = """
-from btcore.testing.conformance import conformance_registry
+LIBRARY = f"""
+import sys
+
+sys.path.append({str(RECORDED)!r})
+from recorded_cases import conformance_registry
 
 def register(nodes):
     for manifest in conformance_registry():

@@ -9,10 +9,10 @@ import pytest
 from btcore.errors import ConversionError
 from btcore.json_text import load_json, too_deep_at
 from btcore.registry.registry import Registry
-from btcore.testing.conformance import read_cases
 from btcore.testing.substitution_rules import SubstitutionError, load_substitution_rules
 from btcore.values.numbers import read_json
 from btcore_sweep.journal import _read_definition
+from tests.conformance.recorded_cases import read_cases
 
 DEEP = "nested more than 100 levels deep"
 DEEP_TEXTS = ['{"a":' * 101 + "1" + "}" * 101, "[" * 100_000 + "]" * 100_000, "[" * 100_000]

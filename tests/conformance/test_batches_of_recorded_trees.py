@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from btcore import In, Registry, SimClock, Status, TreeError
-from btcore.testing.conformance import read_cases, recorded_value
+from tests.conformance.recorded_cases import read_cases, recorded_value
 
 np = pytest.importorskip("numpy")
 import btcore_batch as batch  # noqa: E402

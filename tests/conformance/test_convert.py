@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from btcore.testing.conformance import compare_conversion_case
+from tests.conformance.recorded_cases import compare_conversion_case
 
 RECORDED = Path(__file__).parent / "data" / "convert.jsonl.gz"
 

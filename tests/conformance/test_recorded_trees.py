@@ -14,16 +14,7 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore.testing.conformance import (
-    compare_case,
-    compare_tree_case,
-    conformance_registry,
-    documented_difference,
-    main,
-    read_cases,
-    run_case,
-)
-from btcore.testing.documented_differences import (
+from tests.conformance.recorded_cases import (
     EXPLICIT_TAGS_RULE,
     HALT_RULE,
     NAME_RULE,
@@ -31,6 +22,13 @@ from btcore.testing.documented_differences import (
     UNTYPED_TEXT_RULE,
     WIDER_TYPE_RULE,
     ZERO_CHARACTER_RULE,
+    compare_case,
+    compare_tree_case,
+    conformance_registry,
+    documented_difference,
+    main,
+    read_cases,
+    run_case,
 )
 
 DATA = Path(__file__).parent / "data"
@@ -390,7 +388,7 @@ def test_program_exits_with_1_and_prints_the_difference(tmp_path: Path) -> None:
     bad = write_cases(tmp_path / "bad.jsonl.gz", [good[0], altered(good[1], other_event), good[2]])
     home = Path(btcore.__file__).parent.parent
     done = subprocess.run(
-        [sys.executable, "-m", "btcore.testing.conformance", bad],
+        [sys.executable, Path(__file__).with_name("recorded_cases.py"), bad],
         env={**os.environ, "PYTHONPATH": str(home)},
         capture_output=True,
         text=True,

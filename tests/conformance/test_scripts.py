@@ -4,7 +4,7 @@ import gzip
 import json
 from pathlib import Path
 
-from btcore.testing.conformance import compare_script_case
+from tests.conformance.recorded_cases import compare_script_case
 
 RECORDED = Path(__file__).parent / "data" / "scripts.jsonl.gz"
 

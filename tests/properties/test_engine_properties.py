@@ -13,10 +13,10 @@ import btcore
 from btcore import NodeExecutionError, Observer, SimClock, Status, Transition, Transitions, Tree, TreeNode
 from btcore.engine.control import MIN_CHILDREN_FOR_BATCH_RESET
 from btcore.testing import xml_documents
-from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog, LeafPlanError
 from btcore.testing.strategies import action_plans
 from btcore.testing.tree_generator import SCRIPT_KEYS
+from tests.conformance.recorded_cases import conformance_registry
 
 NODES = conformance_registry()
 MANY_CALLS = 500

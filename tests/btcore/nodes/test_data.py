@@ -6,9 +6,9 @@ from collections.abc import Callable
 import pytest
 
 from btcore import In, NodeExecutionError, Registry, Status, Tree, TreeError, condition
-from btcore.testing.conformance import conformance_registry
 from btcore.tree.saved_state import restore_state, save_state
 from btcore.values import INT64
+from tests.conformance.recorded_cases import conformance_registry
 
 Grow = Callable[..., Tree]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import pytest
 
 from btcore import Blackboard, NodeExecutionError, Status, Tree, TreeError
-from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog
+from tests.conformance.recorded_cases import conformance_registry
 
 Grow = Callable[..., Tree]
 

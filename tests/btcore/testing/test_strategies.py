@@ -26,7 +26,7 @@ from btcore import (
     condition,
 )
 from btcore.testing import CallLog, Outcomes, blackboards, outcomes, trees, xml_documents
-from btcore.testing.conformance import conformance_registry
+from tests.conformance.recorded_cases import conformance_registry
 
 RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 SMALLEST = settings(

@@ -22,8 +22,8 @@ from btcore import (
 )
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
-from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog, PlanAction
+from tests.conformance.recorded_cases import conformance_registry
 
 Grow = Callable[..., Tree]
 

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from btcore import Diagnostic, Registry, TreeError
-from btcore.testing.conformance import conformance_registry, run_case
 from btcore.xml.convert.convert import Conversion, convert
 from btcore.xml.read.document import parse_text
 from btcore.xml.read.tinyxml2_compat import START_TAG, iter_start_tags
+from tests.conformance.recorded_cases import conformance_registry, run_case
 
 RECORDED = Path(__file__).parents[2] / "conformance" / "data" / "v3_full.jsonl.gz"
 NODES = conformance_registry()

@@ -10,10 +10,10 @@ import pytest
 
 import btcore
 from btcore.errors import Diagnostic, TreeError
-from btcore.testing.conformance import conformance_registry, read_cases
 from btcore.testing.plan_leaves import CallLog
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_text
+from tests.conformance.recorded_cases import conformance_registry, read_cases
 
 DATA = Path(__file__).parents[2] / "conformance" / "data"
 NODES = conformance_registry()

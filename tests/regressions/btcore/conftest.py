@@ -6,8 +6,8 @@ import pytest
 
 import btcore
 from btcore import Blackboard, Registry, SimClock, Tree
-from btcore.testing.conformance import conformance_registry
 from btcore.testing.plan_leaves import CallLog
+from tests.conformance.recorded_cases import conformance_registry
 
 
 class Grower:

@@ -10,7 +10,6 @@ import pytest
 
 import btcore
 from btcore.registry.registry import Registry
-from btcore.testing.conformance import conformance_registry, read_cases, run_case
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
 from btcore.xml.read.document import parse_file
@@ -19,6 +18,7 @@ from btcore_studio.language.node_models import NodeModel, PortModel
 from btcore_studio.language.project import Project, Settings
 from btcore_studio.language.project_symbols import symbols_of
 from btcore_studio.language.rename import RenameError, prepare_rename, rename_symbol
+from tests.conformance.recorded_cases import conformance_registry, read_cases, run_case
 from tests.tools.btcore_studio.language.marked_project import MarkedProject
 
 DATA = Path(__file__).parents[3] / "conformance" / "data"

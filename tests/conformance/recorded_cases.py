@@ -1,4 +1,4 @@
-"""Run recorded conformance cases: `python -m btcore.testing.conformance FILE.jsonl.gz …`.
+"""Run recorded conformance cases: `python tests/conformance/recorded_cases.py FILE.jsonl.gz …`.
 
 A case contains a tree, a script or a text to convert, and the result that BehaviorTree.CPP returned. The
 program prints `N passed, M failed` and the first differences, and exits with 1 if there is a difference.
@@ -7,6 +7,7 @@ Differences that docs/reference/differences.md describes are counted separately,
 
 import gzip
 import math
+import re
 import sys
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -17,26 +18,24 @@ from typing import Any, Final
 from btcore import values
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.ports import Direction, Port
 from btcore.clock import SimClock
+from btcore.diagnostic_codes import CONTROL_CHARACTER_IN_NAME, NOT_XML
+from btcore.engine.leaf import SyncAction
 from btcore.engine.observers import Observer
-from btcore.errors import BtcoreError, NodeExecutionError
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, NodeExecutionError
 from btcore.escaping import escape_controls
 from btcore.json_text import load_json
 from btcore.loading.load import loads
+from btcore.nodes.blackboard_actions import SetBlackboard
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
-from btcore.status import Status, Transition
-from btcore.testing.documented_differences import (
-    HALT_RULE,
-    PORT_ORDER_RULE,
-    UNTYPED_TEXT_RULE,
-    EmptyingSetBlackboard,
-    halts_further,
-    load_rule,
-    rearranged_ports,
-)
-from btcore.testing.plan_leaves import CallLog, Inc, PlanAction, PlanCondition, PlanSync
+from btcore.status import FAILURE, SUCCESS, Status, Transition
+from btcore.testing.plan_leaves import CallLog, PlanAction, PlanCondition, PlanSync
 from btcore.tree.tree import Tree
+from btcore.values import ANY_VALUE, INT
+from btcore.xml.read.dialect import EXPLICIT_TAGS
+from btcore.xml.read.tinyxml2_compat import find_attribute, iter_attributes, iter_start_tags
 
 MAX_DIFFERENCES = 10  # that are printed
 KINDS = {"xml", "script", "convert"}
@@ -67,6 +66,21 @@ RECORDED_TYPES: Final[Mapping[str, values.ValueType]] = {
     "vector<string>": values.VECTOR_STRING,
 }
 """The types of the conversion cases, by their name in the cases."""
+
+# The rules of differences.md by which recorded cases differ.
+EXPLICIT_TAGS_RULE: Final = "explicit tags below ReactiveSequence"
+UNTYPED_TEXT_RULE: Final = "SetBlackboard of a text to an entry without a type"
+PORT_ORDER_RULE: Final = "order in which a node's ports create entries"
+WIDER_TYPE_RULE: Final = "integer written by user code"
+HALT_RULE: Final = "exception while nodes are halted"
+NAME_RULE: Final = "line break or tab in a node's name"
+ZERO_CHARACTER_RULE: Final = "&#0;, &#; and references to surrogates (&#xD800;)"
+
+_UNKNOWN_TAG: Final = re.compile(rf"Unknown node type: ({'|'.join(EXPLICIT_TAGS)})$")
+_WIDER_TYPE: Final = re.compile(
+    r"created with type \[(?:int|long)\] and, later type \[(?:long|float|double)\]"
+)
+_ERROR_CODE: Final = re.compile(r" (E\d{3}) ")
 
 
 def read_cases(path: Path) -> Iterator[dict[str, Any]]:
@@ -133,6 +147,31 @@ def conformance_registry() -> Registry:
     nodes = Registry.standard()
     nodes.add(PlanAction, PlanCondition, PlanSync, Inc)
     return nodes
+
+
+class Inc(SyncAction):
+    """An action that writes `in` + 1 to `out`, and fails if `in` cannot be read. `tick` is recorded."""
+
+    def __init__(self, journal: CallLog) -> None:
+        self.journal = journal
+
+    @staticmethod
+    def provided_ports() -> list[Port]:
+        """Return the ports."""
+        return [Port("in", type=INT), Port("out", Direction.OUT, type=INT)]
+
+    def tick(self) -> Status:
+        """Add 1."""
+        self.journal.record(self.name, "tick")
+        try:
+            value = self.get_input("in")
+        except (NodeError, BlackboardError, ConversionError):
+            return FAILURE
+        port = self.config.outputs.get("out")
+        # Without a blackboard key there is nothing to write, which is not an error.
+        if port is not None and port.key is not None and isinstance(value, int):
+            port.write(value + 1)
+        return SUCCESS
 
 
 class TickRecorder(Observer):
@@ -213,6 +252,80 @@ def compare_tree_case(case: dict[str, Any], nodes: Registry) -> str | None:
     if len(expected["ticks"]) != len(actual["ticks"]):
         return f"expected {len(expected['ticks'])} ticks, got {len(actual['ticks'])}"
     return None
+
+
+class EmptyingSetBlackboard(SetBlackboard):
+    """SetBlackboard as in BehaviorTree.CPP 4.10, which empties an entry without a type."""
+
+    def put_text(self, key: str, text: str) -> None:
+        """Write *text*, which needs a converter of the entry's type. The type BT::Any has none."""
+        entry = self.blackboard.find(key)
+        if entry is None or entry.declared.strong:
+            super().put_text(key, text)
+            return
+        if entry.declared is ANY_VALUE:
+            raise BlackboardError(f"no conversion from text for the entry '{key}' of type BT::Any")
+        board = self.blackboard.root if key.startswith("@") else self.blackboard
+        if board.local_entries().get(key.lstrip("@")) is entry:
+            entry.declared = ANY_VALUE
+        entry.put(None, board.now())
+
+
+def rearranged_ports(xml: str, nodes: Registry) -> str:
+    """Return *xml* with the ports of each node in the order in which BehaviorTree.CPP creates their entries.
+
+    This is the order of a hash table, in which ports that were declared later come first.
+    """
+    pieces: list[str] = []
+    done = 0
+    for tag in iter_start_tags(xml):
+        id = find_attribute(tag, "ID") if tag[1] in EXPLICIT_TAGS else None
+        manifest = nodes.get(tag[1] if id is None else id[2] or "")
+        if manifest is None or len(manifest.ports) < 2:
+            continue
+        order = {name: index for index, name in enumerate(reversed(manifest.ports))}
+        written = list(iter_attributes(tag))
+        arranged = sorted(written, key=lambda attribute: order.get(attribute[1], -1))
+        for old, new in zip(written, arranged, strict=True):
+            pieces += (xml[done : old.start()], new[0])
+            done = old.end()
+    return "".join((*pieces, xml[done:]))
+
+
+def load_rule(xml: str, expected: Mapping[str, Any], actual: Mapping[str, Any]) -> str | None:
+    """Return the rule that explains why only one of the two engines rejects a tree, or None.
+
+    Args:
+        xml: The tree.
+        expected: The recorded result.
+        actual: The result of this engine.
+    """
+    refused, ours = expected.get("load_error"), actual.get("load_error")
+    if refused is not None and ours is None:
+        if _UNKNOWN_TAG.search(refused) is not None and "<ReactiveSequence" in xml:
+            return EXPLICIT_TAGS_RULE
+        return WIDER_TYPE_RULE if _WIDER_TYPE.search(refused) is not None else None
+    if refused is None and ours is not None:
+        codes = set(_ERROR_CODE.findall(ours))
+        if codes == {CONTROL_CHARACTER_IN_NAME}:
+            return NAME_RULE
+        return ZERO_CHARACTER_RULE if codes == {NOT_XML} and " is not a character" in ours else None
+    return None
+
+
+def halts_further(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    """Return whether an exception ended the halt of nodes in the recorded tick *before*, and not in *now*."""
+    if "exception" not in before or "exception" not in now:
+        return False
+    events, calls = before["events"], before["calls"]
+    more = now["events"][len(events) :]
+    return (
+        now["events"][: len(events)] == events
+        and now["calls"][: len(calls)] == calls
+        and bool(more)
+        and more[-1][2] == "IDLE"
+        and all(now["nodes"].get(name) in (status, "IDLE") for name, status in before["nodes"].items())
+    )
 
 
 def documented_difference(case: dict[str, Any], nodes: Registry) -> str | None:
