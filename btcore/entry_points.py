@@ -1,8 +1,9 @@
 """Loading the entry points by which packages extend btcore.
 
-The group `btcore.nodes` holds node libraries, `btcore.commands` click commands, and `btcore.resources`
-extensions of `btcore run`. An entry point that cannot be loaded, because an extra is not installed or broken,
-does not raise: it is returned together with the error, so that the rest of the command line works without it.
+The group `btcore.nodes` holds node libraries, `btcore.commands` click commands, `btcore.resources`
+extensions of `btcore run`, and `btcore.logs` formats of log files. An entry point that cannot be loaded,
+because an extra is not installed or broken, does not raise: it is returned together with the error, so that
+the rest of the command line works without it.
 """
 
 # importlib.metadata is imported inside the functions: importing it takes as long as importing click, and

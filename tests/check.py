@@ -45,6 +45,7 @@ PACKAGES = {
     "robot_nodes/btcore_robot": "tests/robot_nodes",
     "ros2/btcore_ros2": "tests/ros2",
     "sim/btcore_sim": "tests/sim",
+    "tools/btcore_bags": "tests/tools/btcore_bags",
     "tools/btcore_batch": "tests/tools/btcore_batch",
     "tools/btcore_proof": "tests/tools/btcore_proof",
     "tools/btcore_studio": "tests/tools/btcore_studio",

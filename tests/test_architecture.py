@@ -14,6 +14,7 @@ from btcore_robot.robot import Robot
 ROOT = Path(__file__).parent.parent
 PARENTS = {
     "btcore": ".",
+    "btcore_bags": "tools",
     "btcore_batch": "tools",
     "btcore_monitor": "monitor",
     "btcore_navigation": "robot_nodes",

@@ -29,6 +29,7 @@ SOURCES = {
         "robot_nodes/btcore_robot",
         "ros2/btcore_ros2",
         "sim/btcore_sim",
+        "tools/btcore_bags",
         "tools/btcore_batch",
         "tools/btcore_proof",
         "tools/btcore_studio",

@@ -3,9 +3,9 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
-from btcore.logs.bag import BagLog, read_bag
+from btcore.entry_points import load
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
 from btcore.logs.fbl import read_fbl
@@ -23,7 +23,6 @@ WRITERS: Final[dict[str, Callable[[Tree, Path], Log]]] = {
     ".btlog": BtLog,
     ".db3": SqliteLog,
     ".btdb": SqliteLog,
-    ".mcap": BagLog,
     ".json": TraceLog,
 }
 """The logs that btcore writes, by extension."""
@@ -32,12 +31,18 @@ READERS: Final[dict[str, Callable[[Path], Recording]]] = {
     ".btlog": read_btlog,
     ".db3": read_sqlite,
     ".btdb": read_sqlite,
-    ".mcap": read_bag,
     ".fbl": read_fbl,
 }
 """The functions that read logs, by extension."""
 
 CONSOLE: Final = "-"
+
+
+class LogFormat(NamedTuple):
+    """A format of another package: an entry point of the group `btcore.logs`, named after the extension."""
+
+    write: Callable[[Tree, Path], Log]
+    read: Callable[[Path], Recording]
 
 
 def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
@@ -71,7 +76,7 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
     if file.suffix == ".fbl":
         hint = file.with_suffix(".btlog")
         raise LogError(f"{file}: btcore reads but does not write .fbl, a log of format 3; use {hint.name}")
-    return _by_extension(file, WRITERS, "written")(tree, file)
+    return _by_extension(file, WRITERS, "write", "written")(tree, file)
 
 
 def read_log(path: str | os.PathLike[str]) -> Recording:
@@ -103,10 +108,13 @@ def read_log(path: str | os.PathLike[str]) -> Recording:
     name, mark, number = file.name.rpartition("#")
     if mark and number.isdecimal() and Path(name).suffix in EXTENSIONS and not file.exists():
         return read_sqlite(file.with_name(name), int(number))
-    return _by_extension(file, READERS, "read")(file)
+    return _by_extension(file, READERS, "read", "read")(file)
 
 
-def _by_extension(path: Path, choices: dict[str, T], what: str) -> T:
+def _by_extension(path: Path, choices: dict[str, T], field: str, what: str) -> T:
+    if path.suffix not in choices:
+        formats, _ = load("btcore.logs")
+        choices = choices | {f".{each.name}": getattr(each.value, field) for each in formats}
     if path.suffix in choices:
         return choices[path.suffix]
     guess = nearest_name(path.suffix, choices) or next(iter(choices))

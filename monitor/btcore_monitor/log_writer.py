@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Final
 
 from btcore.clock import NS_PER_US
-from btcore.logs.bag import EXTENSION as BAG
-from btcore.logs.bag import BagWriter
 from btcore.logs.btlog import EXTENSION as BTLOG
 from btcore.logs.btlog import BtLogWriter
 from btcore.logs.sqlite import EXTENSIONS as SQLITE
 from btcore.logs.sqlite import GAP_PREFIX, SqliteWriter
 from btcore.status import Status
+from btcore_bags.log import EXTENSION as BAG
+from btcore_bags.log import BagWriter
 from btcore_monitor.events import (
     ConnectionChanged,
     DataMissed,

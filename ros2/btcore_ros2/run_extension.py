@@ -144,7 +144,7 @@ class RosExtension(RunExtension):
             )
         if not _has_robot(wanted):
             return ()
-        from btcore.logs.bag_reader import BagReader
+        from btcore_bags.reader import BagReader
         from btcore_ros2.robot.bag_robot import BagRobot
         from btcore_ros2.robot.description import load_robot
 

@@ -40,7 +40,7 @@ TESTS = (
     "tests/btcore/cli/test_validate.py",
     "tests/btcore/cli/test_lsp_command.py",
     "tests/tools/btcore_studio/agents/test_summaries.py",
-    "tests/btcore/logs/test_bag.py",
+    "tests/tools/btcore_bags/test_bags.py",
     "tests/tools/btcore_batch",
     "tests/monitor/serve/test_groot1.py",
     "tests/monitor/serve/test_groot2.py",

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from btcore.errors import EndOfTimeError
-from btcore.logs.bag_reader import BagReader
+from btcore_bags.reader import BagReader
 from btcore_robot.robot import NS_PER_S, CameraImage, CameraInfo, Phase, Twist2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.bag_time import BagMessage, BagTime

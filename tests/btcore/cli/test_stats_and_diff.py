@@ -67,7 +67,7 @@ def test_gap_is_reported(cli: Cli, tmp_path: Path) -> None:
     ("name", "content", "said"),
     [
         ("gone.btlog", None, "cannot read this log: no such file"),
-        ("run.rrd", b"RRF2", "logs that can be read end in .btlog, .db3, .btdb, .mcap or .fbl"),
+        ("run.rrd", b"RRF2", "logs that can be read end in .btlog, .db3, .btdb, .fbl or .mcap"),
         ("empty.btlog", b"", "this is not a .btlog file"),
         ("empty.db3", b"", "this is not an SQLite database, it is empty"),
         ("empty.fbl", b"", "this is not a .fbl file"),

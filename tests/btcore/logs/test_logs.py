@@ -201,14 +201,14 @@ def test_file_extension_selects_the_log_class(
     [
         (
             "a.btlgo",
-            "a.btlgo: logs that can be written end in .btlog, .db3, .btdb, .mcap or .json; did you mean "
+            "a.btlgo: logs that can be written end in .btlog, .db3, .btdb, .json or .mcap; did you mean "
             "a.btlog?",
         ),
         (
             "a",
-            "a: logs that can be written end in .btlog, .db3, .btdb, .mcap or .json; did you mean a.btlog?",
+            "a: logs that can be written end in .btlog, .db3, .btdb, .json or .mcap; did you mean a.btlog?",
         ),
-        ("", ".: logs that can be written end in .btlog, .db3, .btdb, .mcap or .json; for example run.btlog"),
+        ("", ".: logs that can be written end in .btlog, .db3, .btdb, .json or .mcap; for example run.btlog"),
         ("a.fbl", "a.fbl: btcore reads but does not write .fbl, a log of format 3; use a.btlog"),
     ],
 )
@@ -291,6 +291,6 @@ def test_missing_log_is_reported(tmp_path: Path, name: str) -> None:
 
 def test_reading_a_trace_as_a_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        LogError, match=r"logs that can be read end in \.btlog, \.db3, \.btdb, \.mcap or \.fbl"
+        LogError, match=r"logs that can be read end in \.btlog, \.db3, \.btdb, \.fbl or \.mcap"
     ):
         read_log(tmp_path / "run.json")

@@ -17,7 +17,7 @@ from btcore.cli.main import main
 from btcore.clock import NS_PER_S
 from btcore.errors import EndOfTimeError
 from btcore.logs import LogError
-from btcore.logs.bag_reader import BagReader
+from btcore_bags.reader import BagReader
 from btcore_robot.robot import Phase
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.bag_robot import BagRobot

@@ -20,7 +20,7 @@ from btcore.cli.node_libraries import load_libraries
 from btcore.cli.tree_source import find_source
 from btcore.clock import NS_PER_S
 from btcore.errors import EndOfTimeError
-from btcore.logs.bag_reader import BagReader
+from btcore_bags.reader import BagReader
 from btcore_ros2.robot.bag_robot import BagRobot
 from btcore_ros2.robot.description import load_robot
 from btcore_ros2.robot.ros_robot import RosRobot

@@ -33,8 +33,8 @@ PROCESSES: Final = 2
 """The number of commands that run at the same time; further commands wait."""
 MAX_WAITING: Final = 20
 """The number of commands that may wait."""
-SIMULATION: Final = ("nav2", "navigation", "prove", "replay", "robot_nodes", "sim", "sweep")
-"""The entry points of btcore that are used: nodes of btcore, and a robot in a simulated world."""
+SIMULATION: Final = ("mcap", "nav2", "navigation", "prove", "replay", "robot_nodes", "sim", "sweep")
+"""The entry points of btcore that are used: logs and nodes of btcore, and a robot in a simulated world."""
 
 _PATIENCE: Final = 0.75
 """The part of the time limit after which a command is interrupted."""

@@ -2,7 +2,7 @@
 
 rosbags trusts a bag: it decompresses chunks of any size, computes the constants in the definitions of
 messages, and runs Python code that it makes of the definitions. The process sends only the bytes of messages;
-bag_reader.py decodes them by known definitions.
+reader.py decodes them by known definitions.
 
 The file runs as a script, and imports only the standard library and rosbags, so that the process starts fast.
 At its standard input it receives lines of JSON: first the settings, then the number and the topics of an

@@ -21,13 +21,14 @@ from lxml import etree
 from btcore.clock import NS_PER_S, NS_PER_US
 from btcore.input_files import ENLARGE, format_size, max_size
 from btcore.loading.tree_xml import tree_to_xml
-from btcore.logs.bag_reader import BagReader
 from btcore.logs.files import LogError, create, expect_extension, read_bytes, write_whole
+from btcore.logs.formats import LogFormat
 from btcore.logs.log import Log
 from btcore.logs.recording import Gap, LoggedTransition, RecordedNode, Recording, parse_nodes
 from btcore.status import NodeType, Status, Transition
 from btcore.tree.tree import Tree
 from btcore.xml.models.tree_nodes_model import TAG_OF
+from btcore_bags.reader import BagReader
 
 EXTENSION: Final = ".mcap"
 LOG_TOPIC: Final = "/behavior_tree_log"
@@ -233,6 +234,10 @@ def read_bag(path: str | os.PathLike[str]) -> Recording:
     if start is None:
         start = transitions[0].stamp if transitions else 0
     return Recording(path, xml, start, nodes, transitions, gaps=tuple(gaps))
+
+
+FORMAT: Final = LogFormat(BagLog, read_bag)
+"""The format of the extension `EXTENSION`, an entry point of the group `btcore.logs`."""
 
 
 def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:

@@ -1,7 +1,7 @@
 """Reading messages from bags of ROS 2 with the package rosbags.
 
 Bags may come from elsewhere, so a damaged or hostile file raises a LogError. The file is read in a process
-with limits (bag_process.py), unless this process has limits itself. A bag contains the definitions of its
+with limits (reading_process.py), unless this process has limits itself. A bag contains the definitions of its
 messages; the messages are decoded by the known definitions of ROS 2, if both agree.
 """
 
@@ -16,11 +16,11 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from btcore.logs import bag_process
-from btcore.logs.bag_process import ANSWER, RECORD, BagError, BagSource, Message
 from btcore.logs.files import LogError, read_bytes
 from btcore.process_group import NEW_PROCESS_GROUP
 from btcore.process_limits import is_limited
+from btcore_bags import reading_process
+from btcore_bags.reading_process import ANSWER, RECORD, BagError, BagSource, Message
 
 MAX_MEMORY: Final = 1 << 30
 """The greatest size (bytes) of the data of the process that reads a bag."""
@@ -108,7 +108,7 @@ class BagReader:
             read = definition.deserialize_cdr_le if is_little else definition.deserialize_cdr_be
             message, _ = read(data[4:], 0, definition.cls, self._types)
         except Exception as error:  # for a damaged message, rosbags raises exceptions of many classes
-            raise LogError(f"{self.path}: {bag_process.explain(error)}") from None
+            raise LogError(f"{self.path}: {reading_process.explain(error)}") from None
         return message
 
     def close(self) -> None:
@@ -129,7 +129,7 @@ class _BagProcess:
         self._iterations = 0
         self._process = subprocess.Popen(
             # -P: a module beside the script must not replace one of the standard library.
-            [sys.executable, "-P", bag_process.__file__],
+            [sys.executable, "-P", reading_process.__file__],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -20,8 +20,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import btcore
 from btcore.cli.main import main
 from btcore.clock import NS_PER_S
-from btcore.logs import LogError, bag_reader, open_log, read_log
-from btcore.logs.bag import BagWriter
+from btcore.logs import LogError, open_log, read_log
+from btcore_bags import reader
+from btcore_bags.log import BagWriter
 
 STATUS_CHANGE = """builtin_interfaces/Time timestamp
 string node_name
@@ -175,7 +176,7 @@ def test_a_truncated_bag_is_an_error(tmp_path: Path) -> None:
 
 def test_random_damage_is_an_error_of_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        bag_reader, "is_limited", lambda: True, raising=False
+        reader, "is_limited", lambda: True, raising=False
     )  # 150 processes would take a minute
     path = write_nav2_bag(tmp_path / "nav.mcap", EVENTS)
     content, random_numbers = path.read_bytes(), random.Random(5)
@@ -199,7 +200,7 @@ def test_a_chunk_that_grows_when_it_is_decompressed_needs_no_memory(
     tmp_path: Path, compression: str, declared: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        bag_reader, "is_limited", lambda: True, raising=False
+        reader, "is_limited", lambda: True, raising=False
     )  # so that the memory can be measured
     compressor = zstd.ZstdCompressor() if compression == "zstd" else LZ4FrameCompressor()
     head = compressor.begin() if compression == "lz4" else b""
@@ -242,7 +243,7 @@ def record(kind: int, *fields: bytes | int) -> bytes:
 def test_a_definition_whose_constants_are_hostile_is_an_error(
     tmp_path: Path, constant: str, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bag_reader, "MAX_CPU_S", 1, raising=False)
+    monkeypatch.setattr(reader, "MAX_CPU_S", 1, raising=False)
     definition = f"module a {{ module msg {{ module B_Constants {{ const int32 C = {constant}; }}; "
     definition += "struct B { int32 x; }; }; };"
     path = tmp_path / "run.mcap"
