@@ -47,6 +47,7 @@ PACKAGES = {
     "sim/btcore_sim": "tests/sim",
     "tools/btcore_bags": "tests/tools/btcore_bags",
     "tools/btcore_batch": "tests/tools/btcore_batch",
+    "tools/btcore_bench": "tests/tools/btcore_bench",
     "tools/btcore_proof": "tests/tools/btcore_proof",
     "tools/btcore_studio": "tests/tools/btcore_studio",
     "tools/btcore_sweep": "tests/tools/btcore_sweep",

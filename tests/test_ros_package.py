@@ -31,6 +31,7 @@ SOURCES = {
         "sim/btcore_sim",
         "tools/btcore_bags",
         "tools/btcore_batch",
+        "tools/btcore_bench",
         "tools/btcore_proof",
         "tools/btcore_studio",
         "tools/btcore_sweep",

@@ -20,7 +20,7 @@ from btcore.cli.exit_codes import ExitCode
 from btcore.cli.terminal_encoding import make_encodable
 
 COMMAND_GROUP = "btcore.commands"
-OWN_COMMANDS = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff", "bench")
+OWN_COMMANDS = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff")
 
 _LOADED_COMMAND = "btcore.cli.main.loaded_command"
 

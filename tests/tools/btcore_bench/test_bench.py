@@ -9,7 +9,7 @@ import pytest
 from click.testing import Result
 
 from btcore import builds
-from btcore.cli import bench
+from btcore_bench import command
 
 Cli = Callable[..., Result]
 EXAMPLE_BENCHMARK = '''
@@ -31,7 +31,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (made / "telling.py").write_text(EXAMPLE_BENCHMARK.lstrip(), encoding="utf-8")
     (made / "lacking.py").write_text('"""Lacks something."""\nimport no_such_thing.inside\n')
     (made / "broken.py").write_text('"""Is broken."""\nraise ValueError("the scale is bent")\n')
-    monkeypatch.setattr(bench, "data_folder", lambda name: made)
+    monkeypatch.setattr(command, "data_folder", lambda name: made)
     return made
 
 

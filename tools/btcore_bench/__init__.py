@@ -1,0 +1,1 @@
+"""`btcore bench`: run the project's benchmarks. No name of this package is public."""
