@@ -34,7 +34,19 @@ def test_ctrl_c_while_a_module_is_imported_prints_no_traceback(module: str) -> N
     assert "".join(printed).strip() == "interrupted"
 
 
-ADDED_COMMANDS = ("monitor", "hook", "keys", "record", "replay", "map", "world", "drive", "book", "sweep")
+ADDED_COMMANDS = (
+    "monitor",
+    "hook",
+    "keys",
+    "record",
+    "replay",
+    "map",
+    "world",
+    "drive",
+    "book",
+    "sweep",
+    "bench",
+)
 
 
 @pytest.mark.parametrize(
