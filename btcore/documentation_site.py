@@ -24,7 +24,6 @@ def node_url(ID: str, distribution: str) -> str | None:
     """Return the address of a node's page in the documentation.
 
     Args:
-        ID: The registration ID of the node.
         distribution: The package that registers the node.
 
     Returns:

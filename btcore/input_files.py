@@ -32,7 +32,6 @@ def read_file(path: str | os.PathLike[str], count: int | None = None) -> bytes:
     """Return the content of a regular file.
 
     Args:
-        path: The file.
         count: Return only the first *count* bytes; default the whole file.
 
     Raises:
@@ -57,7 +56,6 @@ def read_stream(stream: BinaryIO, name: str) -> bytes:
     """Return the content of *stream*, for example stdin.
 
     Args:
-        stream: The stream.
         name: The name of the stream in error messages.
 
     Raises:

@@ -22,7 +22,6 @@ def load_json(
     """Return the value of a JSON text.
 
     Args:
-        text: The JSON.
         parse_constant: Converts `NaN`, `Infinity` and `-Infinity`; default `float`.
         parse_float: Converts reals; default `float`.
 

@@ -24,7 +24,6 @@ def port_name_error(name: str, format: int = 4) -> str:
     """Return why *name* is not a valid port name, or "" if it is valid.
 
     Args:
-        name: The name.
         format: The XML format. Format 3 allows every name that has no other meaning in the XML.
     """
     if not name:

@@ -10,7 +10,6 @@ def write_file(path: str | os.PathLike[str], data: bytes) -> None:
 
     Args:
         path: The file. A symbolic link is followed. A device such as `/dev/stdout` is written directly.
-        data: The new content.
 
     Raises:
         OSError: The file cannot be written. An existing file is unchanged.

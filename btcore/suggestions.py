@@ -10,12 +10,7 @@ MAX_FILES: Final = 500
 
 
 def nearest_name(word: str, names: Iterable[str]) -> str | None:
-    """Return the known name that is most similar to *word*, or None if no name is similar.
-
-    Args:
-        word: The mistyped name.
-        names: The known names.
-    """
+    """Return the known name that is most similar to *word*, or None if no name is similar."""
     known = list(names)
     folded = {name.casefold(): name for name in reversed(known)}
     if word.casefold() in folded:
@@ -58,7 +53,6 @@ def join_names(names: Iterable[str], conjunction: str = "and", most: int = 8) ->
     """Return an enumeration of *names*, such as `a, b and c`.
 
     Args:
-        names: The names.
         conjunction: The word before the last name.
         most: The maximum number of names; the others are counted ("3 more").
     """

@@ -119,7 +119,6 @@ def gather_resources(
     before the other extensions, and detached after them.
 
     Args:
-        extensions: The extensions of the run.
         settings: The values of the options of `btcore run`, by name.
         wanted: The types that the leaves of the tree declare as resources.
 

@@ -53,7 +53,6 @@ def _value_of(text: str, kind: ValueType | None, format: int) -> object:
     """Convert the text of a value.
 
     Args:
-        text: The text to convert.
         kind: The type of the value. None: a JSON value if *text* is valid JSON and not null, else *text*
             itself.
         format: The XML format (3 or 4), whose conversion rules apply.
@@ -78,9 +77,7 @@ def write(tree: Tree, entries: Mapping[str, str], plans: Plans) -> None:
     A key that no port or script uses is written too, with a warning.
 
     Args:
-        tree: The tree.
         entries: The texts of the values, by key.
-        plans: The plans of the tree.
 
     Raises:
         click.UsageError: A text is not a value of its key's type.

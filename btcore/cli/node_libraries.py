@@ -59,7 +59,6 @@ class NodeLibraries:
         """Add the nodes of TreeNodesModel files.
 
         Args:
-            models: The files.
             confined: Whether includes from outside of a file's folder are errors.
 
         Raises:
@@ -99,7 +98,6 @@ def load_libraries(
 
     Args:
         plugins: Modules and Python files with nodes.
-        models: TreeNodesModel files.
         confined: Whether a model that includes a file from outside of its folder is invalid.
 
     Raises:

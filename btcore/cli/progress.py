@@ -32,8 +32,6 @@ class Progress:
     """The live status line of a run. If stderr is not a terminal, a plain line every 10 s.
 
     Args:
-        tree: The tree of the run.
-        name: The name of the run.
         duration: The limit of the run (s of the tree's clock), or None.
     """
 
@@ -73,7 +71,6 @@ class Progress:
 
         Args:
             status: The last status of the tree; None if a leaf raised an exception.
-            file: The name of the file.
         """
         result = Text("✘ RAISED", style="bold red") if status is None else terminal.format_status(status)
         line = Text.assemble(result, "  ", (self.name, "bold"), f"  tick {self.tree.ticks}")

@@ -35,16 +35,7 @@ class FiniteRange(click.FloatRange):
     """A range of finite numbers: infinity and NaN are errors."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Convert *value* to a finite number in the range. Any other value is a usage error.
-
-        Args:
-            value: The text of the option.
-            param: The option.
-            ctx: The context of the command.
-
-        Returns:
-            The number.
-        """
+        """Convert *value* to a finite number in the range. Any other value is a usage error."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
@@ -62,15 +53,7 @@ class RunCommand(click.Command):
         return [*own[:-1], *added, own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse *args*; for an unknown option explain which packages may add it.
-
-        Args:
-            ctx: The context of the command.
-            args: The arguments.
-
-        Returns:
-            The arguments that remain.
-        """
+        """Parse *args*; for an unknown option explain which packages may add it."""
         with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
 
@@ -176,8 +159,6 @@ def create_session(
     """Return a run, before its first tick.
 
     Args:
-        ctx: The context of `btcore run`.
-        settings: The options of the command.
         joining: Extensions besides those of the installed packages; they are attached last.
         installed: The installed nodes, for a process that loads them once for many runs. They are copied,
             not changed.
@@ -232,7 +213,6 @@ def read_tree_source(
     """Read and check the document of a run's tree, before extensions create resources such as a simulator.
 
     Args:
-        settings: The options of `btcore run`.
         installed: The installed nodes, or None to load them.
 
     Returns:
@@ -266,7 +246,6 @@ def warn_unused_options(
     """Print a warning for options on the command line that no leaf of the tree uses.
 
     Args:
-        ctx: The context of the command.
         idle: The extensions that provided no resource.
         subject: The subject of the sentence: what has no such leaf.
         used: Options that the command itself uses.

@@ -62,8 +62,6 @@ class RunReport:
         """Print the summary on stderr.
 
         Args:
-            tree: The last tree of the run.
-            ending: The reason why the run ended.
             figures: The reports of the extensions, such as a simulated robot's.
         """
         console = terminal.stderr_console()
@@ -113,7 +111,6 @@ class RunReport:
         """Return the object of `--json`.
 
         Args:
-            tree: The last tree of the run.
             figures: The reports of the extensions, which are added to the object.
         """
         report: dict[str, object] = {

@@ -26,11 +26,8 @@ class RunSession:
     """The run of a tree and, with `--watch`, of the trees that replace it.
 
     Args:
-        tree: The first tree.
         source: The file of the tree, from which the tree is reloaded.
-        settings: The options of `btcore run`.
         extensions: The extensions in the order in which they are attached.
-        resources: The resources of the leaves.
         saves: Detects that the tree's file was saved; None without `--watch`.
     """
 

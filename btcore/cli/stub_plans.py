@@ -46,7 +46,6 @@ def check(plans: Mapping[str, str], examined: Plans) -> None:
 
     Args:
         plans: The letters of each plan, by the name or ID of its leaf.
-        examined: The plans of the tree.
 
     Raises:
         click.UsageError: There is no such leaf, or the plan of a condition contains `|`.

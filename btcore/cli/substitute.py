@@ -25,10 +25,6 @@ substitute_option = click.option(
 def add_rules(nodes: Registry, files: Sequence[Path]) -> None:
     """Add the substitution rules in *files* to a registry.
 
-    Args:
-        nodes: The registry.
-        files: The JSON files of the rules.
-
     Raises:
         click.UsageError: A file cannot be read, or contains invalid rules.
     """

@@ -79,7 +79,6 @@ def print_json(data: object, indent: int | None = None) -> None:
     """Print *data* as JSON on stdout.
 
     Args:
-        data: The data.
         indent: The number of spaces for each level; None prints a single line.
 
     Examples:
@@ -130,7 +129,6 @@ def recorded_symbol(node_id: str, kind: NodeType) -> Text:
 
     Args:
         node_id: The registration ID; the class is known if it is the ID of a built-in node.
-        kind: The node type.
     """
     cls = BUILTIN_NODES[4].get(node_id) or BUILTIN_NODES[3].get(node_id)
     return node_symbol("" if cls is None else cls.node_symbol, kind)

@@ -62,7 +62,6 @@ class TickLoop:
     """The tick loop of a run. The attribute `tree` may be replaced between two calls of `run`.
 
     Args:
-        tree: The tree to tick.
         rate: Ticks per second of the tree's clock (Hz).
         duration: The limit of the run in s of the tree's clock, or None.
         until: The result of the tree that ends the run.

@@ -45,7 +45,6 @@ class BtLogWriter:
     """A writer of a `.btlog` file; an existing file is overwritten.
 
     Args:
-        path: The file.
         xml: The XML of the tree, in UTF-8.
         start: The first time stamp (µs since 1970).
 

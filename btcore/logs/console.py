@@ -84,9 +84,6 @@ def format_transition(since: int, path: str, previous: Status, status: Status, w
 
     Args:
         since: The time since the start (ns).
-        path: The path of the node.
-        previous: The previous status.
-        status: The new status.
         width: The minimum width of the column for *path*.
     """
     return f"{since / NS_PER_S:12.6f}  {path:<{width}}  {previous.name:>7} → {status.name}"

@@ -29,9 +29,6 @@ def find_failure(recording: Recording) -> list[FailureStep]:
     The search starts at the last result of the root. It descends to the child that failed last, until a node
     has no failed child: a leaf, or a decorator whose child did not fail, such as an Inverter.
 
-    Args:
-        recording: The content of a log.
-
     Returns:
         The nodes from the root down; the last is the cause. Empty if the last result of the root is not
         FAILURE, or if the root has no result.

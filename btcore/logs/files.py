@@ -17,7 +17,6 @@ def expect_extension(path: Path, *extensions: str) -> None:
     """Check the extension of a log, since BehaviorTree.CPP's tools require it too.
 
     Args:
-        path: The file.
         extensions: The accepted extensions, such as `.btlog`.
 
     Raises:
@@ -35,7 +34,6 @@ def create(path: Path, head: bytes) -> FileIO:
     """Create or overwrite a file, and return it open for unbuffered writing.
 
     Args:
-        path: The file.
         head: The first bytes, which are written at once.
 
     Raises:
@@ -68,10 +66,6 @@ def ensure_writable(path: Path) -> None:
 def write_whole(file: FileIO, data: bytes) -> None:
     """Write all of *data* to an unbuffered file.
 
-    Args:
-        file: The file.
-        data: The bytes to write.
-
     Raises:
         OSError: The file cannot be written.
     """
@@ -86,7 +80,6 @@ def read_bytes(path: Path, count: int | None = None) -> bytes:
     """Return the content of a file.
 
     Args:
-        path: The file.
         count: Return only the first *count* bytes; default the whole file.
 
     Raises:

@@ -136,8 +136,6 @@ class TransitionCollector:
 
         Args:
             stamp: The time in ns since 1970.
-            uid: The UID of the node.
-            status: Its new status.
         """
         self.changes.append(LoggedTransition(stamp, uid, self._last.get(uid, IDLE), status))
         self._last[uid] = status

@@ -55,8 +55,6 @@ class SqliteWriter:
     While another program writes to the database, rows are kept for a later `flush`.
 
     Args:
-        path: The database.
-        xml: The XML of the tree.
         nodes: The path and UID of each node.
         append: Whether to keep the existing sessions. Their numbers are not reused in either case.
 
@@ -116,10 +114,8 @@ class SqliteWriter:
 
         Args:
             since: The time since the start (µs).
-            uid: The UID of the node.
             previous: Its previous status. If it is RUNNING, the row's `duration` is the time (µs) that the
                 node was RUNNING, else 0.
-            status: Its new status.
             extra: The row's `extra_data`.
         """
         stamp = max(self._last + 1, self._first + since)

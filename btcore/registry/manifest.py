@@ -140,10 +140,7 @@ class Manifest:
         """Create a node.
 
         Args:
-            config: The configuration of the node.
-            context: The shared state of the tree.
             blackboard: The scope of the node.
-            resources: The resources of the tree.
             children: The children, created before.
 
         Raises:
@@ -249,7 +246,6 @@ class Resources(list[object]):
         A missing `TreeState` is created.
 
         Args:
-            parameter: The parameter.
             id: The registration ID of the leaf, for messages.
 
         Raises:
@@ -296,7 +292,6 @@ def find_resource(resources: Sequence[object], wanted: Any, parameter: str) -> o
 
     Args:
         resources: The resources; a resource may be listed twice.
-        wanted: The type of the parameter.
         parameter: The name of the parameter and its leaf, for messages.
 
     Raises:
@@ -349,8 +344,6 @@ def create_manifest(
     """Return the manifest of a node class, or of a function as a leaf.
 
     Args:
-        ID: The registration ID.
-        thing: The class or the function.
         types: The types that ports may have.
         names: Local names, for resolving annotations that are strings.
         distribution: The package that registers the node.

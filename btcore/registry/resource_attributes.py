@@ -41,7 +41,6 @@ def class_resources(cls: type, names: Mapping[str, Any]) -> list[Parameter]:
     float, and that have no value: neither in the class nor by an assignment in one of its methods.
 
     Args:
-        cls: The class.
         names: Local names, for resolving annotations that are strings.
 
     Raises:

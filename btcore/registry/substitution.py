@@ -37,8 +37,6 @@ class SubstitutionRule:
         """Return the manifest from which a node that matches the rule is created.
 
         Args:
-            config: The configuration of the node.
-            children: The number of children.
             known: The registered nodes by ID.
 
         Raises:

@@ -92,9 +92,7 @@ def no_value_error(operand: Expression, place: str, text: str, column: int, widt
     """Return the error for an operand without a value.
 
     Args:
-        operand: The operand.
         place: The place of the operand in the script, such as `before '<'`.
-        text: The script.
         column: The column of the operator.
         width: The number of characters to mark.
     """
@@ -146,9 +144,6 @@ class Chain(Expression):
 
         Args:
             index: The number of the operator, from 0.
-            left: The value before the operator.
-            right: The value after the operator.
-            error: The error of the operation.
         """
         token = self.tokens[index]
         if left is None:

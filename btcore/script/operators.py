@@ -36,8 +36,6 @@ def operate(operator: int, left: object, right: object) -> object:
 
     Args:
         operator: The number of the operator in OPERATORS.
-        left: The left operand.
-        right: The right operand.
     """
     first = number_of(left)
     second = number_of(right)

@@ -36,9 +36,6 @@ def leading_int(text: str, low: int, high: int, unsigned: bool = False) -> int:
     """Return the integer at the start of *text*.
 
     Args:
-        text: The text.
-        low: The minimum.
-        high: The maximum.
         unsigned: Whether a minus sign is an error, even before a zero.
 
     Raises:

@@ -50,11 +50,8 @@ class ConversionChanges:
         """Add a diagnostic about a change of an element or of one of its attributes.
 
         Args:
-            code: The diagnostic code.
-            message: What changes.
             element: The element in the original document.
             attribute: Name of the attribute; "" means the element itself.
-            hint: Further advice, or "".
             part: Whether the diagnostic points to the attribute's name or to its value.
         """
         self.diagnostics.append(self.document.diagnostic(code, message, element, attribute, part, hint))
@@ -86,8 +83,6 @@ class ConversionChanges:
         """Insert an attribute before the other attributes of an element.
 
         Args:
-            element: The element.
-            name: Name of the attribute.
             text: The value, not escaped.
         """
         at = self._tag(element).end(1)
@@ -97,8 +92,6 @@ class ConversionChanges:
         """Replace the value of an attribute, and keep its quotes.
 
         Args:
-            element: The element.
-            attribute: Name of the attribute.
             text: The new value, not escaped.
 
         Raises:
@@ -111,9 +104,7 @@ class ConversionChanges:
         """Rename an attribute.
 
         Args:
-            element: The element.
             attribute: The original name of the attribute.
-            name: The new name.
 
         Raises:
             KeyError: The element has no such attribute.
@@ -123,10 +114,6 @@ class ConversionChanges:
 
     def remove_attribute(self, element: Element, attribute: str) -> None:
         """Remove an attribute and the space before it.
-
-        Args:
-            element: The element.
-            attribute: Name of the attribute.
 
         Raises:
             KeyError: The element has no such attribute.

@@ -46,10 +46,6 @@ def convert(document: Document, registry: Registry) -> Conversion:
     Unknown nodes are converted as far as possible without knowing their ports. Included documents are
     not changed.
 
-    Args:
-        document: The document to convert.
-        registry: The registered nodes.
-
     Raises:
         TreeError: The format is unknown, or the outermost element is not `<root>`.
     """

@@ -44,13 +44,7 @@ _RENAMED_PORTS: Final = {"success_threshold": "success_count", "failure_threshol
 
 
 def convert_node(changes: ConversionChanges, element: Element, parent: Element) -> None:
-    """Convert a node with its ports, and report how its behavior differs in format 4.
-
-    Args:
-        changes: Collects the changes.
-        element: The element of the node.
-        parent: The element that contains *element*.
-    """
+    """Convert a node with its ports, and report how its behavior differs in format 4."""
     tag = element.tag
     id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
     new = _convert_behavior(changes, element, id)
@@ -218,8 +212,6 @@ def _convert_ports(changes: ConversionChanges, element: Element, id: str, new_id
     """Rewrite the port texts of a node. In unknown nodes, rewrite only texts that name a blackboard entry.
 
     Args:
-        changes: Collects the changes.
-        element: The element of the node.
         id: The ID of the node in format 3.
         new_id: The ID of the node in format 4.
     """

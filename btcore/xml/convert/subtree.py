@@ -30,8 +30,6 @@ def convert_subtree(changes: ConversionChanges, element: Element, names: set[str
     """Convert a SubTree or SubTreePlus element.
 
     Args:
-        changes: Collects the changes.
-        element: The element.
         names: Names of the SubTree elements of the same tree that were converted before. This function adds
             the name of *element*.
     """

@@ -67,14 +67,7 @@ def _thresholds(node: NodePlan, count: int) -> Iterator[tuple[str, int, str]]:
 def check_reachable_children(
     node: NodePlan, document: Document, analysis: ResultAnalysis, reporter: LintReporter
 ) -> None:
-    """Warn about children of *node* that are never ticked, or that each tick halts.
-
-    Args:
-        node: The node to check.
-        document: The document that contains *node*.
-        analysis: The possible results of the nodes.
-        reporter: Collects the warnings.
-    """
+    """Warn about children of *node* that are never ticked, or that each tick halts."""
     if node.manifest is None or node.call is not None or len(node.children) < 2:
         return
     cls = behaviour_of(node.manifest.cls)

@@ -43,10 +43,7 @@ def check_value_types(
 
     Args:
         dry_run: A completed dry run of the tree.
-        is_main: Whether the tree is the main tree.
         given: Keys that the tree's blackboard holds before the first tick.
-        enums: Values of the registered enum names.
-        reporter: Collects the warnings.
     """
     if dry_run.format == 4 and not dry_run.has_untracked_access:
         untyped = _untyped_entries(dry_run, is_main, given)

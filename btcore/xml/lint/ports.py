@@ -112,14 +112,7 @@ def is_listed(manifest: Manifest, port: Port) -> bool:
 
 
 def check_port_literals(node: NodePlan, document: Document, format: int, reporter: LintReporter) -> None:
-    """Warn about literals of *node* that are read only in part, or were probably meant as keys.
-
-    Args:
-        node: The node to check.
-        document: The document that contains *node*.
-        format: The format of the tree, 3 or 4.
-        reporter: Collects the warnings.
-    """
+    """Warn about literals of *node* that are read only in part, or were probably meant as keys."""
     for port, text, is_written in node.ports:
         if not is_written or remapped_key(text, port.name, format) is not None or port.role in SCRIPT_ROLES:
             continue
@@ -184,13 +177,7 @@ def valid_literals(node: NodePlan) -> dict[str, str]:
 
 
 def conversion_error(port: Port, text: str, format: int) -> ConversionError | None:
-    """Return why the literal *text* doesn't convert to the type of *port*, or None if it need not convert.
-
-    Args:
-        port: The port.
-        text: The literal.
-        format: The XML format, 3 or 4, whose rules apply.
-    """
+    """Return why the literal *text* doesn't convert to the type of *port*, or None if it need not convert."""
     try:
         port.type.from_text(text, format)
     except ConversionError as error:
@@ -214,11 +201,6 @@ def _literal_type(node: NodePlan, port: Port) -> ValueType:
 
 def partly_read(text: str, kind: ValueType, format: int) -> Iterator[tuple[str, str, str]]:
     """Yield the numbers in *text* that are read only in part, such as `1,5`, which is read as `1`.
-
-    Args:
-        text: The literal.
-        kind: The type of the port.
-        format: The format of the tree, 3 or 4.
 
     Yields:
         (number, part that is read, type name).

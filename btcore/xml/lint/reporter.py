@@ -31,10 +31,6 @@ class LintReporter:
         """Add a warning (or, depending on *code*, an error) about *node* or one of its attributes.
 
         Args:
-            code: The diagnostic code.
-            message: What is wrong.
-            document: The document that contains *node*.
-            node: The node that the message is about.
             attribute: The attribute that the message is about; "" means the node itself.
             hint: How to fix the problem, or "".
             part: Whether the diagnostic points to the attribute's name or to its value.

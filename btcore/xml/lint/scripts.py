@@ -56,10 +56,6 @@ class NameUse(NamedTuple):
 def parse_statements(text: str, enums: Mapping[str, int]) -> list[Expression]:
     """Parse a script into statements.
 
-    Args:
-        text: The script.
-        enums: Values of the registered enum names.
-
     Raises:
         ScriptError: *text* is not a valid script.
     """
@@ -70,7 +66,6 @@ def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
     """Return every use of an entry in a script, in the order of evaluation; none if the script is invalid.
 
     Args:
-        text: The script.
         enums: Values of the registered enum names, which are not entries.
     """
     try:
@@ -119,12 +114,7 @@ def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:
 
 
 def find_certain_error(statements: Sequence[Expression], enums: Mapping[str, int]) -> ScriptError | None:
-    """Return the error that every run of a script raises, or None if no error is certain.
-
-    Args:
-        statements: The script.
-        enums: Values of the registered enum names.
-    """
+    """Return the error that every run of a script raises, or None if no error is certain."""
     for statement in statements:
         for part in iter_subexpressions(statement):
             if isinstance(part, Assignment) and not isinstance(part.target, Name):
@@ -141,14 +131,7 @@ def find_certain_error(statements: Sequence[Expression], enums: Mapping[str, int
 def check_script_results(
     node: NodePlan, document: Document, enums: Mapping[str, int], reporter: LintReporter
 ) -> None:
-    """Warn about scripts of *node* that always raise, and about conditions that assign instead of comparing.
-
-    Args:
-        node: The node to check.
-        document: The document that contains *node*.
-        enums: Values of the registered enum names.
-        reporter: Collects the warnings.
-    """
+    """Warn about scripts of *node* that always raise, and about conditions that assign, not compare."""
     for attribute, text, is_condition in node.every_script():
         if not text and is_condition and attribute not in node.scripts:
             message = f"the script in '{attribute}' of {node_label(node)} always raises: it is empty"

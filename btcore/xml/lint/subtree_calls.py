@@ -16,13 +16,7 @@ _OF_THE_ELEMENT = ("name", "_description")
 
 
 def check_unused_trees(plans: Plans, main: TreePlan, reporter: LintReporter) -> None:
-    """Warn about trees of the main document that neither *main* nor another unused tree calls.
-
-    Args:
-        plans: The plans of all trees.
-        main: The main tree.
-        reporter: Collects the warnings.
-    """
+    """Warn about trees of the main document that neither *main* nor another unused tree calls."""
     document = plans.definitions.sources.main
     used = plans.reachable(main)
     unused = [
@@ -114,10 +108,8 @@ def check_remappings(
 
     Args:
         node: The node to check; nodes other than SubTree are ignored.
-        document: The document that contains *node*.
         tree_keys: The keys that each tree uses.
         models: The ports that subtree models declare, by ID of the tree.
-        reporter: Collects the warnings.
     """
     call = node.call
     if call is None:

@@ -48,9 +48,7 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
 
     Args:
         dry_run: A completed dry run of the tree.
-        is_main: Whether the tree is the main tree.
         given: Keys that the tree's blackboard holds before the first tick.
-        reporter: Collects the warnings.
     """
     keys = WrittenKeys(dry_run, given, reporter.diagnostics)
     homes = dry_run.entry_homes()

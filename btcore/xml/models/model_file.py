@@ -55,7 +55,6 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
     Registered nodes are not replaced, except for nodes of an installed library.
 
     Args:
-        nodes: The registry to extend.
         path: A palette exported by Groot, a project of Groot 2 (`.btproj`), or a file of trees with
             their models.
         confined: Whether includes from outside of the file's folder are errors.
@@ -83,10 +82,6 @@ def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[s
 
     The tag determines the node type. The attributes of all elements with this ID become its ports.
 
-    Args:
-        nodes: The registry to extend.
-        documents: The documents with the explicit tags.
-
     Returns:
         The IDs of the new stand-ins.
     """
@@ -109,10 +104,6 @@ def add_undeclared_nodes(nodes: Registry, documents: Iterable[Document]) -> None
 
     The models and the explicit tags of the documents come first. For any other unknown tag, the number of
     child elements determines the node type.
-
-    Args:
-        nodes: The registry to extend.
-        documents: The documents with the trees.
     """
     documents = list(documents)
     for document in documents:
@@ -162,10 +153,6 @@ def add_document_models(nodes: Registry, document: Document) -> list[str]:
     """Register a stand-in for every model of *document*, and return the IDs of the new stand-ins.
 
     Registered nodes are not replaced, except for nodes of an installed library.
-
-    Args:
-        nodes: The registry to extend.
-        document: The document with the models.
 
     Raises:
         TreeError: A model is invalid; the others are registered.

@@ -122,12 +122,8 @@ def make_stub_class(
     """Return a new stand-in class.
 
     Args:
-        id: The ID under which the class will be registered.
-        kind: Action, condition, control or decorator.
-        ports: The ports of the node.
         description: The docstring of the class, or "".
         origin: The module name of the class, which names the source of the model.
-        metadata: The metadata of the node; None for no metadata.
     """
     listed, fields = list(ports), dict(metadata or {})
     return type(

@@ -117,9 +117,6 @@ class Document:
         """Return a diagnostic about an element or one of its attributes.
 
         Args:
-            code: The diagnostic code.
-            message: What is wrong.
-            element: The element.
             attribute: Name of the attribute; "" means the element itself.
             part: Whether the diagnostic points to the attribute's name or to its value.
             hint: How to fix the problem, or "".
@@ -148,7 +145,6 @@ def parse_text(text: str, file: str = "") -> Document:
     """Parse a text.
 
     Args:
-        text: The XML text.
         file: Name of the file in messages, or "".
 
     Raises:
@@ -204,7 +200,6 @@ def parse_file(
     """Read and parse the file *path*.
 
     Args:
-        path: The XML file.
         confined: Whether includes from outside of the file's folder are errors.
         included: Whether the name of the file comes from another document. Then the error for a file that
             does not contain a `<root>` doesn't quote the file.
@@ -234,7 +229,6 @@ def parse_bytes(data: bytes, file: str) -> Document:
     """Parse the content of a file.
 
     Args:
-        data: The content.
         file: Name of the file in messages.
 
     Raises:

@@ -32,8 +32,6 @@ class SourceSpan(NamedTuple):
         """Return a diagnostic about this range of *file*.
 
         Args:
-            code: The diagnostic code.
-            message: What is wrong.
             file: Name of the file in messages, or "".
             hint: How to fix the problem, or "".
         """
@@ -131,7 +129,6 @@ class SourceMap:
         """Return the position of an element or of one of its attributes, or None if it is unknown.
 
         Args:
-            element: The element.
             attribute: Name of the attribute; "" means the element itself.
             part: Whether to return the position of the attribute's name or value.
             within: Number of a character in the value, from 1; 0 means the whole value.

@@ -52,7 +52,6 @@ def read(
     A file that is included several times is read once.
 
     Args:
-        document: The parsed main document.
         libraries: Further documents, whose trees *document* may call without an include, such as those of a
             registry.
         packages: Finds the share directory of a ROS package.

@@ -51,7 +51,6 @@ def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
     """Parse a text that expat rejects.
 
     Args:
-        text: The XML text.
         file: Name of the file in messages, or "".
 
     Returns:

@@ -63,9 +63,7 @@ def text_width(text: str, size: float, bold: bool = False) -> float:
     """Return an upper estimate of the width of a text in a common sans-serif font, in px.
 
     Args:
-        text: The text.
         size: Font size in px.
-        bold: Whether the font is bold.
     """
     # Widths in em, rounded up, because the viewer's font is unknown.
     units = 0.0

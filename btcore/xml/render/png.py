@@ -24,9 +24,6 @@ def svg_to_png(svg: str) -> bytes:
     The picture uses the fonts of the machine: the first that the drawing names, and others for characters
     that it lacks. A character that no font has is an empty box.
 
-    Args:
-        svg: The drawing.
-
     Raises:
         PictureError: The package resvg_py is not installed, the drawing is too large for a picture in which
             texts can be read, or the machine has none of the fonts.

@@ -70,8 +70,6 @@ def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, styled: bool 
     group of each card has the number of the node as `data-uid`.
 
     Args:
-        root: The root of the tree.
-        title: The title above the drawing.
         format: The format of the tree, 3 or 4.
         styled: Whether the document contains `drawing_style()`.
     """

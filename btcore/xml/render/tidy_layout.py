@@ -47,10 +47,6 @@ _Contour = list[tuple[float, float]]
 def layout_tree(root: LayoutBox, gaps: Spacing) -> tuple[float, float]:
     """Place a box and its descendants, from the origin (0, 0) on.
 
-    Args:
-        root: The box.
-        gaps: Distances between boxes.
-
     Returns:
         The breadth and the depth of the layout in px.
     """
