@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from btcore.process_limits import limit_process
-
 VARIABLE: Final = "BTCORE_CONFINEMENT"
 """The environment variable with the limits, as JSON."""
 
@@ -39,6 +37,8 @@ _CHANGES_OF_TWO: Final = frozenset({"os.link", "os.rename", "os.symlink"})
 _LISTINGS: Final = frozenset({"os.listdir", "os.scandir"})
 _CONNECTIONS: Final = frozenset({"socket.bind", "socket.connect", "socket.sendto", "socket.sendmsg"})
 _PROGRAMS: Final = frozenset({"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn"})
+
+_limited = False  # whether `limit_process` was called
 
 
 class Confinement(NamedTuple):
@@ -140,3 +140,27 @@ def _is_loopback(address: object) -> bool:
 
 def _real_paths(paths: Iterable[str]) -> list[str]:
     return [os.path.realpath(path) for path in paths if path]
+
+
+def limit_process(**limits: int) -> None:
+    """Lower limits of this process for good; Windows has no such limits.
+
+    Args:
+        limits: The values by the names of the module `resource`, for example `RLIMIT_CPU=60`.
+    """
+    global _limited
+    _limited = True
+    if sys.platform == "win32":
+        return
+    import resource
+
+    for name, value in limits.items():
+        kind = getattr(resource, name)
+        _, highest = resource.getrlimit(kind)
+        least = value if highest == resource.RLIM_INFINITY else min(value, highest)
+        resource.setrlimit(kind, (least, least))
+
+
+def is_limited() -> bool:
+    """Return whether `limit_process` was called in this process."""
+    return _limited

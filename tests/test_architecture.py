@@ -48,7 +48,6 @@ TIERS = (
         "json_text",
         "output_files",
         "process_group",
-        "process_limits",
     },
     {"values", "blackboard", "script", "xml.read"},
     {"engine", "nodes", "registry"},

@@ -9,8 +9,9 @@ A plan has a letter for each tick:
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, fields, is_dataclass
 from random import Random
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final, get_type_hints
 
 from btcore.blackboard.ports import Port
 from btcore.engine.leaf import Condition, StatefulAction
@@ -18,11 +19,27 @@ from btcore.engine.node import TreeNode
 from btcore.registry.registry import Registry
 from btcore.status import SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean
-from btcore.testing.output_values import draw_value
 from btcore.testing.plan_leaves import status_of
 from btcore.tree.tree import Tree
+from btcore.values import (
+    BOOL,
+    STRING,
+    EnumType,
+    IntegerType,
+    RealType,
+    TypeRegistry,
+    UserType,
+    ValueType,
+    VectorType,
+)
 
 _ENTRY: Final = re.compile("R*[SFKX]")
+
+# Limits of the values that are drawn for output ports.
+_LARGEST: Final = 100
+_LETTERS: Final = "abc 12"
+_MAX_DEPTH: Final = 4
+"""The maximum number of classes and lists inside each other; a class may contain itself."""
 
 
 class Outcomes:
@@ -156,9 +173,56 @@ def _write_outputs(leaf: TreeNode, given: GivenOutputs, source: Random) -> None:
     for name, output in leaf.config.outputs.items():
         if output.key is None:
             continue
-        value = values[name] if name in values else draw_value(output.type, source)
+        value = values[name] if name in values else _draw_value(output.type, source)
         if value is not None:
             output.write(value)
+
+
+def _draw_value(kind: ValueType, source: Random, depth: int = _MAX_DEPTH) -> object:
+    """Return a random value of a type, or None if values of the type cannot be drawn.
+
+    Values can be drawn for bool, numbers, texts, enums, and for lists, dataclasses and named tuples of these.
+    """
+    if kind is BOOL:
+        return source.random() < 0.5
+    if isinstance(kind, IntegerType):
+        return source.randint(max(kind.low, -_LARGEST), min(kind.high, _LARGEST))
+    if isinstance(kind, RealType):
+        return round(source.uniform(-_LARGEST, _LARGEST), 3)
+    if kind is STRING:
+        return "".join(source.choices(_LETTERS, k=source.randint(0, 5)))
+    if isinstance(kind, EnumType):
+        return source.choice(kind.members) if kind.members else None
+    if depth and isinstance(kind, VectorType):
+        items = [_draw_value(kind.item, source, depth - 1) for _ in range(source.randint(0, 3))]
+        return None if None in items else items
+    if depth and isinstance(kind, UserType):
+        return _draw_record(kind.python_type, source, depth - 1)
+    return None
+
+
+def _draw_record(cls: type[Any], source: Random, depth: int) -> object:
+    """Return a dataclass or a named tuple with random values, or None."""
+    if is_dataclass(cls):
+        required = {
+            field.name: field.default is MISSING and field.default_factory is MISSING
+            for field in fields(cls)
+            if field.init
+        }
+    elif names := getattr(cls, "_fields", ()):  # a named tuple
+        defaults: Mapping[str, object] = getattr(cls, "_field_defaults", {})
+        required = {name: name not in defaults for name in names}
+    else:
+        return None
+    types = TypeRegistry()
+    try:
+        hints = get_type_hints(cls, include_extras=True)
+        values = {name: _draw_value(types.of(hints[name]), source, depth) for name in required}
+        if any(values[name] is None for name in required if required[name]):
+            return None
+        return cls(**{name: value for name, value in values.items() if value is not None})
+    except Exception:
+        return None  # the class rejects the values
 
 
 class MockAction(StatefulAction):

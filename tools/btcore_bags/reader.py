@@ -16,9 +16,9 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from btcore.confinement import is_limited
 from btcore.logs.files import LogError, read_bytes
 from btcore.process_group import NEW_PROCESS_GROUP
-from btcore.process_limits import is_limited
 from btcore_bags import reading_process
 from btcore_bags.reading_process import ANSWER, RECORD, BagError, BagSource, Message
 
