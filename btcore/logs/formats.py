@@ -113,8 +113,11 @@ def read_log(path: str | os.PathLike[str]) -> Recording:
 
 def _by_extension(path: Path, choices: dict[str, T], field: str, what: str) -> T:
     if path.suffix not in choices:
-        formats, _ = load("btcore.logs")
+        formats, unavailable = load("btcore.logs")
         choices = choices | {f".{each.name}": getattr(each.value, field) for each in formats}
+        for each in unavailable:
+            if path.suffix == f".{each.name}":
+                raise LogError(f"{path}: the format {path.suffix} cannot be loaded: {each.remedy}")
     if path.suffix in choices:
         return choices[path.suffix]
     guess = nearest_name(path.suffix, choices) or next(iter(choices))

@@ -1,5 +1,6 @@
 """Properties of all logs: one line attaches them, each tick is written, and errors do not affect the tree."""
 
+import importlib
 import json
 import logging
 import os
@@ -43,6 +44,17 @@ while True:
     sys.stdin.readline()
 """
 ONE_TICK = ["RUNNING", "RUNNING", "SUCCESS", "IDLE", "FAILURE", "FAILURE", "IDLE", "IDLE", "FAILURE", "IDLE"]
+
+# A format of another package: a .btlog with another extension.
+ROBOT_LOGS = """
+from btcore.logs import BtLog, read_btlog
+from btcore.logs.formats import LogFormat
+
+FORMAT = LogFormat(
+    lambda tree, path: BtLog(tree, path.with_suffix(".btlog")),
+    lambda path: read_btlog(path.with_suffix(".btlog")),
+)
+"""
 
 
 def run_and_kill(path: Path, last_words: str) -> str:
@@ -294,3 +306,21 @@ def test_reading_a_trace_as_a_log_is_refused(tmp_path: Path) -> None:
         LogError, match=r"logs that can be read end in \.btlog, \.db3, \.btdb, \.fbl or \.mcap"
     ):
         read_log(tmp_path / "run.json")
+
+
+def test_an_installed_package_adds_a_format(
+    small: Callable[..., Tree], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    metadata = tmp_path / "robot_logs-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: robot-logs\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[btcore.logs]\nrlog = robot_logs:FORMAT\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    path = tmp_path / "run.rlog"
+    with pytest.raises(LogError, match=r"run\.rlog: the format \.rlog cannot be loaded: .*'robot_logs'"):
+        read_log(path)
+    (tmp_path / "robot_logs.py").write_text(ROBOT_LOGS)
+    importlib.invalidate_caches()
+    with open_log(small("<AlwaysSuccess/>"), path) as log:
+        log.tree.tick_while_running()
+    assert [change.status.name for change in read_log(path).transitions] == ["SUCCESS", "IDLE"]
