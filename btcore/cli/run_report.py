@@ -14,6 +14,7 @@ from btcore.cli import terminal
 from btcore.cli.tick_loop import EndReason
 from btcore.errors import NodeExecutionError, excerpt
 from btcore.status import Status
+from btcore.tree.drawing import node_depths
 from btcore.tree.tree import Tree
 
 END_REASON_TEXT: Final[dict[EndReason, str]] = {
@@ -69,7 +70,7 @@ class RunReport:
         table.add_column("node", no_wrap=True)
         for title, style in _COUNTS.items():
             table.add_column(title, justify="right", style=style, no_wrap=True)
-        depths = _depths(tree)
+        depths = node_depths(tree)
         # `results` lists the nodes in the order of the tree.
         rows = list(zip(tree.nodes, self.results(tree).values(), strict=True))[:_MAX_NODES]
         widths = [max(len(title), *(len(str(row[title])) for _, row in rows)) for title in _COUNTS]
@@ -192,12 +193,3 @@ def _format_figure(figure: object) -> str:
     if figure is None:
         return "not measured"
     return f"{figure:g}" if isinstance(figure, float) else str(figure)
-
-
-def _depths(tree: Tree) -> dict[int, int]:
-    """Return the depth of each node below the root, by UID."""
-    depths = {tree.root.uid: 0}
-    for node in tree.nodes:
-        for child in node.children:
-            depths[child.uid] = depths[node.uid] + 1
-    return depths

@@ -16,6 +16,7 @@ from btcore.errors import NodeExecutionError
 from btcore.status import FAILURE, SKIPPED, SUCCESS, Status
 from btcore.testing.plan_leaves import LETTERS
 from btcore.testing.trace import ResultTracker
+from btcore.tree.drawing import node_depths
 from btcore.tree.tree import Tree
 from btcore.xml.lint.possible_results import behaviour_of
 
@@ -74,7 +75,7 @@ class Coverage:
     def watch(self, tree: Tree) -> None:
         """Record the results of the nodes of *tree* from now on."""
         known = self.trees.setdefault(tree.id, {})
-        depths = _depths(tree)
+        depths = node_depths(tree)
         for key, node in tree.nodes_by_path().items():
             ends = behaviour_of(type(node)).may_return & {SUCCESS, FAILURE}
             # Another load of the same tree adds its results to the existing nodes.
@@ -148,14 +149,6 @@ class _Watch(Observer):
         """Record the results of the last tick. *error* is the exception that ended it, or None."""
         for key, results in self.ticks.take(error)[0].items():
             self.known[key].results.update(results)
-
-
-def _depths(tree: Tree) -> dict[int, int]:
-    depths = {tree.root.uid: 0}
-    for node in tree:
-        for child in node.children:
-            depths[child.uid] = depths[node.uid] + 1
-    return depths
 
 
 def _share(part: int, whole: int) -> float:

@@ -54,10 +54,7 @@ def node_label(name: str, id: str, symbol: str, kind: NodeType, ascii: bool = Fa
     """Return the symbol and the name of a node, and its ID if it differs.
 
     Args:
-        name: The instance name.
-        id: The registration ID.
         symbol: The symbol that the node's class declares, or "".
-        kind: The node type.
         ascii: Whether to leave out the symbol.
     """
     sign, style = node_sign(symbol, kind)
@@ -84,7 +81,6 @@ def draw_branches(
     """Return the lines of a tree drawing, a line for each node. Control characters in texts are escaped.
 
     Args:
-        root: The root.
         children: Returns the children of a node.
         label: Returns the text of a node.
         title: A line above the root, from which the root branches off; None = no such line.
@@ -108,9 +104,6 @@ def draw_results(id: str, ticks: int, root: TreeNode, ascii: bool = False) -> li
     """Return the lines of a drawing of a tree, with the status or the last result of each node.
 
     Args:
-        id: The ID of the tree.
-        ticks: The number of ticks of the tree.
-        root: The root node.
         ascii: Whether to use ASCII characters only, except in names.
     """
 
@@ -132,11 +125,19 @@ def _result(node: TreeNode, ascii: bool) -> Fragment:
     return ("(halted)", "dim yellow") if last is RUNNING else (f"({text})", style.replace("bold", "dim"))
 
 
+def node_depths(nodes: Iterable[TreeNode]) -> dict[int, int]:
+    """Return the depth below the root for each of *nodes*, in which parents come before children, by UID."""
+    depths: dict[int, int] = {}
+    for node in nodes:
+        depth = depths.setdefault(node.uid, 0)
+        depths.update((child.uid, depth + 1) for child in node.children)
+    return depths
+
+
 def to_text(lines: Iterable[Iterable[Fragment]], styled: bool = False) -> str:
     """Return the lines of a drawing as a text.
 
     Args:
-        lines: The lines.
         styled: Whether to write the styles as escape sequences of terminals.
     """
     return "\n".join(
