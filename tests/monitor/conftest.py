@@ -132,7 +132,10 @@ class Command:
         self.process = subprocess.Popen(
             [sys.executable, "-m", "btcore", *map(str, arguments)],
             cwd=folder,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "monitor")])},
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "monitor"), str(ROOT / "tools")]),
+            },
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
