@@ -35,7 +35,16 @@ class FiniteRange(click.FloatRange):
     """A range of finite numbers: infinity and NaN are errors."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Convert *value* to a finite number in the range. Any other value is a usage error."""
+        """Convert *value* to a finite number in the range. Any other value is a usage error.
+
+        Args:
+            value: The text of the option.
+            param: The option.
+            ctx: The context of the command.
+
+        Returns:
+            The number.
+        """
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
@@ -53,7 +62,15 @@ class RunCommand(click.Command):
         return [*own[:-1], *added, own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse *args*; for an unknown option explain which packages may add it."""
+        """Parse *args*; for an unknown option explain which packages may add it.
+
+        Args:
+            ctx: The context of the command.
+            args: The arguments.
+
+        Returns:
+            The arguments that remain.
+        """
         with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
 

@@ -79,6 +79,7 @@ def print_json(data: object, indent: int | None = None) -> None:
     """Print *data* as JSON on stdout.
 
     Args:
+        data: The data.
         indent: The number of spaces for each level; None prints a single line.
 
     Examples:

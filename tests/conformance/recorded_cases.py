@@ -67,7 +67,7 @@ RECORDED_TYPES: Final[Mapping[str, values.ValueType]] = {
 }
 """The types of the conversion cases, by their name in the cases."""
 
-# The rules of differences.md by which recorded cases differ.
+# The rules of docs/reference/differences.md by which recorded cases differ.
 EXPLICIT_TAGS_RULE: Final = "explicit tags below ReactiveSequence"
 UNTYPED_TEXT_RULE: Final = "SetBlackboard of a text to an entry without a type"
 PORT_ORDER_RULE: Final = "order in which a node's ports create entries"
