@@ -1,6 +1,6 @@
 """An action over several ticks, as a class and as a coroutine, on a simulated clock."""
 
-from btcore import In, Out, Registry, SimClock, StatefulAction, Status, action, loads, sleep
+from btcore import RUNNING, SUCCESS, In, Out, Registry, SimClock, StatefulAction, Status, action, loads, sleep
 
 
 class Drive(StatefulAction):
@@ -16,7 +16,7 @@ class Drive(StatefulAction):
     def on_running(self) -> Status:
         so_far = (self.now() - self.began) / 1e9 * 0.5
         self.driven = so_far
-        return Status.SUCCESS if so_far >= self.distance else Status.RUNNING
+        return SUCCESS if so_far >= self.distance else RUNNING
 
     def on_halted(self) -> None:
         print("  brakes")

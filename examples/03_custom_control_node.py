@@ -1,16 +1,16 @@
 """A custom control node that compares the scores of its children and ticks the best child."""
 
-from btcore import ControlNode, In, Registry, Status, action, loads
+from btcore import RUNNING, ControlNode, In, Registry, Status, action, loads
 
 
 class Best(ControlNode):
     """Tick the child with the highest score: the blackboard entry with the child's name."""
 
     def tick(self) -> Status:
-        self.set_status(Status.RUNNING)
+        self.set_status(RUNNING)
         best = max(self.children, key=lambda child: self.blackboard.get(child.name, float))
         status = best.execute_tick()
-        if status is not Status.RUNNING:
+        if status is not RUNNING:
             self.reset_children()
         return status
 

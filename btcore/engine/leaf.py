@@ -59,7 +59,7 @@ class SyncAction(LeafNode):
         ...     text: btcore.In[str]
         ...     def tick(self):
         ...         print(self.text)
-        ...         return btcore.Status.SUCCESS
+        ...         return btcore.SUCCESS
         >>> nodes = btcore.Registry.standard()
         >>> nodes.add(Say)
         >>> b = btcore.Builder(nodes)
@@ -84,10 +84,10 @@ class StatefulAction(LeafNode):
         >>> class Drive(btcore.StatefulAction):
         ...     def on_start(self):
         ...         self.left = 2
-        ...         return btcore.Status.RUNNING
+        ...         return btcore.RUNNING
         ...     def on_running(self):
         ...         self.left -= 1
-        ...         return btcore.Status.RUNNING if self.left else btcore.Status.SUCCESS
+        ...         return btcore.RUNNING if self.left else btcore.SUCCESS
         ...     def on_halted(self):
         ...         print("stop")
         >>> nodes = btcore.Registry.standard()

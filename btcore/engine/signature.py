@@ -77,7 +77,7 @@ if TYPE_CHECKING:
         ...     distance: btcore.Out[float]
         ...     def tick(self):
         ...         self.distance = 1.5
-        ...         return btcore.Status.SUCCESS
+        ...         return btcore.SUCCESS
         >>> nodes = btcore.Registry.standard()
         >>> nodes.add(Measure)
         >>> b = btcore.Builder(nodes)
@@ -94,7 +94,7 @@ if TYPE_CHECKING:
         ...     n: btcore.InOut[int]
         ...     def tick(self):
         ...         self.n += 1
-        ...         return btcore.Status.SUCCESS
+        ...         return btcore.SUCCESS
         >>> nodes = btcore.Registry.standard()
         >>> nodes.add(Count)
         >>> b = btcore.Builder(nodes)

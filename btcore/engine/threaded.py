@@ -31,10 +31,10 @@ class ThreadedAction(StatefulAction):
         ...         return super().on_start()
         ...     def work(self):
         ...         self.total = sum(range(self.count))
-        ...         return btcore.Status.SUCCESS
+        ...         return btcore.SUCCESS
         ...     def on_running(self):
         ...         status = super().on_running()
-        ...         if status is btcore.Status.SUCCESS:
+        ...         if status is btcore.SUCCESS:
         ...             self.result = self.total
         ...         return status
         >>> nodes = btcore.Registry.standard()

@@ -111,12 +111,12 @@ def assert_results(trace: Trace | Harness, node: str, results: Iterable[Status])
 
     Examples:
         >>> import btcore
-        >>> from btcore import Status
+        >>> from btcore import SUCCESS
         >>> from btcore.testing import Harness, assert_results
         >>> b = btcore.Builder()
         >>> harness = Harness.loads(b.xml(b.AlwaysSuccess(name="wait")))
         >>> _ = harness.run()
-        >>> assert_results(harness, "wait", [Status.SUCCESS])
+        >>> assert_results(harness, "wait", [SUCCESS])
     """
     trace = _trace(trace)
     expected, actual = list(results), trace.results(node)
@@ -193,7 +193,7 @@ def assert_ended(trace: Trace | Harness, status: Status) -> None:
         >>> b = btcore.Builder()
         >>> harness = Harness.loads(b.xml(b.AlwaysFailure()))
         >>> _ = harness.run()
-        >>> assert_ended(harness, btcore.Status.FAILURE)
+        >>> assert_ended(harness, btcore.FAILURE)
     """
     trace = _trace(trace)
     ticks = [step for step in trace if step.tick]

@@ -4,7 +4,7 @@ A test ticks its tree step by step:
 
     harness = Harness.load("patrol.xml", nodes=nodes, resources=[robot])
     harness.tick()
-    assert harness.result("Move") is Status.RUNNING
+    assert harness.result("Move") is RUNNING
     harness.wait(2.5)
     harness.run()
 """

@@ -4,7 +4,7 @@
     def test_halting_leaves_nothing_running(tree, plan):
         plan.drive(tree, ticks=6)
         tree.halt()
-        assert all(node.status is Status.IDLE for node in tree)
+        assert all(node.status is IDLE for node in tree)
 
 Hypothesis reports a failing example with the shrunk tree as XML. This module and `tree_generator` are the
 only modules that import hypothesis (`pip install hypothesis`).
@@ -201,13 +201,13 @@ def trees(
 
     Examples:
         >>> from hypothesis import given
-        >>> from btcore import Status
+        >>> from btcore import RUNNING
         >>> from btcore.testing import outcomes, trees
         >>> @given(tree=trees(max_nodes=5), plan=outcomes())
         ... def test_halt(tree, plan):
         ...     plan.drive(tree, ticks=2)
         ...     tree.halt()
-        ...     assert not any(node.status is Status.RUNNING for node in tree)
+        ...     assert not any(node.status is RUNNING for node in tree)
     """
     known = with_mock_leaves(nodes if nodes is not None else Registry.standard())
 

@@ -2,7 +2,7 @@
 
 Rules are set in code or read from a file:
 
-    nodes.substitute("Patrol/*", TestNodeConfig(return_status=Status.FAILURE, async_delay=100))
+    nodes.substitute("Patrol/*", TestNodeConfig(return_status=FAILURE, async_delay=100))
     load_substitution_rules(nodes, Path("rules.json"))
 """
 
@@ -53,7 +53,7 @@ class TestNodeConfig:
         >>> from btcore.testing import TestNodeConfig
         >>> nodes = btcore.Registry.standard()
         >>> b = btcore.Builder(nodes)
-        >>> nodes.substitute("door", TestNodeConfig(return_status=btcore.Status.FAILURE))
+        >>> nodes.substitute("door", TestNodeConfig(return_status=btcore.FAILURE))
         >>> b.build(b.AlwaysSuccess(name="door")).tick_once()
         <Status.FAILURE: 3>
     """

@@ -85,7 +85,7 @@ class Hooks:
         >>> from btcore.tree.hooks import Hook, HookMode, HookPosition
         >>> b = btcore.Builder()
         >>> tree = b.build(b.AlwaysSuccess(name="door"))
-        >>> hook = Hook(tree.root.uid, HookPosition.PRE, HookMode.REPLACE, btcore.Status.FAILURE)
+        >>> hook = Hook(tree.root.uid, HookPosition.PRE, HookMode.REPLACE, btcore.FAILURE)
         >>> tree.hooks.insert(hook)
         True
         >>> tree.tick_once()

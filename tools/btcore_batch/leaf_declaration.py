@@ -125,10 +125,10 @@ class StatefulAction:
         ...     x: In[batch.Floats]
         ...     moved: Out[batch.Floats]
         ...     def on_start(self, mask):
-        ...         return btcore.Status.RUNNING
+        ...         return btcore.RUNNING
         ...     def on_running(self, mask):
         ...         self.moved = self.x[mask] + 0.5
-        ...         return btcore.Status.SUCCESS
+        ...         return btcore.SUCCESS
         >>> xml = '''<root BTCPP_format="4"><BehaviorTree ID="Main">
         ...   <Drive x="{x}" moved="{x}"/></BehaviorTree></root>'''
         >>> swarm = batch.BatchTree.loads(xml, agents=2, leaves=[Drive], blackboard={"x": [0.0, 1.0]})

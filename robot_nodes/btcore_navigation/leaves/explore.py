@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import In, Out, StatefulAction, Status, SyncAction
+from btcore import FAILURE, RUNNING, SUCCESS, In, Out, StatefulAction, Status, SyncAction
 from btcore_navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 
@@ -123,17 +123,17 @@ class Explore(StatefulAction):
             return self.send_next_goal()
         if not self.handle.done:
             if now - self.last_check < CHECK_PERIOD:
-                return Status.RUNNING
+                return RUNNING
             self.last_check = now
             explorer = self.explorer
             is_useful = explorer.is_goal_unknown() and explorer.is_goal_free()
-            return Status.RUNNING if is_useful else self.send_next_goal()
+            return RUNNING if is_useful else self.send_next_goal()
         if self.handle.status is GoalStatus.ABORTED:
             result = self.handle.result
             reason = result.message if result else "the goal was aborted"
             if self.explorer.goals_wait():
                 log.warning("%s: the exploration ends: %s", self.path, reason)
-                return self.end(Status.FAILURE)
+                return self.end(FAILURE)
             log.info("%s: can't get there: %s", self.path, reason)
             # An obstacle may have closed the way; a second failure means that there is no other way.
             if are_near(self.failed_goal, self.goal):
@@ -143,7 +143,7 @@ class Explore(StatefulAction):
         if self.arrived is None:
             self.arrived = now
         if now - self.arrived < LOOKING_TIME:
-            return Status.RUNNING
+            return RUNNING
         if self.explorer.is_goal_unknown():
             self.explorer.exclude_goal()
         return self.send_next_goal()
@@ -162,18 +162,18 @@ class Explore(StatefulAction):
             self.waits_since = now if self.waits_since is None else self.waits_since
             reason = self.explorer.give_up_reason(self.waits_since)
             if reason is None:
-                return Status.RUNNING
+                return RUNNING
             log.warning("%s: the exploration ends: %s", self.path, reason[1])
-            return self.end(Status.FAILURE)
+            return self.end(FAILURE)
         self.waits_since = None
         if not self.is_start_written and "start" in self.config.outputs:
             self.start = self.explorer.estimate()
         self.is_start_written = True
         self.goal = self.explorer.next_goal()
         if self.goal is None:
-            return self.end(Status.SUCCESS)
+            return self.end(SUCCESS)
         self.handle = self.explorer.go_to(self.goal)
-        return Status.RUNNING
+        return RUNNING
 
     def end(self, status: Status) -> Status:
         """Cancel the drive, so that the next start begins a new exploration, and return *status*."""

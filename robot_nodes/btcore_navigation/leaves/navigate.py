@@ -3,7 +3,7 @@
 import logging
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import In, Out, StatefulAction, Status
+from btcore import FAILURE, RUNNING, SUCCESS, In, Out, StatefulAction, Status
 from btcore_navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 
@@ -50,13 +50,13 @@ class Move(StatefulAction):
         """Send the goal."""
         self.sent = self.clock.now()
         self.handle = self.navigator.go_to(self.goal)
-        return Status.RUNNING
+        return RUNNING
 
     def on_running(self) -> Status:
         """Check whether the goal was accepted or has ended."""
         handle = self.handle
         if handle is None:
-            return Status.FAILURE
+            return FAILURE
         done = handle.done  # takes what has arrived
         limit = SERVER_TIMEOUT + handle.discovery_ns
         if handle.status is GoalStatus.UNKNOWN and self.clock.now() - self.sent > limit:
@@ -64,7 +64,7 @@ class Move(StatefulAction):
             # 9000 is UNKNOWN of Nav2's action NavigateToPose.
             return self.fail(9000, handle.missing_acceptance)
         if not done:
-            return Status.RUNNING
+            return RUNNING
         self.handle = None
         if handle.status is GoalStatus.ABORTED:
             result = handle.result
@@ -72,7 +72,7 @@ class Move(StatefulAction):
                 result.code if result else 0, result.message if result else "the goal was aborted"
             )
         self.write_outputs(0, "")
-        return Status.SUCCESS
+        return SUCCESS
 
     def on_halted(self) -> None:
         """Cancel the goal."""
@@ -90,7 +90,7 @@ class Move(StatefulAction):
         goal = self.goal
         log.warning("%s: can't go to (%.2f, %.2f): %s", self.path, goal.x, goal.y, message)
         self.write_outputs(code, message)
-        return Status.FAILURE
+        return FAILURE
 
     def write_outputs(self, code: int, message: str) -> None:
         """Write the error code and the message to the output ports that the tree connects.

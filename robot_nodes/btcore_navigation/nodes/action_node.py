@@ -3,7 +3,7 @@
 import logging
 from typing import Annotated, Any, ClassVar
 
-from btcore import Blackboard, In, Out, StatefulAction, Status, SyncAction
+from btcore import FAILURE, RUNNING, SUCCESS, Blackboard, In, Out, StatefulAction, Status, SyncAction
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigation_servers import AnyGoalHandle, NavigationServers
@@ -81,13 +81,13 @@ class BtActionNode(StatefulAction):
     def on_start(self) -> Status:
         """Send the goal."""
         handle = self.send(self.make_goal())
-        return self.on_running() if handle.done else Status.RUNNING
+        return self.on_running() if handle.done else RUNNING
 
     def on_running(self) -> Status:
         """Check whether the server accepted or ended the goal."""
         handle = self.handle
         if handle is None:
-            return Status.FAILURE
+            return FAILURE
         if not handle.done:
             # UNKNOWN: the server has not accepted the goal yet.
             if handle.status is GoalStatus.UNKNOWN and self.acceptance_timed_out():
@@ -98,15 +98,15 @@ class BtActionNode(StatefulAction):
                 handle.abort(code, handle.missing_acceptance)
                 self.report(code, handle.missing_acceptance)
                 self.on_completion(handle)
-                return Status.FAILURE
+                return FAILURE
             self.on_wait_for_result(handle)
-            return Status.RUNNING
+            return RUNNING
         self.handle = None
         result = handle.result
         if result is not None:
             self.report(result.code, result.message if handle.status is GoalStatus.ABORTED else "")
         self.on_completion(handle)
-        return Status.FAILURE if handle.status is GoalStatus.ABORTED else Status.SUCCESS
+        return FAILURE if handle.status is GoalStatus.ABORTED else SUCCESS
 
     def on_halted(self) -> None:
         """Cancel the goal."""
@@ -173,7 +173,7 @@ class BtServiceNode(StatefulAction):
 
     def tick(self) -> Status:
         """Send the request, or check for the response. A completed node sends its request again."""
-        return self.on_running() if self.status is Status.RUNNING else self.on_start()
+        return self.on_running() if self.status is RUNNING else self.on_start()
 
     def on_start(self) -> Status:
         """Send the request."""
@@ -185,10 +185,10 @@ class BtServiceNode(StatefulAction):
         """Check for the response."""
         handle = self.handle
         if handle is None:
-            return Status.FAILURE
+            return FAILURE
         if not handle.done:
             if not self.has_passed(self.sent + server_timeout_ns(self) + handle.discovery_ns + 1):
-                return Status.RUNNING
+                return RUNNING
             handle.cancel()
             return self.fail(handle.missing_acceptance)
         if handle.status is not GoalStatus.SUCCEEDED:
@@ -196,7 +196,7 @@ class BtServiceNode(StatefulAction):
         self.handle = None
         self.logged = ""
         value = handle.result.value if handle.result is not None else None
-        return Status.SUCCESS if self.on_response(value) else Status.FAILURE
+        return SUCCESS if self.on_response(value) else FAILURE
 
     def on_halted(self) -> None:
         """Ignore the response."""
@@ -211,7 +211,7 @@ class BtServiceNode(StatefulAction):
             log.log(self.level, "%s: %s", self.path, message)
         self.logged = message
         self.on_failure()
-        return Status.FAILURE
+        return FAILURE
 
 
 def server_timeout_ns(node: BtActionNode | BtServiceNode) -> int:

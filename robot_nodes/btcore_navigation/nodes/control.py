@@ -2,9 +2,7 @@
 
 from typing import Annotated
 
-from btcore import ControlNode, In, InOut, NodeError, Status
-
-RUNNING, SUCCESS, FAILURE, SKIPPED = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
+from btcore import FAILURE, RUNNING, SKIPPED, SUCCESS, ControlNode, In, InOut, NodeError, Status
 
 
 class PipelineSequence(ControlNode):

@@ -5,7 +5,7 @@ from collections import deque
 from copy import copy
 from typing import Annotated
 
-from btcore import DecoratorNode, In, NodeError, Out, Status
+from btcore import FAILURE, RUNNING, SKIPPED, SUCCESS, DecoratorNode, In, NodeError, Out, Status
 from btcore_navigation.navigation_servers import NavigationServers
 from btcore_navigation.nodes.port_access import (
     OPTIONAL,
@@ -24,8 +24,6 @@ from btcore_navigation.nodes.port_access import (
 from btcore_navigation.path import NavPath
 from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.robot import NS_PER_S, Pose2D
-
-RUNNING, SUCCESS, FAILURE = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
 
 class RateController(DecoratorNode):
@@ -307,7 +305,7 @@ class PathLongerOnApproach(DecoratorNode):
         path, status = path_input(self, "path"), SUCCESS
         if self.is_longer(path, self.previous):
             status = self.child.execute_tick()
-            if status in (RUNNING, Status.SKIPPED):
+            if status in (RUNNING, SKIPPED):
                 return status
         self.reset_child()
         self.previous = path

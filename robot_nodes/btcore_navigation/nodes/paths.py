@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from btcore import In, NodeType, Out, Status, SyncAction
+from btcore import FAILURE, RUNNING, SUCCESS, In, NodeType, Out, Status, SyncAction
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigation_servers import (
@@ -46,7 +46,7 @@ class TruncatePath(SyncAction):
     At least two poses stay. The last remaining pose is turned towards the goal.
     """
 
-    may_return = frozenset({Status.SUCCESS})
+    may_return = frozenset({SUCCESS})
 
     input_path: InPath
     distance: Annotated[
@@ -128,7 +128,7 @@ class _PathValidation(BtServiceNode):
         """Send the request; return FAILURE for a missing or empty path."""
         if path_input(self, "path") is None:
             self.on_failure()
-            return Status.FAILURE
+            return FAILURE
         return super().on_start()
 
     def on_response(self, value: Any) -> bool:
@@ -213,14 +213,14 @@ class SmoothPath(BtActionNode):
 
     def tick(self) -> Status:
         """Start or continue to smooth the path. A completed node starts again."""
-        return self.on_running() if self.status is Status.RUNNING else self.on_start()
+        return self.on_running() if self.status is RUNNING else self.on_start()
 
     def on_start(self) -> Status:
         """Send the goal; return FAILURE without a path."""
         if path_input(self, "unsmoothed_path") is None:
             self.report(int(Nav2ErrorCode.SMOOTH_INVALID_PATH), "there is no path to smooth")
             write_outputs(self, was_completed=False)
-            return Status.FAILURE
+            return FAILURE
         return super().on_start()
 
     def make_goal(self) -> SmoothPathGoal:

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Final
 
-from btcore import BlackboardError, Direction, In, NodeError, Port, Status, TreeNode
+from btcore import IDLE, SKIPPED, BlackboardError, Direction, In, NodeError, Port, TreeNode
 from btcore_navigation.path import NavPath
 from btcore_robot.leaves.pose_types import Poses
 from btcore_robot.robot import Pose2D
@@ -24,7 +24,7 @@ def blackboard_default(key: str) -> Any:
 
 def is_first_tick(node: TreeNode) -> bool:
     """Return whether this is the first tick of *node* since it was reset or skipped."""
-    return node.status is Status.IDLE or node.status is Status.SKIPPED
+    return node.status is IDLE or node.status is SKIPPED
 
 
 def optional_input(node: TreeNode, port: str) -> object:

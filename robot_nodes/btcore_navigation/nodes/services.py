@@ -2,7 +2,7 @@
 
 from typing import Annotated, ClassVar
 
-from btcore import Direction, In, Port, StatefulAction, Status, SyncAction
+from btcore import FAILURE, RUNNING, SUCCESS, Direction, In, Port, StatefulAction, Status, SyncAction
 from btcore.values import STRING
 from btcore_navigation.navigation_servers import (
     AnyGoalHandle,
@@ -165,12 +165,12 @@ class CheckStopStatus(StatefulAction):
         odometry = self.servers.odometry()
         if odometry is None:
             self.since = self.now()
-            return Status.RUNNING
+            return RUNNING
         twist = odometry.twist
         if max(abs(twist.v), abs(twist.w)) > self.velocity_threshold:
-            return Status.FAILURE
+            return FAILURE
         end = self.since + self.duration_stopped * NS_PER_MS
-        return Status.SUCCESS if self.has_passed(end) else Status.RUNNING
+        return SUCCESS if self.has_passed(end) else RUNNING
 
 
 class _Selector(SyncAction):

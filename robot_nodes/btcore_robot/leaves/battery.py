@@ -7,7 +7,7 @@ Their numbers are from the patrol in the book *A Concise Introduction to Robot P
 import math
 from typing import Annotated
 
-from btcore import Blackboard, Condition, In, StatefulAction, Status
+from btcore import FAILURE, RUNNING, SUCCESS, Blackboard, Condition, In, StatefulAction, Status
 from btcore_robot.robot import NS_PER_S, Robot
 
 LEVEL_KEY = "battery_level"
@@ -55,7 +55,7 @@ class BatteryChecker(Condition):
         drained = (DRAIN * math.hypot(command.v, command.w) + DRAIN_AT_REST) * seconds
         level = max(0.0, estimated_level(self.board, self.robot) - drained)
         self.board[LEVEL_KEY] = level
-        return Status.FAILURE if level < self.low else Status.SUCCESS
+        return FAILURE if level < self.low else SUCCESS
 
 
 class Recharge(StatefulAction):
@@ -65,7 +65,7 @@ class Recharge(StatefulAction):
     """
 
     may_complete_on_start = False
-    may_return = frozenset({Status.SUCCESS})
+    may_return = frozenset({SUCCESS})
     state_fields = ("ticks",)
 
     @staticmethod
@@ -86,11 +86,11 @@ class Recharge(StatefulAction):
         """Charge for one more tick."""
         self.ticks += 1
         if self.ticks <= CHARGING_TICKS:
-            return Status.RUNNING
+            return RUNNING
         self.ticks = 0
         self.robot.recharge()
         self.board[LEVEL_KEY] = FULL
-        return Status.SUCCESS
+        return SUCCESS
 
 
 def estimated_level(board: Blackboard, robot: Robot) -> float:

@@ -8,7 +8,7 @@ Introduction to Robot Programming with ROS2*. Back commands 0.3 m/s backwards; a
 import math
 from typing import Annotated, ClassVar
 
-from btcore import In, StatefulAction, Status
+from btcore import FAILURE, RUNNING, SUCCESS, In, StatefulAction, Status
 from btcore_robot.control.bumpgo_fsm import clearance_ahead, freest_direction
 from btcore_robot.robot import Robot
 
@@ -48,7 +48,7 @@ class Forward(StatefulAction):
     def on_running(self) -> Status:
         """Send the next command."""
         self.robot.drive(FORWARD_SPEED, 0.0)
-        return Status.RUNNING
+        return RUNNING
 
 
 class _Manoeuvre(StatefulAction):
@@ -58,7 +58,7 @@ class _Manoeuvre(StatefulAction):
     w: ClassVar[float] = 0.0
     duration: ClassVar[int] = MANOEUVRE_TIME
 
-    may_return: ClassVar[frozenset[Status]] = frozenset({Status.SUCCESS})
+    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
     may_complete_on_start: ClassVar[bool] = False
     state_fields = ("started",)
 
@@ -80,7 +80,7 @@ class _Manoeuvre(StatefulAction):
         """Send the next command and check the time."""
         self.robot.drive(self.v, self.w)
         elapsed = self.robot.clock.now() - self.started
-        return Status.SUCCESS if elapsed >= self.duration else Status.RUNNING
+        return SUCCESS if elapsed >= self.duration else RUNNING
 
 
 class Back(_Manoeuvre):
@@ -133,14 +133,14 @@ class TurnToFree(StatefulAction):
         scan = self.robot.scan()
         if scan is None or not len(scan.ranges):
             self.robot.drive(0.0, 0.0)
-            return Status.RUNNING
+            return RUNNING
         now = self.robot.clock.now()
         if not self.side:
             self.side = math.copysign(1.0, freest_direction(scan))
             self.started = now
         if clearance_ahead(scan) >= self.clear:
-            return Status.SUCCESS
+            return SUCCESS
         if now - self.started > FULL_TURN_TIME:
-            return Status.FAILURE
+            return FAILURE
         self.robot.drive(0.0, self.side * TURN_SPEED)
-        return Status.RUNNING
+        return RUNNING

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Annotated, ClassVar, Protocol, runtime_checkable
 
-from btcore import Out, StatefulAction, Status
+from btcore import RUNNING, Out, StatefulAction, Status
 from btcore_robot.process.lifecycle import LifecycleState
 
 
@@ -46,7 +46,7 @@ class _KeepActive(StatefulAction):
         """Activate the component if it is inactive, for example because another program deactivated it."""
         if self.component.state is LifecycleState.INACTIVE:
             self.component.activate()
-        return Status.RUNNING
+        return RUNNING
 
     def on_halted(self) -> None:
         """Deactivate the component."""

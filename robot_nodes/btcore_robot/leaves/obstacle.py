@@ -4,7 +4,7 @@ from typing import Annotated
 
 import numpy as np
 
-from btcore import In, StatefulAction, Status, condition
+from btcore import RUNNING, SUCCESS, In, StatefulAction, Status, condition
 from btcore_robot.robot import LaserScan, Robot
 from btcore_robot.time_limits import SCAN, is_stale
 
@@ -42,7 +42,7 @@ class WaitForScan(StatefulAction):
     timeout: Annotated[In[float], "The maximum age (s) of a scan."] = SCAN
     # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
     may_complete_on_start = True
-    may_return = frozenset({Status.SUCCESS})
+    may_return = frozenset({SUCCESS})
     state_fields = ()
 
     @staticmethod
@@ -63,9 +63,9 @@ class WaitForScan(StatefulAction):
     def on_running(self) -> Status:
         """Check the age of the scan; stop the robot if the scan is too old."""
         if not is_stale(self.robot.scan(), self.robot.clock.now(), self.timeout):
-            return Status.SUCCESS
+            return SUCCESS
         self.robot.drive(0.0, 0.0)
-        return Status.RUNNING
+        return RUNNING
 
 
 def in_corridor(scan: LaserScan, distance: float, corridor: float) -> bool:

@@ -4,7 +4,7 @@ import enum
 import logging
 from typing import Annotated, Any
 
-from btcore import In, NodeError, Status
+from btcore import FAILURE, RUNNING, SUCCESS, In, NodeError
 from btcore_navigation.action import GoalStatus
 from btcore_ros2.interfaces import interface_name
 from btcore_ros2.leaves.endpoint import Endpoint, interface_of
@@ -106,7 +106,7 @@ class RosAction(ServerLeaf):
             RUNNING or None to continue. SUCCESS (True) or FAILURE (False) cancel the goal, and are the result
             of the leaf.
         """
-        return Status.RUNNING
+        return RUNNING
 
     def on_result(self, result: Any) -> Any:
         """Process the result of a goal that succeeded.
@@ -117,7 +117,7 @@ class RosAction(ServerLeaf):
         Returns:
             SUCCESS (True) or FAILURE (False), the result of the leaf.
         """
-        return Status.SUCCESS
+        return SUCCESS
 
     def on_failure(self, error: ActionErrorCode) -> Any:
         """Process a failure. `error_message` describes it, and is logged already.
@@ -128,7 +128,7 @@ class RosAction(ServerLeaf):
         Returns:
             SUCCESS (True) or FAILURE (False), the result of the leaf.
         """
-        return Status.FAILURE
+        return FAILURE
 
     # --- the engine
 
@@ -148,7 +148,7 @@ class RosAction(ServerLeaf):
         server = self._endpoint.name
         if goal.accepted is None and not goal.lost:
             if not self._is_late():
-                return Status.RUNNING
+                return RUNNING
             goal.cancel()
             return self._fail(
                 ActionErrorCode.SEND_GOAL_TIMEOUT,
@@ -162,12 +162,12 @@ class RosAction(ServerLeaf):
             )
         while goal.feedback:
             status = self.on_feedback(goal.feedback.popleft())
-            if status is not None and status is not Status.RUNNING:
+            if status is not None and status is not RUNNING:
                 goal.cancel()
                 self._end()
                 return completed(status, "on_feedback()", "RUNNING, SUCCESS or FAILURE")
         if not goal.done:
-            return Status.RUNNING
+            return RUNNING
         self.last_result = goal.result
         if goal.lost:
             return self._fail(

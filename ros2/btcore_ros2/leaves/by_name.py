@@ -4,7 +4,18 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, ClassVar, Final
 
-from btcore import Blackboard, Direction, In, LiteralProblem, Port, StatefulAction, Status
+from btcore import (
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    Blackboard,
+    Direction,
+    In,
+    LiteralProblem,
+    Port,
+    StatefulAction,
+    Status,
+)
 from btcore.clock import NS_PER_MS, NS_PER_S
 from btcore.values import STRING
 from btcore_ros2.interfaces import interface_name
@@ -85,7 +96,7 @@ class NoCodeLeaf:
     def complete(self, error: str) -> Status:
         """Write *error*, and return SUCCESS if there is none."""
         self.write_error(error)
-        return Status.FAILURE if error else Status.SUCCESS
+        return FAILURE if error else SUCCESS
 
 
 class RosActionCall(NoCodeLeaf, RosAction):
@@ -288,7 +299,7 @@ class RosTopicPublish(_TopicLeaf):
         In[int], "the time (ms), after the publisher was created, in which a subscriber must appear"
     ] = DISCOVERY_MS
     node_symbol: ClassVar[str] = "↑"
-    may_return: ClassVar[frozenset[Status]] = frozenset({Status.SUCCESS})
+    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
     uses: ClassVar[frozenset[str] | None] = frozenset()
 
     @staticmethod
@@ -334,13 +345,13 @@ class RosTopicPublish(_TopicLeaf):
         must_wait = settling > 0 if is_heard else not self.has_passed(limit)
         if must_wait and self.wait_for_subscriber_timeout > 0:
             self.wake_at(self.now() + settling if is_heard else limit)
-            return Status.RUNNING
+            return RUNNING
         self.on_halted()
         publisher.publish(self._message)
         self.write_error("" if is_heard else self._report_unheard())
         if is_heard:
             self._unheard = ("", "")
-        return Status.SUCCESS
+        return SUCCESS
 
     def _report_unheard(self) -> str:
         """Return why no subscriber gets the message, and log it once."""
@@ -458,7 +469,7 @@ class RosTopicRead(_TopicLeaf):
         if self.timeout > 0 and not self.has_passed(self._deadline):
             newest.waiting.add(self)
             self.wake_at(self._deadline)
-            return Status.RUNNING
+            return RUNNING
         self.on_halted()
         name = self._endpoint.name
         reason = why_silent(self.session.node, name, interface_name(self._message_type), self._profile)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from btcore import NodeError, RegistrationError, Status
+from btcore import FAILURE, SUCCESS, NodeError, RegistrationError
 from btcore.engine.functions import camel_case
 from btcore.engine.signature import PortMark
 from btcore_ros2.errors import RosError
@@ -212,7 +212,7 @@ class _Function:
     def _continue(self, message: Any) -> Any:
         """Pass the result or the response to the generator, and return its status."""
         if self._body is None:
-            return Status.SUCCESS
+            return SUCCESS
         try:
             self._body.send(message)
         except StopIteration as end:
@@ -222,13 +222,13 @@ class _Function:
     def _throw(self, error: RosCallError) -> Any:
         """Raise *error* in the generator, and return its status."""
         if self._body is None:
-            return Status.FAILURE
+            return FAILURE
         try:
             self._body.throw(error)
         except StopIteration as end:
             return end.value
         except RosCallError:
-            return Status.FAILURE
+            return FAILURE
         raise self._yields_again()
 
     def _yields_again(self) -> NodeError:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from btcore import NodeError, Status
+from btcore import FAILURE, SUCCESS, NodeError, Status
 
 
 def completed(status: Any, callback: str, expected: str = "SUCCESS or FAILURE") -> Status:
@@ -16,9 +16,9 @@ def completed(status: Any, callback: str, expected: str = "SUCCESS or FAILURE") 
     Raises:
         NodeError: The callback returned anything else.
     """
-    if status is True or status is Status.SUCCESS:
-        return Status.SUCCESS
-    if status is False or status is Status.FAILURE:
-        return Status.FAILURE
+    if status is True or status is SUCCESS:
+        return SUCCESS
+    if status is False or status is FAILURE:
+        return FAILURE
     text = status.name if isinstance(status, Status) else repr(status)
     raise NodeError(f"{callback} must return {expected} (or True or False), not {text}")

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from btcore import NodeError, StatefulAction, Status
+from btcore import FAILURE, RUNNING, NodeError, StatefulAction, Status
 from btcore.clock import NS_PER_MS
 from btcore.status import PossibleResults
 from btcore_ros2.leaves.endpoint import Endpoint
@@ -44,7 +44,7 @@ class ServerLeaf(StatefulAction):
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return that the leaf can fail in its first tick, and ends later otherwise."""
-        return PossibleResults(cls.may_return & {Status.FAILURE}, cls.may_return, True)
+        return PossibleResults(cls.may_return & {FAILURE}, cls.may_return, True)
 
     def on_failure(self, error: Any) -> Any:
         """Process a failure, and return the result of the leaf; see the subclasses."""
@@ -94,16 +94,16 @@ class ServerLeaf(StatefulAction):
             limit = self._endpoint.created + self.wait_for_server_timeout * NS_PER_MS
             if self.wait_for_server_timeout > 0 and not self.has_passed(limit):
                 self.wake_at(limit)
-                return Status.RUNNING
+                return RUNNING
             return self._fail(*self._unreachable(self._endpoint.name))
         if settling:
             self.wake_at(now + settling)
-            return Status.RUNNING
+            return RUNNING
         message, self._unsent = self._unsent, None
         self._sent = now
         self._transmit(client, message)
         self.wake_at(now + self.server_timeout * NS_PER_MS + 1)
-        return Status.RUNNING
+        return RUNNING
 
     def _is_late(self) -> bool:
         """Return whether the server's time to answer is over."""

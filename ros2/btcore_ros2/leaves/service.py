@@ -5,7 +5,7 @@ import logging
 from collections.abc import Callable
 from typing import Annotated, Any
 
-from btcore import In, NodeError, Status
+from btcore import FAILURE, RUNNING, SUCCESS, In, NodeError
 from btcore_ros2.interfaces import interface_name
 from btcore_ros2.leaves.endpoint import Endpoint, interface_of
 from btcore_ros2.leaves.results import completed
@@ -89,7 +89,7 @@ class RosService(ServerLeaf):
         Returns:
             SUCCESS (True) or FAILURE (False), the result of the leaf.
         """
-        return Status.SUCCESS
+        return SUCCESS
 
     def on_failure(self, error: ServiceErrorCode) -> Any:
         """Process a failure. `error_message` describes it, and is logged already.
@@ -100,7 +100,7 @@ class RosService(ServerLeaf):
         Returns:
             SUCCESS (True) or FAILURE (False), the result of the leaf.
         """
-        return Status.FAILURE
+        return FAILURE
 
     # --- the engine
 
@@ -123,7 +123,7 @@ class RosService(ServerLeaf):
             self._end()
             return completed(self.on_response(response), "on_response()")
         if not self._is_late():
-            return Status.RUNNING
+            return RUNNING
         return self._fail(
             ServiceErrorCode.SERVICE_TIMEOUT,
             f"the service '{self._endpoint.name}' did not answer within {self.server_timeout} ms: "

@@ -4,7 +4,17 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
-from btcore import Blackboard, In, LiteralProblem, NodeError, Port, StatefulAction, Status, SyncAction
+from btcore import (
+    RUNNING,
+    Blackboard,
+    In,
+    LiteralProblem,
+    NodeError,
+    Port,
+    StatefulAction,
+    Status,
+    SyncAction,
+)
 from btcore.clock import NS_PER_MS
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import NS_PER_S, Pose2D
@@ -124,7 +134,7 @@ class _LookUp(_TransformLeaf, StatefulAction):
         except (TransformError, RosError) as error:
             if isinstance(error, TransformError) and self.timeout > 0 and not self.has_passed(self._deadline):
                 self.wake_at(self._deadline)
-                return Status.RUNNING
+                return RUNNING
             self.cancel_wake_up()
             return self.complete(str(error))
         self.cancel_wake_up()

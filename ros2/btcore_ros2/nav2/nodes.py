@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from btcore import Direction, In, Out, Registry, Status, SyncAction
+from btcore import FAILURE, SUCCESS, Direction, In, Out, Registry, Status, SyncAction
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.behaviours import AssistedTeleopGoal
 from btcore_navigation.navigation_servers import AnyGoalHandle
@@ -144,8 +144,8 @@ class AssistedTeleop(BtActionNode):
         status = super().on_running()
         result = handle.result if handle is not None else None
         # Codes below 100 mean that no server accepted the goal.
-        if status is Status.FAILURE and result is not None and result.code >= 100 and not self.is_recovery:
-            return Status.SUCCESS
+        if status is FAILURE and result is not None and result.code >= 100 and not self.is_recovery:
+            return SUCCESS
         return status
 
 
