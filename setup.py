@@ -46,6 +46,7 @@ COLD_FILES = {
     "btcore/enum_members.py",
     "btcore/errors.py",
     "btcore/escaping.py",
+    "btcore/extras.py",
     "btcore/flatbuffer.py",
     "btcore/input_files.py",
     "btcore/json_text.py",

@@ -21,6 +21,7 @@ from lxml import etree
 from btcore import Registry
 from btcore.clock import NS_PER_MS
 from btcore.errors import Diagnostic
+from btcore.extras import describe_missing
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.document import parse_text
 from btcore.xml.schema import write_schema
@@ -126,7 +127,7 @@ def main() -> None:
     given = parser.parse_args()
     report = Report("editing", "The requests of an editor, compared with lxml's validation", given.pairs)
     if editor is None:
-        report.remarks.append("pygls is not installed; install it with: pip install 'btcore[lsp]'")
+        report.remarks.append(describe_missing("pygls"))
     compare(report, (200,) if given.quick else given.lines)
     report.output(given.json)
 

@@ -9,7 +9,10 @@ the rest of the command line works without it.
 # importlib.metadata is imported inside the functions: importing it takes as long as importing click, and
 # `btcore --version` does not need it. Named tuples instead of dataclasses save another import.
 import os
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from btcore.extras import describe_missing
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -40,22 +43,32 @@ class UnavailableEntryPoint(NamedTuple):
     @property
     def remedy(self) -> str:
         """The reason for the failure; if an extra is not installed, also the command that installs it."""
-        reason = f"{type(self.error).__name__}: {self.error}"
         missing = self.missing_module
-        if missing is not None:
+        if missing is None:
+            reason = f"{type(self.error).__name__}: {self.error}"
+        elif self.distribution == OWN_DISTRIBUTION:
+            return describe_missing(missing.name)
+        else:
             reason = f"the module '{missing.name}' is not installed"
-            if self.distribution == OWN_DISTRIBUTION:
-                from importlib.metadata import metadata
-
-                extras = metadata(OWN_DISTRIBUTION).get_all("Provides-Extra") or ()
-                extra = self.name if self.name in extras else "all"
-                return f"{reason}; install it with: pip install '{OWN_DISTRIBUTION}[{extra}]'"
         return f"{reason} (from the distribution '{self.distribution}')"
 
-    @property
-    def note(self) -> str:
-        """A note for a message about an unknown node: the node library was not searched."""
-        return f"the node library '{self.name}' was not searched; it cannot be loaded: {self.remedy}"
+
+def names_by_remedy(unavailable: Iterable[UnavailableEntryPoint]) -> dict[str, str]:
+    """Return the names of the entry points that have a remedy in common, as an enumeration, by the remedy."""
+    from btcore.suggestions import join_names
+
+    names: dict[str, list[str]] = {}
+    for point in unavailable:
+        names.setdefault(point.remedy, []).append(f"'{point.name}'")
+    return {remedy: join_names(found) for remedy, found in names.items()}
+
+
+def unsearched_libraries(unavailable: Iterable[UnavailableEntryPoint]) -> list[str]:
+    """Return notes for a message about an unknown node: node libraries that were not searched."""
+    return [
+        f"node libraries that cannot be loaded were not searched ({names}): {remedy}"
+        for remedy, names in names_by_remedy(unavailable).items()
+    ]
 
 
 class Loaded(NamedTuple):

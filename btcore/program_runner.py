@@ -24,6 +24,7 @@ from btcore.cli.terminal import print_json
 from btcore.cli.tick_loop import EndReason, TickLoop, ending_signals, signal_handlers
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
+from btcore.entry_points import names_by_remedy
 from btcore.loading.load import loads
 from btcore.registry.registry import Registry
 from btcore.run_extension import OutputError
@@ -118,7 +119,10 @@ def require_resources(
     missing = load_extensions(ctx).missing
     for kind in wanted:
         if not any(isinstance(resource, kind) for resource in gathered.resources):
-            unloaded = "".join(f"; '{point.name}' cannot be loaded: {point.remedy}" for point in missing)
+            unloaded = "".join(
+                f"; extensions that may provide it cannot be loaded ({names}): {remedy}"
+                for remedy, names in names_by_remedy(missing).items()
+            )
             raise click.UsageError(f"no extension provides a {kind.__name__}{unloaded}")
     return gathered
 

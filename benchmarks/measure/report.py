@@ -14,10 +14,11 @@ from rich.console import Console
 from rich.table import Table
 
 from btcore import builds
+from btcore.extras import describe_missing
 from measure.paired_timing import Spread
 
 PAIRS = 9
-NO_PY_TREES = "py_trees is not installed; install it with: pip install 'btcore[bench]'"
+NO_PY_TREES = describe_missing("py_trees")
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +149,7 @@ class Report:
             )
         console.print(table)
         for remark in self.remarks:
-            console.print(remark)
+            console.print(remark, markup=False)
 
 
 def in_short(value: float) -> str:

@@ -7,6 +7,7 @@ from typing import Any, Final, NamedTuple
 import click
 
 from btcore import entry_points
+from btcore.extras import describe_missing
 from btcore.run_extension import ExtensionError, RunExtension
 from btcore.suggestions import nearest_name
 
@@ -123,7 +124,7 @@ def gather_resources(
         wanted: The types that the leaves of the tree declare as resources.
 
     Raises:
-        click.UsageError: An extension rejects an option.
+        click.UsageError: An extension rejects an option, or needs a module that is not installed.
     """
     taken = [tuple(extension.takes_over(settings, wanted)) for extension in extensions]
     all_wanted = [kind for kind in wanted if not any(kind in types for types in taken)]
@@ -140,7 +141,11 @@ def gather_resources(
     providers: list[RunExtension] = []
     idle: list[RunExtension] = []
     for _, extension in ranked:
-        provided = extension.provide(settings, (*own[id(extension)], *all_wanted), tuple(resources))
+        try:
+            provided = extension.provide(settings, (*own[id(extension)], *all_wanted), tuple(resources))
+        except ModuleNotFoundError as error:
+            missing = describe_missing(error.name)
+            raise click.UsageError(f"the resources of the run cannot be provided: {missing}") from error
         (providers if provided else idle).append(extension)
         resources += provided
     return GatheredResources(resources, [*providers, *idle], idle)

@@ -9,7 +9,7 @@ import click
 
 from btcore.cli import terminal
 from btcore.diagnostic_codes import UNKNOWN_NODE
-from btcore.entry_points import UnavailableEntryPoint
+from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
 from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry, library_of
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
@@ -82,10 +82,13 @@ class NodeLibraries:
         return nodes
 
     def missing_library_notes(self, diagnostics: Iterable[Diagnostic]) -> list[str]:
-        """Return a note for each absent library, if *diagnostics* report an unknown node."""
-        if not any(diagnostic.code == UNKNOWN_NODE for diagnostic in diagnostics):
-            return []
-        return [library.note for library in self.absent]
+        """Return notes about absent libraries, if *diagnostics* report an unknown node without them."""
+        hints = [diagnostic.hint or "" for diagnostic in diagnostics if diagnostic.code == UNKNOWN_NODE]
+        return [
+            note
+            for note in unsearched_libraries(self.absent if hints else ())
+            if not any(note in hint for hint in hints)
+        ]
 
 
 def load_libraries(

@@ -23,6 +23,7 @@ from btcore.cli.tree_source import (
 )
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.diagnostic_codes import NODE_NOT_CREATED
+from btcore.entry_points import names_by_remedy
 from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.run_extension import RunExtension
@@ -85,7 +86,7 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
         if not missing:
             raise
         text = error.format_message().rstrip(".")
-        packages = "; ".join(f"'{point.name}': {point.remedy}" for point in missing)
+        packages = "; ".join(f"{names}: {remedy}" for remedy, names in names_by_remedy(missing).items())
         raise click.UsageError(
             f"{text}. The option may belong to an extension that cannot be loaded: {packages}", ctx
         ) from error
@@ -203,10 +204,8 @@ def create_session(
     try:
         tree = instantiate(plans, resources, clock=clock, tick_limit=settings["tick_limit"])
     except TreeError as error:
-        for point in missing if wanted else ():
-            error.add_note(
-                f"the extension '{point.name}', which may provide it, cannot be loaded: {point.remedy}"
-            )
+        for remedy, names in names_by_remedy(missing if wanted else ()).items():
+            error.add_note(f"extensions that may provide it cannot be loaded ({names}): {remedy}")
         missing_kinds = [
             kind for kind in wanted if not any(isinstance(resource, kind) for resource in resources)
         ]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from btcore.extras import install_command
 from btcore.run_extension import OutputError, RunExtension
 from btcore.tree.tree import Tree
 from btcore_monitor.display import has_display
@@ -133,7 +134,8 @@ class MonitorExtension(RunExtension):
         _ports(settings)
         if "groot1" in settings["publish"] and importlib.util.find_spec("flatbuffers") is None:
             raise click.ClickException(
-                "--publish groot1 needs flatbuffers, which isn't installed: pip install 'btcore[monitor]'"
+                "--publish groot1 needs flatbuffers, which is not installed: "
+                f"{install_command('flatbuffers')}"
             )
         if settings["allow_control"] and "groot2" not in settings["publish"]:
             raise click.UsageError("--allow-control needs --publish groot2, since Groot 1 has no control")
@@ -146,7 +148,7 @@ class MonitorExtension(RunExtension):
         shown = _shown(settings)
         if shown and importlib.util.find_spec("rerun") is None:
             raise click.ClickException(
-                f"{shown[0]} needs rerun, which isn't installed: pip install 'btcore[monitor]'"
+                f"{shown[0]} needs rerun, which is not installed: {install_command('rerun')}"
             )
         if not shown:
             for option in explicit_options():

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import click
 
+from btcore.extras import install_command
 from btcore_monitor.console import print_line
 from btcore_monitor.display_options import display_options
 from btcore_monitor.errors import RecordingError
@@ -107,9 +108,8 @@ def check_installed(*modules: str) -> None:
     """Raise click.ClickException if one of *modules* is not installed."""
     missing = [name for name in modules if importlib.util.find_spec(name) is None]
     if missing:
-        raise click.ClickException(
-            f"the monitor needs {missing[0]}, which isn't installed: pip install 'btcore[monitor]'"
-        )
+        command = install_command(missing[0], "monitor")
+        raise click.ClickException(f"the monitor needs {missing[0]}, which is not installed: {command}")
 
 
 def pixels(context: click.Context, option: click.Parameter, value: str) -> tuple[int, int]:

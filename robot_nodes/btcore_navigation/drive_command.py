@@ -76,12 +76,8 @@ def drive(ctx: click.Context, /, **settings: Any) -> int:
 
 def _map_resources() -> Sequence[type]:
     """Return the types of the resources that put a map into the frame of a simulated world."""
-    try:
-        from btcore_robot.occupancy_map import OccupancyMap
-    except ModuleNotFoundError as missing:
-        raise click.UsageError(
-            f"maps need the module '{missing.name}', which is not installed: pip install 'btcore[robot]'"
-        ) from missing
+    from btcore_robot.occupancy_map import OccupancyMap
+
     return InitialPose, OccupancyMap
 
 

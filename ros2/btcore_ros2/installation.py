@@ -9,9 +9,10 @@ from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Literal
 
+from btcore.extras import install_command
 from btcore_ros2.errors import RosError
 
-INSTALL = "pip install 'btcore[ros2]' (Linux on x86-64), or source the setup file of your ROS 2"
+INSTALL = f"{install_command('rclpy')} (Linux on x86-64), or source the setup file of your ROS 2"
 
 # Libraries such as librmw_fastrtps_shared_cpp are parts of an implementation.
 _MIDDLEWARE = re.compile(r"librmw_(?!\w*_shared_|\w*__)\w+_cpp|librmw_connextdds")

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from btcore.extras import install_command
 from btcore.suggestions import did_you_mean, join_names
 from btcore_ros2.errors import RosError
 from btcore_ros2.installation import Installation, find_installation
@@ -134,7 +135,7 @@ def _not_installed(package: str) -> str:
     installed = message_packages()
     if not installed:
         return (
-            "is not installed, nor is any other package with messages: pip install 'btcore[ros2]', "
+            f"is not installed, nor is any other package with messages: {install_command('rclpy')}, "
             "or source the setup file of your ROS 2"
         )
     similar = "" if package in bundled_packages() else did_you_mean(package, installed)

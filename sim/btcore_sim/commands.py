@@ -37,16 +37,12 @@ def map_command(world: str, output: Path, resolution: float) -> None:
     only the legs of a table, so the outlines of tables are written to a keep-out file beside the map. The
     waypoints of the world are written to another file beside the map.
     """
-    try:
-        from btcore_robot.occupancy_map import MapError, save_map
-        from btcore_robot.waypoint_file import save_waypoints, waypoints_path
-        from btcore_sim.errors import SimError
-        from btcore_sim.map_rasteriser import rasterise
-        from btcore_sim.worlds import load_world
-    except ModuleNotFoundError as missing:
-        raise click.UsageError(
-            f"maps need the module '{missing.name}', which is not installed: pip install 'btcore[sim]'"
-        ) from missing
+    from btcore_robot.occupancy_map import MapError, save_map
+    from btcore_robot.waypoint_file import save_waypoints, waypoints_path
+    from btcore_sim.errors import SimError
+    from btcore_sim.map_rasteriser import rasterise
+    from btcore_sim.worlds import load_world
+
     try:
         scene = load_world(world)
         map = rasterise(scene, resolution)
@@ -103,13 +99,9 @@ def world_command(kind: str, rooms: int, seed: int, output: Path | None) -> None
     A robot of the size of Tiago can drive to all waypoints. With the default number of rooms, the world is
     the one that --world office:SEED or --world home:SEED names.
     """
-    try:
-        from btcore_sim.errors import SimError
-        from btcore_sim.random_worlds import random_world_json
-    except ModuleNotFoundError as missing:
-        raise click.UsageError(
-            f"worlds need the module '{missing.name}', which is not installed: pip install 'btcore[sim]'"
-        ) from missing
+    from btcore_sim.errors import SimError
+    from btcore_sim.random_worlds import random_world_json
+
     path = output if output is not None else Path(f"{kind}_{seed}.json")
     try:
         world = random_world_json(kind, seed, rooms)

@@ -194,7 +194,8 @@ class RobotExtension:
             provided: The resources that other extensions provide.
 
         Raises:
-            click.UsageError: An option has an invalid value, or a module is not installed.
+            click.UsageError: An option has an invalid value.
+            ModuleNotFoundError: A module of the simulator is not installed.
         """
         other = next((type(resource) for resource in provided if isinstance(resource, Robot)), None)
         if other is not None:
@@ -290,16 +291,11 @@ class RobotExtension:
 
 @contextmanager
 def _errors_reported() -> Iterator[None]:
-    """Raise a usage error if an option has an invalid value, or if a module is not installed."""
+    """Raise a usage error if an option has an invalid value."""
     try:
         yield
     except SimError as error:
         raise click.UsageError(str(error)) from error
-    except ModuleNotFoundError as missing:
-        raise click.UsageError(
-            f"the simulated robot needs the module '{missing.name}', which is not installed: "
-            "pip install 'btcore[sim]'"
-        ) from missing
 
 
 def _check_files(settings: Mapping[str, Any]) -> None:

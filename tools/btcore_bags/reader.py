@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from btcore.confinement import is_limited
+from btcore.extras import install_command
 from btcore.logs.files import LogError, read_bytes
 from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_bags import reading_process
@@ -57,7 +58,7 @@ class BagReader:
             self._types: Any = get_typestore(Stores.ROS2_KILTED)
         except ModuleNotFoundError as missing:
             raise LogError(
-                f"{path}: reading a bag needs the package {missing.name}: pip install 'btcore[bags]'"
+                f"{path}: reading a bag needs the package {missing.name}: {install_command('rosbags')}"
             ) from None
         except BagError as error:
             raise LogError(f"{path}: {error}") from None

@@ -17,7 +17,10 @@ from btcore import builds
 try:
     import numpy as _  # noqa: F401
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("btcore_batch needs numpy: pip install btcore[batch]", name="numpy") from error
+    from btcore.extras import install_command
+
+    command = install_command("numpy", "batch")
+    raise ModuleNotFoundError(f"btcore_batch needs numpy: {command}", name="numpy") from error
 else:
     builds.select_build(__name__)
 

@@ -21,6 +21,7 @@ from rich.text import Text
 import btcore
 from btcore.cli import files, terminal
 from btcore.data_folders import data_folder
+from btcore.extras import describe_missing
 from btcore.input_files import read_file
 from btcore.json_text import load_json
 from btcore.suggestions import join_names, nearest_name
@@ -39,10 +40,7 @@ class BenchmarkError(Exception):
     def remedy(self) -> str:
         """How to install the module that the benchmark failed to import; "" if it failed otherwise."""
         match = _MISSING.search(str(self))
-        if match is None:
-            return ""
-        extras = "ros2,bench" if match[1] == "rclpy" else "all,bench"  # ROS 2 needs its own environment
-        return f"the module '{match[1]}' is not installed; install it with: pip install 'btcore[{extras}]'"
+        return "" if match is None else describe_missing(match[1])
 
 
 @click.command(short_help="Run the benchmarks and compare them with their targets.")

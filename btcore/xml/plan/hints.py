@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import cache, cached_property
 
-from btcore.entry_points import UnavailableEntryPoint
+from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name
@@ -62,7 +62,7 @@ class UnknownNodeHints:
         if not self._plugin_suggested:
             self._plugin_suggested = True
             hint += "; load a plugin that provides it (--plugin, or nodes.add_plugin)"
-            hint += "".join(f"; {library.note}" for library in unavailable)
+            hint += "".join(f"; {note}" for note in unsearched_libraries(unavailable))
         return hint
 
     def _distributions(self) -> list[str]:

@@ -4,6 +4,7 @@ import re
 from typing import Final
 
 from btcore.errors import BtcoreError
+from btcore.extras import install_command
 from btcore.xml.render.svg import drawing_style
 
 MAX_SIDE: Final = 2400
@@ -31,7 +32,7 @@ def svg_to_png(svg: str) -> bytes:
     try:
         import resvg_py
     except ModuleNotFoundError:
-        raise PictureError("a PNG needs the package resvg_py: pip install 'btcore[mcp]'") from None
+        raise PictureError(f"a PNG needs the package resvg_py: {install_command('resvg_py')}") from None
     size = _SIZE.match(svg)
     assert size is not None, "a drawing begins with its size"
     width, height = int(size[1]), int(size[2])

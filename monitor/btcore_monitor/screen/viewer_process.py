@@ -21,6 +21,7 @@ from typing import Final
 
 from rerun.experimental import ViewerClient
 
+from btcore.extras import install_command
 from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_monitor.errors import MonitorError
 
@@ -208,4 +209,4 @@ def viewer_program() -> Path:
             program = Path(folder) / name
             if program.exists():
                 return program
-    raise ScreenError("the rerun viewer is not installed: pip install 'btcore[monitor]'")
+    raise ScreenError(f"the rerun viewer is not installed: {install_command('rerun')}")

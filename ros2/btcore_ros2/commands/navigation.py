@@ -47,12 +47,7 @@ def navigation(ctx: click.Context, /, **settings: Any) -> int:
 
 
 def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> int:
-    try:
-        from btcore_navigation.stack import Navigation
-    except ModuleNotFoundError as missing:
-        raise click.UsageError(
-            f"navigation needs the module '{missing.name}': pip install 'btcore[robot]'"
-        ) from missing
+    from btcore_navigation.stack import Navigation
     from btcore_ros2.nav2.navigation_topics import NavigationTopics
     from btcore_ros2.nav2.served_navigation import ServedNavigation
 

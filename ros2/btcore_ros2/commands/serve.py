@@ -11,6 +11,7 @@ import click
 
 from btcore import Registry, Tree
 from btcore.escaping import escape_controls
+from btcore.extras import install_command
 from btcore.program_runner import (
     FiniteRange,
     RunCommand,
@@ -133,7 +134,7 @@ def _publish_by_default(session: RosSession, settings: dict[str, Any]) -> None:
     """Publish for Groot 2 at the port of the ROS parameter `groot2_port`, unless options choose otherwise."""
     port = declare_parameter(session.node, "groot2_port", GROOT2_PORT, fixed=FIXED_PORT)
     if "publish" not in settings or importlib.util.find_spec("zmq") is None:
-        _warn("the trees are not published for Groot: pip install 'btcore[monitor]'")
+        _warn(f"the trees are not published for Groot: {install_command('zmq')}")
         return
     settings["publish"] = settings["publish"] or ("groot2",)
     if settings["port"] is None and "groot2" in settings["publish"]:

@@ -24,6 +24,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
+from btcore.extras import install_command
 from btcore.output_files import write_file
 from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_ros2.errors import RosError
@@ -74,10 +75,10 @@ def missing_generators() -> list[str]:
     absent = [name for name in GENERATORS if not Path(generators, name).is_dir()]
     if absent:
         missing.append(
-            f"ROS 2's generators are not installed ({', '.join(absent)}): pip install 'btcore[ros2]'"
+            f"ROS 2's generators are not installed ({', '.join(absent)}): {install_command('rclpy')}"
         )
     if not (Path(sys.prefix) / "include" / "rosidl_runtime_c").is_dir():
-        missing.append(f"{sys.prefix} does not contain ROS 2's headers: pip install 'btcore[ros2]'")
+        missing.append(f"{sys.prefix} does not contain ROS 2's headers: {install_command('rclpy')}")
     return missing
 
 

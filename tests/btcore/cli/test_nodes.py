@@ -61,6 +61,7 @@ def test_json_describes_a_port(cli: Cli) -> None:
 def test_json_has_the_address_of_a_nodes_page(cli: Cli, library: Path) -> None:
     palette = json.loads(cli("nodes", "--json", "--plugin", library).stdout)
     assert palette["Delay"]["url"] == documentation_url("reference/nodes/Delay.html")
+    assert palette["RosTopicRead"]["url"] == documentation_url("reference/nodes/RosTopicRead.html")
     assert palette["Greet"]["url"] is None
 
 

@@ -276,11 +276,40 @@ def test_option_of_a_missing_extra_is_explained(tree_file: TreeFile) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_command_of_a_missing_extra_is_explained() -> None:
-    done = without_extras("monitor", "tcp://localhost:1667")
+@pytest.mark.parametrize(
+    ("arguments", "extra"),
+    [
+        (("monitor", "tcp://localhost:1667"), "monitor"),
+        (("drive",), "robot"),
+        (("world", "office"), "robot"),
+    ],
+)
+def test_command_of_a_missing_extra_is_explained(arguments: tuple[str, ...], extra: str) -> None:
+    done = without_extras(*arguments)
     assert done.returncode == 2
-    assert "pip install 'btcore[monitor]'" in done.stderr
-    assert without_extras("--help").returncode == 0
+    assert f"pip install 'btcore[{extra}]'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_one_sentence_names_all_libraries_that_an_extra_installs(tree_file: TreeFile) -> None:
+    done = without_extras("validate", tree_file("<Navigate/>"))
+    assert done.returncode == 2
+    output = " ".join((done.stdout + done.stderr).split())
+    assert output.count("pip install") == 1
+    assert (
+        "node libraries that cannot be loaded were not searched ('nav2', 'navigation', 'robot_nodes', "
+        "'ros2' and 'ros2_nav2'): the module 'numpy' is not installed; install it with: "
+        "pip install 'btcore[robot]'"
+    ) in output
+
+
+def test_run_without_the_simulator_names_its_extra() -> None:
+    pytest.importorskip("pybullet")
+    program = WITHOUT_EXTRAS.replace('"numpy", "zmq", "msgpack", "rerun", ', "")
+    command = [sys.executable, "-c", program, "run", "bumpgo", "--duration", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "the module 'pybullet' is not installed; install it with: pip install 'btcore[sim]'" in done.stderr
 
 
 @pytest.mark.parametrize(

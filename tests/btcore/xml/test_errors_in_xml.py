@@ -457,6 +457,6 @@ def test_library_that_cannot_be_loaded(
     finally:
         hints._installed_nodes.cache_clear()
     assert (
-        "; the node library 'arm' was not searched; it cannot be loaded: the module 'arm_driver' is not "
+        "; node libraries that cannot be loaded were not searched ('arm'): the module 'arm_driver' is not "
         "installed (from the distribution 'arm')"
     ) in str(caught.value.diagnostics[0].hint)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from typing import Any, Final
 
+from btcore.extras import install_command
 from btcore_studio.preview.live import LiveConnection, LiveError, LiveState
 from btcore_studio.preview.node_keys import node_keys
 from btcore_studio.preview.tree_reading import TreeFile, draw
@@ -99,7 +100,7 @@ class PreviewSession:
             LiveError: The address is invalid, or no installed package can connect.
         """
         if address and self._connect is None:
-            raise LiveError("running trees need btcore's monitor: pip install 'btcore[monitor]'")
+            raise LiveError(f"running trees need btcore's monitor: {install_command('zmq')}")
         connection = self._connect(address) if address and self._connect is not None else None
         with self._news:
             before = self._thread
