@@ -136,6 +136,14 @@ def test_engine_does_not_import_the_other_packages(stranger: str) -> None:
     assert violations("btcore", stranger) == []
 
 
+TOOLS = [package for package, folder in PARENTS.items() if folder == "tools" and package != "btcore_bags"]
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_no_other_package_imports_a_tool(tool: str) -> None:
+    assert violations("", tool, but=(tool,)) == []
+
+
 def test_texts_of_the_engine_do_not_name_the_other_packages() -> None:
     named = re.compile(rf"\b({'|'.join(OTHERS)})\b")
     assert [

@@ -6,17 +6,15 @@ Statuses and entries come from a `Feed`, so from any robot. Breakpoints need Gro
 import json
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
 from btcore_monitor.viewer_setup import check_installed, client_keys, key_file_option, robot_key_option
-from btcore_studio.preview.live import LiveConnection, LiveError, LiveState
-from btcore_studio.preview.node_keys import KeyedNode
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient
-    from btcore_monitor.events import Event, ObservedTree
+    from btcore_monitor.events import Event, ObservedNode, ObservedTree
     from btcore_monitor.keys import ClientKeys
 
 _CONNECT_WITHIN: Final = 2.0
@@ -26,8 +24,37 @@ _MAX_VALUE: Final = 200
 """Maximum number of characters of a value."""
 
 
+class RobotState(NamedTuple):
+    """The state of a running tree.
+
+    Attributes:
+        connection: "waiting", "connected", "lost" or "ended".
+        detail: A sentence about the connection.
+        nodes: The nodes of the tree, each after its parent.
+        statuses: The number of the status of each node by its uid.
+        results: The number of the last status of each node other than idle and running, by its uid.
+        entries: The entries of the blackboards as (path of the subtree, key, value as text).
+        breakpoints: The uids of the nodes with a breakpoint of this connection.
+        stopped_at: The uid of the node before which the tree waits, or 0.
+        problem: Why the last breakpoint could not be set, or "".
+    """
+
+    connection: str = "waiting"
+    detail: str = ""
+    nodes: "tuple[ObservedNode, ...]" = ()
+    statuses: Mapping[int, int] = {}
+    results: Mapping[int, int] = {}
+    entries: tuple[tuple[str, str, str], ...] = ()
+    breakpoints: frozenset[int] = frozenset()
+    stopped_at: int = 0
+    problem: str = ""
+
+
 class RobotPreview:
-    """Connects the preview with any robot that the monitor can watch."""
+    """Connects the preview with any robot that the monitor can watch.
+
+    It satisfies the protocol of the entry point group `btcore.preview`, which the preview declares.
+    """
 
     def __init__(self) -> None:
         def collected(decorate: Any) -> list[click.Option]:
@@ -60,17 +87,14 @@ class RobotPreview:
         client_keys(settings["key_file"], settings["robot_keys"])
         return address
 
-    def connect(self, address: str, settings: Mapping[str, Any]) -> LiveConnection:
+    def connect(self, address: str, settings: Mapping[str, Any]) -> "RobotConnection":
         """Return a connection to the robot at *address*.
 
         Raises:
-            LiveError: The address is invalid, or a package is not installed.
+            click.ClickException: The address is invalid, or a package is not installed.
         """
-        try:
-            check_installed("zmq", "msgpack", "lxml")
-            [keys] = client_keys(settings["key_file"], settings["robot_keys"])
-        except click.ClickException as error:
-            raise LiveError(error.format_message()) from None
+        check_installed("zmq", "msgpack", "lxml")
+        [keys] = client_keys(settings["key_file"], settings["robot_keys"])
         return RobotConnection(address, keys)
 
 
@@ -82,7 +106,7 @@ class RobotConnection:
         keys: The keys of the client, if the robot requires keys.
 
     Raises:
-        LiveError: *address* is invalid.
+        click.ClickException: *address* is invalid.
     """
 
     def __init__(self, address: str, keys: "ClientKeys | None" = None) -> None:
@@ -94,19 +118,19 @@ class RobotConnection:
             # Another monitor may read the recording of transitions, which only one client can read.
             self._feed = Feed(address, record=False, keys=keys)
         except AddressError as error:
-            raise LiveError(str(error)) from None
+            raise click.ClickException(str(error)) from None
         self._keys = keys
         self._robot: BreakpointClient | None = None
-        self._state = LiveState()
+        self._state = RobotState()
         self._statuses: dict[int, int] = {}
         self._results: dict[int, int] = {}
         self._has_new_status = False
 
-    def poll(self, timeout: float) -> LiveState:
+    def poll(self, timeout: float) -> RobotState:
         """Return the state after *timeout* s, the same object if nothing has changed.
 
         Raises:
-            LiveError: The robot refuses the keys.
+            click.ClickException: The robot refuses the keys.
         """
         from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
 
@@ -116,7 +140,7 @@ class RobotConnection:
                 for event in self._feed.poll(left):
                     self._take(event)
         except ConnectionRefusedByRobotError as error:
-            raise LiveError(str(error)) from None
+            raise click.ClickException(str(error)) from None
         if self._has_new_status:
             self._has_new_status = False
             self._state = self._state._replace(statuses=dict(self._statuses), results=dict(self._results))
@@ -154,14 +178,10 @@ class RobotConnection:
                 self._results[uid] = status
 
     def _begin(self, tree: "ObservedTree") -> None:
-        nodes = (
-            KeyedNode(node.uid, node.parent, node.id, node.name, node.kind == "subtree")
-            for node in tree.nodes
-        )
         self._leave_robot()
         self._results = {}
         connection, detail = self._state.connection, self._state.detail
-        self._state = LiveState(connection, detail, tuple(nodes))
+        self._state = RobotState(connection, detail, tree.nodes)
 
     # --- breakpoints
 

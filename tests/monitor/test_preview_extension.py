@@ -5,13 +5,13 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
+import click
 import pytest
 
 import btcore
 from btcore_monitor.keys import ClientKeys, RobotKeys, create_keys
-from btcore_monitor.preview_extension import RobotConnection, RobotPreview
+from btcore_monitor.preview_extension import RobotConnection, RobotPreview, RobotState
 from btcore_monitor.serve import serve
-from btcore_studio.preview.live import LiveError, LiveState
 
 XML = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">
@@ -39,7 +39,7 @@ def connection(tree: btcore.Tree) -> Iterator[RobotConnection]:
         yield connection
 
 
-def until(connection: RobotConnection, holds: Callable[[LiveState], object]) -> LiveState:
+def until(connection: RobotConnection, holds: Callable[[RobotState], object]) -> RobotState:
     for _ in range(200):
         state = connection.poll(0.05)
         if holds(state):
@@ -49,7 +49,7 @@ def until(connection: RobotConnection, holds: Callable[[LiveState], object]) -> 
 
 def test_nodes_statuses_results_and_entries_arrive(tree: btcore.Tree, connection: RobotConnection) -> None:
     state = until(connection, lambda state: state.nodes)
-    assert [(node.uid, node.parent, node.id, node.is_subtree) for node in state.nodes] == [
+    assert [(node.uid, node.parent, node.id, node.kind == "subtree") for node in state.nodes] == [
         (1, 0, "Sequence", False),
         (2, 1, "Script", False),
         (3, 1, "AlwaysSuccess", False),
@@ -132,16 +132,16 @@ def test_robot_with_keys_is_watched_and_controlled_by_its_clients_only(
             assert (state.breakpoints, state.problem) == ({3}, "")
         with (
             closing(connect("stranger")) as connection,
-            pytest.raises(LiveError, match="does not know this key"),
+            pytest.raises(click.ClickException, match="does not know this key"),
         ):
             until(connection, lambda state: state.nodes)
         with (
             closing(RobotConnection(publisher.address)) as connection,
-            pytest.raises(LiveError, match="keys"),
+            pytest.raises(click.ClickException, match="keys"),
         ):
             until(connection, lambda state: state.nodes)
 
 
 def test_invalid_address_is_an_error() -> None:
-    with pytest.raises(LiveError, match="not an address"):
+    with pytest.raises(click.ClickException, match="not an address"):
         RobotPreview().connect("http://x/y z", SETTINGS)

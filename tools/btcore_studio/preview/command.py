@@ -21,7 +21,7 @@ from btcore.cli.tree_source import (
     find_source,
     tree_options,
 )
-from btcore_studio.preview.live import LiveConnection, LiveError, PreviewExtension
+from btcore_studio.preview.live import LiveConnection, PreviewExtension
 from btcore_studio.preview.server import PreviewServer
 from btcore_studio.preview.session import PreviewSession
 from btcore_studio.preview.tree_reading import TreeFile
@@ -115,8 +115,6 @@ def preview(
             while not stop.wait(POLL_INTERVAL_S):
                 if saves():
                     session.reload()
-        except LiveError as error:
-            raise click.ClickException(str(error)) from None
         finally:
             session.close()
             server.shutdown()

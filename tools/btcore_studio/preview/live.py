@@ -5,48 +5,82 @@ A package offers an extension under the entry point group `btcore.preview`:
     [project.entry-points."btcore.preview"]
     robot = "rover_driver.preview:RoverPreview"
 
-The entry point names a class, which is created without arguments.
+The entry point names a class, which is created without arguments. It needs no import of this module: the
+preview uses what the protocols list.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
-
-from btcore.errors import BtcoreError
-from btcore_studio.preview.node_keys import KeyedNode
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     import click
 
 
-class LiveError(BtcoreError):
-    """Raised when a running tree cannot be watched or controlled; the message is shown on the page."""
+class LiveNode(Protocol):
+    """A node of a running tree."""
+
+    @property
+    def uid(self) -> int:
+        """The number of the node."""
+
+    @property
+    def parent(self) -> int:
+        """The number of its parent, or 0."""
+
+    @property
+    def id(self) -> str:
+        """The registration ID."""
+
+    @property
+    def name(self) -> str:
+        """The instance name."""
+
+    @property
+    def kind(self) -> str:
+        """ "subtree" if the node calls a tree, otherwise any other text."""
 
 
-class LiveState(NamedTuple):
-    """The state of a running tree.
+class LiveState(Protocol):
+    """The state of a running tree."""
 
-    Attributes:
-        connection: "waiting", "connected", "lost" or "ended".
-        detail: A sentence about the connection.
-        nodes: The nodes of the tree, each after its parent.
-        statuses: The number of the status of each node by its uid: 0 idle, 1 running, 2 success, 3 failure,
-            4 skipped.
-        results: The number of the last status of each node other than idle and running, by its uid.
-        entries: The entries of the blackboards as (path of the subtree, key, value as text).
-        breakpoints: The uids of the nodes with a breakpoint of this connection.
-        stopped_at: The uid of the node before which the tree waits, or 0.
-        problem: Why the last breakpoint could not be set, or "".
-    """
+    @property
+    def connection(self) -> str:
+        """ "waiting", "connected", "lost" or "ended"."""
 
-    connection: str = "waiting"
-    detail: str = ""
-    nodes: tuple[KeyedNode, ...] = ()
-    statuses: Mapping[int, int] = {}
-    results: Mapping[int, int] = {}
-    entries: tuple[tuple[str, str, str], ...] = ()
-    breakpoints: frozenset[int] = frozenset()
-    stopped_at: int = 0
-    problem: str = ""
+    @property
+    def detail(self) -> str:
+        """A sentence about the connection."""
+
+    @property
+    def nodes(self) -> Sequence[LiveNode]:
+        """The nodes of the tree, each after its parent; another object if the tree is another."""
+
+    @property
+    def statuses(self) -> Mapping[int, int]:
+        """The number of the status of each node by its uid.
+
+        0 is idle, 1 running, 2 success, 3 failure and 4 skipped.
+        """
+
+    @property
+    def results(self) -> Mapping[int, int]:
+        """The number of the last status of each node other than idle and running, by its uid."""
+
+    @property
+    def entries(self) -> Sequence[tuple[str, str, str]]:
+        """The entries of the blackboards as (path of the subtree, key, value as text)."""
+
+    @property
+    def breakpoints(self) -> Collection[int]:
+        """The uids of the nodes with a breakpoint of this connection."""
+
+    @property
+    def stopped_at(self) -> int:
+        """The uid of the node before which the tree waits, or 0."""
+
+    @property
+    def problem(self) -> str:
+        """Why the last breakpoint could not be set, or ""."""
 
 
 class LiveConnection(Protocol):
@@ -56,7 +90,7 @@ class LiveConnection(Protocol):
         """Return the state after *timeout* s, the same object if nothing has changed.
 
         Raises:
-            LiveError: The tree can never be watched, for example because it refuses the keys.
+            click.ClickException: The tree can never be watched, for example because it refuses the keys.
         """
         ...
 
@@ -101,6 +135,6 @@ class PreviewExtension(Protocol):
             settings: The options of the command by their click names.
 
         Raises:
-            LiveError: The address is invalid.
+            click.ClickException: The address is invalid, or a package is not installed.
         """
         ...

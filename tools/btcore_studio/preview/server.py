@@ -17,6 +17,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any, Final, cast
 
+import click
+
 from btcore.errors import BtcoreError
 from btcore.json_text import load_json
 from btcore.xml.render.svg import drawing_style
@@ -160,7 +162,7 @@ class _Handler(BaseHTTPRequestHandler):
             except RequestError as error:
                 self.close_connection = True
                 self._send_json({"error": str(error)}, error.status)
-            except BtcoreError as error:
+            except (BtcoreError, click.ClickException) as error:
                 self._send_json({"error": str(error)}, HTTPStatus.CONFLICT)
             except (ValueError, RecursionError) as error:
                 self.close_connection = True

@@ -3,16 +3,17 @@
 import json
 import threading
 from collections.abc import Callable, Collection, Iterator
-from contextlib import suppress
 from typing import Any, Final
 
+import click
+
 from btcore.extras import install_command
-from btcore_studio.preview.live import LiveConnection, LiveError, LiveState
-from btcore_studio.preview.node_keys import node_keys
+from btcore_studio.preview.live import LiveConnection, LiveState
+from btcore_studio.preview.node_keys import KeyedNode, node_keys
 from btcore_studio.preview.tree_reading import TreeFile, draw
 
 Connect = Callable[[str], LiveConnection]
-"""Returns a connection to the running tree at an address. Raises LiveError."""
+"""Returns a connection to the running tree at an address. Raises click.ClickException."""
 
 PING_EVERY: Final = 10.0
 """Seconds after which a page without news receives an empty message, which detects closed pages."""
@@ -43,7 +44,8 @@ class PreviewSession:
         self._version = self._drawn_at = 1
         self._drawing: tuple[object, bytes] | None = None
         self._address = ""
-        self._live = LiveState()
+        self._live: LiveState | None = None
+        self._failure = ""  # why the running tree can never be watched
         self._live_version = 0
         self._keys: dict[int, str] = {}
         self._wanted: frozenset[str] = frozenset()
@@ -97,17 +99,17 @@ class PreviewSession:
         """Connect with the running tree at *address*; "" ends the connection.
 
         Raises:
-            LiveError: The address is invalid, or no installed package can connect.
+            click.ClickException: The address is invalid, or no installed package can connect.
         """
         if address and self._connect is None:
-            raise LiveError(f"running trees need btcore's monitor: {install_command('zmq')}")
+            raise click.ClickException(f"running trees need btcore's monitor: {install_command('zmq')}")
         connection = self._connect(address) if address and self._connect is not None else None
         with self._news:
             before = self._thread
             if self._ended is not None:
                 self._ended.set()
             ended = self._ended = threading.Event()
-            self._address, self._live, self._keys = address, LiveState(), {}
+            self._address, self._live, self._failure, self._keys = address, None, "", {}
             self._live_version += 1
             self._thread = None
             if connection is not None:
@@ -137,13 +139,16 @@ class PreviewSession:
         """Publish the states of a running tree until *ended* is set."""
         wanted: frozenset[str] = frozenset()
         keys: dict[int, str] = {}
-        state = LiveState()
+        state: LiveState | None = None
         released = self._releases
         try:
             while not ended.is_set():
                 before, state = state, connection.poll(_LIVE_EVERY)
-                if state.nodes is not before.nodes:
-                    keys = node_keys(state.nodes)
+                if before is None or state.nodes is not before.nodes:
+                    keys = node_keys(
+                        KeyedNode(node.uid, node.parent, node.id, node.name, node.kind == "subtree")
+                        for node in state.nodes
+                    )
                     wanted = frozenset()
                 if self._wanted != wanted and keys:
                     wanted = self._wanted
@@ -152,15 +157,17 @@ class PreviewSession:
                     released = self._releases
                     connection.release()
                 self._publish(state, keys, ended)
-        except LiveError as error:
-            self._publish(state._replace(connection="lost", detail=str(error)), keys, ended)
+        except click.ClickException as error:
+            self._publish(state, keys, ended, str(error))
         finally:
             connection.close()
 
-    def _publish(self, state: LiveState, keys: dict[int, str], ended: threading.Event) -> None:
+    def _publish(
+        self, state: LiveState | None, keys: dict[int, str], ended: threading.Event, failure: str = ""
+    ) -> None:
         with self._news:
-            if state is not self._live and not ended.is_set():
-                self._live, self._keys = state, keys
+            if (state is not self._live or failure) and not ended.is_set():
+                self._live, self._keys, self._failure = state, keys, failure
                 self._live_version += 1
                 self._news.notify_all()
 
@@ -204,24 +211,36 @@ class PreviewSession:
 
     def _live_data(self, with_keys: bool) -> dict[str, Any]:
         state = self._live
-        uids = [node.uid for node in state.nodes]
+        uids = [node.uid for node in state.nodes] if state is not None else []
         data: dict[str, Any] = {
             "address": self._address,
-            "connection": state.connection if self._address else "",
-            "detail": state.detail,
-            "problem": state.problem,
-            "statuses": "".join(str(state.statuses.get(uid, 0)) for uid in uids),
-            "results": "".join(str(state.results.get(uid, 0)) for uid in uids),
-            "entries": state.entries,
+            "connection": "waiting" if self._address else "",
+            "detail": "",
+            "problem": "",
+            "statuses": "",
+            "results": "",
+            "entries": (),
             "wanted": sorted(self._wanted),
-            "breakpoints": [self._keys[uid] for uid in sorted(state.breakpoints) if uid in self._keys],
-            "stopped": self._keys.get(state.stopped_at, ""),
+            "breakpoints": [],
+            "stopped": "",
         }
+        if state is not None:
+            data |= {
+                "connection": state.connection,
+                "detail": state.detail,
+                "problem": state.problem,
+                "statuses": "".join(str(state.statuses.get(uid, 0)) for uid in uids),
+                "results": "".join(str(state.results.get(uid, 0)) for uid in uids),
+                "entries": state.entries,
+                "breakpoints": [self._keys[uid] for uid in sorted(state.breakpoints) if uid in self._keys],
+                "stopped": self._keys.get(state.stopped_at, ""),
+            }
+        if self._failure:
+            data |= {"connection": "lost", "detail": self._failure}
         if with_keys:
             data["keys"] = [self._keys.get(uid, "") for uid in uids]
         return data
 
     def close(self) -> None:
         """End the connection with a running tree."""
-        with suppress(LiveError):
-            self.watch("")
+        self.watch("")

@@ -5,24 +5,28 @@ from collections.abc import Sequence
 from queue import Queue
 from typing import Any
 
+import click
 import pytest
 
-from btcore_studio.preview.live import LiveError, LiveState
-from btcore_studio.preview.node_keys import KeyedNode
+from btcore_monitor.events import ObservedNode
+from btcore_monitor.preview_extension import RobotState
 from btcore_studio.preview.session import PreviewSession
 from btcore_studio.preview.tree_reading import TreeFile
 
-NODES = (KeyedNode(1, 0, "Sequence", "Küche <img src=x onerror=alert(1)>"), KeyedNode(2, 1, "Rover", "Rover"))
+NODES = (
+    ObservedNode(1, "Küche <img src=x onerror=alert(1)>", "Sequence", "control", ""),
+    ObservedNode(2, "Rover", "Rover", "action", "", parent=1),
+)
 
 
 class FakeRobot:
     """A connection whose states a test determines."""
 
     def __init__(self) -> None:
-        self.states: Queue[LiveState] = Queue()
+        self.states: Queue[RobotState] = Queue()
         self.calls: Queue[Any] = Queue()
 
-    def poll(self, timeout: float) -> LiveState:
+    def poll(self, timeout: float) -> RobotState:
         return self.states.get(timeout=90)
 
     def set_breakpoints(self, uids: Sequence[int]) -> None:
@@ -72,7 +76,7 @@ def test_page_sees_the_running_tree_and_sets_breakpoints(tree_file: TreeFile) ->
     keys = [node["key"] for node in json.loads(session.drawing(None, ()))["nodes"][:2]]
     session.set_breakpoints([keys[1], "of no node"])
     session.watch("somewhere")
-    state = LiveState("connected", "", NODES, {1: 1, 2: 3}, {2: 3}, (("", "tempo", "3"),))
+    state = RobotState("connected", "", NODES, {1: 1, 2: 3}, {2: 3}, (("", "tempo", "3"),))
     robot.states.put(state)
     assert robot.calls.get(timeout=90) == [2]
     robot.states.put(state._replace(breakpoints=frozenset({2}), stopped_at=2))
@@ -92,6 +96,22 @@ def test_page_sees_the_running_tree_and_sets_breakpoints(tree_file: TreeFile) ->
     assert robot.calls.get(timeout=90) == "close"
 
 
+def test_page_shows_why_the_tree_can_never_be_watched(tree_file: TreeFile) -> None:
+    class Refused(FakeRobot):
+        def poll(self, timeout: float) -> RobotState:
+            raise click.ClickException("the robot does not know this key")
+
+    session = PreviewSession(tree_file, lambda address: Refused())
+    events = session.events()
+    session.watch("somewhere")
+    while True:
+        name, data = next(events) or ("", {})
+        if name == "live" and data["detail"]:
+            break
+    assert (data["connection"], data["detail"]) == ("lost", "the robot does not know this key")
+    session.close()
+
+
 def test_without_the_monitor_the_page_explains_what_is_missing(tree_file: TreeFile) -> None:
-    with pytest.raises(LiveError, match=r"pip install 'btcore\[monitor\]'"):
+    with pytest.raises(click.ClickException, match=r"pip install 'btcore\[monitor\]'"):
         PreviewSession(tree_file).watch("somewhere")
