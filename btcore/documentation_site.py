@@ -26,18 +26,12 @@ def node_url(ID: str, distribution: str) -> str | None:
     Returns:
         The address. None if it is unknown, or if the documentation has no pages for the package's nodes.
     """
-    if distribution not in _packages_with_node_pages():
+    from btcore.entry_points import own_packages
+
+    # The nodes of btcore and of its own node libraries have pages.
+    if distribution != "btcore" and distribution not in own_packages("btcore.nodes"):
         return None
     return documentation_url(f"reference/nodes/{ID}.html")
-
-
-@cache
-def _packages_with_node_pages() -> set[str]:
-    """Return btcore and the packages of its own node libraries: their nodes have pages."""
-    from btcore.entry_points import OWN_DISTRIBUTION, distribution_of, installed
-
-    own = [point for point in installed("btcore.nodes") if distribution_of(point) == OWN_DISTRIBUTION]
-    return {OWN_DISTRIBUTION, *(point.module.partition(".")[0] for point in own)}
 
 
 @cache

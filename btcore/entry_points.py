@@ -10,6 +10,7 @@ the rest of the command line works without it.
 # `btcore --version` does not need it. Named tuples instead of dataclasses save another import.
 import os
 from collections.abc import Iterable
+from functools import cache
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from btcore.extras import describe_missing
@@ -84,11 +85,18 @@ def names(group: str) -> list[str]:
     return sorted({point.name for point in installed(group)})
 
 
-def installed(group: str) -> "list[EntryPoint]":
-    """Return the installed entry points of *group* that `LIMIT_VARIABLE` permits, sorted by name."""
+def installed(group: str, own: bool = True) -> "list[EntryPoint]":
+    """Return the installed entry points of *group* that `LIMIT_VARIABLE` permits, sorted by name.
+
+    Args:
+        group: The group, such as `btcore.commands`.
+        own: Whether to include those of btcore's own packages.
+    """
     from importlib.metadata import entry_points
 
     points = sorted(entry_points(group=group), key=lambda point: point.name)
+    if not own:
+        points = [point for point in points if distribution_of(point) != OWN_DISTRIBUTION]
     limit = os.environ.get(LIMIT_VARIABLE)
     if limit is None:
         return points
@@ -96,6 +104,15 @@ def installed(group: str) -> "list[EntryPoint]":
     return [
         point for point in points if point.name in permitted and distribution_of(point) == OWN_DISTRIBUTION
     ]
+
+
+@cache
+def own_packages(group: str) -> frozenset[str]:
+    """Return the names of btcore's own packages that declare entry points of *group*."""
+    from importlib.metadata import entry_points
+
+    own = [point for point in entry_points(group=group) if distribution_of(point) == OWN_DISTRIBUTION]
+    return frozenset(point.module.partition(".")[0] for point in own)
 
 
 def load(group: str, name: str | None = None) -> tuple[list[Loaded], list[UnavailableEntryPoint]]:

@@ -10,7 +10,7 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -18,6 +18,11 @@ import btcore
 from btcore import builds, entry_points
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.terminal_encoding import make_encodable
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from click.shell_completion import CompletionItem
 
 COMMAND_GROUP = "btcore.commands"
 OWN_COMMANDS = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff")
@@ -47,6 +52,28 @@ class CommandLine(click.Group):
             command: click.Command = loaded[0].value
             return command
         return _placeholder(unavailable[0]) if unavailable else None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands with the first sentences of their help, without importing them."""
+        outlines = self._outlines(ctx)
+        limit = formatter.width - 6 - max(len(name) for name in outlines)
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, item.get_short_help_str(limit)) for name, item in outlines.items()])
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
+        """Return the commands and options that begin with *incomplete*, without importing commands."""
+        from click.shell_completion import CompletionItem
+
+        found = {name: item for name, item in self._outlines(ctx).items() if name.startswith(incomplete)}
+        commands = [CompletionItem(name, help=item.get_short_help_str()) for name, item in found.items()]
+        return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
+
+    def _outlines(self, ctx: click.Context) -> dict[str, click.Command]:
+        """Return commands that have the help of the real commands, by name."""
+        targets = {name: f"btcore.cli.{name}:{name}" for name in OWN_COMMANDS}
+        for point in entry_points.installed(COMMAND_GROUP):
+            targets.setdefault(point.name, point.value)
+        return {name: _outline(name, target) for name, target in targets.items()}
 
     def invoke(self, ctx: click.Context) -> Any:
         """Invoke the command; if it fails to import an optional module, explain what to install."""
@@ -139,6 +166,40 @@ def _exit_for_error(error: Exception) -> NoReturn:
     sys.exit(ExitCode.INTERNAL_ERROR)
 
 
+def _outline(name: str, target: str) -> click.Command:
+    """Return a command with the help of *target*, `module:function`, which is read from the source.
+
+    The help is empty if there is no source, or if the command is no function with decorators of click.
+    """
+    import ast
+
+    module, _, function = target.partition(":")
+    file = _source_of(module)
+    body = [] if file is None else ast.parse(file.read_bytes()).body
+    for node in body:
+        if isinstance(node, ast.FunctionDef) and node.name == function:
+            options = [keyword for call in node.decorator_list for keyword in getattr(call, "keywords", ())]
+            written = [item.value for item in options if item.arg == "short_help"]
+            short_help = ast.literal_eval(written[0]) if written else None
+            return click.Command(name, help=ast.get_docstring(node), short_help=short_help)
+    return click.Command(name)
+
+
+def _source_of(module: str) -> "Path | None":
+    """Return the file of *module*, whose packages need not be imported; None if it has no source."""
+    from importlib.util import find_spec
+    from pathlib import Path
+
+    top, *rest = module.split(".")
+    spec = find_spec(top)
+    for folder in (spec.submodule_search_locations or ()) if spec is not None else ():
+        path = Path(folder, *rest)
+        for file in (path.with_suffix(".py"), path / "__init__.py"):
+            if file.is_file():
+                return file
+    return None
+
+
 def _placeholder(unavailable: entry_points.UnavailableEntryPoint) -> click.Command:
     """Return a command that takes the place of a command that cannot be imported, and explains why."""
 
@@ -148,7 +209,6 @@ def _placeholder(unavailable: entry_points.UnavailableEntryPoint) -> click.Comma
     return click.Command(
         unavailable.name,
         callback=explain,
-        short_help=f"(not installed: pip install 'btcore[{unavailable.name}]')",
         context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
         add_help_option=False,
     )

@@ -1,7 +1,9 @@
 """The nodes of a command: built-in, installed, loaded by `--plugin`, and declared by `--model`."""
 
-from collections.abc import Callable, Iterable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -9,10 +11,11 @@ import click
 
 from btcore.cli import terminal
 from btcore.diagnostic_codes import UNKNOWN_NODE
-from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
+from btcore.entry_points import UnavailableEntryPoint, own_packages, unsearched_libraries
 from btcore.errors import Diagnostic
-from btcore.registry.registry import Registry, library_of
+from btcore.registry.registry import ENTRY_POINTS, Plugin, Registry, import_plugin, library_of
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
+from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.document import Document
 from btcore.xml.read.read import read
 
@@ -49,11 +52,64 @@ class NodeLibraries:
         nodes: The registry of the available nodes.
         absent: The libraries that are installed but cannot be imported.
         has_models: Whether nodes were declared by models, and need no code.
+        plugins: The libraries of the user, which are loaded after the installed libraries.
+        is_partial: Whether the libraries of btcore's own packages are not loaded yet.
     """
 
     nodes: Registry
     absent: list[UnavailableEntryPoint] = field(default_factory=list)
     has_models: bool = False
+    plugins: Sequence[Plugin] = ()
+    is_partial: bool = False
+    _warnings: set[str] = field(default_factory=set)
+
+    def load(self, own: bool = True) -> None:
+        """Fill `nodes` with the built-in nodes, the installed libraries and the plugins.
+
+        Args:
+            own: Whether to load the libraries of btcore's own packages, too.
+
+        Raises:
+            RegistrationError: A plugin cannot be registered.
+        """
+        self.nodes, self.absent, self.is_partial = Registry.standard(), [], not own
+        for unavailable in self.nodes.add_installed(own):
+            if unavailable.missing_module is None:
+                self._warn(str(unavailable.error))
+            self.absent.append(unavailable)
+        for plugin in self.plugins:
+            self.nodes.add_plugin(plugin)
+        for installed, added in self.nodes.overridden_nodes:
+            self._warn(
+                f"<{added.id}> of {added.distribution} overrides <{added.id}> of {installed.distribution}"
+            )
+        for library_type, own_type in self.nodes.types.overridden:
+            self._warn(
+                f"the type {own_type.name} of {library_of(own_type.python_type)} overrides the type "
+                f"{own_type.name} of {library_of(library_type.python_type)}"
+            )
+
+    def load_for(self, documents: Iterable[Document]) -> bool:
+        """Load the libraries of btcore's own packages, too, if *documents* use a node that is unknown so far.
+
+        Returns:
+            Whether libraries were loaded.
+
+        Raises:
+            RegistrationError: A plugin cannot be registered.
+        """
+        if not self.is_partial or all(
+            self.nodes.get(id, 4) or self.nodes.get(id, 3) for id in _node_ids(documents)
+        ):
+            return False
+        self.load()
+        return True
+
+    def _warn(self, message: str) -> None:
+        """Print a warning, unless it was printed when the libraries were loaded before."""
+        if message not in self._warnings:
+            self._warnings.add(message)
+            terminal.print_warning(message)
 
     def add_models(self, models: Sequence[Path], confined: bool = False) -> None:
         """Add the nodes of TreeNodesModel files.
@@ -92,7 +148,7 @@ class NodeLibraries:
 
 
 def load_libraries(
-    plugins: Sequence[str], models: Sequence[Path] = (), confined: bool = False
+    plugins: Sequence[str], models: Sequence[Path] = (), confined: bool = False, partial: bool = False
 ) -> NodeLibraries:
     """Load all installed node libraries, *plugins* and *models*.
 
@@ -102,32 +158,32 @@ def load_libraries(
     Args:
         plugins: Modules and Python files with nodes.
         confined: Whether a model that includes a file from outside of its folder is invalid.
+        partial: Whether to leave out the libraries of btcore's own packages until `NodeLibraries.load_for`
+            needs them. They are loaded nevertheless if a plugin has imported one of these packages, because
+            the plugin may use their types.
 
     Raises:
         RegistrationError: One of *plugins* cannot be loaded.
         click.UsageError: One of *plugins* is given twice.
         TreeError: One of *models* is invalid.
     """
-    libraries = NodeLibraries(Registry.standard())
-    for unavailable in libraries.nodes.add_installed():
-        if unavailable.missing_module is None:
-            terminal.print_warning(str(unavailable.error))
-        libraries.absent.append(unavailable)
+    imported: list[Plugin] = []
     seen: set[str | Path] = set()
     for plugin in plugins:
         module_or_file = Path(plugin).resolve() if plugin.endswith(".py") else plugin
         if module_or_file in seen:
             raise click.UsageError(f"--plugin {plugin} is given more than once.")
         seen.add(module_or_file)
-        libraries.nodes.add_plugin(plugin)
-    for installed, own in libraries.nodes.overridden_nodes:
-        terminal.print_warning(
-            f"<{own.id}> of {own.distribution} overrides <{own.id}> of {installed.distribution}"
-        )
-    for library_type, own_type in libraries.nodes.types.overridden:
-        terminal.print_warning(
-            f"the type {own_type.name} of {library_of(own_type.python_type)} overrides the type "
-            f"{own_type.name} of {library_of(library_type.python_type)}"
-        )
+        imported.append(import_plugin(plugin))
+    libraries = NodeLibraries(Registry(), plugins=imported)
+    libraries.load(own=not partial or not own_packages(ENTRY_POINTS).isdisjoint(sys.modules))
     libraries.add_models(models, confined)
     return libraries
+
+
+def _node_ids(documents: Iterable[Document]) -> Iterator[str]:
+    """Yield the IDs of the nodes in the trees of *documents*."""
+    for document in documents:
+        for tree in document.root.iterchildren("BehaviorTree"):
+            for element in islice(tree.iter(), 1, None):
+                yield element.get("ID") or "" if element.tag in EXPLICIT_TAGS else element.tag

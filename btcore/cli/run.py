@@ -4,14 +4,15 @@ import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import Any, Final, cast
 
 import click
 from click.core import ParameterSource
 
+from btcore import entry_points
 from btcore.cli import initial_blackboard, node_libraries, stub_plans, substitute, terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.extension import gather_resources, load_extensions
+from btcore.cli.extension import GROUP, LoadedExtensions, gather_resources, load_extensions
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
 from btcore.cli.tree_source import (
@@ -23,6 +24,7 @@ from btcore.cli.tree_source import (
 )
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.diagnostic_codes import NODE_NOT_CREATED
+from btcore.engine.context import TreeState
 from btcore.entry_points import names_by_remedy
 from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
@@ -30,6 +32,8 @@ from btcore.run_extension import RunExtension
 from btcore.suggestions import join_names
 from btcore.xml.models.stand_ins import StubPlans
 from btcore.xml.plan.plan import Plans
+
+_WITHOUT: Final = "btcore.cli.run.without_extensions"
 
 
 class FiniteRange(click.FloatRange):
@@ -76,6 +80,61 @@ class RunCommand(click.Command):
             return super().parse_args(ctx, args)
 
 
+class TreeRunCommand(RunCommand):
+    """`btcore run`, which loads extensions only if a leaf needs a resource, or one of their options is given.
+
+    Extensions of other distributions are always loaded: they may take part in each run.
+    """
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return the command's options, those of the extensions if they are loaded, and `--help`."""
+        return click.Command.get_params(self, ctx) if ctx.meta.get(_WITHOUT) else super().get_params(ctx)
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the help with the options of all extensions."""
+        ctx.meta[_WITHOUT] = False
+        super().format_help(ctx, formatter)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse *args* without the options of extensions, or with them if an option is unknown otherwise.
+
+        Args:
+            ctx: The context of the command.
+            args: The arguments.
+
+        Returns:
+            The arguments that remain.
+        """
+        words = list(args)  # click's parser removes the arguments from its list
+        ctx.meta[_WITHOUT] = not ctx.resilient_parsing and not entry_points.installed(GROUP, own=False)
+        if ctx.meta[_WITHOUT]:
+            try:
+                return click.Command.parse_args(self, ctx, args)
+            except click.NoSuchOption:
+                ctx.meta[_WITHOUT] = False
+        return super().parse_args(ctx, words)
+
+
+def _needed_extensions(
+    ctx: click.Context, settings: Mapping[str, Any], wanted: Sequence[type]
+) -> tuple[LoadedExtensions, Mapping[str, Any]]:
+    """Return the extensions of a run, and *settings* with the values of their options.
+
+    There are no extensions if none of their options is given and no leaf needs a resource of an extension.
+    """
+    if ctx.meta.get(_WITHOUT) and all(
+        kind in (random.Random, StubPlans) or (isinstance(kind, type) and issubclass(kind, TreeState))
+        for kind in wanted
+    ):
+        return LoadedExtensions([], []), settings
+    loaded = load_extensions(ctx)
+    if ctx.meta.get(_WITHOUT):
+        added: list[click.Parameter] = [option for item in loaded.extensions for option in item.options]
+        defaults = click.Command("run", params=added).make_context("run", [], parent=ctx).params
+        settings = {**defaults, **settings}
+    return loaded, settings
+
+
 @contextmanager
 def explain_missing_options(ctx: click.Context) -> Iterator[None]:
     """Return a context that explains that an unknown option may come from a package that is not installed."""
@@ -92,7 +151,7 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
         ) from error
 
 
-@click.command(cls=RunCommand, short_help="Run a tree until it ends.")
+@click.command(cls=TreeRunCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @tree_options
 @stub_plans.plan_option
@@ -195,9 +254,9 @@ def create_session(
             raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
         saves = SaveWatcher(file, settings["confined"])
     source, plans = read_tree_source(settings, installed)
-    installed_extensions, missing = load_extensions(ctx)
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
     wanted = plans.required_resources()
+    (installed_extensions, missing), settings = _needed_extensions(ctx, settings, wanted)
     resources, extensions, idle = gather_resources(installed_extensions, settings, wanted)
     clock = clock_of(resources, settings["fast"])
     resources += [random.Random(settings["seed"]), StubPlans(settings["plans"])]
@@ -241,7 +300,9 @@ def read_tree_source(
     """
     path = find_source(settings["source"])
     if installed is None or settings["plugins"]:
-        libraries = node_libraries.load_libraries(settings["plugins"])
+        # Models and rules may name nodes of the installed libraries.
+        partial = not settings["models"] and not settings["substitutes"]
+        libraries = node_libraries.load_libraries(settings["plugins"], partial=partial)
     else:
         libraries = node_libraries.NodeLibraries(installed.nodes.copy(), installed.absent)
     confined = settings["confined"]

@@ -150,10 +150,13 @@ class TreeSource:
         """
         try:
             document = parse_source(self.path, self.confined)
+            sources = read(document, self.libraries.nodes.documents)
+            if self.libraries.load_for(sources.documents):
+                sources = read(document, self.libraries.nodes.documents)
             nodes = self.libraries.nodes_for(document)
             if substitute is not None:
                 nodes = substitute(nodes)
-            plans = examine(read(document, nodes.documents), nodes, self.tree, self.format)
+            plans = examine(sources, nodes, self.tree, self.format)
             plans.diagnostics.raise_errors()
         except TreeError as error:
             # An unknown node may belong to an installed library that cannot be imported.

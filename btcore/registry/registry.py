@@ -9,7 +9,7 @@ from functools import cache
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, overload
+from typing import Any, Final, NamedTuple, overload
 
 from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
@@ -376,17 +376,20 @@ class Registry:
             ignored.append(error)
         return ignored
 
-    def add_installed(self) -> list[UnavailableEntryPoint]:
+    def add_installed(self, own: bool = True) -> list[UnavailableEntryPoint]:
         """Register the node libraries of all installed packages like `add_plugin`, but as overridable.
 
         A node that is registered later under the same ID replaces the library's node. A type that is
         registered later takes the name of the library's type; the ports of the library keep their type.
 
+        Args:
+            own: Whether to register the libraries of btcore's own packages, too.
+
         Returns:
             The libraries that cannot be registered.
         """
         unavailable = []
-        for point in installed(ENTRY_POINTS):
+        for point in installed(ENTRY_POINTS, own):
             distribution = distribution_of(point)
             self._installing = self.types.installing = True
             try:
@@ -397,7 +400,7 @@ class Registry:
                 self._installing = self.types.installing = False
         return unavailable
 
-    def add_plugin(self, library: str | Path | ModuleType, name: str | None = None) -> None:
+    def add_plugin(self, library: "str | Path | ModuleType | Plugin", name: str | None = None) -> None:
         """Register a node library.
 
         If the module has a function `register(nodes)`, or `module:function` names another function,
@@ -405,19 +408,16 @@ class Registry:
         with `@action` or `@condition` that the module defines are registered.
 
         Args:
-            library: A module, its name, `module:function`, or the path of a Python file.
+            library: A module, its name, `module:function`, the path of a Python file, or a `Plugin`.
             name: The name of the library; by default the module's name.
 
         Raises:
             RegistrationError: The library cannot be imported or registered; the message names the library and
                 the line.
         """
-        function = "register"
-        if isinstance(library, str) and not library.strip():
-            raise RegistrationError("a plugin has no name: give the name of a module, or the path of a file")
-        if isinstance(library, str) and not library.endswith(".py") and ":" in library:
-            library, function = library.split(":", 1)
-        module = library if isinstance(library, ModuleType) else _import(str(library), name)
+        if isinstance(library, ModuleType):
+            library = Plugin(library)
+        module, function = library if isinstance(library, Plugin) else import_plugin(library, name)
         name = name or module.__name__.removeprefix(PLUGIN_FILE_PREFIX)
         register = getattr(module, function, None)
         if function != "register" and not callable(register):
@@ -440,6 +440,27 @@ class Registry:
             raise _plugin_error(name, error, f"its {function}() was called") from error
         if name not in self._libraries:
             self._libraries.append(name)
+
+
+class Plugin(NamedTuple):
+    """The *module* of a node library, and the name of its *function* that registers the nodes."""
+
+    module: ModuleType
+    function: str = "register"
+
+
+def import_plugin(library: str | Path, name: str | None = None) -> Plugin:
+    """Import a node library without registering it; the arguments are those of `Registry.add_plugin`.
+
+    Raises:
+        RegistrationError: The library cannot be imported.
+    """
+    function = "register"
+    if isinstance(library, str) and not library.strip():
+        raise RegistrationError("a plugin has no name: give the name of a module, or the path of a file")
+    if isinstance(library, str) and not library.endswith(".py") and ":" in library:
+        library, function = library.split(":", 1)
+    return Plugin(_import(str(library), name), function)
 
 
 def _leaves_in(module: ModuleType) -> Iterable[Any]:

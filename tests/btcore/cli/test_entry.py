@@ -1,11 +1,13 @@
 """The command's process: Ctrl-C while it is still importing, and terminals with little encoding."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
@@ -72,6 +74,140 @@ def test_command_prints_on_a_terminal_that_is_limited_to_ascii(command: list[str
     result = CliRunner(charset="ascii").invoke(main, command, prog_name="btcore")
     assert result.exit_code == 0, result.output
     assert result.output_bytes.isascii()
+
+
+IMPORTS = """
+import atexit, sys
+from btcore.__main__ import main
+
+@atexit.register
+def list_packages():
+    packages = {name.partition(".")[0] for name in sys.modules}
+    print("imported", *sorted(name for name in packages if name.startswith("btcore_")), file=sys.stderr)
+
+main()
+"""
+
+
+def imported_by(*arguments: str, code: int = 0, **environment: str) -> set[str]:
+    """Return the packages besides btcore that a command imports, and check its exit code."""
+    command = [sys.executable, "-c", IMPORTS, *arguments]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, **environment}
+    )
+    assert done.returncode == code, done.stderr
+    return set(done.stderr.splitlines()[-1].split()[1:])
+
+
+PLUGIN = """
+from random import Random
+from btcore import In, action
+
+print("the plugin is imported")
+
+@action
+def greet(who: In[str], random: Random) -> bool:
+    return True
+"""
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    "command",
+    [
+        [],
+        ["--help"],
+        ["--version"],
+        ["validate", "--help"],
+        ["run", "tree.xml", "--fast"],
+        ["run", "tree.xml", "--fast", "--set", "x=3", "--log", "b.db3", "--json"],
+        ["run", "greeting.xml", "--plugin", "greeting.py"],
+    ],
+    ids=" ".join,
+)
+def test_command_without_a_robot_imports_btcore_alone(command: list[str]) -> None:
+    Path("greeting.py").write_text(PLUGIN)
+    Path("greeting.xml").write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="A"><BehaviorTree ID="A">'
+        '<SubTree ID="B"/></BehaviorTree><BehaviorTree ID="B"><Greet who="Ada"/></BehaviorTree></root>'
+    )
+    assert imported_by(*command) - {"btcore_plugin_greeting"} == set()
+
+
+def test_command_is_suggested_and_completed_without_imports_of_other_packages() -> None:
+    assert imported_by("wrold", code=2) == set()
+    command = [sys.executable, "-c", IMPORTS.replace("main()\n", "sys.argv[0] = 'btcore'\nmain()\n")]
+    words = {"_BTCORE_COMPLETE": "bash_complete", "COMP_WORDS": "btcore ", "COMP_CWORD": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env={**os.environ, **words})
+    assert {f"plain,{name}" for name in (*OWN_COMMANDS, *ADDED_COMMANDS)} <= set(done.stdout.split())
+    assert done.stderr == "imported\n"
+
+
+def test_help_lists_each_command_with_its_own_help() -> None:
+    listed = main.get_help(click.Context(main, max_content_width=200, terminal_width=200))
+    context = click.Context(main)
+    for name in main.list_commands(context):
+        command = main.get_command(context, name)
+        assert command is not None
+        assert f"  {name:<10}{command.get_short_help_str(180)}\n" in f"{listed}\n"
+
+
+@pytest.mark.usefixtures("folder")
+def test_installed_nodes_are_loaded_if_the_tree_or_a_plugin_uses_them(tmp_path: Path) -> None:
+    pytest.importorskip("cv2")
+    checks = '<AreErrorCodesPresent error_code="103" error_codes_to_check="103;106"/>'
+    Path("checks.xml").write_text(
+        f'<root BTCPP_format="4"><BehaviorTree ID="Checks">{checks}</BehaviorTree></root>'
+    )
+    Path("including.xml").write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="A"><include path="checks.xml"/><BehaviorTree ID="A">'
+        '<Sequence><Greet who="Ada"/><SubTree ID="Checks"/></Sequence></BehaviorTree></root>'
+    )
+    Path("greeting.py").write_text(PLUGIN)
+    found = imported_by("run", "including.xml", "--plugin", "greeting.py")
+    assert {"btcore_navigation", "btcore_robot"} <= found
+    # The plugin is imported once, also if its nodes are registered again.
+    command = [sys.executable, "-m", "btcore", "run", "including.xml", "--plugin", "greeting.py"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.count("the plugin is imported") == 1
+    # The plugin has no text form of its own for the type of the library.
+    Path("driving.py").write_text(
+        "from btcore import In, action\nfrom btcore_robot.robot import Pose2D\n\n"
+        "@action\ndef greet(who: In[Pose2D]) -> bool:\n    return who.x == 1.0\n"
+    )
+    Path("pose.xml").write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="A"><Greet who="1;2;0"/></BehaviorTree></root>'
+    )
+    assert "btcore_navigation" in imported_by("run", "pose.xml", "--plugin", "driving.py")
+
+
+@pytest.mark.usefixtures("folder")
+def test_options_of_extensions_are_known_although_extensions_are_loaded_on_demand() -> None:
+    pytest.importorskip("zmq")
+    run = [sys.executable, "-m", "btcore", "run", "tree.xml", "--fast"]
+    done = subprocess.run([*run, "--world", "arena"], capture_output=True, text=True, check=True)
+    assert "--world has no effect" in done.stderr
+    done = subprocess.run([*run, "--wrld", "arena"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "--world" in done.stderr
+    assert "--world" in subprocess.run([*run, "--help"], capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.usefixtures("folder")
+def test_extension_of_another_distribution_takes_part_in_each_run(tmp_path: Path) -> None:
+    information = tmp_path / "rover-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: rover\nVersion: 1.0\n")
+    (information / "entry_points.txt").write_text("[btcore.resources]\nrover = rover:Extension\n")
+    Path("rover.py").write_text(
+        "from btcore.run_extension import RunExtension\n\n"
+        "class Extension(RunExtension):\n    def report(self):\n        return {'rover': {'battery': 0.5}}\n"
+    )
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-m", "btcore", "run", "tree.xml", "--fast", "--json"]
+    environment = {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert json.loads(done.stdout.splitlines()[-1])["rover"] == {"battery": 0.5}
 
 
 @pytest.mark.usefixtures("folder")
