@@ -39,11 +39,16 @@ if importlib.util.find_spec("pybullet") is None:
 if importlib.util.find_spec("hypothesis") is not None:
     from hypothesis import HealthCheck, settings
 
-    # A machine may stop for longer than any deadline.
-    settings.register_profile("random", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    # A machine may stop for longer than any deadline. Tests that need more examples than others multiply
+    # `settings().max_examples`, so that they are short on a developer's machine, too.
+    settings.register_profile(
+        "local", deadline=None, suppress_health_check=[HealthCheck.too_slow], max_examples=25
+    )
     # In CI, the examples are always the same, so that only a change of the code can let a test fail.
-    settings.register_profile("ci", settings.get_profile("random"), derandomize=True, database=None)
-    settings.load_profile("ci" if os.environ.get("CI") else "random")
+    settings.register_profile(
+        "ci", settings.get_profile("local"), derandomize=True, database=None, max_examples=100
+    )
+    settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 TIME_LIMIT = float(os.environ.get("BTCORE_TEST_TIME_LIMIT", "300"))
 """The time limit (s) of each test, and of its fixtures before and after it."""

@@ -6,7 +6,7 @@ from collections.abc import Generator
 import pytest
 from hypothesis import settings
 
-PROFILE = "ci" if os.environ.get("CI") else "random"
+PROFILE = "ci" if os.environ.get("CI") else "local"
 settings.register_profile("ci-properties", settings.get_profile("ci"), max_examples=500)
 
 

@@ -15,14 +15,14 @@ from btcore import builds
 from btcore.testing import Outcomes, outcomes, xml_documents
 
 HOME = Path(btcore.__file__).parent.parent
-TREES = 500
+TREES = settings().max_examples
 
 
 def drawn_cases() -> list[str]:
     """Return a line of JSON for each random tree and its plans."""
     cases: list[str] = []
 
-    @settings(max_examples=TREES, derandomize=True, database=None, deadline=None)
+    @settings(max_examples=TREES, derandomize=True, database=None)
     @given(
         xml_documents(own_plans=False, timed=True, subtrees=2, conditions=True, scripts=True),
         outcomes(skipped=True, raising=True),

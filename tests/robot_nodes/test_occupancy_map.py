@@ -47,7 +47,7 @@ def loaded(folder: Path, pixels: list[list[int]], **keys: object) -> list[list[i
 # -- saving and loading
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     cells=cells(st.sampled_from([-1, 0, 100])) | cells(st.integers(-1, 100)),
     resolution=st.floats(0.001, 2.0),

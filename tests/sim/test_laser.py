@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pybullet
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from btcore_robot.robot import LaserInfo, Pose2D
@@ -38,7 +38,6 @@ def things(draw: st.DrawFn) -> list[SceneObject]:
     return found
 
 
-@settings(max_examples=60, deadline=None)
 @given(things(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-3.0, 3.0))
 def test_geometry_agrees_with_the_engines_rays(scene: list[SceneObject], x: float, y: float, yaw: float):
     world = World(Scene("test", "", tuple(scene), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), GREY))

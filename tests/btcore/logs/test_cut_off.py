@@ -18,7 +18,7 @@ PAGE = 4096
 WALL = 1_700_000_000_000_000
 
 Written = list[tuple[int, int, Status]]
-fast = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+shared_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @st.composite
@@ -81,7 +81,7 @@ WRITERS = pytest.mark.parametrize(
 
 @WRITERS
 @given(rows=runs())
-@fast
+@shared_folder
 def test_written_transitions_are_read_back(write, name: str, tmp_path: Path, xml: str, rows: Written) -> None:
     write(tmp_path / name, xml, rows)
     recording = read_log(tmp_path / name)
@@ -90,7 +90,7 @@ def test_written_transitions_are_read_back(write, name: str, tmp_path: Path, xml
 
 
 @given(rows=runs(), data=st.data())
-@fast
+@shared_folder
 def test_btlog_cut_at_any_byte_gives_its_beginning(
     tmp_path: Path, xml: str, rows: Written, data: st.DataObject
 ) -> None:
@@ -130,7 +130,7 @@ def long_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @given(millionths=st.integers(0, 999_999))
-@settings(fast, max_examples=40)
+@shared_folder
 def test_database_cut_at_any_byte_gives_its_beginning_or_a_log_error(
     tmp_path: Path, long_database: Path, millionths: int
 ) -> None:

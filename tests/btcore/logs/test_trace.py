@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import btcore
@@ -133,7 +133,6 @@ def test_log_attached_to_running_nodes_shows_them_from_their_next_start(
     assert [event["ph"] for event in events(tmp_path / "run.json")] == ["B", "E"]
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(text=xml_documents(raising=True, timed=True), ticks=st.integers(1, 6), halt=st.booleans())
 def test_slices_are_nested_and_ended_in_every_tree(
     text: str, ticks: int, halt: bool, tmp_path_factory: Any

@@ -28,7 +28,6 @@ from btcore import (
 from btcore.testing import CallLog, Outcomes, blackboards, outcomes, trees, xml_documents
 from tests.conformance.recorded_cases import conformance_registry
 
-RELAXED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 SMALLEST = settings(
     derandomize=True, database=None, max_examples=5000, suppress_health_check=list(HealthCheck)
 )
@@ -86,20 +85,17 @@ def test_subtree_shrinks_away_unless_it_is_required() -> None:
     assert found[-1].startswith("Plan")
 
 
-@RELAXED
 @given(xml_documents(max_nodes=12, max_depth=3))
 def test_tree_respects_its_size_and_depth_limits(text: str) -> None:
     assert text.count(" name=") <= 12
     assert levels(text) <= 3
 
 
-@RELAXED
 @given(xml_documents(tags=["Sequence", "Inverter", "AlwaysSuccess"]))
 def test_only_chosen_tags_occur(text: str) -> None:
     assert tags(text) <= {"Sequence", "Inverter", "AlwaysSuccess"}
 
 
-@RELAXED
 @given(xml_documents(tags=["Fallback", "Sequence"]))
 def test_leaves_are_planned_if_no_leaf_is_chosen(text: str) -> None:
     assert tags(text) <= {"Fallback", "Sequence", "PlanAction", "PlanCondition", "PlanSync"}
@@ -128,13 +124,11 @@ def test_conditions_of_every_kind_occur(key: str) -> None:
     assert len(smallest(xml_documents(conditions=True), lambda text: f" {key}=" in text)) == 1
 
 
-@RELAXED
 @given(xml_documents(skipped=False, conditions=True))
 def test_skipped_false_generates_no_skips(text: str) -> None:
     assert not re.search(r'_skipIf|_while|RunOnce|plan="[^"]*K', text)
 
 
-@RELAXED
 @given(xml_documents(max_nodes=40, format=3, timed=True, subtrees=2))
 def test_documents_of_format_3_can_be_loaded(text: str) -> None:
     tree = btcore.loads(text, nodes=conformance_registry(), resources=[CallLog()], clock=SimClock())
@@ -146,7 +140,6 @@ def test_thresholds_of_format_3_are_positive(text: str) -> None:
     assert all(int(count) > 0 for count in re.findall(r'_threshold="(.*?)"', text))
 
 
-@RELAXED
 @given(trees(max_nodes=40, conditions=True, scripts=True, timed=True, subtrees=2), outcomes())
 def test_a_tree_with_everything_can_be_driven(tree: Tree, plan: Outcomes) -> None:
     results = plan.drive(tree, ticks=6)
@@ -208,7 +201,6 @@ def own() -> Registry:
 OWN = own()
 
 
-@RELAXED
 @given(trees(nodes=OWN, tags=["Guarded", "Last", "Grab", "Sequence"]), outcomes())
 def test_user_nodes_get_texts_for_their_ports(tree: Tree, plan: Outcomes) -> None:
     plan.drive(tree, ticks=2)
@@ -217,7 +209,6 @@ def test_user_nodes_get_texts_for_their_ports(tree: Tree, plan: Outcomes) -> Non
         assert node.mode == "soft"
 
 
-@RELAXED
 @given(
     trees(
         nodes=OWN,
@@ -250,7 +241,6 @@ def test_tag_that_cannot_be_generated_is_refused(tag: str, said: str) -> None:
 # --- plans and blackboards
 
 
-@RELAXED
 @given(outcomes())
 def test_plan_neither_skips_nor_raises_by_default(plan: Outcomes) -> None:
     assert 1 <= len(plan.entries) <= 12
@@ -266,7 +256,6 @@ def test_a_plan_may_skip_and_raise() -> None:
     assert find(outcomes(raising=True), lambda plan: "X" in plan.entries, settings=SMALLEST) == Outcomes("X")
 
 
-@RELAXED
 @given(blackboards({"battery": st.floats(0, 1), "goal": str, "tries": int, "armed": bool, "gain": float}))
 def test_blackboard_contains_the_requested_entries(board: Blackboard) -> None:
     assert set(board) == {"battery", "goal", "tries", "armed", "gain"}

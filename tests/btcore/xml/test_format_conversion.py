@@ -261,7 +261,7 @@ BETWEEN = st.sampled_from(["", "\n", "<!-- <Repeat> é -->", "  ", "<![CDATA[<Su
 CASES = recorded_cases()
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=2 * settings().max_examples)
 @given(case=st.sampled_from(CASES), data=st.data())
 def test_only_tags_are_changed_and_a_second_conversion_changes_nothing(
     case: dict[str, Any], data: st.DataObject

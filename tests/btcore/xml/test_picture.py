@@ -140,7 +140,7 @@ def below(box: LayoutBox) -> list[LayoutBox]:
     return [one for child in box.children for one in (child, *below(child))]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=3 * settings().max_examples)
 @given(BOXES)
 def test_layout_separates_boxes_centres_parents_and_encloses_frames(root: LayoutBox) -> None:
     breadth, depth = layout_tree(root, Spacing(siblings=5, levels=20, frame=6))

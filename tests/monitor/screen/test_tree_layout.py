@@ -4,7 +4,7 @@ import itertools
 import random
 import time
 
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from btcore_monitor.screen.layout import Box, Layout, lay_out
@@ -74,7 +74,6 @@ def below(boxes: list[Box], index: int) -> set[int]:
     return found
 
 
-@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_no_two_pills_overlap(boxes, aspect):
     drawn = pills(lay_out(boxes, HEIGHT, aspect))
@@ -82,7 +81,6 @@ def test_no_two_pills_overlap(boxes, aspect):
         assert not any(overlap(one, other) for other in drawn[:at])
 
 
-@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_the_root_is_on_top_and_children_are_under_their_parents(boxes, aspect):
     places = lay_out(boxes, HEIGHT, aspect).places
@@ -91,7 +89,6 @@ def test_the_root_is_on_top_and_children_are_under_their_parents(boxes, aspect):
             assert places[child].y >= place.y + HEIGHT
 
 
-@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect):
     places = lay_out(boxes, HEIGHT, aspect).places
@@ -102,7 +99,6 @@ def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect):
             assert to_the_right or under
 
 
-@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspect):
     layout = lay_out(boxes, HEIGHT, aspect)
@@ -122,7 +118,6 @@ def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspe
                 assert crossed <= {parent, child}
 
 
-@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect):
     layout = lay_out(boxes, HEIGHT, aspect)
@@ -138,7 +133,6 @@ def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect):
                 assert not overlap((x0, y0, x1, y1), pill)
 
 
-@settings(max_examples=40, deadline=None)
 @given(trees(), st.floats(0.4, 4.0))
 def test_a_layout_stays_within_its_size_and_is_deterministic(boxes, aspect):
     layout = lay_out(boxes, HEIGHT, aspect)
@@ -171,7 +165,6 @@ def test_big_trees_are_no_larger_than_the_prototypes_layouts():
         assert needed[2] <= 1.0
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(2, 150))
 @example(400)
 def test_a_chain_and_a_broom_of_any_length_are_laid_out(count):

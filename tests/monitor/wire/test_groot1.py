@@ -246,7 +246,7 @@ def test_an_update_is_unchanged_after_encoding_and_decoding(statuses, changed):
     assert decode_update(encode_update(statuses.items(), changed)) == Update(statuses, tuple(changed))
 
 
-@settings(max_examples=300)
+@settings(max_examples=3 * settings().max_examples)
 @given(st.binary(max_size=200))
 def test_noise_is_decoded_or_refused(data):
     for decode in (decode_tree, decode_update):
@@ -254,7 +254,7 @@ def test_noise_is_decoded_or_refused(data):
             decode(data)
 
 
-@settings(max_examples=500)
+@settings(max_examples=5 * settings().max_examples)
 @given(st.lists(st.tuples(st.integers(0, len(TREE) - 1), st.integers(0, 255)), min_size=1, max_size=6))
 def test_a_damaged_tree_is_read_or_refused(damage):
     data = bytearray(TREE)

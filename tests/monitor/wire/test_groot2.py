@@ -254,14 +254,14 @@ DECODERS = [
 
 @pytest.mark.parametrize("decode", DECODERS)
 @given(data=st.binary(max_size=200))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=3 * settings().max_examples)
 def test_noise_raises_nothing_but_a_protocol_error(decode, data):
     with suppress(ProtocolError):
         decode(data)
 
 
 @given(frames=st.lists(st.binary(max_size=40), max_size=4))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=3 * settings().max_examples)
 def test_noisy_frames_raise_nothing_but_a_protocol_error(frames):
     for decode in (groot2.decode_reply, groot2.decode_breakpoint_reached):
         with suppress(ProtocolError):

@@ -205,7 +205,7 @@ VALUES = st.recursive(
 
 
 @given(data=st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=3 * settings().max_examples)
 def test_any_value_in_a_scene_raises_nothing_but_a_protocol_error(data):
     whole = msgpack.unpackb(encode(data.draw(st.sampled_from([moving(), StaticMessage(ID, STATIC)]))))
     scene = whole["data"]

@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.ndimage import distance_transform_edt
@@ -72,7 +72,6 @@ def test_diagonal_distances_are_measured_between_the_centres_of_cells():
     assert costmap.costs[46, 50] == FREE
 
 
-@settings(deadline=None)
 @given(
     occupied=arrays(np.bool_, (30, 40), elements=st.sampled_from([False] * 19 + [True])),
     radius=st.sampled_from([0.1, 0.2, 0.3]),
@@ -223,7 +222,6 @@ def test_scans_from_outside_the_map_and_across_its_edge_do_no_harm():
     assert not costmap.costs.any()
 
 
-@settings(deadline=None, max_examples=40)
 @given(
     scans=st.lists(
         st.tuples(st.floats(0, 4), st.floats(0, 4), st.floats(-3, 3), st.integers(0, 2**32 - 1)),

@@ -8,7 +8,7 @@ from math import copysign
 from threading import Lock
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from btcore import Blackboard, Registry, SimClock, Status, loads
@@ -55,7 +55,6 @@ def copied(tree: Tree, xml: str) -> tuple[Tree, TreeState]:
     return other, state
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     xml_documents(max_nodes=14, timed=True, conditions=True, scripts=True, subtrees=1),
     st.integers(1, 3),

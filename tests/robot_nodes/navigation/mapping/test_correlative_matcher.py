@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from btcore_navigation.mapping.correlative_matcher import (
@@ -35,7 +35,6 @@ offsets = st.tuples(st.floats(-0.28, 0.28, allow_nan=False), st.floats(-0.28, 0.
 places = st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-math.pi, math.pi))
 
 
-@settings(max_examples=40, deadline=None)
 @given(offset=offsets, place=places, seed=st.integers(0, 1000))
 def test_an_offset_within_the_window_is_recovered(
     walls: CorrelationGrid,

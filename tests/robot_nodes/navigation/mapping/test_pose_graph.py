@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from btcore_navigation.mapping.pose_arrays import Floats, compose, relative_pose
@@ -46,7 +46,6 @@ def test_a_closed_loop_distributes_the_error() -> None:
     assert graph.poses[0] == pytest.approx(true[0], abs=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 10_000), count=st.integers(4, 30))
 def test_exact_measurements_are_reproduced(seed: int, count: int) -> None:
     random = np.random.default_rng(seed)

@@ -148,7 +148,7 @@ PIECES = [
 ]
 
 
-@settings(max_examples=150)
+@settings(max_examples=2 * settings().max_examples)
 @example("< a")
 @given(st.lists(st.sampled_from(PIECES), max_size=40).map("".join))
 def test_any_text_has_consistent_spans(text: str) -> None:
