@@ -34,6 +34,8 @@ LANES := $(addprefix test-,core monitor robot sim tools docs)
 COMPILED_TESTS := $(addprefix tests/btcore/,blackboard engine loading nodes registry script test_builds.py \
 	test_status.py tree values xml) tests/conformance tests/fuzz tests/properties tests/regressions/btcore \
 	tests/tools/btcore_batch tests/docs/test_docstring_examples.py
+# Continuous integration also checks the types on Windows, and runs the blocks of all pages.
+WITHOUT_PAGES := --deselect tests/docs/test_docs.py::test_the_examples_of_a_page_run
 ENGINE_BENCHMARKS := startup ticking features observers load editing growth publishing batch
 # PyPI has wheels of ROS 2 for this platform only.
 ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))
@@ -70,7 +72,8 @@ MISTAKES ?=
 
 help:
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
-	@echo 'make test    style, types, and every test on both builds of the engine'
+	@echo 'make test    style, types, and the tests on both builds of the engine'
+	@echo '             CI=true as in CI: also types on Windows, all pages, full counts of random examples'
 	@echo 'make test-core, test-monitor, test-robot, test-sim, test-tools, test-docs, test-ros2'
 	@echo '             the tests of a package on the pure build; ROS 2 has an environment of its own'
 	@echo 'make check   style, types and the closest tests of the changed files, or of FILES="…"'
@@ -202,13 +205,13 @@ lint: .venv/ready
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check .
 	@.venv/bin/mypy
-	@.venv/bin/mypy --platform win32 --cache-dir .mypy_cache/win32
+	@$(if $(CI),.venv/bin/mypy --platform win32 --cache-dir .mypy_cache/win32)
 
 pure: .venv/ready vulkan
-	@echo '· every test, on the pure build'
+	@echo '· the tests, on the pure build$(if $(CI),, (the pages of the documentation: make test-docs))'
 	@# In a new checkout, each process would compile all tests, at the same time.
 	@test -d tests/__pycache__ || .venv/bin/pytest -q --collect-only >/dev/null || true
-	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(TEST_PROCESSES) --dist worksteal
+	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(if $(CI),,$(WITHOUT_PAGES))
 
 $(LANES): .venv/ready vulkan
 	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(LANE_$(@:test-%=%))

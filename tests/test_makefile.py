@@ -28,21 +28,20 @@ def make(folder: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_every_test_is_in_one_lane() -> None:
-    lanes = ("core", "monitor", "robot", "sim", "tools", "docs", "ros2")
-    command = [
-        "make",
-        "--dry-run",
-        "--silent",
-        *(f"test-{lane}" for lane in lanes),
-        f"PYTHON={sys.executable}",
-    ]
+def dry_run(*arguments: str) -> str:
+    """Return the commands that make would run in the project."""
+    command = ["make", "--dry-run", "--silent", *arguments, f"PYTHON={sys.executable}"]
     environment = {
-        name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL")
+        name: value for name, value in os.environ.items() if name not in ("CI", "MAKEFLAGS", "MAKELEVEL")
     }
-    printed = subprocess.run(
+    return subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=100, check=True
     ).stdout
+
+
+def test_every_test_is_in_one_lane() -> None:
+    lanes = ("core", "monitor", "robot", "sim", "tools", "docs", "ros2")
+    printed = dry_run(*(f"test-{lane}" for lane in lanes))
     calls = [line for line in printed.splitlines() if "/pytest -n" in line]
     if sys.platform != "linux":
         calls.append("tests/ros2")
@@ -50,6 +49,17 @@ def test_every_test_is_in_one_lane() -> None:
     tested = [ROOT / word for line in calls for word in line.split() if word.startswith("tests/")]
     for file in (ROOT / "tests").rglob("test_*.py"):
         assert sum(file.is_relative_to(folder) for folder in tested) == 1, file
+
+
+def test_types_on_windows_and_pages_are_tested_in_continuous_integration_only() -> None:
+    file, test = "tests/docs/test_docs.py", "test_the_examples_of_a_page_run"
+    assert f"\ndef {test}(" in (ROOT / file).read_text(encoding="utf-8")
+    assert "\nexport CI=true\n" in (ROOT / ".ci/run").read_text(encoding="utf-8")
+    for ci in ("", "true"):
+        printed = dry_run("lint", "pure", f"CI={ci}")
+        assert ("mypy --platform win32" in printed) is bool(ci)
+        assert (f"--deselect {file}::{test}\n" in printed) is not bool(ci)
+    assert "--deselect" not in dry_run("test-docs")
 
 
 @pytest.mark.parametrize("code", [0, 4])
