@@ -66,21 +66,6 @@ def test_the_static_scene_has_the_map_and_the_keep_out_areas(house):
     assert not of(house.run(3.0), "grids", "map")
 
 
-def test_costmaps_are_sent_when_they_changed_at_limited_rates(house):
-    house.navigation.scene_static()
-    house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
-    scenes = house.run(6.0)
-    large, small = of(scenes, "grids", "global_costmap"), of(scenes, "grids", "local_costmap")
-    assert 2 <= len(large) <= 3
-    assert 18 <= len(small) <= 24
-    costs = house.navigation.global_costmap
-    assert large[-1].size == (costs.map.width, costs.map.height)
-    assert small[-1].frame == "odom"
-    here = house.body.odometry().pose
-    assert small[-1].origin == pytest.approx([here.x - 1.5, here.y - 1.5], abs=0.2)
-    assert {253, 254} <= set(small[-1].cells) | set(large[-1].cells)
-
-
 def test_path_and_goal_are_sent_once_and_removed_when_the_goal_has_ended(house):
     house.navigation.scene_static()
     assert [len(poses(one)) for one in of(house.run(0.2), "poses", "path")] == [0]
@@ -114,10 +99,21 @@ def test_a_path_that_is_followed_without_a_navigator_is_sent(house):
     assert scenes[-1].notes["goal"].endswith(" m to go")
 
 
-def test_the_estimated_pose_and_the_odometry_pose_are_sent(house):
+def test_costmaps_are_sent_when_they_changed_at_limited_rates_and_poses_and_particles_are_sent(house):
     house.navigation.scene_static()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
-    scenes = house.run(25.0)
+    scenes = house.run(6.0)
+    large, small = of(scenes, "grids", "global_costmap"), of(scenes, "grids", "local_costmap")
+    assert 2 <= len(large) <= 3
+    assert 18 <= len(small) <= 24
+    costs = house.navigation.global_costmap
+    assert large[-1].size == (costs.map.width, costs.map.height)
+    assert small[-1].frame == "odom"
+    here = house.body.odometry().pose
+    assert small[-1].origin == pytest.approx([here.x - 1.5, here.y - 1.5], abs=0.2)
+    assert {253, 254} <= set(small[-1].cells) | set(large[-1].cells)
+
+    scenes += house.run(19.0)
     true = house.body.true_pose()
     estimate = poses(of(scenes, "poses", "estimate")[-1])[0]
     by_wheels = poses(of(scenes, "poses", "odometry")[-1])[0]

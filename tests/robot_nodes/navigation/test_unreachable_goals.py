@@ -93,16 +93,17 @@ def two_rooms():
         rooms.world.close()
 
 
-@pytest.mark.parametrize("tree", ["", NAV2], ids=["default", "nav2"])
 @pytest.mark.parametrize(
-    ("crates", "code", "cause"),
+    ("tree", "crates", "code", "cause"),
     [
         (
+            "",
             (ON_RECHARGE,),
             Nav2ErrorCode.GOAL_OCCUPIED,
             r"the goal recharge is .* an obstacle at \(4\.\d\d, 0\.\d\d\) is not on the map",
         ),
         (
+            NAV2,
             (SOUTH_DOOR, NORTH_DOOR),
             Nav2ErrorCode.NO_VALID_PATH,
             r"no path to recharge: blocked at \(2\.\d\d, -?1\.\d\d\)",
@@ -110,7 +111,7 @@ def two_rooms():
     ],
     ids=["recharge_under_a_crate", "two_closed_doors"],
 )
-def test_a_blocked_goal_ends_with_the_place_of_the_obstacle(two_rooms, crates, code, cause, tree):
+def test_a_blocked_goal_ends_with_the_place_of_the_obstacle(two_rooms, tree, crates, code, cause):
     rooms = two_rooms(*crates, tree=tree)
     assert rooms.run(150.0) < 90.0
     assert rooms.handle.status is GoalStatus.ABORTED
