@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import btcore
 from btcore_monitor.events import ConnectionChanged, SceneMoving, SceneStatic
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.feed import Feed
@@ -27,11 +28,8 @@ def report(output: str) -> dict[str, Any]:
     return found
 
 
-@pytest.fixture(scope="module")
 def watched() -> tuple[list[Any], dict[str, Any]]:
-    """The events of six seconds of a patrol, and the run's report."""
-    import btcore
-
+    """Return the events of six seconds of a patrol, and the run's report."""
     tree = btcore.loads('<root BTCPP_format="4"><BehaviorTree ID="T"><AlwaysSuccess/></BehaviorTree></root>')
     with serve(tree, groot2=0) as publisher:
         port = publisher.port
@@ -54,14 +52,12 @@ def moving(events: list[Any], key: str) -> list[Any]:
     return [one for one in found if one]
 
 
-def test_the_run_is_the_same_with_and_without_a_viewer(watched):
-    unpaced = command("--duration", "6", "--fast")
-    done = subprocess.run(unpaced, capture_output=True, text=True, timeout=100, check=True)
-    assert report(done.stdout) == watched[1]
+def test_a_viewer_gets_all_data_of_a_run_that_is_the_same_without_a_viewer():
+    events, reported = watched()
+    assert [
+        event.detail for event in events if isinstance(event, ConnectionChanged) and event.state == "lost"
+    ] == []
 
-
-def test_the_static_scene_has_the_parts_of_the_world_and_of_the_navigation(watched):
-    events, _ = watched
     (static,) = [event.data for event in events if isinstance(event, SceneStatic)]
     assert [grid.name for grid in static.grids] == ["map"]
     assert {"wall_west", "base_link"} <= {
@@ -70,26 +66,15 @@ def test_the_static_scene_has_the_parts_of_the_world_and_of_the_navigation(watch
     assert {"wp1", "wp2", "wp3"} <= {place.name for place in static.places}
     assert static.areas
 
-
-def test_moving_and_changing_data_arrives(watched):
-    events, _ = watched
     named = {one.name for poses in moving(events, "poses") for one in poses}
     assert named == {"path", "goal", "particles", "estimate", "odometry"}
-    assert {one.name for grids in moving(events, "grids") for one in grids} == {
-        "global_costmap",
-        "local_costmap",
-    }
+    grids = {one.name for grids in moving(events, "grids") for one in grids}
+    assert grids == {"global_costmap", "local_costmap"}
     levels = moving(events, "battery")
     assert levels == sorted(levels, reverse=True)
     assert levels[0] > levels[-1] > 95.0
     assert {notes["localisation"] for notes in moving(events, "notes")} == {"sure"}
-    assert [
-        event.detail for event in events if isinstance(event, ConnectionChanged) and event.state == "lost"
-    ] == []
 
-
-def test_pictures_arrive_at_the_camera_rate_with_detections(watched):
-    events, _ = watched
     pictures = [one for several in moving(events, "pictures") for one in several]
     stamps = [one.stamp for one in pictures]
     assert 25 <= len(stamps) == len(set(stamps)) <= 31
@@ -98,3 +83,7 @@ def test_pictures_arrive_at_the_camera_rate_with_detections(watched):
     assert len(boxes) > 5
     assert (boxes >= 0).all()
     assert (boxes[:, 0] + boxes[:, 2] <= 160).all()
+
+    unpaced = command("--duration", "6", "--fast")
+    done = subprocess.run(unpaced, capture_output=True, text=True, timeout=100, check=True)
+    assert report(done.stdout) == reported
