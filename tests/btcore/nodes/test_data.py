@@ -120,6 +120,14 @@ def test_integer_of_a_script_cannot_be_copied_to_an_entry_of_another_type(
         assert tree.blackboard["b"] == written
 
 
+def test_number_that_a_script_reads_from_a_text_is_copied_as_a_double(make_tree: Grow) -> None:
+    scripts = '<Script code="e := 1"/><Script code="e = \'2\'"/>'
+    tree = make_tree(f'<Sequence>{scripts}<SetBlackboard value="{{e}}" output_key="b"/></Sequence>')
+    tree.blackboard["b"] = 0.5
+    assert tree.tick_once() is S
+    assert tree.blackboard["b"] == 2.0
+
+
 def test_type_of_a_value_is_part_of_a_saved_state(make_tree: Grow) -> None:
     def new() -> Tree:
         body = '<Sequence><Script code="e := 1"/><Sleep msec="1"/><SetBlackboard value="{e}" output_key="b"/>'
