@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from hypothesis import event, given
+from hypothesis import event, example, given
 from hypothesis import strategies as st
 
 import btcore
@@ -90,6 +90,14 @@ class SingleTree:
             return int(self.tree.tick_exactly_once()), False
         except NodeExecutionError:
             return 0, True
+
+    def halt(self) -> bool:
+        """Halt the tree, and return whether a node raised."""
+        try:
+            self.tree.halt()
+        except NodeExecutionError:
+            return True
+        return False
 
     def boards(self) -> dict[str, dict[str, object]]:
         return {
@@ -178,8 +186,22 @@ def ticked(tree: BatchTree, mask: Any = None) -> list[tuple[int, bool]]:
         found = tree.tick(mask)
     except BatchNodeError as error:
         found = error.statuses
-        raised = {int(at) for one in [error, *error.later_errors] for at in one.agents}  # type: ignore[attr-defined]
+        raised = agents_of(error)
     return [(int(status), at in raised) for at, status in enumerate(found)]
+
+
+def halted(tree: BatchTree, mask: Any) -> set[int]:
+    """Halt *tree* and return the agents for which a node raised."""
+    try:
+        tree.halt(mask)
+    except BatchNodeError as error:
+        return agents_of(error)
+    return set()
+
+
+def agents_of(error: BatchNodeError) -> set[int]:
+    """Return the agents of *error* and of the errors that followed."""
+    return {int(at) for one in [error, *error.later_errors] for at in one.agents}  # type: ignore[attr-defined]
 
 
 def entries_of_agent(tree: BatchTree, at: int) -> dict[str, dict[str, object]]:
@@ -211,9 +233,8 @@ def compare(
     for mask in [*masks, None]:
         if mask is None:
             chosen = np.array([bool(halt >> at & 1) for at in range(count)])
-            for at in np.flatnonzero(chosen):
-                singles[at].tree.halt()
-            many.tree.halt(chosen)
+            raised = {int(at) for at in np.flatnonzero(chosen) if singles[at].halt()}
+            assert halted(many.tree, chosen) == raised
         else:
             chosen = np.array([at == 0 or bool(mask >> at & 1) for at in range(count)])
             found = ticked(many.tree, None if chosen.all() else chosen)
@@ -246,6 +267,11 @@ def crowds(draw: st.DrawFn, skipped: bool = True, raising: bool = True) -> tuple
     return plans, values
 
 
+HANDLER_THAT_RAISES = """<root BTCPP_format="4"><BehaviorTree ID="Main">
+  <TryCatch catch_on_halt="true"><Act name="a"/><Ask name="b"/></TryCatch>
+</BehaviorTree></root>"""
+
+
 @given(
     xml_documents(own_plans=False, timed=True, subtrees=2, conditions=True, scripts=True).filter(
         runs_in_batch
@@ -254,6 +280,7 @@ def crowds(draw: st.DrawFn, skipped: bool = True, raising: bool = True) -> tuple
     st.lists(st.integers(0, 15), min_size=1, max_size=8),
     st.integers(0, 15),
 )
+@example(HANDLER_THAT_RAISES, ([Outcomes("S"), Outcomes("RX")], [(0, 0, 0), (0, 0, 0)]), [15], 2)
 def test_batch_does_the_same_as_one_tree_per_agent(
     xml: str, crowd: tuple[list[Outcomes], list[Any]], masks: list[int], halt: int
 ) -> None:
