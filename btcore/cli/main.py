@@ -9,6 +9,7 @@ import errno
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -169,19 +170,20 @@ def _exit_for_error(error: Exception) -> NoReturn:
 def _outline(name: str, target: str) -> click.Command:
     """Return a command with the help of *target*, `module:function`, which is read from the source.
 
-    The help is empty if there is no source, or if the command is no function with decorators of click.
+    The help is empty if there is no valid source, or if the command is no function with decorators of click.
     """
     import ast
 
     module, _, function = target.partition(":")
-    file = _source_of(module)
-    body = [] if file is None else ast.parse(file.read_bytes()).body
-    for node in body:
-        if isinstance(node, ast.FunctionDef) and node.name == function:
-            options = [keyword for call in node.decorator_list for keyword in getattr(call, "keywords", ())]
-            written = [item.value for item in options if item.arg == "short_help"]
-            short_help = ast.literal_eval(written[0]) if written else None
-            return click.Command(name, help=ast.get_docstring(node), short_help=short_help)
+    with suppress(OSError, SyntaxError, ValueError):
+        file = _source_of(module)
+        body = [] if file is None else ast.parse(file.read_bytes()).body
+        for node in body:
+            if isinstance(node, ast.FunctionDef) and node.name == function:
+                options = [item for call in node.decorator_list for item in getattr(call, "keywords", ())]
+                written = [item.value for item in options if item.arg == "short_help"]
+                short_help = ast.literal_eval(written[0]) if written else None
+                return click.Command(name, help=ast.get_docstring(node), short_help=short_help)
     return click.Command(name)
 
 

@@ -5,13 +5,16 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from btcore.cli.main import OWN_COMMANDS, main
+
+Cli = Callable[..., Result]
 
 
 @pytest.mark.parametrize("module", ["click.core", "btcore.errors", "rich.console", "btcore.tree.tree"])
@@ -150,6 +153,32 @@ def test_help_lists_each_command_with_its_own_help() -> None:
         command = main.get_command(context, name)
         assert command is not None
         assert f"  {name:<10}{command.get_short_help_str(180)}\n" in f"{listed}\n"
+
+
+@pytest.mark.parametrize(
+    ("source", "help"),
+    [
+        ("@click.command(short_help='Greet a robot.')\ndef greet(): ...\n", "Greet a robot."),
+        ("@click.command()\n@click.option('-x')\ndef greet(x):\n    'Greet. Twice.'\n", "Greet."),
+        ("greet = make_command(short_help='Greet.')\n", ""),
+        ("@click.command(short_help=GREET)\ndef greet(): ...\n", ""),
+        ("def greet(:\n", ""),
+        (None, ""),
+    ],
+)
+def test_help_of_a_command_of_another_distribution_is_read_without_importing_it(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str | None, help: str
+) -> None:
+    information = tmp_path / "greeter-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: greeter\nVersion: 1.0\n")
+    (information / "entry_points.txt").write_text("[btcore.commands]\ngreet = greeter.commands:greet\n")
+    if source is not None:
+        (tmp_path / "greeter").mkdir()
+        (tmp_path / "greeter" / "__init__.py").write_text("raise SystemExit('imported')")
+        (tmp_path / "greeter" / "commands.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert f"  greet     {help}".rstrip() in cli("--help").output.splitlines()
 
 
 @pytest.mark.usefixtures("folder")
