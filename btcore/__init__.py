@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from btcore.engine.leaf import SyncAction as SyncAction
     from btcore.engine.node import TreeNode as TreeNode
     from btcore.engine.observers import Observer as Observer
-    from btcore.engine.observers import Transitions as Transitions
     from btcore.engine.signature import In as In
     from btcore.engine.signature import InOut as InOut
     from btcore.engine.signature import Out as Out
     from btcore.engine.signature import Put as Put
     from btcore.engine.threaded import ThreadedAction as ThreadedAction
+    from btcore.engine.transition_records import Transitions as Transitions
     from btcore.errors import BlackboardError as BlackboardError
     from btcore.errors import BtcoreError as BtcoreError
     from btcore.errors import ConversionError as ConversionError
@@ -83,9 +83,10 @@ _HOMES = {
     "btcore.engine.functions": ("action", "condition"),
     "btcore.engine.leaf": ("Condition", "StatefulAction", "SyncAction"),
     "btcore.engine.node": ("TreeNode",),
-    "btcore.engine.observers": ("Observer", "Transitions"),
+    "btcore.engine.observers": ("Observer",),
     "btcore.engine.signature": ("In", "InOut", "Out", "Put"),
     "btcore.engine.threaded": ("ThreadedAction",),
+    "btcore.engine.transition_records": ("Transitions",),
     "btcore.errors": (
         "BlackboardError",
         "BtcoreError",

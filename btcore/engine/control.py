@@ -5,7 +5,7 @@ from typing import ClassVar, Final
 
 from mypy_extensions import mypyc_attr
 
-from btcore.engine.node import DECORATING, TreeNode, halt_node, reset_status
+from btcore.engine.node import RESETS_CHILD, TreeNode, halt_node, reset_status
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
 from btcore.errors import NodeError, NodeExecutionError
@@ -187,7 +187,7 @@ class ControlNode(TreeNode):
             Whether all children are reset.
         """
         children = self._children
-        if len(children) < MIN_CHILDREN_FOR_BATCH_RESET or observers.immediate_listeners:
+        if len(children) < MIN_CHILDREN_FOR_BATCH_RESET or observers.notifies_at_once:
             return False
         before = [IDLE] * len(children)
         count = 0
@@ -264,7 +264,7 @@ class DecoratorNode(TreeNode):
     """
 
     node_type: ClassVar[NodeType] = NodeType.DECORATOR
-    _family: ClassVar[int] = DECORATING
+    _class_tick_flags: ClassVar[int] = RESETS_CHILD
     child_count: ClassVar[tuple[int, int | None]] = (1, 1)
     child_count_at_load: ClassVar[tuple[int, int | None]] = (1, 1)
     child: TreeNode
@@ -304,3 +304,11 @@ class DecoratorNode(TreeNode):
         """Halt the child, then set the node to IDLE."""
         self.halt_child()
         self.reset_status()
+
+
+def watch_child(node: DecoratorNode) -> None:
+    """Let `execute_tick` reset the child of *node* when the child has completed.
+
+    Call it once, after `set_children` and `__init__`, which a class may override to change the child.
+    """
+    node._decorated_child = node.child

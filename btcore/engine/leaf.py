@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from btcore.engine.node import SYNCHRONOUS, TreeNode
+from btcore.engine.node import MUST_COMPLETE, TreeNode
 from btcore.errors import NodeError
 from btcore.status import IDLE, NO_RESULT, RUNNING, NodeType, PossibleResults
 
@@ -68,7 +68,7 @@ class SyncAction(LeafNode):
         <Status.SUCCESS: 2>
     """
 
-    _family: ClassVar[int] = SYNCHRONOUS
+    _class_tick_flags: ClassVar[int] = MUST_COMPLETE
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

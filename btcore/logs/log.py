@@ -5,7 +5,8 @@ import time
 from collections.abc import Callable
 from typing import ClassVar, Self
 
-from btcore.engine.observers import Observer, Transitions
+from btcore.engine.observers import Observer
+from btcore.engine.transition_records import Transitions
 from btcore.status import IDLE, Transition
 from btcore.tree.tree import Tree
 

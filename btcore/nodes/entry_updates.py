@@ -37,11 +37,11 @@ def write_count(node: TreeNode, key: str, seen: int) -> int:
 class EntryUpdatedDecorator(DecoratorNode):
     """Ticks its child if the entry was written since the last check, else returns *status_if_unchanged*."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_seen", "_going")
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_seen", "_child_running")
     status_if_unchanged: ClassVar[Status] = SKIPPED
     _key: str = ""
     _seen: int = 0
-    _going: bool = False
+    _child_running: bool = False  # whether the last tick of the child returned RUNNING
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -55,18 +55,18 @@ class EntryUpdatedDecorator(DecoratorNode):
     def tick(self) -> Status:
         """Check the entry, unless the child is RUNNING, and tick the child."""
         # Writes while the child is RUNNING are found by the next check, after the child has completed.
-        if not self._going:
+        if not self._child_running:
             before = self._seen
             self._seen = write_count(self, self._key, before)
             if self._seen == before:
                 return self.status_if_unchanged
         status = execute_tick(self.child)
-        self._going = status is RUNNING
+        self._child_running = status is RUNNING
         return status
 
     def halt(self) -> None:
         """Halt the child. The next check still counts the writes since the last check."""
-        self._going = False
+        self._child_running = False
         super().halt()
 
 

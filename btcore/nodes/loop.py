@@ -47,13 +47,13 @@ class LoopNode(DecoratorNode):
     """
 
     node_symbol: ClassVar[str] = "↺"
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_current", "_going")
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_current", "_child_running")
     element: ClassVar[ValueType] = ANY
     _element: ValueType = ANY
     _queue: Input | None = None
     _literal: "list[object] | None" = None
     _current: "deque[object] | None" = None
-    _going: bool = False
+    _child_running: bool = False  # whether the last tick of the child returned RUNNING
 
     @classmethod
     def provided_ports(cls) -> list[Port]:
@@ -89,9 +89,9 @@ class LoopNode(DecoratorNode):
         """Take the next element, unless the child is RUNNING, and tick the child."""
         # IDLE also after a halt: a literal queue starts from the beginning, but a deque keeps what is left.
         if self._status is IDLE:
-            self._going = False
+            self._child_running = False
             self._current = None if self._literal is None else deque(self._literal)
-        if not self._going:
+        if not self._child_running:
             if self._literal is None:
                 self._fetch()
             if not self._current:
@@ -105,7 +105,7 @@ class LoopNode(DecoratorNode):
             self.set_status(RUNNING)
         status = execute_tick(self.child)
         # After a skipped child, too, the next tick takes the next element.
-        self._going = status is RUNNING
+        self._child_running = status is RUNNING
         if status is SUCCESS or status is FAILURE:
             self.reset_child()
         return FAILURE if status is FAILURE else RUNNING

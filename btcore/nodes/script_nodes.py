@@ -113,10 +113,10 @@ class Precondition(DecoratorNode):
     """
 
     builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_going",)
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_child_started",)
 
     _script: PortScript
-    _going: bool = False
+    _child_started: bool = False  # whether the script was true, and the child has not completed since
 
     @classmethod
     def possible_results(
@@ -145,13 +145,13 @@ class Precondition(DecoratorNode):
         # BehaviorTree.CPP reads both ports in every tick: an invalid port raises even if it is not used.
         program = self._script.load()
         otherwise = cast(Status, self.get_input("else"))
-        # There is no halt() that resets _going: BehaviorTree.CPP does not override halt() here either.
-        if not self._going:
-            self._going = self._script.run_condition(program)
-            if not self._going:
+        # A halt does not reset _child_started: BehaviorTree.CPP does not override halt() here either.
+        if not self._child_started:
+            self._child_started = self._script.run_condition(program)
+            if not self._child_started:
                 return otherwise
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
-            self._going = False
+            self._child_started = False
             self.reset_child()
         return status

@@ -19,17 +19,17 @@ class OrderedNode(ControlNode):
     """
 
     never_pauses: ClassVar[bool] = True
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_next", "_skipped")
+    state_fields: ClassVar[tuple[str, ...] | None] = ("_current_child", "_skipped")
     continue_on: ClassVar[Status] = SUCCESS
     yields: ClassVar[bool] = False
     """Whether the node returns RUNNING after a child that completed in its first tick."""
     remembers: ClassVar[bool] = False
     """Whether the next start begins with the child that ended the node; the children before are not reset."""
 
-    _next: int = 0
-    _skipped: int = 0
-    # Copies of the class variables: compiled code reads an instance attribute faster.
-    _going: Status = SUCCESS
+    _current_child: int = 0  # the index of the child with which the next tick continues
+    _skipped: int = 0  # the number of children that were skipped since the start
+    # Copies of the class variables, set by prepare(): a tick reads an attribute of the node faster.
+    _continue_on: Status = SUCCESS
     _yields: bool = False
     _remembers: bool = False
 
@@ -50,7 +50,7 @@ class OrderedNode(ControlNode):
 
     def prepare(self) -> None:
         """Copy the class variables."""
-        self._going = self.continue_on
+        self._continue_on = self.continue_on
         self._yields = self.yields
         self._remembers = self.remembers
 
@@ -64,43 +64,44 @@ class OrderedNode(ControlNode):
             if before is IDLE or before is SKIPPED:
                 self._skipped = 0
             self.set_status(RUNNING)
-        going = self._going
-        index = self._next
+        continue_on = self._continue_on
+        # A copy, because a loop that reads the attribute makes the benchmark's tree `deep` 2 % slower (pure).
+        index = self._current_child
         while index < count:
             child = children[index]
             was_idle = child._status is IDLE
             status = execute_tick(child)
             if status is RUNNING:
                 return RUNNING
-            if status is going:
-                self._next = index = index + 1
+            if status is continue_on:
+                self._current_child = index = index + 1
                 # Only after a first tick: parents could already halt the node while a child was RUNNING.
                 if self._yields and was_idle and index < count:
                     self.wake_up()
                     return RUNNING
             elif status is SKIPPED:
-                self._next = index = index + 1
+                self._current_child = index = index + 1
                 self._skipped += 1
             elif status is IDLE:
                 raise self.idle_child(index)
+            elif self._remembers:
+                # The children before keep their statuses, and the next start begins with this child.
+                for later in range(index, count):
+                    self.halt_child(later)
+                return status
             else:
-                if self._remembers:
-                    # _next and _skipped are kept. The children before, which succeeded, keep their statuses.
-                    for later in range(index, count):
-                        self.halt_child(later)
-                else:
-                    self._next = 0
-                    self.reset_children()
+                self._current_child = 0
+                self.reset_children()
                 return status
         all_skipped = self._skipped == count and count > 0
-        self._next = 0
+        self._current_child = 0
         self._skipped = 0
         self.reset_children()
-        return SKIPPED if all_skipped else going
+        return SKIPPED if all_skipped else continue_on
 
     def halt(self) -> None:
         """Halt the children. The next start begins with the first child."""
-        self._next = 0
+        self._current_child = 0
         self._skipped = 0
         super().halt()
 
@@ -111,15 +112,15 @@ class ReactiveNode(ControlNode):
 
     runs_one_child: ClassVar[bool] = True
     continue_on: ClassVar[Status] = SUCCESS
-    _going: Status = SUCCESS
+    _continue_on: Status = SUCCESS  # a copy of the class variable, as in OrderedNode
 
     def prepare(self) -> None:
-        """Copy the class variables."""
-        self._going = self.continue_on
+        """Copy the class variable."""
+        self._continue_on = self.continue_on
 
     def tick(self) -> Status:
         """Tick the children, starting with the first child."""
-        going = self._going
+        continue_on = self._continue_on
         children = self._children
         all_skipped = len(children) > 0
         if self._status is not RUNNING:
@@ -134,7 +135,7 @@ class ReactiveNode(ControlNode):
                             halt_node(other)
                         reset_status(other)
                 return RUNNING
-            if status is going:
+            if status is continue_on:
                 all_skipped = False
             elif status is SKIPPED:
                 # SKIPPED is not stored. Reset the child, so that its pre-conditions are checked again.
@@ -145,7 +146,7 @@ class ReactiveNode(ControlNode):
                 self.reset_children()
                 return status
         self.reset_children()
-        return SKIPPED if all_skipped else going
+        return SKIPPED if all_skipped else continue_on
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

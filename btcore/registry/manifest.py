@@ -11,7 +11,7 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import UNSET, Input, Port
 from btcore.clock import Clock
 from btcore.engine.context import TreeContext, TreeState
-from btcore.engine.control import ControlNode, DecoratorNode
+from btcore.engine.control import ControlNode, DecoratorNode, watch_child
 from btcore.engine.functions import (
     BoundFunction,
     FunctionAction,
@@ -165,8 +165,7 @@ class Manifest:
             positional, keywords = self._arguments(node, context, resources)
             _initialiser(cls)(node, *positional, **keywords)
         if isinstance(node, DecoratorNode):
-            # Only now, because set_children() and __init__() may be overridden and change the child.
-            node._decorated = node.child
+            watch_child(node)
         if self._prepares:
             node.prepare()
         return node

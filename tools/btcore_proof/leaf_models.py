@@ -10,8 +10,8 @@ from typing import Any, Final, NamedTuple
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import Port
 from btcore.clock import Clock
-from btcore.engine.leaf import Condition, LeafNode, StatefulAction
-from btcore.engine.node import SYNCHRONOUS, TreeNode
+from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
+from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError, ConversionError
 from btcore.registry.manifest import Manifest, is_tree_state
 from btcore.status import FAILURE, SKIPPED, SUCCESS, NodeType, Status
@@ -76,7 +76,7 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
     """
     cls = manifest.cls
     results = {SUCCESS, FAILURE} if cls.may_return is TreeNode.may_return else set(cls.may_return)
-    lasts = not (issubclass(cls, Condition) or cls._family & SYNCHRONOUS)
+    lasts = not issubclass(cls, (Condition, SyncAction))
     uses = cls.uses if issubclass(cls, LeafNode) else None
     if uses is None:
         uses = resources_of(manifest) if manifest.type is NodeType.ACTION else frozenset()

@@ -14,7 +14,7 @@ from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import Binding, Direction, Input, Output, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, StatefulAction, SyncAction
-from btcore.engine.node import SYNCHRONOUS, TreeNode
+from btcore.engine.node import TreeNode
 from btcore.nodes.manual_selector import Prompt
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeType, Status
@@ -598,7 +598,7 @@ def _model_class(ID: str, cls: type[TreeNode], model: LeafModel, ports: Iterable
     elif issubclass(cls, Condition):
         kind = ModelCondition
     else:
-        kind = ModelAction if model.lasts or not cls._family & SYNCHRONOUS else ModelSyncAction
+        kind = ModelAction if model.lasts or not issubclass(cls, SyncAction) else ModelSyncAction
     listed = list(ports)
     members = {"model": model, "provided_ports": staticmethod(lambda: listed), "__doc__": "A model."}
     return type(ID, (kind,), members)

@@ -51,13 +51,15 @@ class TickProgress:
             for child in node.children:
                 self._parents[child.uid] = node
         for number, node in enumerate(tree.nodes):
-            guard = node._guard = node._guard or Instrumentation()
+            instrumentation = node._instrumentation = node._instrumentation or Instrumentation()
             if node.children:
                 reads = _reads_entries(node)
                 config = node.config
                 start = partial(self._start, node, reads, bool(state_fields_of(type(node))))
-                guard.conditions = WatchedConditions(config.scripts, config.enums, node.blackboard, start)
-            guard.post_tick = partial(self._end, number, guard.post_tick)
+                instrumentation.conditions = WatchedConditions(
+                    config.scripts, config.enums, node.blackboard, start
+                )
+            instrumentation.post_tick = partial(self._end, number, instrumentation.post_tick)
 
     def begin(self) -> None:
         """Begin a tick of the tree."""

@@ -1,0 +1,177 @@
+"""The recorded transitions of a tree: a flat list, which observers read as a lazy sequence of `Transition`.
+
+To save time, the thread that ticks the tree appends only values that it has at hand. The Transition objects
+are created on first access, on any thread. The list is a series of records of three forms:
+
+    a transition         | time | config  | previous   | status |
+    IDLE to SUCCESS      | time | config  |
+    a reset of nodes     | time | configs | previouses | IDLE   |
+
+    time         the time (ns) of the tree's clock, an int
+    config       the NodeConfig of the node
+    previous     the previous Status
+    status       the new Status
+    configs      a list with the configs of several nodes
+    previouses   a list with the previous Status of each of these nodes; IDLE = the node was not reset
+
+IDLE to SUCCESS is the most frequent transition. The third value distinguishes the forms: a Status, the time
+of the next record or nothing, or a list. For example, a Sequence (s) with the leaves a and b succeeds:
+
+    | 0 | s | IDLE | RUNNING | 3 | a | 5 | b | 7 | a | SUCCESS | IDLE | 7 | b | SUCCESS | IDLE | ...
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any, Final, cast
+
+from btcore.clock import Clock, now_function
+from btcore.engine.node_config import NodeConfig
+from btcore.status import IDLE, SUCCESS, Status, Transition
+
+# The constructor of Transition calls it too, but by way of an interpreted function, which takes much longer.
+_new_tuple: Final[Any] = tuple.__new__
+
+
+class Transitions:
+    """The transitions of one tick in chronological order, a lazy sequence of `Transition`.
+
+    Args:
+        tick: The number of the tick.
+        first: The number of the first transition, counted from the start of the tree.
+        records: The records of all transitions.
+        count: The number of transitions.
+    """
+
+    def __init__(self, first: int, tick: int, records: list[object], count: int) -> None:
+        self.first = first
+        """The number of the first transition."""
+        self.tick = tick
+        self._records = records
+        self._count = count
+        self._transitions: list[Transition] | None = None
+
+    def to_list(self) -> list[Transition]:
+        """Return all transitions in a list."""
+        transitions = self._transitions
+        if transitions is None:
+            self._transitions = transitions = _decode(self.first, self.tick, self._records)
+        return transitions
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[Transition]:
+        return iter(self.to_list())
+
+    def __getitem__(self, index: int) -> Transition:
+        return self.to_list()[index]
+
+
+class TransitionRecorder:
+    """Records the transitions of a tree.
+
+    Attributes:
+        now: Returns the time (ns) of the tree's clock.
+        tick: The number of the latest tick that has started.
+        notifies_at_once: Whether `notify_at_once` is called after each transition.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.now: Callable[[], Any] = now_function(clock)
+        self.tick = 0
+        self.notifies_at_once = False
+        self._first = 1  # the number of the first recorded transition
+        self._records: list[object] = []
+        # The number of recorded transitions, minus half the length of _records. The most frequent record
+        # leaves the difference unchanged.
+        self._surplus = 0
+
+    def record_success(self, config: NodeConfig) -> None:
+        """Record the transition from IDLE to SUCCESS of the node with *config*."""
+        moment = self.now()
+        records = self._records
+        records.append(moment)
+        records.append(config)
+        if self.notifies_at_once:
+            self.notify_at_once(self._latest(moment, config, IDLE, SUCCESS))
+
+    def record_transition(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> None:
+        """Record a transition of the node with *config*, at *moment* (ns).
+
+        *moment* is typed as object because mypyc would unbox and box an int again.
+        """
+        records = self._records
+        records.append(moment)
+        records.append(config)
+        records.append(previous)
+        records.append(status)
+        self._surplus -= 1
+        if self.notifies_at_once:
+            self.notify_at_once(self._latest(moment, config, previous, status))
+
+    def record_reset(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
+        """Record a reset of several nodes. Call it only if *notifies_at_once* is False.
+
+        Args:
+            configs: The configs of the nodes.
+            before: The previous statuses of the nodes.
+            count: The number of nodes whose previous status was not IDLE.
+        """
+        records = self._records
+        records.append(self.now())
+        records.append(configs)
+        records.append(before)
+        records.append(IDLE)
+        self._surplus += count - 2
+
+    def notify_at_once(self, change: Transition) -> None:
+        """Handle a transition when it is recorded. Subclasses override this method."""
+
+    @property
+    def has_records(self) -> bool:
+        """Whether transitions were recorded since the last call of `take`."""
+        return bool(self._records)
+
+    def take(self) -> Transitions:
+        """Return the transitions that were recorded since the last call."""
+        count = len(self._records) // 2 + self._surplus
+        changes = Transitions(self._first, self.tick, self._records, count)
+        self._first += count
+        self._records = []
+        self._surplus = 0
+        return changes
+
+    def _latest(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> Transition:
+        """Return the transition that was recorded last."""
+        number = self._first + len(self._records) // 2 + self._surplus - 1
+        return _transition(number, moment, self.tick, config, previous, status)
+
+
+def _decode(number: int, tick: int, records: list[object]) -> list[Transition]:
+    """Return the transitions in *records*; *number* is the number of the first."""
+    transitions: list[Transition] = []
+    at = 0
+    while at < len(records):
+        moment, config = records[at], records[at + 1]
+        previous = records[at + 2] if at + 2 < len(records) else None
+        following = number + len(transitions)
+        if isinstance(previous, Status):
+            transitions.append(_transition(following, moment, tick, config, previous, records[at + 3]))
+            at += 4
+        elif isinstance(previous, list):
+            for node, status in zip(cast(list[object], config), cast(list[object], previous), strict=False):
+                if status is not IDLE:
+                    transitions.append(_transition(following, moment, tick, node, status, IDLE))
+                    following += 1
+            at += 4
+        else:
+            transitions.append(_transition(following, moment, tick, config, IDLE, SUCCESS))
+            at += 2
+    return transitions
+
+
+def _transition(
+    number: int, moment: object, tick: int, config: object, previous: object, status: object
+) -> Transition:
+    values = (number, moment, tick, cast(NodeConfig, config).uid, previous, status)
+    transition: Transition = _new_tuple(Transition, values)
+    return transition
