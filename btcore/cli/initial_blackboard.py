@@ -113,7 +113,7 @@ def _warn_unused(keys: Iterable[str], plans: Plans) -> None:
 def unwritten_entry_hint(tree: Tree, error: NodeExecutionError) -> str:
     """Return how to set the entry that a node of *tree* needed, but that was never written; "" otherwise."""
     key = getattr(error.cause, "unwritten_key", "")
-    board = next((node.blackboard for node in tree.nodes if node.path == error.path), None)
+    board = next((node._blackboard for node in tree.nodes if node.config.path == error.path), None)
     if not key or board is None:
         return ""
     if board is not tree.blackboard:

@@ -121,7 +121,7 @@ class Progress:
         leaves = [
             escape_controls(node.name, one_line=True)
             for node in self.tree.nodes
-            if node.status is Status.RUNNING and not node.children
+            if node._status is Status.RUNNING and not node.children
         ]
         if leaves:
             line.append("  ▸ ", style="dim")

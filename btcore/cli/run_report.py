@@ -77,11 +77,11 @@ class RunReport:
         room = max(console.width - sum(widths) - _GAP * len(widths) - _MARGINS, _MIN_NAME)
         for node, result in rows:
             never_ticked = not result["ticks"]
-            symbol = terminal.node_symbol(node.node_symbol, node.type)
-            name = Text.assemble("  " * depths[node.uid], symbol)
+            symbol = terminal.node_symbol(node.node_symbol, node.node_type)
+            name = Text.assemble("  " * depths[node.config.uid], symbol)
             name.append(node.name, style="dim" if never_ticked else "")
-            if node.name != node.id:
-                name.append(f" {node.id}", style="dim")
+            if node.name != node.config.id:
+                name.append(f" {node.config.id}", style="dim")
             name.truncate(room, overflow="ellipsis")
             columns = [str(result[key] or "·") for key in _COUNTS]
             table.add_row(name, *columns, style="dim" if never_ticked else "")
@@ -103,7 +103,7 @@ class RunReport:
     def results(self, tree: Tree) -> dict[str, dict[str, object]]:
         """Return the tick counts of each node by full path; equal paths are distinguished by `#<uid>`."""
         return {
-            key: {"id": node.id, **{name: getattr(tally, name) for name in _COUNTS}}
+            key: {"id": node.config.id, **{name: getattr(tally, name) for name in _COUNTS}}
             for key, node in tree.nodes_by_path().items()
             for tally in (node.count_ticks(),)
         }

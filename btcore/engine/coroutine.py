@@ -11,6 +11,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.clock import NS_PER_S
 from btcore.engine.leaf import StatefulAction
+from btcore.engine.node import read_clock
 from btcore.errors import NodeError
 from btcore.status import RUNNING
 
@@ -85,7 +86,7 @@ class CoroutineAction(StatefulAction):
 
     def create_body(self) -> Any:
         """Return a new generator or coroutine. Called at each start of the node."""
-        raise NodeError(f"<{self.id}> has no body")
+        raise NodeError(f"<{self.config.id}> has no body")
 
     def on_start(self) -> object:
         """Start the body."""
@@ -119,7 +120,7 @@ class CoroutineAction(StatefulAction):
             raise
         if isinstance(yielded, Pause):
             if yielded.seconds > 0:
-                self._until = self.now() + round(yielded.seconds * NS_PER_S)
+                self._until = read_clock(self) + round(yielded.seconds * NS_PER_S)
                 self.wake_at(self._until)
         elif yielded is None:
             # A coroutine yields None for asyncio.sleep(0): continue after one cycle of the event loop.

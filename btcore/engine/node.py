@@ -363,9 +363,7 @@ class TreeNode:
 
     def now(self) -> int:
         """Return the time (ns) of the tree's clock. To check a deadline, use `has_passed`."""
-        context = self._context
-        context.uses_time = True
-        return context.clock.now()
+        return read_clock(self)
 
     def has_passed(self, moment: int) -> bool:
         """Return whether *moment* (ns, tree's clock) had passed when the present tick began.
@@ -374,7 +372,7 @@ class TreeNode:
         deadline by `now`, so that no duration is shorter than requested.
         """
         start = self._context.tick_start
-        return (start if start >= 0 else self.now()) >= moment
+        return (start if start >= 0 else read_clock(self)) >= moment
 
     def wake_up(self) -> None:
         """Request another tick of the tree as soon as possible. Thread-safe."""
@@ -429,7 +427,7 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
                         observers.record_success(node.config)
                     else:
                         observers.record_transition(observers.now(), node.config, previous, status)
-        if status is RUNNING and flags & MUST_COMPLETE:
+        if flags & MUST_COMPLETE and status is RUNNING:
             raise NodeError(_STILL_RUNNING)
     except NodeExecutionError as error:
         node.trace(error)
@@ -529,6 +527,13 @@ def _is_numpy_bool(result: object) -> bool:
     kind = type(result)
     # The class is named bool_ in numpy 1 and bool in numpy 2.
     return kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_")
+
+
+def read_clock(node: TreeNode) -> int:
+    """Return the time (ns) of the tree's clock; see `TreeNode.now`."""
+    context = node._context
+    context.uses_time = True
+    return context.clock.now()
 
 
 def input_or(node: TreeNode, name: str, default: object) -> object:

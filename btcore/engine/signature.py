@@ -13,6 +13,7 @@ from types import MemberDescriptorType
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 from btcore.blackboard.ports import UNSET, Direction, Port
+from btcore.engine.node import TreeNode
 from btcore.engine.port_attributes import port_getter, port_setter
 from btcore.errors import ConversionError, RegistrationError
 from btcore.values import TypeRegistry, ValueType, to_text
@@ -128,6 +129,9 @@ else:
 _ENGINE: Final = frozenset(
     {"btcore.engine.node", "btcore.engine.control", "btcore.engine.leaf", "btcore.engine.coroutine"}
 )
+
+_MAY_BE_HIDDEN: Final = frozenset({"blackboard", "id", "now", "path", "status", "type", "uid"})
+"""The attributes of TreeNode that a port may hide. The engine, its nodes and all tools use others instead."""
 
 _ANNOTATE: Final = "annotate a port with In[…] or Put[…], or a resource with its type"
 
@@ -253,6 +257,8 @@ def function_parameters(
             )
         annotation = hints[parameter.name]
         default = UNSET if parameter.default is parameter.empty else parameter.default
+        if skip_first and hides_attribute(parameter.name, default):  # a dataclass takes it for the default
+            default = UNSET
         port = port_from_annotation(parameter.name, annotation, types.of, default)
         if not skip_first:  # a dataclass sets its ports in __init__
             check_parameter_writable(parameter.name, function_name, annotation)
@@ -318,6 +324,8 @@ def _redeclared(provided: Port, port: Port) -> Port:
 
 def _default_in(cls: type, name: str) -> object:
     attribute = getattr(cls, name, UNSET)
+    if hides_attribute(name, attribute):
+        return UNSET
     if isinstance(attribute, PortAttribute):
         return attribute.default
     if isinstance(attribute, MemberDescriptorType):  # a slot: a dataclass keeps the default in its fields
@@ -326,8 +334,15 @@ def _default_in(cls: type, name: str) -> object:
     return attribute
 
 
+def hides_attribute(name: str, value: object) -> bool:
+    """Return whether *value*, found in a class, is an attribute of TreeNode that *name* may hide."""
+    return name in _MAY_BE_HIDDEN and value is getattr(TreeNode, name)
+
+
 def _check_not_hidden(cls: type, name: str) -> None:
     for parent in cls.__mro__:
+        if parent is TreeNode and name in _MAY_BE_HIDDEN:
+            continue
         if parent.__module__ in _ENGINE and (name in vars(parent) or name in inspect.get_annotations(parent)):
             raise RegistrationError(
                 f"port '{name}' of {cls.__qualname__} would hide the attribute '{name}' of "

@@ -54,18 +54,18 @@ def _write(
     node: TreeNode, depth: int, instances: dict[str, Subtree], metadata: bool, lines: list[str]
 ) -> None:
     indent = _STEP * depth
-    if node.type is NodeType.SUBTREE:
-        words = _call(node, instances[node.path], metadata)
+    if node.node_type is NodeType.SUBTREE:
+        words = _call(node, instances[node.config.path], metadata)
         lines.append(f"{indent}<SubTree {' '.join(words)}/>")
         return
-    words = [node.id, *_words(node, metadata)]
+    words = [node.config.id, *_words(node, metadata)]
     if not node.children:
         lines.append(f"{indent}<{' '.join(words)}/>")
         return
     lines.append(f"{indent}<{' '.join(words)}>")
     for child in node.children:
         _write(child, depth + 1, instances, metadata, lines)
-    lines.append(f"{indent}</{node.id}>")
+    lines.append(f"{indent}</{node.config.id}>")
 
 
 def _words(node: TreeNode, metadata: bool) -> list[str]:
@@ -73,7 +73,7 @@ def _words(node: TreeNode, metadata: bool) -> list[str]:
     config = node.config
     pairs = [("name", node.name)]
     if metadata:
-        pairs.append(("_uid", str(node.uid)))
+        pairs.append(("_uid", str(node.config.uid)))
     pairs += ((key, port.text) for key, port in config.inputs.items())
     pairs += ((key, port.text) for key, port in config.outputs.items() if key not in config.inputs)
     return _joined([*pairs, *_scripts(node)])
@@ -83,10 +83,10 @@ def _call(node: TreeNode, instance: Subtree, metadata: bool) -> list[str]:
     """Return the attributes of a SubTree, which is written without a name."""
     pairs = [("ID", instance.id)]
     if metadata:
-        pairs += (("_fullpath", instance.path), ("_uid", str(node.uid)))
+        pairs += (("_fullpath", instance.path), ("_uid", str(node.config.uid)))
     config = node.config
     # A SubTree of format 3 has the outer key without braces.
-    bare = config.format == 3 and node.id == "SubTree"
+    bare = config.format == 3 and node.config.id == "SubTree"
     for key, text in config.attributes.items():
         if is_port_name(key):
             pairs.append((key, f"{{{text}}}" if bare else text))

@@ -56,7 +56,7 @@ class ConsoleLog(Log):
         if colours is None:
             colours = shows_colours(self.stream)
         self._words = {status: _word(status, colours) for status in _COLOURS}
-        self._names = {node.uid: escape_controls(node.name, one_line=True) for node in tree.nodes}
+        self._names = {node.config.uid: escape_controls(node.name, one_line=True) for node in tree.nodes}
         super().__init__(tree, str(getattr(self.stream, "name", "console")), idle=idle)
         self.attach()
 

@@ -230,7 +230,7 @@ class SqliteLog(Log):
         expect_extension(self.path, *EXTENSIONS)
         self.extra = extra
         self.extras: list[str] = []
-        paths = ((node.path, node.uid) for subtree in tree.subtrees for node in subtree.nodes)
+        paths = ((node.config.path, node.config.uid) for subtree in tree.subtrees for node in subtree.nodes)
         self._base = SqliteWriter(self.path, tree_to_xml(tree), paths, append=append)
         self.session = self._base.session
         super().__init__(tree, str(self.path), idle=idle)
@@ -262,7 +262,7 @@ class ExtraDataCollector(Observer):
 
     def __init__(self, log: SqliteLog) -> None:
         self._log = log
-        self._nodes = {node.uid: node for node in log.tree.nodes}
+        self._nodes = {node.config.uid: node for node in log.tree.nodes}
 
     def transition(self, change: Transition) -> None:
         """Call the log's function for *change*, and keep the result for the end of the tick."""

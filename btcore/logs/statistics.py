@@ -59,8 +59,10 @@ class TreeObserver(AttachedObserver):
     """
 
     def __init__(self, tree: Tree) -> None:
-        self._statistics = {node.uid: NodeStatistics(current_status=node.status) for node in tree.nodes}
-        self.path_to_uid = {path: node.uid for path, node in tree.nodes_by_path().items()}
+        self._statistics = {
+            node.config.uid: NodeStatistics(current_status=node._status) for node in tree.nodes
+        }
+        self.path_to_uid = {path: node.config.uid for path, node in tree.nodes_by_path().items()}
         self.uid_to_path = {uid: path for path, uid in self.path_to_uid.items()}
         super().__init__(tree)
         self.attach()

@@ -49,14 +49,14 @@ class TraceLog(Log):
     def __init__(self, tree: Tree, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self._labels = {
-            node.uid: (
-                _CATEGORIES[node.type],
+            node.config.uid: (
+                _CATEGORIES[node.node_type],
                 json.dumps(node.name),
-                f'"uid":{node.uid},"path":{json.dumps(node.path)}',
+                f'"uid":{node.config.uid},"path":{json.dumps(node.config.path)}',
             )
             for node in tree.nodes
         }
-        parents = {child.uid: node.uid for node in tree.nodes for child in node.children}
+        parents = {child.config.uid: node.config.uid for node in tree.nodes for child in node.children}
         self._lanes = SliceLanes(parents)
         self._pid = os.getpid()
         self._end = len(_HEAD)

@@ -51,7 +51,9 @@ class BranchNode(ControlNode):
         """Return the number of children. Raise NodeError unless it is 2 or 3."""
         count = len(self._children)
         if count != 2 and count != 3:
-            raise NodeError(f"<{self.id}> takes a condition and one or two branches, not {count} children")
+            raise NodeError(
+                f"<{self.config.id}> takes a condition and one or two branches, not {count} children"
+            )
         return count
 
 

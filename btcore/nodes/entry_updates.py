@@ -23,7 +23,7 @@ def entry_key(node: TreeNode) -> str:
     """Return the key of the entry that *node* checks. Raise NodeError if the port is missing."""
     port = node.config.inputs.get("entry")
     if port is None or not port.text:
-        raise NodeError(f"<{node.id}> needs port [entry], the blackboard entry to check")
+        raise NodeError(f"<{node.config.id}> needs port [entry], the blackboard entry to check")
     return braced_key(port.text) or port.text
 
 

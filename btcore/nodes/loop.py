@@ -73,7 +73,7 @@ class LoopNode(DecoratorNode):
         """Look up the queue, and convert it if it is a literal."""
         self._queue = self.config.inputs.get("queue")
         if self._queue is None:
-            raise NodeError(f"<{self.id}> needs port [queue]")
+            raise NodeError(f"<{self.config.id}> needs port [queue]")
         output = self.config.outputs.get("value")
         # A derived class may have declared the port anew, with its own type.
         self._element = self.element if output is None else output.type

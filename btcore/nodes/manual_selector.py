@@ -71,7 +71,7 @@ class ManualSelector(ControlNode):
         if self._last < 0 or input_or(self, "repeat_last_selection", False) is not True:
             self.set_status(RUNNING)
             options = [child.name for child in self._children] + ["SUCCESS", "FAILURE", "RUNNING"]
-            self._last = self._prompt.choose(f"{self.path}: which child should be ticked?", options)
+            self._last = self._prompt.choose(f"{self.config.path}: which child should be ticked?", options)
         if self._last >= count:
             return (SUCCESS, FAILURE, RUNNING)[self._last - count]
         return execute_tick(self._children[self._last])

@@ -106,7 +106,7 @@ class SwitchNode(ControlNode):
         """Tick the selected child."""
         count, cases = len(self._children), len(self._cases)
         if count != cases + 1:
-            raise NodeError(f"<{self.id}> takes {cases} cases and a default, not {count} children")
+            raise NodeError(f"<{self.config.id}> takes {cases} cases and a default, not {count} children")
         chosen = self.choose()
         if self._running != -1 and self._running != chosen:
             self.halt_child(self._running)

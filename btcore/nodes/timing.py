@@ -9,7 +9,7 @@ from btcore.blackboard.ports import Port, PortRole
 from btcore.clock import NS_PER_MS
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import StatefulAction
-from btcore.engine.node import execute_tick
+from btcore.engine.node import execute_tick, read_clock
 from btcore.status import FAILURE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import UINT
 
@@ -49,7 +49,7 @@ class Timeout(DecoratorNode):
         allowed = cast(int, self.get_input("msec"))
         if self._deadline < 0:
             self.set_status(RUNNING)
-            self._deadline = self.now() + allowed * NS_PER_MS if allowed > 0 else 0
+            self._deadline = read_clock(self) + allowed * NS_PER_MS if allowed > 0 else 0
             if allowed > 0:
                 self.wake_at(self._deadline)
         elif self._deadline > 0 and self.has_passed(self._deadline):
@@ -109,7 +109,7 @@ class Delay(DecoratorNode):
         delay = cast(int, self.get_input("delay_msec"))
         if self._deadline < 0:
             self.set_status(RUNNING)
-            self._deadline = self.now() + delay * NS_PER_MS
+            self._deadline = read_clock(self) + delay * NS_PER_MS
             self.wake_at(self._deadline)
             # Even for 0 ms: BehaviorTree.CPP's timer fires in its own thread, usually after this tick.
             return RUNNING
@@ -163,7 +163,7 @@ class Sleep(StatefulAction):
         duration = cast(int, self.get_input("msec"))
         if duration <= 0:
             return SUCCESS
-        self._deadline = self.now() + duration * NS_PER_MS
+        self._deadline = read_clock(self) + duration * NS_PER_MS
         self.wake_at(self._deadline)
         return RUNNING
 

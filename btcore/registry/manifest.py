@@ -222,7 +222,7 @@ class Manifest:
         if parameter.resource_type is Clock:
             return context.clock
         if parameter.resource_type is Blackboard:
-            return node.blackboard
+            return node._blackboard
         try:
             return resources.of(parameter, self.id)
         except TypeError:

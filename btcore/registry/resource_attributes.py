@@ -7,7 +7,7 @@ from types import CodeType
 from typing import Any, Final
 
 from btcore.blackboard.ports import UNSET
-from btcore.engine.signature import Parameter, class_annotations
+from btcore.engine.signature import Parameter, class_annotations, hides_attribute
 from btcore.errors import NodeError
 
 _ENGINE: Final = "btcore"
@@ -29,8 +29,8 @@ class ResourceAttribute:
             return self
         name, kind = self.parameter.name, self.parameter.type_name
         raise MissingResourceError(
-            f"<{node.id}> needs a {kind} for its attribute '{name}': pass it in resources=[…], or assign it; "
-            f"if it is a port, mark it: {name}: In[{kind}]"
+            f"<{node.config.id}> needs a {kind} for its attribute '{name}': pass it in resources=[…], or "
+            f"assign it; if it is a port, mark it: {name}: In[{kind}]"
         )
 
 
@@ -63,7 +63,9 @@ def class_resources(cls: type, names: Mapping[str, Any]) -> list[Parameter]:
 
 def _has_value(cls: type, name: str) -> bool:
     value = getattr(cls, name, UNSET)
-    return value is not UNSET and not isinstance(value, ResourceAttribute)
+    if value is UNSET or hides_attribute(name, value):
+        return False
+    return not isinstance(value, ResourceAttribute)
 
 
 def bind_resources(cls: type, attributes: Iterable[Parameter]) -> None:

@@ -185,7 +185,7 @@ class Harness:
 
     def status(self, node: str) -> Status:
         """Return the stored status of *node* (a path or name), which a reset changes to IDLE."""
-        return self.tree.node(node).status
+        return self.tree.node(node)._status
 
     def result(self, node: str) -> Status | None:
         """Return the result of *node* in the last tick of the root; None if it was not ticked."""

@@ -107,7 +107,9 @@ class Outcomes:
                 mock leaves name a leaf that is not in the tree, or a port that a leaf does not have.
         """
         leaves: list[MockAction | MockCondition] = [*tree.find(MockAction), *tree.find(MockCondition)]
-        own = [node.path for node in tree if not node.children and not _is_built_in(node, tree.registry)]
+        own = [
+            node.config.path for node in tree if not node.children and not _is_built_in(node, tree.registry)
+        ]
         if own and not leaves:
             raise ValueError(
                 f"the tree '{tree.id}' has no mock leaves ('{own[0]}' is an ordinary leaf); "
@@ -139,7 +141,7 @@ class Outcomes:
 
 
 def _is_built_in(node: TreeNode, nodes: Registry) -> bool:
-    manifest = nodes.get(node.id, node.config.format)
+    manifest = nodes.get(node.config.id, node.config.format)
     return manifest is not None and manifest.distribution == "btcore"
 
 
@@ -149,12 +151,12 @@ GivenOutputs = Mapping[str, Mapping[str, object]]
 
 def _check_outputs(given: GivenOutputs, leaves: Iterable[TreeNode], tree: Tree) -> None:
     """Raise ValueError if *given* names a leaf that is not in *leaves*, or a port that the leaf lacks."""
-    known = {name: leaf for leaf in leaves for name in (leaf.id, leaf.name)} if given else {}
+    known = {name: leaf for leaf in leaves for name in (leaf.config.id, leaf.name)} if given else {}
     for name, values in given.items():
         leaf = known.get(name)
         if leaf is None:
             raise ValueError(f"outputs: the tree has no mock leaf '{name}'{did_you_mean(name, known)}")
-        manifest = tree.registry.get(leaf.id, leaf.config.format)
+        manifest = tree.registry.get(leaf.config.id, leaf.config.format)
         _check_ports(name, values, manifest.ports if manifest is not None else {})
 
 
@@ -169,7 +171,7 @@ def _check_ports(name: str, values: Mapping[str, object], ports: Mapping[str, Po
 
 def _write_outputs(leaf: TreeNode, given: GivenOutputs, source: Random) -> None:
     """Write the connected output ports of *leaf*: given values, else values that are drawn."""
-    values = {**given.get(leaf.id, {}), **given.get(leaf.name, {})}
+    values = {**given.get(leaf.config.id, {}), **given.get(leaf.name, {})}
     for name, output in leaf.config.outputs.items():
         if output.key is None:
             continue

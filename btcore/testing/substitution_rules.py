@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Final
 from btcore.clock import NS_PER_MS
 from btcore.engine.context import TreeContext
 from btcore.engine.leaf import StatefulAction
-from btcore.engine.node import TreeNode
+from btcore.engine.node import TreeNode, read_clock
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BtcoreError, NodeError, ScriptError
 from btcore.input_files import read_file
@@ -106,7 +106,7 @@ class TestNode(StatefulAction):
         delay = self.settings.async_delay * NS_PER_MS
         if delay <= 0:
             return self._complete()
-        self.until = self.now() + delay
+        self.until = read_clock(self) + delay
         self.wake_at(self.until)
         return RUNNING
 
@@ -123,13 +123,13 @@ class TestNode(StatefulAction):
         try:
             return compile_script(text, names) if text else None
         except ScriptError as error:
-            raise NodeError(f"the {setting} of the TestNode for '{self.path}': {error}") from None
+            raise NodeError(f"the {setting} of the TestNode for '{self.config.path}': {error}") from None
 
     def _complete(self) -> Status:
         status = self._determine_result()
         for script in (self.scripts.get(status), self.post):
             if script is not None:
-                script.run(self.blackboard)
+                script.run(self._blackboard)
         return status
 
     def _determine_result(self) -> Status:
@@ -137,7 +137,7 @@ class TestNode(StatefulAction):
             return self.settings.complete_func()
         if self.result is None:
             return self.settings.return_status
-        value = self.result.run(self.blackboard)
+        value = self.result.run(self._blackboard)
         if isinstance(value, str) and value in _STATUSES:
             return Status[value]
         number = None if isinstance(value, str) else number_of(value)

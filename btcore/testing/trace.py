@@ -136,7 +136,7 @@ class Trace(Observer):
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
         self.steps: list[TraceStep] = []
-        self._paths = {node.uid: key for key, node in tree.nodes_by_path().items()}
+        self._paths = {node.config.uid: key for key, node in tree.nodes_by_path().items()}
         self._ticks = ResultTracker(tree)
         self._changes: list[StatusChange] = []
         self._entries = self._sequence_ids()
@@ -161,7 +161,7 @@ class Trace(Observer):
             BtcoreError: There is no such node, or there are several.
         """
         __tracebackhide__ = True  # pytest shows the test instead of this method
-        return self._paths[self.tree.node(node).uid]
+        return self._paths[self.tree.node(node).config.uid]
 
     def results(self, node: str) -> list[Status]:
         """Return the results of all ticks of *node* in order; within a tick of the root, sorted by status."""
@@ -189,7 +189,7 @@ class Trace(Observer):
         results, halted = self._ticks.take(error)
         changes, self._changes = tuple(self._changes), []
         # The paths are in pre-order, like the nodes.
-        statuses = {path: node.status for path, node in zip(self._paths.values(), self.tree, strict=True)}
+        statuses = {path: node._status for path, node in zip(self._paths.values(), self.tree, strict=True)}
         self.steps.append(
             TraceStep(tick, stamp, status, changes, results, halted, self._written(), statuses, error)
         )
@@ -213,14 +213,14 @@ class Trace(Observer):
 
 def format_tree(tree: Tree, step: TraceStep | None = None) -> str:
     """Return a drawing of *tree*, with the status of each node at the end of *step* (default: now)."""
-    keys = {node.uid: key for key, node in tree.nodes_by_path().items()}
+    keys = {node.config.uid: key for key, node in tree.nodes_by_path().items()}
 
     def label(node: TreeNode) -> list[Fragment]:
-        path = keys[node.uid]
-        status = node.status if step is None else step.statuses[path]
+        path = keys[node.config.uid]
+        status = node._status if step is None else step.statuses[path]
         results = step.results.get(path, ()) if step is not None else ()
         returned = f"  returned {' '.join(result.name for result in results)}" if results else ""
-        name = node_label(node.name, node.id, node.node_symbol, node.type)
+        name = node_label(node.name, node.config.id, node.node_symbol, node.node_type)
         return [*name, ("  ", ""), status_label(status), (returned, "")]
 
     return to_text(draw_branches(tree.root, lambda node: node.children, label))

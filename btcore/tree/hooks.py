@@ -93,7 +93,7 @@ class Hooks:
     """
 
     def __init__(self, nodes: Sequence[TreeNode], context: TreeContext) -> None:
-        self._nodes = {node.uid: node for node in nodes}
+        self._nodes = {node.config.uid: node for node in nodes}
         self._context = context
         self._change = threading.Condition()
         self._hooks: dict[tuple[HookPosition, int], Hook] = {}
@@ -240,10 +240,10 @@ class Hooks:
             tick_thread.close()
 
     def _before(self, node: TreeNode) -> Status:
-        return self._fire(self._hooks.get((HookPosition.PRE, node.uid)))
+        return self._fire(self._hooks.get((HookPosition.PRE, node.config.uid)))
 
     def _after(self, node: TreeNode, status: Status) -> Status:
-        return self._fire(self._hooks.get((HookPosition.POST, node.uid)))
+        return self._fire(self._hooks.get((HookPosition.POST, node.config.uid)))
 
     def _fire(self, hook: Hook | None) -> Status:
         """Stop at a breakpoint until it is unlocked. Return the status that *hook* injects, or SKIPPED."""

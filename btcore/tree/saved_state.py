@@ -70,7 +70,9 @@ def save_state(tree: Tree) -> SavedState:
     for node in tree.nodes:
         check_state_declaration(node)
         if type(node).state_fields is None and node._status is RUNNING:
-            raise NodeError(f"the state of '{node.path}' <{node.id}> cannot be saved while it is RUNNING")
+            raise NodeError(
+                f"the state of '{node.config.path}' <{node.config.id}> cannot be saved while it is RUNNING"
+            )
         values.append({name: getattr(node, name) for name in state_fields_of(type(node))})
     boards: list[dict[str, int]] = []
     entries: list[SavedEntry] = []
@@ -149,14 +151,15 @@ def check_state_declaration(node: TreeNode) -> None:
     unknown = sorted(set(getattr(node, "__dict__", ())) - known)
     if unknown:
         raise NodeError(
-            f"the state of '{node.path}' <{node.id}> cannot be saved: {kinds[0].__qualname__} does not "
-            f"declare which of its attributes change between ticks ({join_names(unknown)}): write for "
-            f'example state_fields = ("{unknown[0]}",), or state_fields = () if none does'
+            f"the state of '{node.config.path}' <{node.config.id}> cannot be saved: "
+            f"{kinds[0].__qualname__} does not declare which of its attributes change between ticks "
+            f'({join_names(unknown)}): write for example state_fields = ("{unknown[0]}",), or '
+            "state_fields = () if none does"
         )
 
 
 def _names(tree: Tree) -> list[tuple[str, str]]:
-    return [(node.path, node.id) for node in tree.nodes]
+    return [(node.config.path, node.config.id) for node in tree.nodes]
 
 
 def blackboards_of(tree: Tree) -> list[Blackboard]:

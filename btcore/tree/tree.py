@@ -301,9 +301,9 @@ class Tree:
             "pause; add a pause, such as a <Delay>, or limit the number of repetitions"
         )
         error = node.execution_error(cause, "ticking")
-        parents = {child.uid: parent for parent in self.nodes for child in parent.children}
-        while node.uid in parents:
-            node = parents[node.uid]
+        parents = {child.config.uid: parent for parent in self.nodes for child in parent.children}
+        while node.config.uid in parents:
+            node = parents[node.config.uid]
             node.trace(error)
         self._halt_after(error)
         raise error
@@ -313,7 +313,7 @@ class Tree:
         for node in self.nodes:
             for name, bound in node.config.inputs.items():
                 forever = bound.port.role is PortRole.REPETITIONS and input_or(node, name, 0) == -1
-                if forever and node.status is RUNNING:
+                if forever and node._status is RUNNING:
                     return node
         woken_by = self.context.woken_by
         return self.root if woken_by is None else self.nodes[woken_by.uid - 1]
@@ -450,10 +450,13 @@ class Tree:
         """Return the nodes by full path, in pre-order. `#<uid>` is appended to equal paths."""
         times: dict[str, int] = {}
         for node in self.nodes:
-            times[node.path] = times.get(node.path, 0) + 1
-        return {
-            node.path if times[node.path] == 1 else f"{node.path}#{node.uid}": node for node in self.nodes
-        }
+            path = node.config.path
+            times[path] = times.get(path, 0) + 1
+        nodes = {}
+        for node in self.nodes:
+            path = node.config.path
+            nodes[path if times[path] == 1 else f"{path}#{node.config.uid}"] = node
+        return nodes
 
     def node(self, path: str) -> TreeNode:
         """Return the node with the full path *path*, or the only node with the name *path*.
@@ -464,12 +467,12 @@ class Tree:
         keys = self.nodes_by_path()
         if path in keys:
             return keys[path]
-        named = [node for node in self.nodes if node.name == path or node.path == path]
+        named = [node for node in self.nodes if node.name == path or node.config.path == path]
         if len(named) == 1:
             return named[0]
         if named:
             raise BtcoreError(
-                f"'{path}' is the name of {len(named)} nodes: {', '.join(node.path for node in named)}"
+                f"'{path}' is the name of {len(named)} nodes: {', '.join(node.config.path for node in named)}"
             )
         # The name of a subtree instance in a path ends in a number that is easily forgotten: Dock::7/undock.
         _, slash, name = path.rpartition("/")

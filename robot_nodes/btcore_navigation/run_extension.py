@@ -321,9 +321,9 @@ def _check_waypoints(nodes: Sequence[object], settings: Mapping[str, Any]) -> No
     for node in nodes:
         missing = node.missing_waypoint() if isinstance(node, GetWaypoint) else None
         if isinstance(node, GetWaypoint) and missing is not None:
-            needed = f"waypoint '{missing}', but {node.path} needs it"
+            needed = f"waypoint '{missing}', but {node.config.path} needs it"
             if not node.waypoints.places:
-                needed = f"waypoints, but {node.path} needs them"
+                needed = f"waypoints, but {node.config.path} needs them"
             remedy = _waypoint_remedy(missing, settings)
             raise click.UsageError(f"{node.waypoints.source} has no {needed}; {remedy}")
 

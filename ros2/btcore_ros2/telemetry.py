@@ -168,7 +168,7 @@ class RosTelemetry(AttachedObserver):
 
         publisher = self._create_publisher(BehaviorTreeLog, "behavior_tree_log", 10)
         waiting: deque[Transitions] = deque(maxlen=MAX_WAITING)
-        names = {node.uid: node.name for node in self.tree}
+        names = {node.config.uid: node.name for node in self.tree}
         self._changes = waiting
 
         def event(change: Transition) -> Any:

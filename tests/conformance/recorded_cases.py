@@ -180,7 +180,7 @@ class TickRecorder(Observer):
     def __init__(self, tree: Tree, journal: CallLog) -> None:
         self.tree = tree
         self.journal = journal
-        self.names = {node.uid: node.name for node in tree}
+        self.names = {node.config.uid: node.name for node in tree}
         self.events: list[list[str]] = []
         self.at_error: dict[str, Any] | None = None
 
@@ -199,7 +199,7 @@ class TickRecorder(Observer):
             "bb": recorded_blackboard(self.tree.blackboard),
             "calls": self.journal.take(),
             "events": events,
-            "nodes": {node.name: node.status.name for node in self.tree},
+            "nodes": {node.name: node._status.name for node in self.tree},
         }
 
 

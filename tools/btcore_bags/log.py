@@ -170,7 +170,7 @@ class BagLog(Log):
     def __init__(self, tree: Tree, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         super().__init__(tree, str(self.path))
-        names = {node.uid: node.name for node in tree.nodes}
+        names = {node.config.uid: node.name for node in tree.nodes}
         xml = tree_to_xml(tree).encode("utf-8", "replace")
         self._file = BagWriter(self.path, xml, names, self.epoch // NS_PER_US)
         self.attach()

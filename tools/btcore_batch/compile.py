@@ -62,9 +62,9 @@ class BatchCompiler:
         cls = BATCH_CLASSES.get(type(plan))
         if cls is not None:
             return cls(plan, self.context, children)
-        leaf = self.leaves.get(plan.id)
+        leaf = self.leaves.get(plan.config.id)
         if leaf is None or children:
-            message = f"the batch engine does not run <{plan.id}>"
+            message = f"the batch engine does not run <{plan.config.id}>"
             raise unsupported(plan.config, message, self._hint(plan, children))
         leaf_class = StatefulNode if issubclass(leaf.base_class, StatefulAction) else FunctionNode
         return leaf_class(plan, self.context, leaf)
@@ -73,7 +73,8 @@ class BatchCompiler:
         if children:
             supported = [ID for ID, cls in BUILTIN_NODES[4].items() if cls in BATCH_CLASSES]
             return f"it runs {', '.join(sorted(supported))}"
-        nearest = nearest_name(plan.id, self.leaves)
+        nearest = nearest_name(plan.config.id, self.leaves)
         question = f"did you mean <{nearest}>? " if nearest else ""
-        advice = f"write it for all agents at once, @batch.action(ID='{plan.id}'), and pass it in leaves=[…]"
+        declared = f"@batch.action(ID='{plan.config.id}')"
+        advice = f"write it for all agents at once, {declared}, and pass it in leaves=[…]"
         return question + advice

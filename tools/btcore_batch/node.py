@@ -74,10 +74,10 @@ class BatchNode:
         self.uid = config.uid
         self.path = config.path
         self.where = config.where
-        self.type: NodeType = plan.type
+        self.type: NodeType = plan.node_type
         self.parent: NodeLike | None = None
         self.context = context
-        self.board = context.columns.scopes[id(plan.blackboard)]
+        self.board = context.columns.scopes[id(plan._blackboard)]
         self.children = children
         for child in children:
             child.parent = self

@@ -215,7 +215,7 @@ def _default_jobs() -> int:
 def _has_libraries(tree: Tree, nodes: Registry, plugins: Sequence[str]) -> bool:
     """Return whether a tree has nodes of installed libraries."""
     own = {"btcore", *(Path(plugin).stem if plugin.endswith(".py") else plugin for plugin in plugins)}
-    manifests = [nodes.get(node.id, node.config.format) for node in tree.nodes]
+    manifests = [nodes.get(node.config.id, node.config.format) for node in tree.nodes]
     return any(
         manifest.distribution not in own and not issubclass(manifest.cls, (StubAction, StubCondition))
         for manifest in manifests

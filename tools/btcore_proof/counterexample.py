@@ -122,7 +122,7 @@ def _deadlines_of(
         for timer in kept:
             deadlines[timer] = deadlines[timer]._replace(last_pending=number)
         tick = explorer.run_moment(moment)
-        results.append([(event.leaf.path, event.result) for event in _shown(tick.events)])
+        results.append([(event.leaf.config.path, event.result) for event in _shown(tick.events)])
         open_timers = []
         for value in keeper.deadlines():
             if value >= PENDING:
@@ -168,16 +168,16 @@ def replay(
         result, error = run_tick(tree, choices)
         events = [
             LeafTick(
-                event.leaf.path,
+                event.leaf.config.path,
                 event.result,
                 {port: text_of(value) for port, value in event.written.items()},
-                names[event.leaf.uid],
+                names[event.leaf.config.uid],
             )
             for event in _shown(choices.events)
         ]
         leaves = [leaf for leaf in events if leaf.result is not Status.IDLE]
         halted = [leaf.path for leaf in events if leaf.result is Status.IDLE]
-        running = [node.path for node in tree.nodes if node.status is Status.RUNNING]
+        running = [node.config.path for node in tree.nodes if node._status is Status.RUNNING]
         shown = readings if readings[0] != readings[-1] else readings[:1]
         seconds = [time / NS_PER_S for time in shown]
         fault, guesses = str(error or ""), list(choices.guesses)
@@ -190,7 +190,8 @@ def names_of(tree: Tree) -> dict[int, str]:
     """Return the name of each node, or the path if another node has the same name, by uid."""
     counts = Counter(node.name for node in tree.nodes)
     return {
-        node.uid: node.name if counts[node.name] == 1 else key for key, node in tree.nodes_by_path().items()
+        node.config.uid: node.name if counts[node.name] == 1 else key
+        for key, node in tree.nodes_by_path().items()
     }
 
 

@@ -16,7 +16,7 @@ def template_of(tree: Tree) -> str:
         tree: The tree, with model leaves.
     """
     nodes = tree.nodes
-    leaves = {node.id: node for node in nodes if model_leaf_model(node) is not None}
+    leaves = {node.config.id: node for node in nodes if model_leaf_model(node) is not None}
     written = {key: kind for node in nodes for key, kind in _outputs(node).items()}
     read = sorted({key for node in nodes for key in _inputs(node)} - written.keys())
     unknown = sorted(key for key, kind in written.items() if kind != "bool")

@@ -219,7 +219,7 @@ class Explorer:
         made = [chosen for chosen, _ in choices.made]
 
         def follow(leaf: TreeNode | None, options: int, choice: int) -> None:
-            again.append((None if leaf is None else leaf.uid, options))
+            again.append((None if leaf is None else leaf.config.uid, options))
             if len(choices.made) >= given:
                 again.extend(self._moment_of(leaf))
             if len(again) >= len(first) or again != first[: len(again)]:
@@ -271,7 +271,7 @@ class Explorer:
         choices = self.choices
         count, given = len(choices.made), len(choices.given)
         if self.users is not None:
-            self._trace.append((None if leaf is None else leaf.uid, options))
+            self._trace.append((None if leaf is None else leaf.config.uid, options))
         if count == given - 1:
             # The vertex at which the part of the tick begins that is not known.
             self._events = len(choices.events)
@@ -375,13 +375,13 @@ def _what_is_unknown(error: NodeExecutionError, tree: Tree) -> str | None:
     if isinstance(cause, UnknownOutcomeError):
         return str(cause)
     # A conversion or an operator of a script, for example, fails for an unknown value in its own way.
-    node = next((node for node in tree.nodes if node.path == error.path), None)
+    node = next((node for node in tree.nodes if node.config.path == error.path), None)
     if node is not None and isinstance(cause, BtcoreError):
         entries = [
             port.blackboard.find(port.key) for port in node.config.inputs.values() if port.key is not None
         ]
         if isinstance(cause, ScriptError):
-            entries += [node.blackboard.find(name) for name in _NAME.findall(cause.text)]
+            entries += [node._blackboard.find(name) for name in _NAME.findall(cause.text)]
         for entry in entries:
             if entry is not None and isinstance(entry.value, UnknownValue):
                 return f"the value of {{{entry.value.key}}} is not known: declare its domain"

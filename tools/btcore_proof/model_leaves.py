@@ -176,7 +176,7 @@ class Choices:
             raise self.raised
         count = len(self.made)
         if count >= MOST_CHOICES:
-            place = "" if leaf is None else f"'{leaf.path}': "
+            place = "" if leaf is None else f"'{leaf.config.path}': "
             text = f"{place}the tick does not end: it repeats nodes without a pause"
             raise self.interrupt(EndlessTickError(text))
         chosen = self.given[count] if count < len(self.given) else 0
@@ -391,7 +391,7 @@ class _Chooser:
         entry: Entry = board.find(writer.key) or board.create(writer.key, kind)
         if kind.strong and entry.declared.strong and not kind.same(entry.declared):
             names = f"a value of the type {kind.name} to {{{writer.key}}}, which is of the type"
-            text = f"'{self._leaf.path}' writes {names} {entry.declared.name}: declare its domain"
+            text = f"'{self._leaf.config.path}' writes {names} {entry.declared.name}: declare its domain"
             raise self.choices.interrupt(UnknownOutcomeError(text))
         unknown = self.choices.unknown(writer.key, operands_of(kind))
         entry.put(unknown, board.now())
@@ -400,7 +400,7 @@ class _Chooser:
 
 def _entries_of(leaf: TreeNode, model: LeafModel) -> list[Output]:
     """Return outputs for the entries that the model writes without a port."""
-    board = leaf.blackboard
+    board = leaf._blackboard
     return [Output(Binding(Port(key, Direction.OUT), f"{{{key}}}"), board) for key in sorted(model.entries)]
 
 
@@ -423,7 +423,7 @@ def _is_mandatory(port: Input, model: LeafModel) -> bool:
 def counted_entries(tree: Tree) -> list[tuple[Blackboard, str]]:
     """Return the scope and the key of each entry whose writes a node counts, such as SkipUnlessUpdated."""
     return [
-        (node.blackboard, braced_key(port.text) or port.text)
+        (node._blackboard, braced_key(port.text) or port.text)
         for node in tree.nodes
         for port in node.config.inputs.values()
         if port.port.role is PortRole.WATCHED_ENTRY

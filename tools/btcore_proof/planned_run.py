@@ -90,7 +90,7 @@ class PlannedChoices(Choices):
         leaves = [node for node in tree.nodes if not node.children]
         for name in dict.fromkeys(name for tick in self._plan for name in tick):
             try:
-                self._names[tree.node(name).uid] = name
+                self._names[tree.node(name).config.uid] = name
             except BtcoreError:
                 hint = did_you_mean(name, [leaf.name for leaf in leaves])
                 raise PlanError(f"the plan names '{name}', but the tree has no such leaf{hint}") from None
@@ -105,7 +105,7 @@ class PlannedChoices(Choices):
 
     def choose_outcome(self, leaf: TreeNode, options: Sequence[Outcome], writers: Sequence[Writer]) -> int:
         """Return the number of the outcome that is planned for *leaf*, or of a similar one."""
-        wanted = self._wanted(self._names.get(leaf.uid, leaf.path))
+        wanted = self._wanted(self._names.get(leaf.config.uid, leaf.config.path))
         if self._runs_too_long(leaf):
             wanted = None
         number = 0
@@ -118,8 +118,8 @@ class PlannedChoices(Choices):
 
     def _runs_too_long(self, leaf: TreeNode) -> bool:
         """Return whether an action has been RUNNING for longer than a fair cycle lets it."""
-        kept = self._kept.get(leaf.uid, 0) + 1 if leaf._status is RUNNING else 0
-        self._kept[leaf.uid] = kept
+        kept = self._kept.get(leaf.config.uid, 0) + 1 if leaf._status is RUNNING else 0
+        self._kept[leaf.config.uid] = kept
         model = model_leaf_model(leaf)
         if self._cycle is None or model is None or model.endless:
             return False
@@ -248,7 +248,7 @@ class _Fault:
         first = parse_proposition(self._question.first, tree)
         second = parse_proposition(self._question.second, tree) if self._question.second else first
         self._first, self._second = first.holds, second.holds
-        self.watched = [*{node.uid: node for node in (*first.nodes, *second.nodes)}.values()]
+        self.watched = [*{node.config.uid: node for node in (*first.nodes, *second.nodes)}.values()]
 
     def after(self, tick: Tick) -> str | None:
         """Return what is wrong after a tick, or None."""

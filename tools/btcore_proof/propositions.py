@@ -167,10 +167,10 @@ class _Parser:
             raise QuestionError(f"'{self._text}': {error}") from error
         if self._accept("ticked"):
             self._nodes.append(node)
-            return lambda tick: node.uid in tick.results
+            return lambda tick: node.config.uid in tick.results
         if self._accept("halted"):
             self._nodes.append(node)
-            return lambda tick: node.uid in tick.halts
+            return lambda tick: node.config.uid in tick.halts
         if self._accept("is"):
             return self._status(node)
         return lambda tick: node._status is RUNNING
@@ -184,7 +184,7 @@ class _Parser:
         if status in (Status.RUNNING, Status.IDLE):
             return lambda tick: node._status is status
         self._nodes.append(node)
-        return lambda tick: status in tick.results.get(node.uid, ())
+        return lambda tick: status in tick.results.get(node.config.uid, ())
 
     def _comparison(self, key: str) -> Proposition:
         sign = self._tokens.pop(0)[1] if self._tokens else ""

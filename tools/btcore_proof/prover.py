@@ -165,7 +165,7 @@ class Prover:
         self.errors = [prepared.error for prepared in self._questions if prepared.error]
         self._endless = endless_nodes(tree)
         self._first_endless = len(parsed)
-        watched = {node.uid: node for each in parsed for node in each.nodes}
+        watched = {node.config.uid: node for each in parsed for node in each.nodes}
         for node in tree.nodes:
             if not node.children:
                 node.count_ticks()
@@ -268,7 +268,7 @@ class Prover:
         if endless and not ends:
             return self._proved(ENDS, f"never by itself, because of {join_names(_quoted(endless), 'and')}")
         reasons = [
-            f"'{node.path}' runs forever"
+            f"'{node.config.path}' runs forever"
             for node, its in zip(endless, runs, strict=True)
             if self._cycle([*fairness, Fairness(0, its)], avoided=runs_none)
         ]
@@ -276,9 +276,9 @@ class Prover:
             succeeds, fails = signals.succeeded(number), signals.failed(number)
             sometimes_fails = [*fairness, pauses, Fairness(0, fails)]
             if self._cycle(sometimes_fails, avoided=succeeds):
-                reasons.append(f"'{leaf.path}' fails forever")
+                reasons.append(f"'{leaf.config.path}' fails forever")
             elif isinstance(leaf, Condition) and self._cycle([*sometimes_fails, Fairness(0, succeeds)]):
-                reasons.append(f"'{leaf.path}' changes its result forever")
+                reasons.append(f"'{leaf.config.path}' changes its result forever")
         detail = f"unless {join_names(reasons, 'or')}" if reasons else ""
         return self._proved(ENDS, detail)
 
@@ -309,12 +309,12 @@ class Prover:
                 continue
             model = model_leaf_model(node)
             if not counts.ticks - counts.skipped:
-                problems.append(f"'{node.path}' is never ticked")
+                problems.append(f"'{node.config.path}' is never ticked")
             elif model is not None:
                 if SUCCESS in model.results and not counts.success:
-                    problems.append(f"'{node.path}' never succeeds")
+                    problems.append(f"'{node.config.path}' never succeeds")
                 if FAILURE in model.results and not counts.failure:
-                    problems.append(f"'{node.path}' never fails")
+                    problems.append(f"'{node.config.path}' never fails")
         if not problems or self._limits():
             return self._proved(LEAVES)
         return self._answer(LEAVES, REFUTED, "; ".join(problems))
@@ -524,7 +524,7 @@ def _runs(node: TreeNode) -> Callable[[Tick], bool]:
 
 
 def _quoted(nodes: Sequence[TreeNode]) -> list[str]:
-    return [f"'{node.path}'" for node in nodes]
+    return [f"'{node.config.path}'" for node in nodes]
 
 
 def _agrees(tick: WholeTick, result: object) -> bool:

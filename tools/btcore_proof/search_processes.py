@@ -295,7 +295,7 @@ class _StatePickler:
                 types[id(input.port.type)] = input.port.type
             for output in node.config.outputs.values():
                 types[id(output.type)] = output.type
-            for entry in node.blackboard.local_entries().values():
+            for entry in node._blackboard.local_entries().values():
                 types[id(entry.declared)] = entry.declared
         self._types = list(types.values())
         self._numbers = {key: number for number, key in enumerate(types)}

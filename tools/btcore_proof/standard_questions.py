@@ -61,13 +61,14 @@ def _resource_check(tree: Tree) -> Check:
     for (first, its), (second, other) in combinations(models, 2):
         common = sorted(its.uses & other.uses)
         if common:
-            shared[first.uid, second.uid] = shared[second.uid, first.uid] = common[0]
+            one, two = first.config.uid, second.config.uid
+            shared[one, two] = shared[two, one] = common[0]
     if not shared:
         return Check(lambda tick: None)
     sharing = {uid for pair in shared for uid in pair}
-    candidates = [node for node, _ in models if node.uid in sharing]
-    handing_over = {node.uid for node, model in models if model.hands_over}
-    of_one_tick = {node.uid for node, model in models if not model.lasts}
+    candidates = [node for node, _ in models if node.config.uid in sharing]
+    handing_over = {node.config.uid for node, model in models if model.hands_over}
+    of_one_tick = {node.config.uid for node, model in models if not model.lasts}
 
     def conflict_in(events: Sequence[LeafEvent], has_ended: bool) -> tuple[int, TreeNode] | None:
         """Return the number of the first event that uses a resource of another leaf, with this leaf.
@@ -77,22 +78,26 @@ def _resource_check(tree: Tree) -> Check:
             has_ended: Whether the tick has ended, so that no leaf will be halted in it.
         """
         for event in events:
-            if event.before is not RUNNING and event.leaf.uid in sharing:
+            if event.before is not RUNNING and event.leaf.config.uid in sharing:
                 break
         else:
             return None
-        befores = {event.leaf.uid: event.before for event in reversed(events)}
+        befores = {event.leaf.config.uid: event.before for event in reversed(events)}
         # An action that lasts uses its resources until it completes or is halted.
-        users = {leaf.uid: leaf for leaf in candidates if befores.get(leaf.uid, leaf._status) is RUNNING}
+        users = {
+            leaf.config.uid: leaf
+            for leaf in candidates
+            if befores.get(leaf.config.uid, leaf._status) is RUNNING
+        }
         for number, event in enumerate(events):
-            uid = event.leaf.uid
+            uid = event.leaf.config.uid
             if uid not in sharing:
                 continue
             if event.before is not RUNNING:
                 for other in users.values():
-                    if (uid, other.uid) not in shared:
+                    if (uid, other.config.uid) not in shared:
                         continue
-                    if other.uid not in handing_over or uid in of_one_tick:
+                    if other.config.uid not in handing_over or uid in of_one_tick:
                         return number, other
                     if event.result is RUNNING and not _takes_over(events[number:], other, has_ended):
                         return number, other
@@ -108,12 +113,13 @@ def _resource_check(tree: Tree) -> Check:
             return None
         number, other = conflict
         leaf = tick.events[number].leaf
-        common = shared[leaf.uid, other.uid]
+        common = shared[leaf.config.uid, other.config.uid]
         for later in tick.events[number:]:
             if later.leaf is other and later.result is not RUNNING:
                 end = "is halted" if later.result is IDLE else "completes"
-                return f"'{leaf.path}' starts before '{other.path}' {end}, and both use {common}"
-        return f"'{other.path}' and '{leaf.path}' both use {common}"
+                before = f"'{leaf.config.path}' starts before '{other.config.path}' {end}"
+                return f"{before}, and both use {common}"
+        return f"'{other.config.path}' and '{leaf.config.path}' both use {common}"
 
     return Check(find, lambda events: conflict_in(events, False) is not None)
 
@@ -140,7 +146,8 @@ def _halt_check(tree: Tree) -> Callable[[Tick], str | None]:
             return None
         for parent, child in pairs:
             if child._status is RUNNING and parent._status is not RUNNING:
-                return f"'{child.path}' is still RUNNING although its parent '{parent.path}' has ended"
+                late = f"'{child.config.path}' is still RUNNING"
+                return f"{late} although its parent '{parent.config.path}' has ended"
         return None
 
     return check
@@ -153,7 +160,8 @@ def _reactive_check(tree: Tree) -> Callable[[Tick], str | None]:
         for node in reactive:
             running = [child for child in node.children if child._status is RUNNING]
             if len(running) > 1:
-                return f"'{node.path}' keeps '{running[0].path}' and '{running[1].path}' RUNNING"
+                first, second = running[0].config.path, running[1].config.path
+                return f"'{node.config.path}' keeps '{first}' and '{second}' RUNNING"
         return None
 
     return check
@@ -179,7 +187,7 @@ def _unwritten_port(tick: Tick) -> Input | None:
     if tick.error is None or not isinstance(tick.error.cause, BlackboardError):
         return None
     path = tick.error.path
-    node = next((node for node in tick.tree.nodes if node.path == path), None)
+    node = next((node for node in tick.tree.nodes if node.config.path == path), None)
     for port in node.config.inputs.values() if node is not None else ():
         if port.key is not None:
             entry = port.blackboard.find(port.key)

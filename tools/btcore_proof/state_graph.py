@@ -282,7 +282,7 @@ class Signals:
 
     def __init__(self, leaves: Sequence[TreeNode], timers: int, propositions: int) -> None:
         self.leaves = list(leaves)
-        self.numbers = {leaf.uid: number for number, leaf in enumerate(leaves)}
+        self.numbers = {leaf.config.uid: number for number, leaf in enumerate(leaves)}
         self.timers = timers
         self._first_timer = 4 * len(leaves)
         self._first_proposition = self._first_timer + timers
@@ -325,7 +325,7 @@ class Signals:
             if result is IDLE:
                 continue
             found = 3 if result is SUCCESS else 5 if result is FAILURE else 1
-            bits |= found << 4 * self.numbers[leaf.uid]
+            bits |= found << 4 * self.numbers[leaf.config.uid]
         return bits
 
     def of_end(self, kept: Iterable[TreeNode], timers: int, true: Iterable[int]) -> int:
@@ -338,7 +338,7 @@ class Signals:
         """
         bits = self._all_released
         for leaf in kept:
-            bits &= ~self.released(self.numbers[leaf.uid])
+            bits &= ~self.released(self.numbers[leaf.config.uid])
         bits |= ((1 << self.timers) - 1 & ~timers) << self._first_timer
         propositions = self._all_fail
         for number in true:

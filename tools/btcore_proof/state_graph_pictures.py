@@ -77,7 +77,7 @@ def draw_graph(prover: Prover) -> tuple[list[DrawnState], list[DrawnEdge]]:
     for number in vertices:
         statuses = explorer.table.state(number).statuses
         running = [
-            names[node.uid]
+            names[node.config.uid]
             for node, status in zip(prover.tree.nodes, statuses, strict=True)
             if status == RUNNING and not node.children
         ]
@@ -112,7 +112,7 @@ def _outcome(explorer: Explorer, bits: int, names: dict[int, str]) -> list[str]:
         if bits & signals.ticked(number):
             results = [(signals.succeeded(number), "✔"), (signals.failed(number), "✘")]
             marks = "".join(mark for bit, mark in results if bits & bit)
-            words.append(f"{_short(names[leaf.uid])} {marks or '▶'}")
+            words.append(f"{_short(names[leaf.config.uid])} {marks or '▶'}")
     return words or ["no leaf"]
 
 

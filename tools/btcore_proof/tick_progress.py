@@ -49,7 +49,7 @@ class TickProgress:
         self._parents: dict[int, TreeNode] = {}
         for node in tree.nodes:
             for child in node.children:
-                self._parents[child.uid] = node
+                self._parents[child.config.uid] = node
         for number, node in enumerate(tree.nodes):
             instrumentation = node._instrumentation = node._instrumentation or Instrumentation()
             if node.children:
@@ -57,7 +57,7 @@ class TickProgress:
                 config = node.config
                 start = partial(self._start, node, reads, bool(state_fields_of(type(node))))
                 instrumentation.conditions = WatchedConditions(
-                    config.scripts, config.enums, node.blackboard, start
+                    config.scripts, config.enums, node._blackboard, start
                 )
             instrumentation.post_tick = partial(self._end, number, instrumentation.post_tick)
 
@@ -86,14 +86,14 @@ class TickProgress:
                 return None
             node = unfinished[place].node
             place -= 1
-        asking = node.uid
+        asking = node.config.uid
         # A node that ticks a child while it is being halted is not found here.
-        parent = self._parents.get(node.uid)
+        parent = self._parents.get(node.config.uid)
         while parent is not None:
             if place < 0 or unfinished[place].node is not parent:
                 return None
             place -= 1
-            parent = self._parents.get(parent.uid)
+            parent = self._parents.get(parent.config.uid)
         if place >= 0:
             return None
         return (asking, *[(start, tuple(since)) for _, _, start, since in unfinished])

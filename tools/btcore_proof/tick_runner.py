@@ -71,7 +71,7 @@ class TickRunner:
             node.count_ticks()
 
     def _record(self, node: TreeNode, status: Status) -> Status:
-        self._results.setdefault(node.uid, []).append(status)
+        self._results.setdefault(node.config.uid, []).append(status)
         return status
 
     def run(self, given: Sequence[int]) -> Tick:
@@ -79,7 +79,7 @@ class TickRunner:
         self.choices.begin(given)
         self._results.clear()
         self._running = [leaf for leaf in self.leaves if leaf._status is RUNNING]
-        self._halts_before = {node.uid: _halts_of(node) for node in self._watched}
+        self._halts_before = {node.config.uid: _halts_of(node) for node in self._watched}
         result, error = run_tick(self.tree, self.choices)
         return Tick(
             self.tree,
@@ -94,7 +94,7 @@ class TickRunner:
     def so_far(self) -> tuple[Hashable, ...]:
         """Return what the end of the present tick depends on, of what has happened in it."""
         return (
-            tuple([leaf.uid for leaf in self._kept()]),
+            tuple([leaf.config.uid for leaf in self._kept()]),
             tuple([(uid, frozenset(found)) for uid, found in sorted(self._results.items())]),
             frozenset(self._halts()),
         )
@@ -102,12 +102,12 @@ class TickRunner:
     def _kept(self) -> Sequence[TreeNode]:
         if not self._running:
             return ()
-        ended = {event.leaf.uid for event in self.choices.events if event.result is not RUNNING}
-        return [leaf for leaf in self._running if leaf._status is RUNNING and leaf.uid not in ended]
+        ended = {event.leaf.config.uid for event in self.choices.events if event.result is not RUNNING}
+        return [leaf for leaf in self._running if leaf._status is RUNNING and leaf.config.uid not in ended]
 
     def _halts(self) -> set[int]:
         before = self._halts_before
-        return {node.uid for node in self._watched if _halts_of(node) > before[node.uid]}
+        return {node.config.uid for node in self._watched if _halts_of(node) > before[node.config.uid]}
 
 
 def run_tick(tree: Tree, choices: Choices) -> tuple[Status | None, NodeExecutionError | None]:

@@ -144,11 +144,11 @@ class StateKeeper:
             check_state_declaration(node)
             if type(node).state_fields is None:
                 raise NodeError(
-                    f"the state of '{node.path}' <{node.id}> cannot be saved while it is RUNNING, so that "
-                    "nothing can be proved about it"
+                    f"the state of '{node.config.path}' <{node.config.id}> cannot be saved while it is "
+                    "RUNNING, so that nothing can be proved about it"
                 )
             fields = state_fields_of(type(node))
-            self._fields[node.uid] = fields
+            self._fields[node.config.uid] = fields
             if not fields:
                 continue
             index = len(self._with_fields)
@@ -222,7 +222,7 @@ class StateKeeper:
 
     def _shift_writes(self) -> None:
         """Increase the numbers of writes of the entries that no built-in node counts."""
-        counted = {id(node.blackboard.find(node._key)) for _, node in self._watchers}
+        counted = {id(node._blackboard.find(node._key)) for _, node in self._watchers}
         entries = {id(entry): entry for board in self._boards for entry in board.local_entries().values()}
         for number, entry in entries.items():
             if number not in counted:
@@ -271,7 +271,7 @@ class StateKeeper:
         """
         freezer = Freezer(self.shared)
         row: list[Hashable] = []
-        for name in self._fields[node.uid]:
+        for name in self._fields[node.config.uid]:
             value = getattr(node, name)
             if self._is_shifted and name in type(node).time_fields:
                 value = _unshifted_time(value)
@@ -361,7 +361,9 @@ class StateKeeper:
                 try:
                     Freezer(self.shared).frozen(getattr(node, name))
                 except OpaqueStateError as error:
-                    return OpaqueStateError(f"'{node.path}' <{node.id}> keeps {error} in '{name}'{_OPAQUE}")
+                    return OpaqueStateError(
+                        f"'{node.config.path}' <{node.config.id}> keeps {error} in '{name}'{_OPAQUE}"
+                    )
         for board in self._boards:
             for key, entry in board.local_entries().items():
                 try:
@@ -404,7 +406,7 @@ class StateKeeper:
             boards.append(tuple(keys))
         seen: dict[int, list[tuple[int, int]]] = {}
         for index, node in self._watchers:
-            watched = node.blackboard.find(node._key)
+            watched = node._blackboard.find(node._key)
             # Without an entry, the count that was seen remains, and is compared with later writes.
             place = numbers.get(id(watched), -1) if watched is not None else -1
             seen.setdefault(place, []).append((index, node._seen))

@@ -15,7 +15,7 @@ from operator import ge, gt, le, lt, sub
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, Final, NoReturn
 
-from btcore.engine.node import TreeNode
+from btcore.engine.node import TreeNode, read_clock
 from btcore.registry.manifest import PLUGIN_FILE_PREFIX
 from btcore.suggestions import join_names
 from btcore.tree.saved_state import state_fields_of
@@ -147,7 +147,7 @@ class UserCode:
         what = "but its class declares no deadline in time_fields"
         if any(value is self._keeper.clock.replaced for value in vars(node).values()):
             self.reasons[f"{_named(node)} keeps the clock, {what}"] = None
-        now, context = node.now, self._tree.context
+        context = self._tree.context
 
         def note(use: str) -> None:
             self.reasons.setdefault(f"{_named(node)} {use}", None)
@@ -158,8 +158,10 @@ class UserCode:
 
         def read() -> int:
             use = "compares the time of now(): use has_passed(), by which a tick has a single time"
-            return _Reading.of(now(), partial(note, use))
+            return _Reading.of(read_clock(node), partial(note, use))
 
+        if type(node).now is not TreeNode.now:
+            note("has a port called 'now', which hides its readings of the clock")
         vars(node)["now"] = read if type(node).time_fields else read_without_deadline
 
     @contextmanager
@@ -274,7 +276,7 @@ class UserCode:
 
 
 def _named(node: TreeNode) -> str:
-    return f"'{node.path}' <{node.id}>"
+    return f"'{node.config.path}' <{node.config.id}>"
 
 
 def _functions_of(module: ModuleType) -> Iterator[tuple[str, Callable[..., Any]]]:

@@ -144,10 +144,10 @@ class FailureCause(Observer, RunExtension):
 
     def _find_cause(self, tree: Tree) -> str | None:
         order = {uid: number for number, uid in enumerate(self._failed)}
-        if tree.root.uid not in order:
+        if tree.root.config.uid not in order:
             return None
-        paths = {node.uid: path for path, node in tree.nodes_by_path().items()}
+        paths = {node.config.uid: path for path, node in tree.nodes_by_path().items()}
         node = tree.root
-        while failed := [child for child in node.children if child.uid in order]:
-            node = max(failed, key=lambda child: order[child.uid])
-        return paths[node.uid]
+        while failed := [child for child in node.children if child.config.uid in order]:
+            node = max(failed, key=lambda child: order[child.config.uid])
+        return paths[node.config.uid]

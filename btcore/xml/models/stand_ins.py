@@ -28,7 +28,7 @@ class StubPlans:
 
     def plan_for(self, node: TreeNode) -> str:
         """Return the plan for the name of *node*, else for its ID, else `S`."""
-        return self.letters.get(node.name) or self.letters.get(node.id) or "S"
+        return self.letters.get(node.name) or self.letters.get(node.config.id) or "S"
 
 
 def _status(node: TreeNode, letter: str) -> Status:

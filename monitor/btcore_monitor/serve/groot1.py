@@ -53,7 +53,9 @@ class Groot1Server:
         self.end = self.offset + len(tree.nodes)
         """The last uid on the wire."""
         self._period = 1 / rate
-        self._statuses = {self.offset + node.uid: groot1.status_code(int(node.status)) for node in tree.nodes}
+        self._statuses = {
+            self.offset + node.config.uid: groot1.status_code(int(node._status)) for node in tree.nodes
+        }
         # The statuses at the last update; the next update begins with them.
         self._before = dict(self._statuses)
         self._tree = bytearray(encode_tree(WireTree(tuple(self._nodes(tree)), _models(tree))) + ending)
@@ -118,16 +120,18 @@ class Groot1Server:
     def _nodes(self, tree: Tree) -> Iterator[WireNode]:
         instances = {part.path: part.id for part in tree.subtrees}
         for node in tree.nodes:
-            uid = self.offset + node.uid
-            children = tuple(self.offset + child.uid for child in node.children)
-            if node.type is NodeType.SUBTREE:
+            uid = self.offset + node.config.uid
+            children = tuple(self.offset + child.config.uid for child in node.children)
+            if node.node_type is NodeType.SUBTREE:
                 # As in BehaviorTree.CPP 3: a SubTree node has its tree's ID as name, and no ports.
-                yield WireNode(uid, children, self._statuses[uid], instances[node.path], node.id)
+                yield WireNode(
+                    uid, children, self._statuses[uid], instances[node.config.path], node.config.id
+                )
                 continue
             config = node.config
             ports = [(name, port.text) for name, port in config.inputs.items()]
             ports += [(name, port.text) for name, port in config.outputs.items()]
-            yield WireNode(uid, children, self._statuses[uid], node.name, node.id, tuple(ports))
+            yield WireNode(uid, children, self._statuses[uid], node.name, node.config.id, tuple(ports))
 
 
 def _models(tree: Tree) -> tuple[WireModel, ...]:
@@ -137,8 +141,8 @@ def _models(tree: Tree) -> tuple[WireModel, ...]:
     models = {id: _model(manifest) for id, manifest in manifests.items() if id != "RetryUntilSuccesful"}
     for node in tree.nodes:
         # Groot 1 looks up every node's model without a check, and crashes if it is missing.
-        if node.id not in models:
-            models[node.id] = WireModel(node.id, int(node.type))
+        if node.config.id not in models:
+            models[node.config.id] = WireModel(node.config.id, int(node.node_type))
     return tuple(models.values())
 
 

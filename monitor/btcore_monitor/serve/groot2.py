@@ -40,10 +40,12 @@ class Groot2Server:
         self._boards = boards
         self._tree_id = tree_id.bytes
         # A uid has 16 bits on the wire: nodes beyond are neither in STATUS nor in recordings.
-        nodes = [node for part in tree.subtrees for node in part.nodes if node.uid <= MAX_NODES]
-        self._statuses = bytearray(groot2.encode_statuses((node.uid, int(node.status)) for node in nodes))
+        nodes = [node for part in tree.subtrees for node in part.nodes if node.config.uid <= MAX_NODES]
+        self._statuses = bytearray(
+            groot2.encode_statuses((node.config.uid, int(node._status)) for node in nodes)
+        )
         # A record has three bytes: the uid (2 bytes) and the code.
-        self._code_at = {node.uid: 3 * index + 2 for index, node in enumerate(nodes)}
+        self._code_at = {node.config.uid: 3 * index + 2 for index, node in enumerate(nodes)}
         self._recorded: deque[bytes] = deque(maxlen=groot2.RECORDED_AT_MOST)
         self._recording_since = 0
         self._expected: int | None = None
@@ -136,4 +138,4 @@ class Groot2Server:
 
 def statuses_of(tree: Tree) -> dict[int, int]:
     """Return the current status of every node by uid. Any thread may call this function."""
-    return {node.uid: int(node.status) for node in tree.nodes}
+    return {node.config.uid: int(node._status) for node in tree.nodes}

@@ -132,9 +132,9 @@ class Explore(StatefulAction):
             result = self.handle.result
             reason = result.message if result else "the goal was aborted"
             if self.explorer.goals_wait():
-                log.warning("%s: the exploration ends: %s", self.path, reason)
+                log.warning("%s: the exploration ends: %s", self.config.path, reason)
                 return self.end(FAILURE)
-            log.info("%s: can't get there: %s", self.path, reason)
+            log.info("%s: can't get there: %s", self.config.path, reason)
             # An obstacle may have closed the way; a second failure means that there is no other way.
             if are_near(self.failed_goal, self.goal):
                 self.explorer.exclude_goal()
@@ -163,7 +163,7 @@ class Explore(StatefulAction):
             reason = self.explorer.give_up_reason(self.waits_since)
             if reason is None:
                 return RUNNING
-            log.warning("%s: the exploration ends: %s", self.path, reason[1])
+            log.warning("%s: the exploration ends: %s", self.config.path, reason[1])
             return self.end(FAILURE)
         self.waits_since = None
         if not self.is_start_written and "start" in self.config.outputs:
@@ -210,7 +210,7 @@ class SaveMap(SyncAction):
         try:
             self.explorer.save(path)
         except MapError as error:
-            log.warning("%s: %s", self.path, error)
+            log.warning("%s: %s", self.config.path, error)
             return False
         self.map_file.saved = self.map_file.saved or path == self.map_file.path
         return True

@@ -88,7 +88,7 @@ class Move(StatefulAction):
             message: The reason, as text for the log and the port `error`.
         """
         goal = self.goal
-        log.warning("%s: can't go to (%.2f, %.2f): %s", self.path, goal.x, goal.y, message)
+        log.warning("%s: can't go to (%.2f, %.2f): %s", self.config.path, goal.x, goal.y, message)
         self.write_outputs(code, message)
         return FAILURE
 

@@ -3,7 +3,8 @@
 import logging
 from typing import Annotated, Any, ClassVar
 
-from btcore import FAILURE, RUNNING, SUCCESS, Blackboard, In, Out, StatefulAction, Status, SyncAction
+from btcore import (Blackboard, FAILURE, In, Out, RUNNING, SUCCESS, StatefulAction, Status, SyncAction)
+from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigation_servers import AnyGoalHandle, NavigationServers
@@ -116,7 +117,7 @@ class BtActionNode(StatefulAction):
 
     def send(self, goal: object) -> AnyGoalHandle:
         """Send *goal* in place of the present goal, which is not cancelled, and return its handle."""
-        self.sent = self.now()
+        self.sent = read_clock(self)
         self.handle = self.servers.send_goal(goal, self.action, self.server_name)
         return self.handle
 
@@ -129,7 +130,7 @@ class BtActionNode(StatefulAction):
         """
         write_outputs(self, error_code_id=code, error_msg=message)
         if message and message != self.logged:
-            log.log(self.level, "%s: %s", self.path, message)
+            log.log(self.level, "%s: %s", self.config.path, message)
         self.logged = message
 
     def acceptance_timed_out(self) -> bool:
@@ -173,11 +174,11 @@ class BtServiceNode(StatefulAction):
 
     def tick(self) -> Status:
         """Send the request, or check for the response. A completed node sends its request again."""
-        return self.on_running() if self.status is RUNNING else self.on_start()
+        return self.on_running() if self._status is RUNNING else self.on_start()
 
     def on_start(self) -> Status:
         """Send the request."""
-        self.sent = self.now()
+        self.sent = read_clock(self)
         self.handle = self.send()
         return self.on_running()
 
@@ -208,7 +209,7 @@ class BtServiceNode(StatefulAction):
         """Log *message* if it differs from the previous message, and return FAILURE."""
         self.handle = None
         if message and message != self.logged:
-            log.log(self.level, "%s: %s", self.path, message)
+            log.log(self.level, "%s: %s", self.config.path, message)
         self.logged = message
         self.on_failure()
         return FAILURE

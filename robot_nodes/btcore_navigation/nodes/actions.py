@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Annotated
 
 from btcore import Direction, In, Out
+from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
 from btcore_navigation.controller import FollowPathFeedback, FollowPathGoal
@@ -54,12 +55,12 @@ class _PlanningNode(BtActionNode):
         if handle.status is GoalStatus.SUCCEEDED and isinstance(path, NavPath):
             self.write(path)
         else:
-            self.write(empty_path(self.now()))
+            self.write(empty_path(read_clock(self)))
 
     def on_halted(self) -> None:
         """Cancel the goal and write an empty path."""
         super().on_halted()
-        self.write(empty_path(self.now()))
+        self.write(empty_path(read_clock(self)))
 
     def write(self, path: NavPath) -> None:
         """Write *path* to the output port."""
@@ -135,7 +136,7 @@ class FollowPath(BtActionNode):
         """Return a goal with the current path and plug-ins."""
         path = path_input(self, "path")
         return FollowPathGoal(
-            path if path is not None else empty_path(self.now()),
+            path if path is not None else empty_path(read_clock(self)),
             plugin_input(self, "controller_id"),
             plugin_input(self, "goal_checker_id"),
             plugin_input(self, "progress_checker_id"),
@@ -169,7 +170,7 @@ class _RecoveryAction(BtActionNode):
     def make_goal(self) -> object:
         """Count the recovery and return the subclass's goal."""
         if optional_input(self, "is_recovery") is not False:
-            count_recovery(self.blackboard)
+            count_recovery(self._blackboard)
         return self.behaviour()
 
     def behaviour(self) -> object:

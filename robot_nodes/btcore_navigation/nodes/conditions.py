@@ -5,6 +5,7 @@ from collections import deque
 from typing import Annotated, ClassVar
 
 from btcore import Condition, In, NodeError
+from btcore.engine.node import read_clock
 from btcore_navigation.controller import FollowPathFeedback
 from btcore_navigation.error_codes import (
     CONTROLLER_RECOVERY_HELPS,
@@ -202,7 +203,7 @@ class TimeExpired(Condition):
         first = is_first_tick(self)
         if not (first or self.has_passed(self.due)):
             return False
-        self.due = self.now() + math.ceil(self.seconds * NS_PER_S)
+        self.due = read_clock(self) + math.ceil(self.seconds * NS_PER_S)
         return not first
 
 
@@ -227,7 +228,7 @@ class PathExpiringTimer(Condition):
         if not (is_new or self.has_passed(self.due)):
             return False
         self.known = path
-        self.due = self.now() + math.ceil(self.seconds * NS_PER_S)
+        self.due = read_clock(self) + math.ceil(self.seconds * NS_PER_S)
         return not is_new
 
 

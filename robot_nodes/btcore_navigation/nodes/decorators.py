@@ -5,7 +5,8 @@ from collections import deque
 from copy import copy
 from typing import Annotated
 
-from btcore import FAILURE, RUNNING, SKIPPED, SUCCESS, DecoratorNode, In, NodeError, Out, Status
+from btcore import (DecoratorNode, FAILURE, In, NodeError, Out, RUNNING, SKIPPED, SUCCESS, Status)
+from btcore.engine.node import read_clock
 from btcore_navigation.navigation_servers import NavigationServers
 from btcore_navigation.nodes.port_access import (
     OPTIONAL,
@@ -47,7 +48,7 @@ class RateController(DecoratorNode):
         if first:
             self.due = self.period_end()
         self.set_status(RUNNING)
-        if not (first or self.child.status is RUNNING or self.has_passed(self.due)):
+        if not (first or self.child._status is RUNNING or self.has_passed(self.due)):
             return RUNNING
         status = self.child.execute_tick()
         if status is SUCCESS:
@@ -56,7 +57,7 @@ class RateController(DecoratorNode):
 
     def period_end(self) -> int:
         """Return the end (ns) of a period that begins now."""
-        return self.now() + math.ceil(NS_PER_S / self.hz)
+        return read_clock(self) + math.ceil(NS_PER_S / self.hz)
 
 
 class DistanceController(DecoratorNode):
@@ -88,7 +89,7 @@ class DistanceController(DecoratorNode):
         first = self.start is None
         start = self.start = self.start or here
         far = math.hypot(here.x - start.x, here.y - start.y) >= self.distance
-        if not (first or far or self.child.status is RUNNING):
+        if not (first or far or self.child._status is RUNNING):
             return RUNNING
         status = self.child.execute_tick()
         if status is SUCCESS:
@@ -136,7 +137,7 @@ class SpeedController(DecoratorNode):
             self.due = self.period_end(self.max_rate)
         self.set_status(RUNNING)
         is_due = self.has_passed(self.due)
-        if not (self.goal_changed or is_due or self.child.status is RUNNING):
+        if not (self.goal_changed or is_due or self.child._status is RUNNING):
             return RUNNING
         self.goal_changed = False
         if is_due:
@@ -145,7 +146,7 @@ class SpeedController(DecoratorNode):
 
     def period_end(self, rate: float) -> int:
         """Return the end (ns) of a period that begins now, at *rate* (Hz)."""
-        return self.now() + math.ceil(NS_PER_S / rate)
+        return read_clock(self) + math.ceil(NS_PER_S / rate)
 
     def speed(self) -> float:
         """Return the mean speed (m/s) that odometry reported over the last *filter_duration*."""
@@ -184,7 +185,7 @@ class GoalUpdatedController(DecoratorNode):
         goals = goal_inputs(self)
         changed = goals != self.previous_goals
         self.previous_goals = goals
-        if first or changed or self.child.status is RUNNING:
+        if first or changed or self.child._status is RUNNING:
             return self.child.execute_tick()
         return RUNNING
 

@@ -5,7 +5,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from btcore import FAILURE, RUNNING, SUCCESS, In, NodeType, Out, Status, SyncAction
+from btcore import (FAILURE, In, NodeType, Out, RUNNING, SUCCESS, Status, SyncAction)
+from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigation_servers import (
@@ -58,7 +59,7 @@ class TruncatePath(SyncAction):
         """Write the truncated path."""
         path = path_input(self, "input_path")
         if path is None:
-            write_outputs(self, output_path=empty_path(self.now()))
+            write_outputs(self, output_path=empty_path(read_clock(self)))
             return True
         goal = path.points[-1]
         far = np.hypot(*(path.points - goal).T) >= self.distance
@@ -103,7 +104,7 @@ class TruncatePathLocal(SyncAction):
         if here is None:
             return False
         if path is None:
-            write_outputs(self, output_path=empty_path(self.now()))
+            write_outputs(self, output_path=empty_path(read_clock(self)))
             return True
         along = path.distances()
         reach, turn = self.max_robot_pose_search_dist, self.angular_distance_weight
@@ -155,7 +156,7 @@ class ValidatePath(_PathValidation):
     def send(self) -> AnyGoalHandle:
         """Request a check of the path from the robot's pose on."""
         request = CheckPath(
-            path_input(self, "path") or empty_path(self.now()),
+            path_input(self, "path") or empty_path(read_clock(self)),
             self.max_cost,
             self.consider_unknown_as_obstacle,
             self.layer_name,
@@ -185,7 +186,7 @@ class IsPathValid(_PathValidation):
 
     def send(self) -> AnyGoalHandle:
         """Request a check of the path from the robot's pose on."""
-        path = path_input(self, "path") or empty_path(self.now())
+        path = path_input(self, "path") or empty_path(read_clock(self))
         return self.servers.request(CheckPath(path, self.max_cost, self.consider_unknown_as_obstacle))
 
 
@@ -213,7 +214,7 @@ class SmoothPath(BtActionNode):
 
     def tick(self) -> Status:
         """Start or continue to smooth the path. A completed node starts again."""
-        return self.on_running() if self.status is RUNNING else self.on_start()
+        return self.on_running() if self._status is RUNNING else self.on_start()
 
     def on_start(self) -> Status:
         """Send the goal; return FAILURE without a path."""

@@ -2,7 +2,8 @@
 
 from typing import Annotated, ClassVar
 
-from btcore import FAILURE, RUNNING, SUCCESS, Direction, In, Port, StatefulAction, Status, SyncAction
+from btcore import (Direction, FAILURE, In, Port, RUNNING, SUCCESS, StatefulAction, Status, SyncAction)
+from btcore.engine.node import read_clock
 from btcore.values import STRING
 from btcore_navigation.navigation_servers import (
     AnyGoalHandle,
@@ -40,7 +41,7 @@ class _Clear(BtServiceNode):
 
     def send(self) -> AnyGoalHandle:
         """Count the recovery and send the request."""
-        count_recovery(self.blackboard)
+        count_recovery(self._blackboard)
         plugins = optional_input(self, "plugins")
         request = self.request(tuple(plugins) if isinstance(plugins, list) else ())
         return self.servers.request(request, self.service_name)
@@ -157,14 +158,14 @@ class CheckStopStatus(StatefulAction):
 
     def on_start(self) -> Status:
         """Start the time and check the velocity."""
-        self.since = self.now()
+        self.since = read_clock(self)
         return self.on_running()
 
     def on_running(self) -> Status:
         """Check the velocity and the time."""
         odometry = self.servers.odometry()
         if odometry is None:
-            self.since = self.now()
+            self.since = read_clock(self)
             return RUNNING
         twist = odometry.twist
         if max(abs(twist.v), abs(twist.w)) > self.velocity_threshold:

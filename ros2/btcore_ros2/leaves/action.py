@@ -208,7 +208,7 @@ class RosAction(ServerLeaf):
 
     def _transmit(self, client: Any, message: Any) -> None:
         name = self._endpoint.name
-        self._goal = ClientGoal(self.session, client, name, message, self.path, self.wake_up)
+        self._goal = ClientGoal(self.session, client, name, message, self.config.path, self.wake_up)
 
     def _end(self) -> None:
         super()._end()

@@ -17,6 +17,7 @@ from btcore import (
     Status,
 )
 from btcore.clock import NS_PER_MS, NS_PER_S
+from btcore.engine.node import read_clock
 from btcore.values import STRING
 from btcore_ros2.interfaces import interface_name
 from btcore_ros2.leaves.action import ActionErrorCode, RosAction
@@ -344,7 +345,7 @@ class RosTopicPublish(_TopicLeaf):
         limit = self._endpoint.created + self.wait_for_subscriber_timeout * NS_PER_MS
         must_wait = settling > 0 if is_heard else not self.has_passed(limit)
         if must_wait and self.wait_for_subscriber_timeout > 0:
-            self.wake_at(self.now() + settling if is_heard else limit)
+            self.wake_at(read_clock(self) + settling if is_heard else limit)
             return RUNNING
         self.on_halted()
         publisher.publish(self._message)
@@ -363,7 +364,7 @@ class RosTopicPublish(_TopicLeaf):
         if name != self._unheard[0]:
             reason = why_unheard(self.session.node, name, interface_name(self._message_type))
             self._unheard = (name, f"no subscriber of the topic '{name}' gets the message: {reason}")
-            log.warning("%s: %s", self.path, self._unheard[1])
+            log.warning("%s: %s", self.config.path, self._unheard[1])
         return self._unheard[1]
 
 
@@ -452,7 +453,7 @@ class RosTopicRead(_TopicLeaf):
 
     def on_start(self) -> Status:
         """Read the message, or begin to wait."""
-        self._deadline = self.now() + self.timeout * NS_PER_MS
+        self._deadline = read_clock(self) + self.timeout * NS_PER_MS
         return self.on_running()
 
     def on_running(self) -> Status:
@@ -465,7 +466,7 @@ class RosTopicRead(_TopicLeaf):
                 self.on_halted()
                 return self.complete(self.write("message", newest.message, "field"))
         elif self._is_undiscovered():
-            self._deadline = self.now() + self.timeout * NS_PER_MS
+            self._deadline = read_clock(self) + self.timeout * NS_PER_MS
         if self.timeout > 0 and not self.has_passed(self._deadline):
             newest.waiting.add(self)
             self.wake_at(self._deadline)
@@ -476,7 +477,7 @@ class RosTopicRead(_TopicLeaf):
         error = f"no message on the topic '{name}' within {self.timeout} ms: {reason}"
         if newest.message is None and error != self._logged:
             self._logged = error
-            log.warning("%s: %s", self.path, error)
+            log.warning("%s: %s", self.config.path, error)
         return self.complete(error)
 
     def _is_undiscovered(self) -> bool:

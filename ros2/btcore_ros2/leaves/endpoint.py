@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, Final, Generic, TypeVar
 
 from btcore import NodeError, TreeNode
+from btcore.engine.node import read_clock
 from btcore_robot.robot import NS_PER_S
 from btcore_robot.schedule import SimulatedTime
 from btcore_ros2.interfaces import InterfaceError, InterfaceKind, load_interface
@@ -124,7 +125,7 @@ class Endpoint(Generic[Entity]):
         self._shared = shared = self._session.entities.use(self._node, (*self._key, name), create)
         self._value = value
         self.name = name
-        self.created = self._node.now()
+        self.created = read_clock(self._node)
         return shared
 
 

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from btcore import FAILURE, RUNNING, NodeError, StatefulAction, Status
 from btcore.clock import NS_PER_MS
+from btcore.engine.node import read_clock
 from btcore.status import PossibleResults
 from btcore_ros2.leaves.endpoint import Endpoint
 from btcore_ros2.leaves.results import completed
@@ -87,7 +88,7 @@ class ServerLeaf(StatefulAction):
     def _send(self) -> Any:
         """Send the message if the server is ready, or wait for the server."""
         client = self._endpoint.get()
-        now = self.now()
+        now = read_clock(self)
         is_ready = self._is_ready(client)
         settling = self._endpoint.settling_time(is_visible=is_ready)
         if not is_ready:
@@ -114,7 +115,7 @@ class ServerLeaf(StatefulAction):
         self.error_message = message
         if message != self._logged:
             self._logged = message
-            log.warning("%s: %s: %s", self.path, code.name, message)
+            log.warning("%s: %s: %s", self.config.path, code.name, message)
         self._end()
         return completed(self.on_failure(code), "on_failure()")
 

@@ -16,6 +16,7 @@ from btcore import (
     SyncAction,
 )
 from btcore.clock import NS_PER_MS
+from btcore.engine.node import read_clock
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import NS_PER_S, Pose2D
 from btcore_robot.transforms import TransformError
@@ -122,7 +123,7 @@ class _LookUp(_TransformLeaf, StatefulAction):
 
     def on_start(self) -> Status:
         """Look up the transform, or begin to wait."""
-        self._deadline = self.now() + self.timeout * NS_PER_MS
+        self._deadline = read_clock(self) + self.timeout * NS_PER_MS
         return self.on_running()
 
     def on_running(self) -> Status:

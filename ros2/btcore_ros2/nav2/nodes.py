@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from btcore import FAILURE, SUCCESS, Direction, In, Out, Registry, Status, SyncAction
+from btcore import (Direction, FAILURE, In, Out, Registry, SUCCESS, Status, SyncAction)
+from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.behaviours import AssistedTeleopGoal
 from btcore_navigation.navigation_servers import AnyGoalHandle
@@ -87,12 +88,12 @@ class ComputeRoute(BtActionNode):
         if handle.status is GoalStatus.SUCCEEDED and isinstance(value, ComputedRoute):
             self.write(value)
         else:
-            self.write(ComputedRoute(Route(), empty_path(self.now()), 0.0))
+            self.write(ComputedRoute(Route(), empty_path(read_clock(self)), 0.0))
 
     def on_halted(self) -> None:
         """Cancel the goal, and write an empty route."""
         super().on_halted()
-        self.write(ComputedRoute(Route(), empty_path(self.now()), 0.0))
+        self.write(ComputedRoute(Route(), empty_path(read_clock(self)), 0.0))
 
     def write(self, computed: ComputedRoute) -> None:
         """Write the output ports."""
@@ -135,7 +136,7 @@ class AssistedTeleop(BtActionNode):
     def make_goal(self) -> AssistedTeleopGoal:
         """Count the recovery, and return the goal."""
         if self.is_recovery:
-            count_recovery(self.blackboard)
+            count_recovery(self._blackboard)
         return AssistedTeleopGoal(self.time_allowance)
 
     def on_running(self) -> Status:

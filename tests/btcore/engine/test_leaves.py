@@ -717,8 +717,8 @@ def test_variadic_parameters_are_refused() -> None:
     assert "angles, for which a tree has no arguments" in registration_error(turn)
 
 
-@pytest.mark.parametrize("name", ["path", "status", "type", "config", "tick"])
-def test_port_that_would_hide_a_node_attribute_is_refused(name: str) -> None:
+@pytest.mark.parametrize("name", ["config", "halt", "tick"])
+def test_port_that_would_hide_an_attribute_of_the_engine_is_refused(name: str) -> None:
     follow = type("Follow", (SyncAction,), {"__annotations__": {name: In[str]}, "__module__": __name__})
     assert f"port '{name}' of Follow would hide the attribute" in registration_error(follow)
 
