@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from btcore.engine.leaf import StatefulAction as StatefulAction
     from btcore.engine.leaf import SyncAction as SyncAction
     from btcore.engine.node import TreeNode as TreeNode
+    from btcore.engine.node_spec import NodeSpec as NodeSpec
     from btcore.engine.observers import Observer as Observer
     from btcore.engine.signature import In as In
     from btcore.engine.signature import InOut as InOut
@@ -83,6 +84,7 @@ _HOMES = {
     "btcore.engine.functions": ("action", "condition"),
     "btcore.engine.leaf": ("Condition", "StatefulAction", "SyncAction"),
     "btcore.engine.node": ("TreeNode",),
+    "btcore.engine.node_spec": ("NodeSpec",),
     "btcore.engine.observers": ("Observer",),
     "btcore.engine.signature": ("In", "InOut", "Out", "Put"),
     "btcore.engine.threaded": ("ThreadedAction",),

@@ -77,7 +77,7 @@ class RunReport:
         room = max(console.width - sum(widths) - _GAP * len(widths) - _MARGINS, _MIN_NAME)
         for node, result in rows:
             never_ticked = not result["ticks"]
-            symbol = terminal.node_symbol(node.node_symbol, node.node_type)
+            symbol = terminal.node_symbol(node.spec.symbol, node.spec.node_type)
             name = Text.assemble("  " * depths[node.config.uid], symbol)
             name.append(node.name, style="dim" if never_ticked else "")
             if node.name != node.config.id:

@@ -132,7 +132,7 @@ def recorded_symbol(node_id: str, kind: NodeType) -> Text:
         node_id: The registration ID; the class is known if it is the ID of a built-in node.
     """
     cls = BUILTIN_NODES[4].get(node_id) or BUILTIN_NODES[3].get(node_id)
-    return node_symbol("" if cls is None else cls.node_symbol, kind)
+    return node_symbol("" if cls is None else cls.spec.symbol, kind)
 
 
 def counted(count: int, noun: str, zero: str = "0") -> str:

@@ -7,6 +7,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.engine.node import RESETS_CHILD, TreeNode, halt_node, reset_status
 from btcore.engine.node_config import NodeConfig
+from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observers
 from btcore.errors import NodeError, NodeExecutionError
 from btcore.status import (
@@ -73,8 +74,8 @@ def results_of_any(cls: type[TreeNode], children: list[PossibleResults]) -> Poss
         children: The possible results of the children.
     """
     may_run = any(child.may_run for child in children)
-    ends = cls.may_return
-    if not cls.skips_alone and not any(SKIPPED in child.results for child in children):
+    ends = cls.spec.may_return
+    if not cls.spec.skips_alone and not any(SKIPPED in child.results for child in children):
         ends -= {SKIPPED}
     return PossibleResults(ends, ends if may_run else NO_RESULT, may_run)
 
@@ -97,23 +98,9 @@ class ControlNode(TreeNode):
         <Status.SUCCESS: 2>
     """
 
-    node_type: ClassVar[NodeType] = NodeType.CONTROL
-    child_count: ClassVar[tuple[int, int | None]] = (1, None)
-    child_count_at_load: ClassVar[tuple[int, int | None]] = (1, None)
-    continue_on: ClassVar[Status | None] = None
-    """The result of a child after which the next child is ticked; SKIPPED has the same effect.
-
-    None = the children are not ticked in order.
-    """
-    runs_one_child: ClassVar[bool] = False
-    """Whether a RUNNING child halts all other children, and the next tick starts again at the first child."""
-    branch_results: ClassVar[tuple[Status, ...]] = ()
-    """The results of the first child that select the second child, the third child, and so on."""
-    handler_port: ClassVar[str | None] = None
-    """If not None, the last child is a handler, ticked after another child failed.
-
-    The port of this name can enable further ticks of the handler.
-    """
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        node_type=NodeType.CONTROL, child_count=(1, None), child_count_at_load=(1, None)
+    )
 
     _children: list[TreeNode]
 
@@ -135,9 +122,10 @@ class ControlNode(TreeNode):
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the results that follow from the order of the children, if they are ticked in order."""
-        if cls.continue_on is None or cls.handler_port is not None:
+        spec = cls.spec
+        if spec.continue_on is None or spec.handler_port is not None:
             return results_of_any(cls, children)
-        return results_in_order(children, cls.continue_on)
+        return results_in_order(children, spec.continue_on)
 
     def halt_child(self, index: int) -> None:
         """Halt the child at *index* if it is RUNNING, and reset it."""
@@ -263,10 +251,10 @@ class DecoratorNode(TreeNode):
         <Status.FAILURE: 3>
     """
 
-    node_type: ClassVar[NodeType] = NodeType.DECORATOR
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        node_type=NodeType.DECORATOR, child_count=(1, 1), child_count_at_load=(1, 1)
+    )
     _class_tick_flags: ClassVar[int] = RESETS_CHILD
-    child_count: ClassVar[tuple[int, int | None]] = (1, 1)
-    child_count_at_load: ClassVar[tuple[int, int | None]] = (1, 1)
     child: TreeNode
 
     def set_children(self, children: list[TreeNode]) -> None:

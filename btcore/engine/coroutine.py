@@ -12,6 +12,7 @@ from mypy_extensions import mypyc_attr
 from btcore.clock import NS_PER_S
 from btcore.engine.leaf import StatefulAction
 from btcore.engine.node import read_clock
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import RUNNING
 
@@ -78,7 +79,7 @@ def sleep(seconds: float) -> Pause:
 class CoroutineAction(StatefulAction):
     """A leaf whose body is a generator or a coroutine, resumed once per tick."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = None
+    spec: ClassVar[NodeSpec] = NodeSpec(state_fields=None)
 
     _body: Any = None
     _until: int = 0

@@ -6,6 +6,7 @@ from typing import ClassVar
 from mypy_extensions import mypyc_attr
 
 from btcore.engine.node import MUST_COMPLETE, TreeNode
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import IDLE, NO_RESULT, RUNNING, NodeType, PossibleResults
 
@@ -14,19 +15,14 @@ from btcore.status import IDLE, NO_RESULT, RUNNING, NodeType, PossibleResults
 class LeafNode(TreeNode):
     """A node without children. A leaf may return True for SUCCESS and False for FAILURE."""
 
-    node_type: ClassVar[NodeType] = NodeType.ACTION
-    uses: ClassVar[frozenset[str] | None] = None
-    """The names of the things that only one action may use at a time, such as a robot's base, for proofs.
-
-    None = an action uses the resources that it gets as parameters; a condition uses nothing.
-    """
+    spec: ClassVar[NodeSpec] = NodeSpec(node_type=NodeType.ACTION)
 
     @classmethod
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the results that the class declares, all in the first tick."""
-        return PossibleResults(cls.may_return)
+        return PossibleResults(cls.spec.may_return)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -46,7 +42,7 @@ class Condition(LeafNode):
         <Status.SUCCESS: 2>
     """
 
-    node_type: ClassVar[NodeType] = NodeType.CONDITION
+    spec: ClassVar[NodeSpec] = NodeSpec(node_type=NodeType.CONDITION)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -98,19 +94,14 @@ class StatefulAction(LeafNode):
         ['RUNNING', 'RUNNING', 'SUCCESS']
     """
 
-    may_complete_on_start: ClassVar[bool] = False
-    """Whether `on_start` may complete the action at once.
-
-    If so, `btcore validate` does not treat the action as asynchronous.
-    """
-
     @classmethod
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the declared results, in the first tick only if the action may complete on start."""
-        at_once = cls.may_return if cls.may_complete_on_start else NO_RESULT
-        return PossibleResults(at_once, cls.may_return, True)
+        spec = cls.spec
+        at_once = spec.may_return if spec.may_complete_on_start else NO_RESULT
+        return PossibleResults(at_once, spec.may_return, True)
 
     def on_start(self) -> object:
         """Start the action. Called by a tick while the node is IDLE.

@@ -14,6 +14,7 @@ from btcore.engine.conditions import ConditionScripts
 from btcore.engine.context import TreeContext
 from btcore.engine.instrumentation import Instrumentation, TickCounts
 from btcore.engine.node_config import NodeConfig
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BlackboardError, ConversionError, LiteralProblem, NodeError, NodeExecutionError
 from btcore.status import (
     ANY_RESULT,
@@ -50,7 +51,7 @@ class TreeNode:
     The engine sets its attributes before `__init__` runs, so `__init__` need not call `super()`.
 
     Attributes:
-        node_type: The type of the class's nodes: action, condition, control or decorator.
+        spec: What the class declares about its nodes for tools and static checks, in addition to its ports.
         config: The place of the node in the tree, its ports and its scripts.
 
     Examples:
@@ -61,50 +62,28 @@ class TreeNode:
         [('round', 'round', 'CONTROL'), ('door', 'door', 'ACTION')]
     """
 
-    node_type: ClassVar[NodeType] = NodeType.UNDEFINED
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        node_type=NodeType.UNDEFINED,
+        symbol="",
+        may_return=ANY_RESULT,
+        state_fields=(),
+        time_fields=(),
+        uses=None,
+        may_complete_on_start=False,
+        never_pauses=False,
+        skips_alone=True,
+        child_count=(0, 0),
+        child_count_at_load=(0, 0),
+        child_roles="",
+        continue_on=None,
+        runs_one_child=False,
+        branch_results=(),
+        handler_port=None,
+        formats=(),
+        id="",
+    )
     _class_tick_flags: ClassVar[int] = 0
     """The flags that all nodes of the class have: MUST_COMPLETE or RESETS_CHILD."""
-
-    # --- declarations of a class about its nodes, in addition to its ports; not read while ticking
-
-    node_symbol: ClassVar[str] = ""
-    """The symbol of the node in listings and pictures; "" = the symbol of its node type.
-
-    Of a symbol of two characters, listings show the first, and pictures draw the second in a ring.
-    """
-    may_return: ClassVar[frozenset[Status]] = ANY_RESULT
-    """The results that a tick may return, apart from RUNNING. Static checks and tree coverage use it."""
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
-    """The attributes that the node remembers between ticks, in addition to those of its base classes.
-
-    To save and restore a tree, these attributes are sufficient together with the statuses, the blackboard and
-    the time. None = the node cannot be saved while it is RUNNING. A user's class with attributes must declare
-    this, if only as (), before a tree with it can be saved.
-    """
-    time_fields: ClassVar[tuple[str, ...]] = ()
-    """The state fields that hold the time (ns, tree's clock) until which the node waits; ≤ 0 = no time."""
-    never_pauses: ClassVar[bool] = False
-    """Whether a tick only ticks children and, while a child is RUNNING, only this child.
-
-    When such a node is RUNNING, a child is RUNNING or the node has requested the next tick at once.
-    """
-    skips_alone: ClassVar[bool] = True
-    """Whether a tick may return SKIPPED although no child was skipped."""
-    child_count: ClassVar[tuple[int, int | None]] = (0, 0)
-    """The minimum and maximum number of children with which the node can be ticked; None = no limit."""
-    child_count_at_load: ClassVar[tuple[int, int | None]] = (0, 0)
-    """The minimum and maximum number of children with which a tree is loaded; None = no limit.
-
-    It differs from `child_count` because BehaviorTree.CPP loads some trees whose first tick raises.
-    """
-    child_roles: ClassVar[str] = ""
-    """The purpose of the children, for error messages about their number."""
-    builtin_formats: ClassVar[tuple[int, ...]] = ()
-    """The XML formats in which the class is a built-in node; () = a base class. Not inherited."""
-    builtin_id: ClassVar[str] = ""
-    """The ID of the built-in node; "" = the class's name. Not inherited."""
-    batch_class: ClassVar[str] = ""
-    """`module:class` of the counterpart in the batch engine; "" = no counterpart. Not inherited."""
 
     config: NodeConfig = _UNPLACED
     _status: Status = IDLE
@@ -201,7 +180,7 @@ class TreeNode:
     @property
     def type(self) -> NodeType:
         """The node type: ACTION, CONDITION, CONTROL, DECORATOR or SUBTREE."""
-        return self.node_type
+        return self.spec.node_type
 
     @property
     def children(self) -> list["TreeNode"]:

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 from mypy_extensions import mypyc_attr
 
 from btcore.engine.leaf import StatefulAction
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import RUNNING
 
@@ -45,7 +46,7 @@ class ThreadedAction(StatefulAction):
         (<Status.SUCCESS: 2>, 499500)
     """
 
-    state_fields: ClassVar[tuple[str, ...] | None] = None
+    spec: ClassVar[NodeSpec] = NodeSpec(state_fields=None)
 
     _worker: Any = None
     _halt_event: Any = None

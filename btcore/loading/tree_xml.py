@@ -54,7 +54,7 @@ def _write(
     node: TreeNode, depth: int, instances: dict[str, Subtree], metadata: bool, lines: list[str]
 ) -> None:
     indent = _STEP * depth
-    if node.node_type is NodeType.SUBTREE:
+    if node.spec.node_type is NodeType.SUBTREE:
         words = _call(node, instances[node.config.path], metadata)
         lines.append(f"{indent}<SubTree {' '.join(words)}/>")
         return

@@ -50,7 +50,7 @@ class TraceLog(Log):
         self.path = Path(path)
         self._labels = {
             node.config.uid: (
-                _CATEGORIES[node.node_type],
+                _CATEGORIES[node.spec.node_type],
                 json.dumps(node.name),
                 f'"uid":{node.config.uid},"path":{json.dumps(node.config.path)}',
             )

@@ -7,6 +7,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import Direction, Port, PortRole, braced_key
 from btcore.engine.leaf import SyncAction
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BlackboardError
 from btcore.status import FAILURE, SUCCESS, Status
 from btcore.values import ANY_VALUE, STRING, ValueType, number_of
@@ -30,9 +31,7 @@ class SetBlackboard(SyncAction):
     that a script wrote first has 64 bits, which is another type than `int`.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    node_symbol: ClassVar[str] = "↓"
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS, FAILURE})
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↓", may_return=frozenset({SUCCESS, FAILURE}), formats=(4,))
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -129,8 +128,7 @@ class UnsetBlackboard(SyncAction):
     It succeeds also if there is no such entry. An entry of an outer scope is not removed.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
+    spec: ClassVar[NodeSpec] = NodeSpec(may_return=frozenset({SUCCESS}), formats=(4,))
 
     @staticmethod
     def provided_ports() -> list[Port]:

@@ -7,6 +7,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.engine.control import ControlNode, results_of_any
 from btcore.engine.node import execute_tick
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, PossibleResults, Status
 
@@ -15,10 +16,12 @@ from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, PossibleResults, Stat
 class BranchNode(ControlNode):
     """The base class of nodes with a condition, a branch for SUCCESS, and an optional branch for FAILURE."""
 
-    node_symbol: ClassVar[str] = "⎇"
-    child_count: ClassVar[tuple[int, int | None]] = (2, 3)
-    child_roles: ClassVar[str] = "a condition, and one or two branches"
-    branch_results: ClassVar[tuple[Status, ...]] = (SUCCESS, FAILURE)
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        symbol="⎇",
+        child_count=(2, 3),
+        child_roles="a condition, and one or two branches",
+        branch_results=(SUCCESS, FAILURE),
+    )
 
     @classmethod
     def possible_results(
@@ -32,7 +35,7 @@ class BranchNode(ControlNode):
         first: set[Status] = set()
         late: set[Status] = set()
         may_run = condition.may_run
-        for index, chosen in enumerate(cls.branch_results):
+        for index, chosen in enumerate(cls.spec.branch_results):
             if chosen not in condition.results:
                 continue
             branch = children[index + 1] if index + 1 < len(children) else missing
@@ -66,9 +69,7 @@ class IfThenElse(BranchNode):
     condition stays FAILURE. A skipped condition is an error.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    never_pauses: ClassVar[bool] = True
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_branch",)
+    spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_branch",), never_pauses=True, formats=(3, 4))
 
     _branch: int = 0
 
@@ -112,7 +113,7 @@ class WhileDoElse(BranchNode):
     error.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
 
     def tick(self) -> Status:
         """Tick the condition and the branch that it selects."""

@@ -22,10 +22,8 @@ def node_classes() -> Iterator[type[TreeNode]]:
 def _by_id() -> dict[int, dict[str, type[TreeNode]]]:
     classes: dict[int, dict[str, type[TreeNode]]] = {3: {}, 4: {}}
     for cls in node_classes():
-        # vars(), because these declarations are not inherited.
-        own = vars(cls)
-        for format in own.get("builtin_formats", ()):
-            classes[format][own.get("builtin_id") or cls.__name__] = cls
+        for format in cls.spec.formats:
+            classes[format][cls.spec.id or cls.__name__] = cls
     return classes
 
 

@@ -5,6 +5,7 @@ from typing import ClassVar
 from mypy_extensions import mypyc_attr
 
 from btcore.engine.leaf import SyncAction
+from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, SUCCESS, Status
 
 
@@ -12,9 +13,7 @@ from btcore.status import FAILURE, SUCCESS, Status
 class AlwaysSuccess(SyncAction):
     """Returns SUCCESS in every tick."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "⊤"
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊤", may_return=frozenset({SUCCESS}), formats=(3, 4))
 
     def tick(self) -> Status:
         """Return SUCCESS."""
@@ -25,9 +24,7 @@ class AlwaysSuccess(SyncAction):
 class AlwaysFailure(SyncAction):
     """Returns FAILURE in every tick."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "⊥"
-    may_return: ClassVar[frozenset[Status]] = frozenset({FAILURE})
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊥", may_return=frozenset({FAILURE}), formats=(3, 4))
 
     def tick(self) -> Status:
         """Return FAILURE."""

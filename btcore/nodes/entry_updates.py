@@ -9,6 +9,7 @@ from btcore.blackboard.ports import Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import SyncAction
 from btcore.engine.node import TreeNode, execute_tick
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults, Status
 from btcore.values import ANY_VALUE
@@ -37,7 +38,7 @@ def write_count(node: TreeNode, key: str, seen: int) -> int:
 class EntryUpdatedDecorator(DecoratorNode):
     """Ticks its child if the entry was written since the last check, else returns *status_if_unchanged*."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_seen", "_child_running")
+    spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_seen", "_child_running"))
     status_if_unchanged: ClassVar[Status] = SKIPPED
     _key: str = ""
     _seen: int = 0
@@ -78,7 +79,7 @@ class SkipUnlessUpdated(EntryUpdatedDecorator):
     ticked without a check. The node returns the child's result.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     status_if_unchanged: ClassVar[Status] = SKIPPED
 
 
@@ -90,7 +91,7 @@ class WaitValueUpdate(EntryUpdatedDecorator):
     ticked without a check. The node returns the child's result.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     status_if_unchanged: ClassVar[Status] = RUNNING
 
     @classmethod
@@ -108,9 +109,9 @@ class WasEntryUpdated(SyncAction):
     In the first check, an entry that has ever been written counts as updated.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS, FAILURE})
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_seen",)
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        may_return=frozenset({SUCCESS, FAILURE}), state_fields=("_seen",), formats=(4,)
+    )
 
     _key: str = ""
     _seen: int = 0

@@ -8,6 +8,7 @@ from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick, input_or
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.nodes.blackboard_actions import SetBlackboard
 from btcore.nodes.branch import BranchNode
@@ -28,10 +29,8 @@ class SequenceStar(OrderedNode):
     with this child. After a halt it begins with the first child.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    node_symbol: ClassVar[str] = "→"
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="→", continue_on=SUCCESS, formats=(3,))
     remembers: ClassVar[bool] = True
-    continue_on: ClassVar[Status] = SUCCESS
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -45,8 +44,7 @@ class Parallel3(ParallelNode):
     children is an error.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "Parallel"
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="Parallel")
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -90,10 +88,9 @@ class WhileDoElse3(BranchNode):
     is halted. The node has exactly three children.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "WhileDoElse"
-    child_count: ClassVar[tuple[int, int | None]] = (3, 3)
-    child_roles: ClassVar[str] = "a condition, and two branches"
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        child_count=(3, 3), child_roles="a condition, and two branches", formats=(3,), id="WhileDoElse"
+    )
 
     def tick(self) -> Status:
         """Tick the condition and the branch that it selects."""
@@ -122,8 +119,7 @@ class Repeat3(Repeat):
     With 0 cycles it succeeds without ticking the child.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "Repeat"
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="Repeat")
     yields: ClassVar[bool] = False
 
 
@@ -135,8 +131,7 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
     tick. With 0 attempts it fails without ticking the child.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "RetryUntilSuccessful"
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="RetryUntilSuccessful")
     yields: ClassVar[bool] = False
 
 
@@ -144,7 +139,7 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
 class RetryUntilSuccesful(RetryUntilSuccessful3):
     """Is `RetryUntilSuccessful` with the spelling of early releases of BehaviorTree.CPP 3."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -154,9 +149,7 @@ class SetBlackboard3(SetBlackboard):
     `value="{key}"` copies the entry `key` with its type, even if it was never written.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "SetBlackboard"
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
+    spec: ClassVar[NodeSpec] = NodeSpec(may_return=frozenset({SUCCESS}), formats=(3,), id="SetBlackboard")
 
     def nothing_to_copy(self, key: str) -> Status:
         """Remove the value of the destination, as the entry to copy has no value. Return SUCCESS."""
@@ -233,7 +226,7 @@ class BlackboardCheck(DecoratorNode):
 class BlackboardCheckInt(BlackboardCheck):
     """Ticks its child while `value_A` equals `value_B` as integers, else returns `return_on_mismatch`."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
     element: ClassVar[ValueType] = INT
 
 
@@ -241,7 +234,7 @@ class BlackboardCheckInt(BlackboardCheck):
 class BlackboardCheckDouble(BlackboardCheck):
     """Ticks its child while `value_A` equals `value_B` as real numbers, else returns `return_on_mismatch`."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
     element: ClassVar[ValueType] = DOUBLE
 
 
@@ -249,7 +242,7 @@ class BlackboardCheckDouble(BlackboardCheck):
 class BlackboardCheckString(BlackboardCheck):
     """Ticks its child while `value_A` equals `value_B` as texts, else returns `return_on_mismatch`."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
     element: ClassVar[ValueType] = STRING
 
 
@@ -260,7 +253,7 @@ class BlackboardCheckBool(BlackboardCheck):
     Every integer in an entry except 0 is true.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
     element: ClassVar[ValueType] = BOOL
 
     def _read(self, name: str) -> object:
@@ -277,8 +270,7 @@ class SubTree3(SubTree):
     blackboard.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    builtin_id: ClassVar[str] = "SubTree"
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="SubTree")
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -295,4 +287,4 @@ class SubTreePlus(SubTree3):
     in the outer tree.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))

@@ -8,6 +8,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Direction, Input, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BlackboardError, NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.values import ANY, BOOL, DOUBLE, INT, NODE_STATUS, STRING, ValueType
@@ -46,8 +47,7 @@ class LoopNode(DecoratorNode):
         (<Status.SUCCESS: 2>, Pose(x=2.0))
     """
 
-    node_symbol: ClassVar[str] = "↺"
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_current", "_child_running")
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↺", state_fields=("_current", "_child_running"))
     element: ClassVar[ValueType] = ANY
     _element: ValueType = ANY
     _queue: Input | None = None
@@ -144,7 +144,7 @@ class LoopInt(LoopNode):
     soon as the child fails.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     element: ClassVar[ValueType] = INT
 
 
@@ -156,7 +156,7 @@ class LoopBool(LoopNode):
     soon as the child fails.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     element: ClassVar[ValueType] = BOOL
 
 
@@ -168,7 +168,7 @@ class LoopDouble(LoopNode):
     soon as the child fails.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     element: ClassVar[ValueType] = DOUBLE
 
 
@@ -180,5 +180,5 @@ class LoopString(LoopNode):
     soon as the child fails.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     element: ClassVar[ValueType] = STRING

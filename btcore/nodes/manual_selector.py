@@ -7,6 +7,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Port
 from btcore.engine.control import ControlNode
 from btcore.engine.node import execute_tick, input_or
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.escaping import escape_controls
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
@@ -51,8 +52,7 @@ class ManualSelector(ControlNode):
     later ticks. The node returns the result of the selected child, or the selected result.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3,)
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_last",)
+    spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_last",), formats=(3,))
 
     _last: int = -1
     _prompt: Prompt

@@ -7,6 +7,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import ControlNode
 from btcore.engine.node import execute_tick
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.values import INT
@@ -55,9 +56,9 @@ def failure_port(name: str) -> Port:
 class ParallelNode(ControlNode):
     """The base class of parallels, which remember the children that have completed."""
 
-    node_symbol: ClassVar[str] = "⇉"
-    skips_alone: ClassVar[bool] = False
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_completed", "_successes", "_failures")
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        symbol="⇉", state_fields=("_completed", "_successes", "_failures"), skips_alone=False
+    )
 
     _completed: set[int]
     _successes: int = 0
@@ -99,7 +100,7 @@ class Parallel(ParallelNode):
     children is an error.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -147,7 +148,7 @@ class ParallelAll(ParallelNode):
     above the number of children is an error.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
 
     @staticmethod
     def provided_ports() -> list[Port]:

@@ -8,6 +8,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick, input_or
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import INT
@@ -24,9 +25,7 @@ class RepeatedNode(DecoratorNode):
     the count.
     """
 
-    node_symbol: ClassVar[str] = "↺"
-    never_pauses: ClassVar[bool] = True
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_count",)
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↺", state_fields=("_count",), never_pauses=True)
     repeat_on: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
     yields: ClassVar[bool] = True
@@ -114,7 +113,7 @@ class Repeat(RepeatedNode):
     without ticking the child. A skipped child makes the node SKIPPED and does not change the count.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     repeat_on: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
 
@@ -135,7 +134,7 @@ class RetryUntilSuccessful(RepeatedNode):
     node SKIPPED and does not change the count.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     repeat_on: ClassVar[Status] = FAILURE
     limit: ClassVar[str] = "num_attempts"
 

@@ -8,6 +8,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick, input_or, reset_status
+from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import BOOL
 
@@ -19,9 +20,7 @@ class Inverter(DecoratorNode):
     RUNNING and SKIPPED are returned unchanged.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "¬"
-    never_pauses: ClassVar[bool] = True
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="¬", never_pauses=True, formats=(3, 4))
 
     @classmethod
     def possible_results(
@@ -44,7 +43,7 @@ class Inverter(DecoratorNode):
 class ForcedNode(DecoratorNode):
     """Ticks its child, and returns *forced* when the child completes."""
 
-    never_pauses: ClassVar[bool] = True
+    spec: ClassVar[NodeSpec] = NodeSpec(never_pauses=True)
     forced: ClassVar[Status] = SUCCESS
 
     @classmethod
@@ -71,9 +70,7 @@ class ForceSuccess(ForcedNode):
     RUNNING and SKIPPED are returned unchanged.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "⊤"
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS, SKIPPED})
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊤", may_return=frozenset({SUCCESS, SKIPPED}), formats=(3, 4))
     forced: ClassVar[Status] = SUCCESS
 
 
@@ -84,9 +81,7 @@ class ForceFailure(ForcedNode):
     RUNNING and SKIPPED are returned unchanged.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "⊥"
-    may_return: ClassVar[frozenset[Status]] = frozenset({FAILURE, SKIPPED})
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊥", may_return=frozenset({FAILURE, SKIPPED}), formats=(3, 4))
     forced: ClassVar[Status] = FAILURE
 
 
@@ -97,9 +92,7 @@ class KeepRunningUntilFailure(DecoratorNode):
     A child that succeeds is started again by the next tick.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "↺"
-    may_return: ClassVar[frozenset[Status]] = frozenset({FAILURE})
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↺", may_return=frozenset({FAILURE}), formats=(3, 4))
 
     @classmethod
     def possible_results(
@@ -107,7 +100,9 @@ class KeepRunningUntilFailure(DecoratorNode):
     ) -> PossibleResults:
         """Return FAILURE if the child can fail, else no result; RUNNING is always possible."""
         child = children[0]
-        return PossibleResults(child.in_first_tick & cls.may_return, child.results & cls.may_return, True)
+        return PossibleResults(
+            child.in_first_tick & cls.spec.may_return, child.results & cls.spec.may_return, True
+        )
 
     def tick(self) -> Status:
         """Tick the child."""
@@ -127,9 +122,7 @@ class RunOnce(DecoratorNode):
     false. A halt does not reset this: the child completes at most once in the life of the tree.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    never_pauses: ClassVar[bool] = True
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_result",)
+    spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_result",), never_pauses=True, formats=(4,))
 
     _result: Status = IDLE
 

@@ -9,6 +9,7 @@ from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, SyncAction
 from btcore.engine.node import TreeNode, execute_tick
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.script.program import Program, compile_script, condition_result
 from btcore.status import ANY_RESULT, FAILURE, RUNNING, SUCCESS, PossibleResults, Status
@@ -55,9 +56,7 @@ class PortScript:
 class Script(SyncAction):
     """Runs the script `code` on the node's blackboard, and succeeds. An empty script has no effect."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    node_symbol: ClassVar[str] = "§"
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="§", may_return=frozenset({SUCCESS}), formats=(4,))
 
     _script: PortScript
 
@@ -82,9 +81,7 @@ class Script(SyncAction):
 class ScriptCondition(Condition):
     """Runs the script `code` on the node's blackboard; succeeds if its value is true, else fails."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    node_symbol: ClassVar[str] = "§"
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS, FAILURE})
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="§", may_return=frozenset({SUCCESS, FAILURE}), formats=(4,))
 
     _script: PortScript
 
@@ -112,8 +109,7 @@ class Precondition(DecoratorNode):
     child, as in BehaviorTree.CPP 4.10. Both ports are read in every tick.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_child_started",)
+    spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_child_started",), formats=(4,))
 
     _script: PortScript
     _child_started: bool = False  # whether the script was true, and the child has not completed since

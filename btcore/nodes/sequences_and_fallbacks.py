@@ -1,12 +1,13 @@
 """Sequences and fallbacks: control nodes that tick their children in order."""
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
 from btcore.engine.control import ControlNode, results_in_order
 from btcore.engine.node import execute_tick, halt_node, reset_status
+from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 
 
@@ -18,9 +19,9 @@ class OrderedNode(ControlNode):
     opposite result ends the node with this result. If all children were skipped, the node is SKIPPED.
     """
 
-    never_pauses: ClassVar[bool] = True
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_current_child", "_skipped")
-    continue_on: ClassVar[Status] = SUCCESS
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        state_fields=("_current_child", "_skipped"), never_pauses=True, continue_on=SUCCESS
+    )
     yields: ClassVar[bool] = False
     """Whether the node returns RUNNING after a child that completed in its first tick."""
     remembers: ClassVar[bool] = False
@@ -28,7 +29,7 @@ class OrderedNode(ControlNode):
 
     _current_child: int = 0  # the index of the child with which the next tick continues
     _skipped: int = 0  # the number of children that were skipped since the start
-    # Copies of the class variables, set by prepare(): a tick reads an attribute of the node faster.
+    # Copies of fields of the class, set by prepare(): a tick reads an attribute of the node faster.
     _continue_on: Status = SUCCESS
     _yields: bool = False
     _remembers: bool = False
@@ -38,19 +39,20 @@ class OrderedNode(ControlNode):
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the results that follow from the order of the children, for each possible first child."""
-        whole = results_in_order(children, cls.continue_on, cls.yields)
+        continue_on = cast(Status, cls.spec.continue_on)
+        whole = results_in_order(children, continue_on, cls.yields)
         first = whole.in_first_tick
         if cls.remembers:
             # The node may start at any child. A start at the last child needs the fewest results to pass.
-            stop = FAILURE if cls.continue_on is SUCCESS else SUCCESS
+            stop = FAILURE if continue_on is SUCCESS else SUCCESS
             if any(stop in child.in_first_tick for child in children):
                 first |= {stop}
-            first |= results_in_order(children[-1:], cls.continue_on, cls.yields).in_first_tick
+            first |= results_in_order(children[-1:], continue_on, cls.yields).in_first_tick
         return PossibleResults(first, whole.after_running, whole.may_run)
 
     def prepare(self) -> None:
-        """Copy the class variables."""
-        self._continue_on = self.continue_on
+        """Copy the fields of the class."""
+        self._continue_on = cast(Status, self.spec.continue_on)
         self._yields = self.yields
         self._remembers = self.remembers
 
@@ -110,13 +112,12 @@ class OrderedNode(ControlNode):
 class ReactiveNode(ControlNode):
     """Ticks its children in order, starting with the first in every tick; at most one child is RUNNING."""
 
-    runs_one_child: ClassVar[bool] = True
-    continue_on: ClassVar[Status] = SUCCESS
-    _continue_on: Status = SUCCESS  # a copy of the class variable, as in OrderedNode
+    spec: ClassVar[NodeSpec] = NodeSpec(continue_on=SUCCESS, runs_one_child=True)
+    _continue_on: Status = SUCCESS  # a copy of the field of the spec, as in OrderedNode
 
     def prepare(self) -> None:
-        """Copy the class variable."""
-        self._continue_on = self.continue_on
+        """Copy the field of the spec."""
+        self._continue_on = cast(Status, self.spec.continue_on)
 
     def tick(self) -> Status:
         """Tick the children, starting with the first child."""
@@ -158,9 +159,7 @@ class Sequence(OrderedNode):
     child is ticked. After the last child the node succeeds, or is SKIPPED if all children were skipped.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "→"
-    continue_on: ClassVar[Status] = SUCCESS
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="→", continue_on=SUCCESS, formats=(3, 4))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -171,7 +170,7 @@ class AsyncSequence(Sequence):
     the tree; the next tick continues with the next child. Everything else is as in Sequence.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     yields: ClassVar[bool] = True
 
 
@@ -184,7 +183,7 @@ class SequenceWithMemory(Sequence):
     the last, that succeeded in its first tick.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     remembers: ClassVar[bool] = True
     yields: ClassVar[bool] = True
 
@@ -203,9 +202,7 @@ class ReactiveSequence(ReactiveNode):
     ticked. After the last child the node succeeds, or is SKIPPED if all children were skipped.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "↻→"
-    continue_on: ClassVar[Status] = SUCCESS
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↻→", continue_on=SUCCESS, formats=(3, 4))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -217,9 +214,7 @@ class Fallback(OrderedNode):
     next child is ticked. After the last child the node fails, or is SKIPPED if all children were skipped.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "?"
-    continue_on: ClassVar[Status] = FAILURE
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="?", continue_on=FAILURE, formats=(3, 4))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -230,7 +225,7 @@ class AsyncFallback(Fallback):
     tree; the next tick continues with the next child. Everything else is as in Fallback.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     yields: ClassVar[bool] = True
 
 
@@ -243,6 +238,4 @@ class ReactiveFallback(ReactiveNode):
     ticked. After the last child the node fails, or is SKIPPED if all children were skipped.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "↻?"
-    continue_on: ClassVar[Status] = FAILURE
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↻?", continue_on=FAILURE, formats=(3, 4))

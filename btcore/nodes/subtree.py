@@ -7,6 +7,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
 from btcore.engine.node import execute_tick
+from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeType, Status
 from btcore.values import BOOL
 
@@ -21,10 +22,9 @@ class SubTree(DecoratorNode):
     uses is the entry of the same name in the outer tree, except keys that begin with an underscore.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    node_symbol: ClassVar[str] = "▣"
-    never_pauses: ClassVar[bool] = True
-    node_type: ClassVar[NodeType] = NodeType.SUBTREE
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        node_type=NodeType.SUBTREE, symbol="▣", never_pauses=True, formats=(4,)
+    )
 
     @staticmethod
     def provided_ports() -> list[Port]:

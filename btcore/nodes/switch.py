@@ -7,6 +7,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Input, Port
 from btcore.engine.control import ControlNode
 from btcore.engine.node import execute_tick
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BlackboardError, ConversionError, NodeError, UndecidedOperandError
 from btcore.status import RUNNING, SKIPPED, Status
 from btcore.values import STRING, number_of, parse_constant
@@ -45,10 +46,12 @@ class SwitchNode(ControlNode):
     RUNNING is halted.
     """
 
-    node_symbol: ClassVar[str] = "⋔"
-    skips_alone: ClassVar[bool] = False
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_running",)
-    child_roles: ClassVar[str] = "one for each case, and a default"
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        symbol="⋔",
+        state_fields=("_running",),
+        skips_alone=False,
+        child_roles="one for each case, and a default",
+    )
 
     _running: int = -1
     _variable: Input | None = None
@@ -57,7 +60,7 @@ class SwitchNode(ControlNode):
     @classmethod
     def provided_ports(cls) -> list[Port]:
         """Return the ports: `variable`, and a case for each child except the last."""
-        count = cls.child_count[0]
+        count = cls.spec.child_count[0]
         cases = [Port(f"case_{number}", type=STRING, optional=True) for number in range(1, count)]
         return [Port("variable", type=STRING), *cases]
 
@@ -66,7 +69,7 @@ class SwitchNode(ControlNode):
         self._running = -1
         inputs = self.config.inputs
         self._variable = inputs.get("variable")
-        self._cases = [inputs.get(f"case_{number}") for number in range(1, self.child_count[0])]
+        self._cases = [inputs.get(f"case_{number}") for number in range(1, self.spec.child_count[0])]
 
     def choose(self) -> int:
         """Return the index of the selected child."""
@@ -131,37 +134,32 @@ class SwitchNode(ControlNode):
 class Switch2(SwitchNode):
     """Ticks the child whose case (`case_1` or `case_2`) equals `variable`, else the last child."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    child_count: ClassVar[tuple[int, int | None]] = (3, 3)
+    spec: ClassVar[NodeSpec] = NodeSpec(child_count=(3, 3), formats=(3, 4))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch3(SwitchNode):
     """Ticks the child whose case (`case_1` to `case_3`) equals `variable`, else the last child."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    child_count: ClassVar[tuple[int, int | None]] = (4, 4)
+    spec: ClassVar[NodeSpec] = NodeSpec(child_count=(4, 4), formats=(3, 4))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch4(SwitchNode):
     """Ticks the child whose case (`case_1` to `case_4`) equals `variable`, else the last child."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    child_count: ClassVar[tuple[int, int | None]] = (5, 5)
+    spec: ClassVar[NodeSpec] = NodeSpec(child_count=(5, 5), formats=(3, 4))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch5(SwitchNode):
     """Ticks the child whose case (`case_1` to `case_5`) equals `variable`, else the last child."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    child_count: ClassVar[tuple[int, int | None]] = (6, 6)
+    spec: ClassVar[NodeSpec] = NodeSpec(child_count=(6, 6), formats=(3, 4))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Switch6(SwitchNode):
     """Ticks the child whose case (`case_1` to `case_6`) equals `variable`, else the last child."""
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    child_count: ClassVar[tuple[int, int | None]] = (7, 7)
+    spec: ClassVar[NodeSpec] = NodeSpec(child_count=(7, 7), formats=(3, 4))

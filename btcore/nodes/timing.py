@@ -10,6 +10,7 @@ from btcore.clock import NS_PER_MS
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import StatefulAction
 from btcore.engine.node import execute_tick, read_clock
+from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import UINT
 
@@ -22,10 +23,9 @@ class Timeout(DecoratorNode):
     the node returns the child's result.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "◷"
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
-    time_fields: ClassVar[tuple[str, ...]] = ("_deadline",)
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        symbol="◷", state_fields=("_deadline",), time_fields=("_deadline",), formats=(3, 4)
+    )
 
     _deadline: int = -1
 
@@ -84,10 +84,9 @@ class Delay(DecoratorNode):
     child has completed, the next start waits again.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (3, 4)
-    node_symbol: ClassVar[str] = "◷"
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
-    time_fields: ClassVar[tuple[str, ...]] = ("_deadline",)
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        symbol="◷", state_fields=("_deadline",), time_fields=("_deadline",), formats=(3, 4)
+    )
 
     _deadline: int = -1
 
@@ -136,11 +135,13 @@ class Sleep(StatefulAction):
     The tree is woken when the time has passed.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    node_symbol: ClassVar[str] = "◷"
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_deadline",)
-    time_fields: ClassVar[tuple[str, ...]] = ("_deadline",)
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        symbol="◷",
+        may_return=frozenset({SUCCESS}),
+        state_fields=("_deadline",),
+        time_fields=("_deadline",),
+        formats=(4,),
+    )
 
     _deadline: int = 0
 
@@ -150,8 +151,8 @@ class Sleep(StatefulAction):
     ) -> PossibleResults:
         """Return SUCCESS, in the first tick only if the time is 0."""
         if literals.get("msec") == 0:
-            return PossibleResults(cls.may_return)
-        return PossibleResults(NO_RESULT, cls.may_return, True)
+            return PossibleResults(cls.spec.may_return)
+        return PossibleResults(NO_RESULT, cls.spec.may_return, True)
 
     @staticmethod
     def provided_ports() -> list[Port]:

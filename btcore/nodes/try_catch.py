@@ -7,6 +7,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Port
 from btcore.engine.control import ControlNode
 from btcore.engine.node import execute_tick, input_or
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.values import BOOL
@@ -23,15 +24,17 @@ class TryCatch(ControlNode):
     halted.
     """
 
-    builtin_formats: ClassVar[tuple[int, ...]] = (4,)
-    node_symbol: ClassVar[str] = "↩"
-    skips_alone: ClassVar[bool] = False
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_next", "_skipped", "_catching")
-    child_count: ClassVar[tuple[int, int | None]] = (2, None)
-    child_count_at_load: ClassVar[tuple[int, int | None]] = (2, None)
-    child_roles: ClassVar[str] = "the last child is the handler"
-    continue_on: ClassVar[Status | None] = SUCCESS
-    handler_port: ClassVar[str | None] = "catch_on_halt"
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        symbol="↩",
+        state_fields=("_next", "_skipped", "_catching"),
+        skips_alone=False,
+        child_count=(2, None),
+        child_count_at_load=(2, None),
+        child_roles="the last child is the handler",
+        continue_on=SUCCESS,
+        handler_port="catch_on_halt",
+        formats=(4,),
+    )
 
     _next: int = 0
     _skipped: int = 0

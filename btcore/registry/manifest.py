@@ -52,6 +52,7 @@ class Manifest:
     Attributes:
         id: The registration ID.
         cls: The class of the nodes.
+        type: The node type.
         ports: The ports by name, in the order of their declaration.
         parameters: The parameters of the function or of `__init__`.
         attributes: The attributes of a class that are filled with resources.
@@ -76,6 +77,7 @@ class Manifest:
     ) -> None:
         self.id = id
         self.cls = cls
+        self.type: NodeType = cls.spec.node_type
         self.ports = {port.name: port for port in ports}
         self.parameters = list(parameters)
         self.attributes = list(attributes)
@@ -85,11 +87,6 @@ class Manifest:
         self._has_init = bool(self.parameters) or _has_own_init(cls)
         self._adopts = issubclass(cls, (ControlNode, DecoratorNode))
         self._prepares = cls.prepare is not TreeNode.prepare
-
-    @property
-    def type(self) -> NodeType:
-        """The node type."""
-        return self.cls.node_type
 
     @property
     def description(self) -> str:

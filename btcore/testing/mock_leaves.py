@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Final, get_type_hints
 from btcore.blackboard.ports import Port
 from btcore.engine.leaf import Condition, StatefulAction
 from btcore.engine.node import TreeNode
+from btcore.engine.node_spec import NodeSpec
 from btcore.registry.registry import Registry
 from btcore.status import SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean
@@ -236,7 +237,7 @@ class MockAction(StatefulAction):
         left: The results that remain of the current start.
     """
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes", "left")
+    spec = NodeSpec(state_fields=("outcomes", "left"))
     given_outputs: ClassVar[GivenOutputs] = {}
 
     def __init__(self) -> None:
@@ -266,7 +267,7 @@ class MockCondition(Condition):
         outcomes: The plan that the condition follows.
     """
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ("outcomes",)
+    spec = NodeSpec(state_fields=("outcomes",))
     given_outputs: ClassVar[GivenOutputs] = {}
 
     def __init__(self) -> None:

@@ -4,9 +4,8 @@ They are the leaves of random trees, and can replace other leaves in a test. The
 (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); X raises an exception.
 """
 
-from typing import ClassVar
-
 from btcore.engine.leaf import Condition, StatefulAction, SyncAction
+from btcore.engine.node_spec import NodeSpec
 from btcore.engine.signature import In
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 
@@ -85,7 +84,7 @@ class PlanAction(StatefulAction):
         (['RUNNING', 'RUNNING', 'SUCCESS'], ['drive:start', 'drive:running', 'drive:running'])
     """
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ("starts", "segment", "calls")
+    spec = NodeSpec(state_fields=("starts", "segment", "calls"))
 
     plan: In[str]
 
@@ -138,7 +137,7 @@ class PlanCondition(Condition):
         ['SUCCESS', 'FAILURE', 'SUCCESS']
     """
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
+    spec = NodeSpec(state_fields=("ticks",))
 
     plan: In[str]
 
@@ -172,7 +171,7 @@ class PlanSync(SyncAction):
         ['SUCCESS', 'FAILURE', 'SUCCESS']
     """
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ("ticks",)
+    spec = NodeSpec(state_fields=("ticks",))
 
     plan: In[str]
 

@@ -220,7 +220,7 @@ def format_tree(tree: Tree, step: TraceStep | None = None) -> str:
         status = node._status if step is None else step.statuses[path]
         results = step.results.get(path, ()) if step is not None else ()
         returned = f"  returned {' '.join(result.name for result in results)}" if results else ""
-        name = node_label(node.name, node.config.id, node.node_symbol, node.node_type)
+        name = node_label(node.name, node.config.id, node.spec.symbol, node.spec.node_type)
         return [*name, ("  ", ""), status_label(status), (returned, "")]
 
     return to_text(draw_branches(tree.root, lambda node: node.children, label))

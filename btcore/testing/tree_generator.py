@@ -158,7 +158,7 @@ class TreeGenerator:
         self.branches: list[str] = []
         for id, manifest in self.manifests.items():
             cls = manifest.cls
-            if issubclass(cls, ControlNode) and cls.branch_results:
+            if issubclass(cls, ControlNode) and cls.spec.branch_results:
                 self.branches += [id] if self.instant else []
             elif manifest.type is NodeType.CONTROL:
                 self.controls.append(id)
@@ -192,7 +192,7 @@ class TreeGenerator:
 
     def controls_of(self, count: int) -> list[str]:
         """Return the control nodes that accept *count* children."""
-        limits = {id: self.manifests[id].cls.child_count for id in self.controls}
+        limits = {id: self.manifests[id].cls.spec.child_count for id in self.controls}
         return [id for id, (low, high) in limits.items() if low <= count and (high is None or count <= high)]
 
     def leaf(self, depth: int) -> Element:
@@ -231,7 +231,7 @@ class TreeGenerator:
         condition = self.pick(self.instant)
         plan = self.options.planned[condition]
         ports = {} if plan is None else {"plan": self.draw(_never_skipped(plan))}
-        least = self.manifests[tag].cls.child_count[0] - 1
+        least = self.manifests[tag].cls.spec.child_count[0] - 1
         count = self.draw(cached_integers(least, 2))
         below = [self.element(depth=depth + 1) for done in range(count) if done < least or self.budget > 0]
         return Element(tag, {}, [Element(condition, ports, []), *below])

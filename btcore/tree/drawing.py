@@ -108,7 +108,7 @@ def draw_results(id: str, ticks: int, root: TreeNode, ascii: bool = False) -> li
     """
 
     def label(node: TreeNode) -> list[Fragment]:
-        parts = node_label(node.name, node.config.id, node.node_symbol, node.node_type, ascii)
+        parts = node_label(node.name, node.config.id, node.spec.symbol, node.spec.node_type, ascii)
         return [*parts, ("  ", ""), _result(node, ascii)]
 
     title = [(id, "bold"), (f"  {ticks} tick{'' if ticks == 1 else 's'}", "dim")]

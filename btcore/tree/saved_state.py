@@ -1,7 +1,7 @@
 """The state of a tree between two ticks, to be saved and restored into another tree of the same XML.
 
 A restored tree continues as the saved tree would have continued. The state consists of the statuses, the
-attributes that the classes of the nodes declare in `state_fields`, the
+attributes that the classes of the nodes declare in `spec.state_fields`, the
 blackboards, a pending wake-up, and the times for which nodes have requested a tick. It does not contain the
 clock, the resources and the observers. Restore it into a tree whose clock shows the same time.
 """
@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.engine.node import TreeNode
+from btcore.engine.node_spec import declared_fields
 from btcore.errors import BtcoreError, NodeError
 from btcore.status import RUNNING, Status
 from btcore.suggestions import join_names
@@ -52,10 +53,7 @@ class SavedState(NamedTuple):
 
 def state_fields_of(cls: type[TreeNode]) -> list[str]:
     """Return the attributes that *cls* and its base classes declare as state, sorted."""
-    fields: set[str] = set()
-    for base in cls.__mro__:
-        fields.update(vars(base).get("state_fields") or ())
-    return sorted(fields)
+    return sorted(cls.spec.state_fields or ())
 
 
 def save_state(tree: Tree) -> SavedState:
@@ -63,13 +61,13 @@ def save_state(tree: Tree) -> SavedState:
 
     Raises:
         NodeError: A RUNNING node has state that cannot be saved, such as a coroutine, or a node has
-            attributes although its class does not declare `state_fields`.
+            attributes although its class does not declare `spec.state_fields`.
         TypeError: A value cannot be copied.
     """
     values: list[object] = []
     for node in tree.nodes:
         check_state_declaration(node)
-        if type(node).state_fields is None and node._status is RUNNING:
+        if node.spec.state_fields is None and node._status is RUNNING:
             raise NodeError(
                 f"the state of '{node.config.path}' <{node.config.id}> cannot be saved while it is RUNNING"
             )
@@ -145,7 +143,8 @@ def check_state_declaration(node: TreeNode) -> None:
     """Raise NodeError if *node* has attributes of a user's class, but no such class declares its state."""
     kinds = [cls for cls in type(node).__mro__ if issubclass(cls, TreeNode)]
     engine = [cls for cls in kinds if vars(cls)["__module__"].startswith("btcore.")]
-    if len(engine) == len(kinds) or any("state_fields" in vars(cls) for cls in kinds if cls not in engine):
+    users = [cls for cls in kinds if cls not in engine]
+    if not users or any("state_fields" in declared_fields(cls) for cls in users):
         return
     known = {name for cls in engine for name in get_annotations(cls)}
     unknown = sorted(set(getattr(node, "__dict__", ())) - known)
@@ -153,8 +152,8 @@ def check_state_declaration(node: TreeNode) -> None:
         raise NodeError(
             f"the state of '{node.config.path}' <{node.config.id}> cannot be saved: "
             f"{kinds[0].__qualname__} does not declare which of its attributes change between ticks "
-            f'({join_names(unknown)}): write for example state_fields = ("{unknown[0]}",), or '
-            "state_fields = () if none does"
+            f'({join_names(unknown)}): write for example spec = NodeSpec(state_fields=("{unknown[0]}",)), '
+            "or state_fields=() if none does"
         )
 
 

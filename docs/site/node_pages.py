@@ -22,6 +22,7 @@ from btcore.status import (
 from btcore.tree.saved_state import state_fields_of
 from btcore.values import DOUBLE
 from btcore.xml.read.dialect import NODE_REPLACEMENTS
+from btcore_batch.node_classes import BATCH_CLASSES
 
 UP: Final = "../.."
 LEAVES: Final = (NodeType.CONDITION, NodeType.ACTION)
@@ -219,25 +220,25 @@ def _facts(manifest: Manifest, formats: list[int]) -> list[str]:
     if manifest.distribution == "btcore":
         kept = state_fields_of(manifest.cls)
         rows["state between ticks"] = "yes" if kept else "none"
-        has_batch = bool(vars(manifest.cls).get("batch_class"))
+        has_batch = manifest.cls in BATCH_CLASSES
         rows["batches"] = f"[{'supported' if has_batch else 'not supported'}]({UP}/guides/batch.md)"
     return ["| | |", "|---|---|", *(f"| {name} | {text} |" for name, text in rows.items())]
 
 
 def possible_statuses(manifest: Manifest, format: int) -> list[Status]:
     """Return the statuses that a tick of a node may return, as its class declares them."""
-    low, high = manifest.cls.child_count
+    low, high = manifest.cls.spec.child_count
     results = manifest.cls.possible_results([UNKNOWN_RESULTS] * (high or max(low, 2)), {})
     found = results.results - ({SKIPPED} if format == 3 else set())  # format 3 has no SKIPPED
-    if manifest.cls.node_type in LEAVES and manifest.cls.may_return == ANY_RESULT:
+    if manifest.cls.spec.node_type in LEAVES and manifest.cls.spec.may_return == ANY_RESULT:
         found -= {SKIPPED}  # declared by default, but no leaf of btcore or btcore_robot returns it
     return sorted(found) + [RUNNING] * results.may_run
 
 
 def _child_count(manifest: Manifest) -> str:
-    low, high = manifest.cls.child_count
+    low, high = manifest.cls.spec.child_count
     count = f"{low}" if low == high else f"{low} or more" if high is None else f"{low} to {high}"
-    roles = manifest.cls.child_roles
+    roles = manifest.cls.spec.child_roles
     return f"{count}: {roles}" if roles else count
 
 

@@ -25,6 +25,7 @@ from typing import ClassVar, NamedTuple
 from proof_plugins import DECLARED, HIDDEN, begin_run
 from proof_trees import LEAVES, UNIT_MS, Atom, LeafKind, RandomQuestion, RandomTree
 
+from btcore import NodeSpec
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.format3 import LegacyBlackboard
 from btcore.clock import NS_PER_MS, Clock, SimClock, SystemClock
@@ -106,7 +107,7 @@ class LeafScript:
 class ScriptedAction(StatefulAction):
     """An action that follows a LeafScript."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    spec = NodeSpec(state_fields=())
     kind: ClassVar[LeafKind]
 
     def __init__(self, script: LeafScript) -> None:
@@ -129,7 +130,7 @@ class ScriptedAction(StatefulAction):
 class ScriptedSyncAction(SyncAction):
     """An action of one tick that follows a LeafScript."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    spec = NodeSpec(state_fields=())
     kind: ClassVar[LeafKind]
 
     def __init__(self, script: LeafScript) -> None:
@@ -143,7 +144,7 @@ class ScriptedSyncAction(SyncAction):
 class ScriptedCondition(Condition):
     """A condition that follows a LeafScript."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    spec = NodeSpec(state_fields=())
     kind: ClassVar[LeafKind]
 
     def __init__(self, script: LeafScript) -> None:

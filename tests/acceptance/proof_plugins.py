@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from btcore import DecoratorNode, In, Status
+from btcore import DecoratorNode, In, NodeSpec, Status
 from btcore.clock import NS_PER_MS
 from btcore.status import FAILURE, RUNNING, SUCCESS
 
@@ -28,7 +28,7 @@ def begin_run() -> None:
 class _FailsSometimes(DecoratorNode):
     """Returns the result of its child, or FAILURE if `fails` returns True before."""
 
-    state_fields: tuple[str, ...] = ()
+    spec = NodeSpec(state_fields=())
 
     def tick(self) -> Status:
         self.set_status(RUNNING)
@@ -51,7 +51,7 @@ class Memory:
 class UserMemory(_FailsSometimes):
     """Fails in every third call."""
 
-    state_fields = ("memory",)
+    spec = NodeSpec(state_fields=("memory",))
 
     def __init__(self) -> None:
         self.memory = Memory()
@@ -64,7 +64,7 @@ class UserMemory(_FailsSometimes):
 class UserTuple(_FailsSometimes):
     """Fails in every second call, and counts in a list within a tuple by the sign of a zero."""
 
-    state_fields = ("last",)
+    spec = NodeSpec(state_fields=("last",))
 
     def __init__(self) -> None:
         self.last = ("", [0.0])
@@ -78,8 +78,7 @@ class UserTimer(DecoratorNode):
     """Fails when its child lasts too long."""
 
     msec: In[int]
-    state_fields = ("_deadline",)
-    time_fields = ("_deadline",)
+    spec = NodeSpec(state_fields=("_deadline",), time_fields=("_deadline",))
 
     def __init__(self) -> None:
         self._deadline = 0
@@ -106,7 +105,7 @@ class UserTimer(DecoratorNode):
 class UserElapsed(_FailsSometimes):
     """Fails after some time, without a declared deadline."""
 
-    state_fields = ("start",)
+    spec = NodeSpec(state_fields=("start",))
     start = 0
 
     def fails(self) -> bool:
@@ -130,7 +129,7 @@ class UserKeeps(_FailsSometimes):
     """Fails if an entry has changed."""
 
     value: In[Any]
-    state_fields = ("before",)
+    spec = NodeSpec(state_fields=("before",))
     before: tuple[object, ...] = ()
 
     def fails(self) -> bool:
@@ -143,7 +142,7 @@ class UserKeeps(_FailsSometimes):
 class UserSwallow(DecoratorNode):
     """Succeeds whatever its child raises."""
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     def tick(self) -> Status:
         """Tick the child."""
@@ -156,7 +155,7 @@ class UserSwallow(DecoratorNode):
 class UserSteps(_FailsSometimes):
     """Fails in every third call, by a generator."""
 
-    state_fields = ("steps",)
+    spec = NodeSpec(state_fields=("steps",))
 
     def __init__(self) -> None:
         self.steps = self.results()
@@ -209,7 +208,7 @@ class UserWrites(_FailsSometimes):
     """Fails if an entry was written, which it counts itself."""
 
     value: In[Any]
-    state_fields = ("seen",)
+    spec = NodeSpec(state_fields=("seen",))
     seen = 0
 
     def fails(self) -> bool:

@@ -321,7 +321,7 @@ def _leaf_problems(tree: RandomTree, arcs: list[Arc]) -> list[str]:
 
 def _is_leaf(tag: str) -> bool:
     known = MODEL_NODES.get(tag, 4) or MODEL_NODES.get(tag, 3)
-    return known is not None and known.cls.child_count == (0, 0)
+    return known is not None and known.cls.spec.child_count == (0, 0)
 
 
 def _is_not_followed(arcs: list[Arc], question: RandomQuestion, fairness: list[FairnessRule]) -> bool:

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import btcore
-from btcore import DecoratorNode, Status
+from btcore import DecoratorNode, NodeSpec, Status
 from btcore.engine.control import ControlNode
 
 
 class Supervised(DecoratorNode):
     """Fails when the entry `stop` is true, and halts its child then."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    spec = NodeSpec(state_fields=())
     forgets: ClassVar[bool] = False
 
     def tick(self) -> Status:
@@ -36,7 +36,7 @@ class ForgetfulSupervised(Supervised):
 class FirstOfAll(ControlNode):
     """Ticks all children, and ends with the first child that ends."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    spec = NodeSpec(state_fields=())
     forgets: ClassVar[bool] = False
 
     def tick(self) -> Status:

@@ -13,6 +13,7 @@ from btcore import (
     BtcoreError,
     NodeError,
     NodeExecutionError,
+    NodeSpec,
     Registry,
     SimClock,
     StatefulAction,
@@ -339,7 +340,7 @@ class Count(StatefulAction):
 
 
 class DeclaredCount(Count):
-    state_fields = ("left",)
+    spec = NodeSpec(state_fields=("left",))
 
 
 def tree_of(cls: type[TreeNode]) -> Tree:

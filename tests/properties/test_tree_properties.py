@@ -75,7 +75,7 @@ def test_every_node_is_idle_after_completion_without_memory_and_skips(
 
 @given(with_reactive, outcomes(skipped=True), st.integers(1, 12))
 def test_reactive_node_never_has_two_running_children(tree: Tree, plan: Outcomes, ticks: int) -> None:
-    reactive = [node for node in tree if isinstance(node, ControlNode) and node.runs_one_child]
+    reactive = [node for node in tree if isinstance(node, ControlNode) and node.spec.runs_one_child]
     assume(reactive)
     plan.attach(tree)
     for _ in range(ticks):

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import btcore
-from btcore import Registry, Status
+from btcore import NodeSpec, Registry, Status
 from btcore.bundled_trees import folder
 from btcore.engine.control import ControlNode, DecoratorNode
 from btcore.engine.node import TreeNode
@@ -73,7 +73,7 @@ IDS = sorted(ID for ID, manifest in SHIPPED.items() if not resources_of(manifest
 class Watch(ControlNode):
     """Ticks or halts a child in each tick, as *choose* decides, and checks what the child does."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    spec = NodeSpec(state_fields=())
     choose: ClassVar[Callable[[int], str]]
     resource: ClassVar[frozenset[str]] = WHEELS
     used: ClassVar[list[str]]

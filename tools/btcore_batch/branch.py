@@ -103,7 +103,7 @@ class Switch(BatchNode):
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(plan, context, children)
         self.variable = BatchInput(self, "variable")
-        self.cases = [BatchInput(self, f"case_{number}") for number in range(1, plan.child_count[0])]
+        self.cases = [BatchInput(self, f"case_{number}") for number in range(1, plan.spec.child_count[0])]
         self._running = [0] * len(children)
         # The index of the chosen child, by the values of the variable and the cases.
         self._choices: dict[tuple[Any, ...], int] = {}

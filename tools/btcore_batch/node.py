@@ -74,7 +74,7 @@ class BatchNode:
         self.uid = config.uid
         self.path = config.path
         self.where = config.where
-        self.type: NodeType = plan.node_type
+        self.type: NodeType = plan.spec.node_type
         self.parent: NodeLike | None = None
         self.context = context
         self.board = context.columns.scopes[id(plan._blackboard)]

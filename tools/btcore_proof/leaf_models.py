@@ -10,11 +10,12 @@ from typing import Any, Final, NamedTuple
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import Port
 from btcore.clock import Clock
-from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
+from btcore.engine.leaf import Condition, SyncAction
 from btcore.engine.node import TreeNode
+from btcore.engine.node_spec import declared_fields
 from btcore.errors import BtcoreError, ConversionError
 from btcore.registry.manifest import Manifest, is_tree_state
-from btcore.status import FAILURE, SKIPPED, SUCCESS, NodeType, Status
+from btcore.status import ANY_RESULT, FAILURE, SKIPPED, SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean, join_names
 from btcore.values import BOOL, EnumType
 
@@ -64,7 +65,7 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
     """Return the model of a leaf.
 
     By default a condition and an action of one tick return SUCCESS or FAILURE, and any other action also
-    RUNNING. If the leaf's class declares `may_return` or `may_complete_on_start`, they restrict the results.
+    RUNNING. If the leaf's spec declares `may_return` or `may_complete_on_start`, they restrict the results.
     An action uses the resources that it declares as parameters.
 
     Args:
@@ -75,9 +76,10 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
         ModelError: The metadata of the leaf or *declared* is invalid.
     """
     cls = manifest.cls
-    results = {SUCCESS, FAILURE} if cls.may_return is TreeNode.may_return else set(cls.may_return)
+    declared_results = cls.spec.may_return
+    results = {SUCCESS, FAILURE} if declared_results is ANY_RESULT else set(declared_results)
     lasts = not issubclass(cls, (Condition, SyncAction))
-    uses = cls.uses if issubclass(cls, LeafNode) else None
+    uses = cls.spec.uses
     if uses is None:
         uses = resources_of(manifest) if manifest.type is NodeType.ACTION else frozenset()
     at_once = not lasts or _may_complete_on_start(cls)
@@ -118,10 +120,10 @@ def domain_of(
 
 def _may_complete_on_start(cls: type[TreeNode]) -> bool:
     """Return what a class declares; True if only the default of all actions is known."""
-    for base in cls.__mro__:
-        if base is not StatefulAction and "may_complete_on_start" in vars(base):
-            return bool(vars(base)["may_complete_on_start"])
-    return True
+    declared = any(
+        "may_complete_on_start" in declared_fields(base) for base in cls.__mro__ if base is not TreeNode
+    )
+    return cls.spec.may_complete_on_start if declared else True
 
 
 def _ordered(results: set[Status]) -> tuple[Status, ...]:

@@ -10,6 +10,7 @@ from itertools import product
 from types import MappingProxyType
 from typing import ClassVar, Final, NamedTuple, NoReturn
 
+from btcore import NodeSpec
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import Binding, Direction, Input, Output, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
@@ -471,7 +472,7 @@ class ModelDecorator(DecoratorNode):
     forever, and not while the child is RUNNING. It may return one of *instead*, and then halts the child.
     """
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    spec = NodeSpec(state_fields=())
     model: ClassVar[LeafModel]
     instead: ClassVar[tuple[Status, ...]] = ()
 
@@ -497,7 +498,7 @@ class ModelDecorator(DecoratorNode):
 class ModelAction(StatefulAction):
     """An action that follows its model; it may last several ticks."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    spec = NodeSpec(state_fields=())
     model: ClassVar[LeafModel]
 
     def __init__(self, choices: Choices) -> None:
@@ -519,7 +520,7 @@ class ModelAction(StatefulAction):
 class ModelSyncAction(SyncAction):
     """An action of one tick that follows its model."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    spec = NodeSpec(state_fields=())
     model: ClassVar[LeafModel]
 
     def __init__(self, choices: Choices) -> None:
@@ -533,7 +534,7 @@ class ModelSyncAction(SyncAction):
 class ModelCondition(Condition):
     """A condition that follows its model."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
+    spec = NodeSpec(state_fields=())
     model: ClassVar[LeafModel]
 
     def __init__(self, choices: Choices) -> None:

@@ -154,7 +154,7 @@ def _halt_check(tree: Tree) -> Callable[[Tick], str | None]:
 
 
 def _reactive_check(tree: Tree) -> Callable[[Tick], str | None]:
-    reactive = [node for node in tree.nodes if isinstance(node, ControlNode) and node.runs_one_child]
+    reactive = [node for node in tree.nodes if isinstance(node, ControlNode) and node.spec.runs_one_child]
 
     def check(tick: Tick) -> str | None:
         for node in reactive:

@@ -142,7 +142,7 @@ class StateKeeper:
         self._is_shifted = False
         for node in tree.nodes:
             check_state_declaration(node)
-            if type(node).state_fields is None:
+            if node.spec.state_fields is None:
                 raise NodeError(
                     f"the state of '{node.config.path}' <{node.config.id}> cannot be saved while it is "
                     "RUNNING, so that nothing can be proved about it"
@@ -152,8 +152,8 @@ class StateKeeper:
             if not fields:
                 continue
             index = len(self._with_fields)
-            self._with_fields.append((node, fields, frozenset(type(node).time_fields)))
-            self.timer_slots += [(node, name) for name in type(node).time_fields]
+            self._with_fields.append((node, fields, frozenset(node.spec.time_fields)))
+            self.timer_slots += [(node, name) for name in node.spec.time_fields]
             if isinstance(node, (EntryUpdatedDecorator, WasEntryUpdated)):
                 self._watchers.append((index, node))
             if isinstance(node, RepeatedNode):
@@ -273,7 +273,7 @@ class StateKeeper:
         row: list[Hashable] = []
         for name in self._fields[node.config.uid]:
             value = getattr(node, name)
-            if self._is_shifted and name in type(node).time_fields:
+            if self._is_shifted and name in node.spec.time_fields:
                 value = _unshifted_time(value)
             row.append(freezer.frozen(value))
         return (*row, freezer.objects())

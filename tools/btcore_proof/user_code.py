@@ -162,7 +162,7 @@ class UserCode:
 
         if type(node).now is not TreeNode.now:
             note("has a port called 'now', which hides its readings of the clock")
-        vars(node)["now"] = read if type(node).time_fields else read_without_deadline
+        vars(node)["now"] = read if node.spec.time_fields else read_without_deadline
 
     @contextmanager
     def guarded(self) -> Iterator[None]:

@@ -44,14 +44,16 @@ def check_child_count(node: NodePlan, document: Document, format: int, reporter:
 
 def _child_requirement(cls: type[TreeNode], count: int) -> str:
     """Return what a node of *cls* needs instead of *count* children, or "" if *count* is valid."""
-    least, most = cls.child_count
-    if cls.child_count == cls.child_count_at_load or (least <= count and (most is None or count <= most)):
+    least, most = cls.spec.child_count
+    if cls.spec.child_count == cls.spec.child_count_at_load or (
+        least <= count and (most is None or count <= most)
+    ):
         return ""
     if most is None:
         needed = f"at least {least}"
     else:
         needed = str(least) if most == least else f"{least} {'or' if most == least + 1 else 'to'} {most}"
-    return f"it needs {needed}" + (f": {cls.child_roles}" if cls.child_roles else "")
+    return f"it needs {needed}" + (f": {cls.spec.child_roles}" if cls.spec.child_roles else "")
 
 
 def _thresholds(node: NodePlan, count: int) -> Iterator[tuple[str, int, str]]:
@@ -74,21 +76,21 @@ def check_reachable_children(
     if is_stub(node.manifest.cls) or not issubclass(cls, ControlNode) or not all_children_known(node):
         return
     children = [analysis.results_of(child) for child in node.children]
-    continue_on = cls.continue_on
+    continue_on = cls.spec.continue_on
     if continue_on is not None:
         # The last child of a TryCatch is its handler, which is ticked after a failure of the others.
-        tried = children if cls.handler_port is None else children[:-1]
+        tried = children if cls.spec.handler_port is None else children[:-1]
         _check_order(document, node, tried, continue_on, reporter)
         never_fails = FAILURE not in results_in_order(tried, continue_on).results
         if (
-            cls.handler_port is not None
+            cls.spec.handler_port is not None
             and never_fails
-            and not any(bound.name == cls.handler_port and bound.is_explicit for bound in node.bindings)
+            and not any(bound.name == cls.spec.handler_port and bound.is_explicit for bound in node.bindings)
         ):
             _warn_unreached(document, node.children[-1], "the children before it never fail", reporter)
-        if cls.runs_one_child:
+        if cls.spec.runs_one_child:
             _check_asynchronous_children(document, node, children, continue_on, reporter)
-    for chosen, branch in zip(cls.branch_results, node.children[1:], strict=False):
+    for chosen, branch in zip(cls.spec.branch_results, node.children[1:], strict=False):
         if chosen not in children[0].results:
             reason = f"the condition {node_label(node.children[0])} never {_WORD[chosen]}"
             _warn_unreached(document, branch, reason, reporter)

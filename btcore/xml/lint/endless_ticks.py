@@ -48,7 +48,7 @@ class EndlessTickCheck:
                 cls = behaviour_of(node.manifest.cls)
                 if issubclass(cls, RepeatedNode):
                     self._check_loop(node, cls, tree)
-                if self._repeats_at_once or cls.never_pauses:
+                if self._repeats_at_once or cls.spec.never_pauses:
                     nodes += node.children
                     if node.call is not None and (inner := self._called(node)) is not None:
                         to_do.append(inner)
@@ -95,7 +95,7 @@ class EndlessTickCheck:
             return inner is None or inner.root is None or self._may_pause(inner.root)
         if node.manifest is None or is_stub(node.manifest.cls) or not all_children_known(node):
             return True
-        if behaviour_of(node.manifest.cls).never_pauses:
+        if behaviour_of(node.manifest.cls).spec.never_pauses:
             return any(map(self._may_pause, node.children))
         return self._results.results_of(node).may_run
 
@@ -110,7 +110,7 @@ class EndlessTickCheck:
         if node.call is not None:
             inner = self._called(node)
             return inner is None or inner.root is None or self._has_action(inner.root)
-        is_action = node.manifest is not None and node.manifest.cls.node_type is NodeType.ACTION
+        is_action = node.manifest is not None and node.manifest.cls.spec.node_type is NodeType.ACTION
         return is_action or any(map(self._has_action, node.children))
 
     def _called(self, node: NodePlan) -> TreePlan | None:

@@ -244,7 +244,7 @@ def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, Chil
     while common not in indices:
         common, index = places[common]
     cls = None if common.manifest is None else common.manifest.cls
-    is_sequence = cls is not None and issubclass(cls, ControlNode) and cls.continue_on is SUCCESS
+    is_sequence = cls is not None and issubclass(cls, ControlNode) and cls.spec.continue_on is SUCCESS
     return is_sequence and index < indices[common]
 
 

@@ -3,12 +3,13 @@
 from typing import Final
 
 from btcore.engine.node import TreeNode
+from btcore.engine.node_spec import declared_fields
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
 from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, element_children
 
-_DECLARATIONS: Final = frozenset({"possible_results", "may_return", "continue_on", "branch_results"})
+_DECLARATIONS: Final = frozenset({"may_return", "continue_on", "branch_results"})
 # The result of each pre-condition that takes effect before the node itself is ticked.
 _EARLY_RESULTS: Final = {"_failureIf": FAILURE, "_successIf": SUCCESS, "_skipIf": SKIPPED, "_while": SKIPPED}
 
@@ -26,7 +27,9 @@ def behaviour_of(cls: type[TreeNode]) -> type[TreeNode]:
     """
     parents = cls.__mro__
     first = next((index for index, base in enumerate(parents) if is_built_in(base)), 0)
-    if first == 0 or any(_DECLARATIONS & vars(base).keys() for base in parents[:first]):
+    if first == 0 or any(
+        "possible_results" in vars(base) or _DECLARATIONS & declared_fields(base) for base in parents[:first]
+    ):
         return cls
     return next(base for base in parents if base.__module__.startswith("btcore.engine."))
 
@@ -63,7 +66,7 @@ class ResultAnalysis:
         if node.manifest is None or is_stub(node.manifest.cls) or not all_children_known(node):
             return UNKNOWN_RESULTS
         cls = behaviour_of(node.manifest.cls)
-        if len(node.children) < cls.child_count_at_load[0]:
+        if len(node.children) < cls.spec.child_count_at_load[0]:
             return UNKNOWN_RESULTS  # format 3 loads control nodes without children
         literals = {
             bound.name: bound.literal

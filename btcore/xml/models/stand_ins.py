@@ -1,12 +1,13 @@
 """Stand-ins for nodes without code: they have the ports of a model, and return planned results."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final
+from typing import Final
 
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, StatefulAction
 from btcore.engine.node import TreeNode
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.nodes.sequences_and_fallbacks import Sequence as SequenceNode
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
@@ -41,8 +42,7 @@ def _status(node: TreeNode, letter: str) -> Status:
 class StubAction(StatefulAction):
     """Returns SUCCESS at once, or its planned results."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_segment", "_starts", "_calls")
-    uses: ClassVar[frozenset[str] | None] = frozenset()
+    spec = NodeSpec(state_fields=("_segment", "_starts", "_calls"), uses=frozenset())
 
     def __init__(self, plans: StubPlans = StubPlans()) -> None:  # noqa: B008 - never changed
         self._segments = plans.plan_for(self).split("|")
@@ -67,7 +67,7 @@ class StubAction(StatefulAction):
 class StubCondition(Condition):
     """Returns SUCCESS, or its planned results."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = ("_ticks",)
+    spec = NodeSpec(state_fields=("_ticks",))
 
     def __init__(self, plans: StubPlans = StubPlans()) -> None:  # noqa: B008 - never changed
         self._plan = plans.plan_for(self)
@@ -83,7 +83,7 @@ class StubCondition(Condition):
 class StubControl(SequenceNode):
     """Ticks its children as a Sequence does."""
 
-    node_symbol: ClassVar[str] = ""
+    spec = NodeSpec(symbol="")
 
 
 class StubDecorator(DecoratorNode):

@@ -122,7 +122,7 @@ class Groot1Server:
         for node in tree.nodes:
             uid = self.offset + node.config.uid
             children = tuple(self.offset + child.config.uid for child in node.children)
-            if node.node_type is NodeType.SUBTREE:
+            if node.spec.node_type is NodeType.SUBTREE:
                 # As in BehaviorTree.CPP 3: a SubTree node has its tree's ID as name, and no ports.
                 yield WireNode(
                     uid, children, self._statuses[uid], instances[node.config.path], node.config.id
@@ -142,7 +142,7 @@ def _models(tree: Tree) -> tuple[WireModel, ...]:
     for node in tree.nodes:
         # Groot 1 looks up every node's model without a check, and crashes if it is missing.
         if node.config.id not in models:
-            models[node.config.id] = WireModel(node.config.id, int(node.node_type))
+            models[node.config.id] = WireModel(node.config.id, int(node.spec.node_type))
     return tuple(models.values())
 
 

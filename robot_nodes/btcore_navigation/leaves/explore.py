@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import FAILURE, RUNNING, SUCCESS, In, Out, StatefulAction, Status, SyncAction
+from btcore import (FAILURE, In, NodeSpec, Out, RUNNING, SUCCESS, StatefulAction, Status, SyncAction)
 from btcore_navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 
@@ -91,7 +91,7 @@ class Explore(StatefulAction):
         Out[Pose2D | None], "The robot's pose when the exploration began, in the frame map: the way back."
     ] = None
 
-    state_fields = None  # the goal and its handle belong to the navigator
+    spec = NodeSpec(state_fields=None)  # the goal and its handle belong to the navigator
 
     @staticmethod
     def metadata() -> dict[str, str]:
@@ -195,7 +195,7 @@ class SaveMap(SyncAction):
 
     file: Annotated[In[str], "The map's YAML file; empty: the file of --save-map, or map.yaml."] = ""
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     def __init__(self, explorer: Explorer, map_file: MapFile) -> None:
         self.explorer = explorer

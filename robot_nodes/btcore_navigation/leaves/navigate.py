@@ -3,7 +3,7 @@
 import logging
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import FAILURE, RUNNING, SUCCESS, In, Out, StatefulAction, Status
+from btcore import (FAILURE, In, NodeSpec, Out, RUNNING, SUCCESS, StatefulAction, Status)
 from btcore_navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 
@@ -32,8 +32,7 @@ class Move(StatefulAction):
     error_code: Annotated[Out[int | None], "Nav2's error code; 0 when there was no error."] = None
     error: Annotated[Out[str | None], "The error message; empty when there was no error."] = None
 
-    may_complete_on_start = False
-    state_fields = None  # the goal and its handle belong to the navigator
+    spec = NodeSpec(state_fields=None, may_complete_on_start=False)
 
     @staticmethod
     def metadata() -> dict[str, str]:

@@ -3,7 +3,7 @@
 import logging
 from typing import Annotated, Any, ClassVar
 
-from btcore import (Blackboard, FAILURE, In, Out, RUNNING, SUCCESS, StatefulAction, Status, SyncAction)
+from btcore import (Blackboard, FAILURE, In, NodeSpec, Out, RUNNING, SUCCESS, StatefulAction, Status, SyncAction)
 from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
@@ -34,8 +34,7 @@ ErrorMsg = Annotated[Out[str], "The error message; empty when there was no error
 class ServersAction(SyncAction):
     """Base of the actions that call the navigation servers and end within a tick."""
 
-    state_fields = ()
-    uses: ClassVar[frozenset[str] | None] = frozenset()
+    spec = NodeSpec(state_fields=(), uses=frozenset())
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -63,8 +62,7 @@ class BtActionNode(StatefulAction):
     """The level at which failures are logged."""
     logged = ""
 
-    state_fields = None  # the goal and its handle belong to the server
-    uses: ClassVar[frozenset[str] | None] = frozenset()
+    spec = NodeSpec(state_fields=None, uses=frozenset())  # the goal and its handle belong to the server
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -148,9 +146,7 @@ class BtServiceNode(StatefulAction):
 
     server_timeout: ServiceTimeout = 20
 
-    may_complete_on_start = True
-    state_fields = None  # the request belongs to the server
-    uses: ClassVar[frozenset[str] | None] = frozenset()
+    spec = NodeSpec(state_fields=None, uses=frozenset(), may_complete_on_start=True)
 
     handle: AnyGoalHandle | None = None
     sent = 0

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Annotated
 
-from btcore import Direction, In, Out
+from btcore import Direction, In, NodeSpec, Out
 from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.behaviours import BackUpGoal, DriveOnHeadingGoal, SpinGoal, WaitGoal
@@ -115,7 +115,7 @@ class FollowPath(BtActionNode):
     """Follow *path*. A new path or plug-in is taken over without a stop while the robot drives."""
 
     action = "follow_path"
-    uses = BASE
+    spec = NodeSpec(uses=BASE)
 
     controller_id: Annotated[In[str], "Controller plug-in: FollowPath or empty."] = ""
     goal_checker_id: Annotated[In[str], "Goal checker plug-in."] = ""
@@ -182,7 +182,7 @@ class Spin(_RecoveryAction):
     """Turn on the spot by *spin_dist* (rad, positive to the left)."""
 
     action = "spin"
-    uses = BASE
+    spec = NodeSpec(uses=BASE)
 
     spin_dist: Annotated[In[float], "Spin distance (rad), positive to the left."] = 1.57
     time_allowance: Allowance = 10.0
@@ -198,7 +198,7 @@ class BackUp(_RecoveryAction):
     """Drive backwards by *backup_dist* (m) at *backup_speed* (m/s), both positive."""
 
     action = "backup"
-    uses = BASE
+    spec = NodeSpec(uses=BASE)
 
     backup_dist: Annotated[In[float], "Distance to back up (m)."] = 0.15
     backup_speed: Annotated[In[float], "Speed at which to back up (m/s)."] = 0.025
@@ -216,7 +216,7 @@ class DriveOnHeading(BtActionNode):
     """Drive straight ahead by *dist_to_travel* (m) at *speed* (m/s)."""
 
     action = "drive_on_heading"
-    uses = BASE
+    spec = NodeSpec(uses=BASE)
 
     dist_to_travel: Annotated[In[float], "Distance to travel (m)."] = 0.15
     speed: Annotated[In[float], "Speed at which to travel (m/s)."] = 0.025
@@ -246,7 +246,7 @@ class NavigateToPose(BtActionNode):
     """Navigate to *goal* by the navigator's default tree or by *behavior_tree*."""
 
     action = "navigate_to_pose"
-    uses = BASE
+    spec = NodeSpec(uses=BASE)
 
     goal: Annotated[In[Pose2D], "Destination to plan to."]
     behavior_tree: Annotated[In[str], "Behavior tree file to run; empty: the navigator's default."] = ""
@@ -260,7 +260,7 @@ class NavigateThroughPoses(BtActionNode):
     """Navigate through *goals* by the navigator's default tree or by *behavior_tree*."""
 
     action = "navigate_through_poses"
-    uses = BASE
+    spec = NodeSpec(uses=BASE)
 
     goals: Annotated[In[Poses], "Destinations to plan through, in order."]
     behavior_tree: Annotated[In[str], "Behavior tree file to run; empty: the navigator's default."] = ""

@@ -4,7 +4,7 @@ import math
 from collections import deque
 from typing import Annotated, ClassVar
 
-from btcore import Condition, In, NodeError
+from btcore import Condition, In, NodeError, NodeSpec
 from btcore.engine.node import read_clock
 from btcore_navigation.controller import FollowPathFeedback
 from btcore_navigation.error_codes import (
@@ -48,7 +48,7 @@ class GoalReached(Condition):
     goal: Annotated[In[Pose2D], "Destination."]
     robot_base_frame: BaseFrame = "base_footprint"
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -65,7 +65,7 @@ class GoalUpdated(Condition):
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
 
-    state_fields = ("known",)
+    spec = NodeSpec(state_fields=("known",))
 
     def __init__(self) -> None:
         self.known: Goals = (None, ())
@@ -87,7 +87,7 @@ class GlobalUpdatedGoal(Condition):
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
 
-    state_fields = ("known",)
+    spec = NodeSpec(state_fields=("known",))
 
     def __init__(self) -> None:
         self.known: Goals | None = None
@@ -103,7 +103,7 @@ class GlobalUpdatedGoal(Condition):
 class IsStuck(Condition):
     """SUCCESS when odometry slowed down by more than 10 m/s², which only a collision causes."""
 
-    state_fields = ("history",)
+    spec = NodeSpec(state_fields=("history",))
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -132,7 +132,7 @@ class IsBatteryLow(Condition):
     )
     is_voltage: Annotated[In[bool], "True if min_battery is a voltage; FAILURE if it is unknown."] = False
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -151,7 +151,7 @@ class IsBatteryCharging(Condition):
 
     battery_topic: Annotated[In[str], "Battery topic."] = "/battery_status"
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -169,7 +169,7 @@ class DistanceTraveled(Condition):
     global_frame: GlobalFrame = "map"
     robot_base_frame: BaseFrame = "base_footprint"
 
-    state_fields = ("start",)
+    spec = NodeSpec(state_fields=("start",))
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -192,8 +192,7 @@ class TimeExpired(Condition):
 
     seconds: Annotated[In[float], "Time (s)."] = 1.0
 
-    state_fields = ("due",)
-    time_fields = ("due",)
+    spec = NodeSpec(state_fields=("due",), time_fields=("due",))
 
     def __init__(self) -> None:
         self.due = 0
@@ -214,8 +213,7 @@ class PathExpiringTimer(Condition):
 
     provided_ports = path_port("Path whose age counts.")
 
-    state_fields = ("due", "known")
-    time_fields = ("due",)
+    spec = NodeSpec(state_fields=("due", "known"), time_fields=("due",))
 
     def __init__(self) -> None:
         self.due = -1
@@ -238,7 +236,7 @@ class TransformAvailable(Condition):
     child: Annotated[In[str], "Child frame for transform."] = ""
     parent: Annotated[In[str], "Parent frame for transform."] = ""
 
-    state_fields = ("was_available",)
+    spec = NodeSpec(state_fields=("was_available",))
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -280,7 +278,7 @@ class IsGoalNearby(Condition):
 
     provided_ports = path_port("Path that the robot follows.")
 
-    state_fields = ("search",)
+    spec = NodeSpec(state_fields=("search",))
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers

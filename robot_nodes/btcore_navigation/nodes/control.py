@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from btcore import FAILURE, RUNNING, SKIPPED, SUCCESS, ControlNode, In, InOut, NodeError, Status
+from btcore import FAILURE, RUNNING, SKIPPED, SUCCESS, ControlNode, In, InOut, NodeError, NodeSpec, Status
 
 
 class PipelineSequence(ControlNode):
@@ -14,7 +14,7 @@ class PipelineSequence(ControlNode):
     children are skipped.
     """
 
-    state_fields = ("reached",)
+    spec = NodeSpec(state_fields=("reached",))
 
     def __init__(self) -> None:
         self.reached = 0
@@ -55,7 +55,7 @@ class RecoveryNode(ControlNode):
 
     number_of_retries: Annotated[In[int], "Number of retries of the first child."] = 1
 
-    state_fields = ("current", "retries")
+    spec = NodeSpec(state_fields=("current", "retries"))
 
     def __init__(self) -> None:
         self.retries = 0
@@ -114,7 +114,7 @@ class RoundRobin(ControlNode):
 
     wrap_around: Annotated[In[bool], "Whether to continue with the first child after the last."] = False
 
-    state_fields = ("failed", "turn")
+    spec = NodeSpec(state_fields=("failed", "turn"))
 
     def __init__(self) -> None:
         self.turn = 0
@@ -180,7 +180,7 @@ class NonblockingSequence(ControlNode):
 class PersistentSequence(ControlNode):
     """A Sequence that keeps the index of its current child on the blackboard and so resumes after a halt."""
 
-    may_return = frozenset({SUCCESS, FAILURE})
+    spec = NodeSpec(may_return=frozenset({SUCCESS, FAILURE}))
 
     current_child_idx: Annotated[InOut[int], "The index of the current child."]
 

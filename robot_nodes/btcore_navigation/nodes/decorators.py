@@ -5,7 +5,7 @@ from collections import deque
 from copy import copy
 from typing import Annotated
 
-from btcore import (DecoratorNode, FAILURE, In, NodeError, Out, RUNNING, SKIPPED, SUCCESS, Status)
+from btcore import (DecoratorNode, FAILURE, In, NodeError, NodeSpec, Out, RUNNING, SKIPPED, SUCCESS, Status)
 from btcore.engine.node import read_clock
 from btcore_navigation.navigation_servers import NavigationServers
 from btcore_navigation.nodes.port_access import (
@@ -35,8 +35,7 @@ class RateController(DecoratorNode):
 
     hz: Annotated[In[float], "Rate (Hz)."] = 10.0
 
-    state_fields = ("due",)
-    time_fields = ("due",)
+    spec = NodeSpec(state_fields=("due",), time_fields=("due",))
 
     def __init__(self) -> None:
         self.due = 0
@@ -67,7 +66,7 @@ class DistanceController(DecoratorNode):
     global_frame: Annotated[In[str], "Global frame; always map here."] = "map"
     robot_base_frame: Annotated[In[str], "Robot base frame; always base_footprint here."] = "base_footprint"
 
-    state_fields = ("start",)
+    spec = NodeSpec(state_fields=("start",))
 
     @staticmethod
     def metadata() -> dict[str, str]:
@@ -112,8 +111,7 @@ class SpeedController(DecoratorNode):
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
 
-    state_fields = ("due", "goal_changed", "previous_goals", "speeds")
-    time_fields = ("due",)
+    spec = NodeSpec(state_fields=("due", "goal_changed", "previous_goals", "speeds"), time_fields=("due",))
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -173,7 +171,7 @@ class GoalUpdatedController(DecoratorNode):
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
 
-    state_fields = ("previous_goals",)
+    spec = NodeSpec(state_fields=("previous_goals",))
 
     def __init__(self) -> None:
         self.previous_goals: Goals = (None, ())
@@ -201,7 +199,7 @@ class GoalUpdater(DecoratorNode):
     output_goal: Annotated[Out[Pose2D], "Goal that the child receives."] = OPTIONAL
     output_goals: Annotated[Out[Poses], "Goals that the child receives."] = OPTIONAL
 
-    state_fields = ("several", "single")
+    spec = NodeSpec(state_fields=("several", "single"))
 
     @staticmethod
     def metadata() -> dict[str, str]:
@@ -266,7 +264,7 @@ class NewestSource:
 class SingleTrigger(DecoratorNode):
     """Tick the child until it has returned SUCCESS or FAILURE once; return FAILURE from then on."""
 
-    state_fields = ("triggered",)
+    spec = NodeSpec(state_fields=("triggered",))
 
     def __init__(self) -> None:
         self.triggered = False
@@ -295,7 +293,7 @@ class PathLongerOnApproach(DecoratorNode):
 
     provided_ports = path_port("Planned path.")
 
-    state_fields = ("previous",)
+    spec = NodeSpec(state_fields=("previous",))
 
     def __init__(self) -> None:
         self.previous: NavPath | None = None

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from btcore import (FAILURE, In, NodeType, Out, RUNNING, SUCCESS, Status, SyncAction)
+from btcore import (FAILURE, In, NodeSpec, NodeType, Out, RUNNING, SUCCESS, Status, SyncAction)
 from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
@@ -47,7 +47,7 @@ class TruncatePath(SyncAction):
     At least two poses stay. The last remaining pose is turned towards the goal.
     """
 
-    may_return = frozenset({SUCCESS})
+    spec = NodeSpec(may_return=frozenset({SUCCESS}))
 
     input_path: InPath
     distance: Annotated[
@@ -91,7 +91,7 @@ class TruncatePathLocal(SyncAction):
     ] = math.inf
     output_path: OutPath = OPTIONAL
 
-    state_fields = ("search",)
+    spec = NodeSpec(state_fields=("search",))
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -179,7 +179,7 @@ class ValidatePath(_PathValidation):
 class IsPathValid(_PathValidation):
     """The predecessor of ValidatePath in Nav2 up to the release kilted: SUCCESS while *path* is valid."""
 
-    node_type = NodeType.CONDITION
+    spec = NodeSpec(node_type=NodeType.CONDITION)
 
     max_cost: MaxCost = 254
     consider_unknown_as_obstacle: UnknownCounts = False
@@ -197,7 +197,7 @@ class SmoothPath(BtActionNode):
     """
 
     action = "smooth_path"
-    may_complete_on_start = True
+    spec = NodeSpec(may_complete_on_start=True)
 
     unsmoothed_path: InPath
     max_smoothing_duration: Annotated[In[float], "Maximum smoothing duration (s)."] = 3.0

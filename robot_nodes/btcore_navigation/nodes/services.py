@@ -2,7 +2,7 @@
 
 from typing import Annotated, ClassVar
 
-from btcore import (Direction, FAILURE, In, Port, RUNNING, SUCCESS, StatefulAction, Status, SyncAction)
+from btcore import (Direction, FAILURE, In, NodeSpec, Port, RUNNING, SUCCESS, StatefulAction, Status, SyncAction)
 from btcore.engine.node import read_clock
 from btcore.values import STRING
 from btcore_navigation.navigation_servers import (
@@ -150,7 +150,7 @@ class CheckStopStatus(StatefulAction):
     velocity_threshold: Annotated[In[float], "Velocity (m/s, rad/s) up to which the robot is stopped."] = 0.01
     duration_stopped: Annotated[In[int], "Time (ms) for which the robot must be stopped."] = 1000
 
-    state_fields = ("since",)
+    spec = NodeSpec(state_fields=("since",))
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -196,7 +196,7 @@ class _Selector(SyncAction):
             Port(f"selected_{cls.kind}", Direction.OUT, STRING, "", f"Selected {words}."),
         ]
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers

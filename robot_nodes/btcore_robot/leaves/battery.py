@@ -7,7 +7,7 @@ Their numbers are from the patrol in the book *A Concise Introduction to Robot P
 import math
 from typing import Annotated
 
-from btcore import FAILURE, RUNNING, SUCCESS, Blackboard, Condition, In, StatefulAction, Status
+from btcore import (Blackboard, Condition, FAILURE, In, NodeSpec, RUNNING, SUCCESS, StatefulAction, Status)
 from btcore_robot.robot import NS_PER_S, Robot
 
 LEVEL_KEY = "battery_level"
@@ -33,7 +33,7 @@ class BatteryChecker(Condition):
 
     low: Annotated[In[float], "The level (0–100) below which the check fails."] = 10.0
 
-    state_fields = ("last_check",)
+    spec = NodeSpec(state_fields=("last_check",))
 
     @staticmethod
     def metadata() -> dict[str, str]:
@@ -64,9 +64,9 @@ class Recharge(StatefulAction):
     A halt interrupts charging; the next start continues it.
     """
 
-    may_complete_on_start = False
-    may_return = frozenset({SUCCESS})
-    state_fields = ("ticks",)
+    spec = NodeSpec(
+        may_return=frozenset({SUCCESS}), state_fields=("ticks",), may_complete_on_start=False
+    )
 
     @staticmethod
     def metadata() -> dict[str, str]:

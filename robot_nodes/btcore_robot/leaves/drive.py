@@ -8,7 +8,7 @@ Introduction to Robot Programming with ROS2*. Back commands 0.3 m/s backwards; a
 import math
 from typing import Annotated, ClassVar
 
-from btcore import FAILURE, RUNNING, SUCCESS, In, StatefulAction, Status
+from btcore import (FAILURE, In, NodeSpec, RUNNING, SUCCESS, StatefulAction, Status)
 from btcore_robot.control.bumpgo_fsm import clearance_ahead, freest_direction
 from btcore_robot.robot import Robot
 
@@ -30,8 +30,7 @@ FULL_TURN_TIME = round(2 * math.pi / TURN_SPEED * 1e9)
 class Forward(StatefulAction):
     """Drive forward at 0.3 m/s. Always RUNNING."""
 
-    may_return: ClassVar[frozenset[Status]] = frozenset()
-    state_fields = ()
+    spec = NodeSpec(may_return=frozenset(), state_fields=())
 
     @staticmethod
     def metadata() -> dict[str, str]:
@@ -58,9 +57,9 @@ class _Manoeuvre(StatefulAction):
     w: ClassVar[float] = 0.0
     duration: ClassVar[int] = MANOEUVRE_TIME
 
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
-    may_complete_on_start: ClassVar[bool] = False
-    state_fields = ("started",)
+    spec = NodeSpec(
+        may_return=frozenset({SUCCESS}), state_fields=("started",), may_complete_on_start=False
+    )
 
     @staticmethod
     def metadata() -> dict[str, str]:
@@ -111,7 +110,7 @@ class TurnToFree(StatefulAction):
 
     clear: Annotated[In[float], "The distance (m) that has to be free ahead."] = 2.0
 
-    state_fields = ("side", "started")
+    spec = NodeSpec(state_fields=("side", "started"))
 
     @staticmethod
     def metadata() -> dict[str, str]:

@@ -1,9 +1,9 @@
 """Leaves that keep a lifecycle component active: the head tracker and the object locator."""
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import RUNNING, Out, StatefulAction, Status
+from btcore import (NodeSpec, Out, RUNNING, StatefulAction, Status)
 from btcore_robot.process.lifecycle import LifecycleState
 
 
@@ -34,7 +34,7 @@ class ObjectLocatorProtocol(HeadTrackerProtocol, Protocol):
 class _KeepActive(StatefulAction):
     """Keep a component active. Always RUNNING; a halt deactivates the component."""
 
-    may_return: ClassVar[frozenset[Status]] = frozenset()
+    spec = NodeSpec(may_return=frozenset())
 
     component: HeadTrackerProtocol
 
@@ -57,7 +57,7 @@ class _KeepActive(StatefulAction):
 class TrackObjects(_KeepActive):
     """Keep the head tracker active. Always RUNNING; a halt deactivates the tracker."""
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     def __init__(self, tracker: HeadTrackerProtocol) -> None:
         self.component = tracker
@@ -71,7 +71,7 @@ class LocateObjects(_KeepActive):
 
     boxes: Annotated[Out[object], "The objects in the newest image: a list of boxes in the frame map."]
 
-    state_fields = None  # the boxes belong to the locator, and a copy would count as new
+    spec = NodeSpec(state_fields=None)  # the boxes belong to the locator, and a copy would count as new
 
     @staticmethod
     def metadata() -> dict[str, str]:

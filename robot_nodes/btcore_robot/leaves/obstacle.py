@@ -4,7 +4,7 @@ from typing import Annotated
 
 import numpy as np
 
-from btcore import RUNNING, SUCCESS, In, StatefulAction, Status, condition
+from btcore import (In, NodeSpec, RUNNING, SUCCESS, StatefulAction, Status, condition)
 from btcore_robot.robot import LaserScan, Robot
 from btcore_robot.time_limits import SCAN, is_stale
 
@@ -41,9 +41,7 @@ class WaitForScan(StatefulAction):
 
     timeout: Annotated[In[float], "The maximum age (s) of a scan."] = SCAN
     # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
-    may_complete_on_start = True
-    may_return = frozenset({SUCCESS})
-    state_fields = ()
+    spec = NodeSpec(may_return=frozenset({SUCCESS}), state_fields=(), may_complete_on_start=True)
 
     @staticmethod
     def metadata() -> dict[str, str]:

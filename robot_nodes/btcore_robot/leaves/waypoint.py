@@ -7,7 +7,7 @@ from contextlib import suppress
 from itertools import count, takewhile
 from typing import Annotated
 
-from btcore import BtcoreError, In, NodeError, Out, SyncAction, TreeState
+from btcore import BtcoreError, In, NodeError, NodeSpec, Out, SyncAction, TreeState
 from btcore.suggestions import join_names
 from btcore_robot.robot import Pose2D, Waypoints
 
@@ -34,7 +34,7 @@ class GetWaypoint(SyncAction):
     wp_id: Annotated[In[str], "'recharge', or any other text for the next waypoint of the patrol."] = "next"
     waypoint: Annotated[Out[Pose2D], "The waypoint, in the frame map."]
 
-    state_fields = ("progress",)  # the nodes of a restored tree share one copy
+    spec = NodeSpec(state_fields=("progress",))  # the nodes of a restored tree share one copy
 
     def __init__(self, progress: PatrolProgress, waypoints: Waypoints) -> None:
         self.progress = progress

@@ -2,20 +2,9 @@
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, Final
 
-from btcore import (
-    FAILURE,
-    RUNNING,
-    SUCCESS,
-    Blackboard,
-    Direction,
-    In,
-    LiteralProblem,
-    Port,
-    StatefulAction,
-    Status,
-)
+from btcore import (Blackboard, Direction, FAILURE, In, LiteralProblem, NodeSpec, Port, RUNNING, SUCCESS, StatefulAction, Status)
 from btcore.clock import NS_PER_MS, NS_PER_S
 from btcore.engine.node import read_clock
 from btcore.values import STRING
@@ -119,7 +108,7 @@ class RosActionCall(NoCodeLeaf, RosAction):
     action_name: Annotated[In[str], "the action; default: the instance name"] = ""
     server_timeout: Annotated[In[int], "the time (ms) that the server has to accept the goal"] = 1000
     wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = DISCOVERY_MS
-    node_symbol: ClassVar[str] = "⇄"
+    spec = NodeSpec(symbol="⇄")
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -203,7 +192,7 @@ class RosServiceCall(NoCodeLeaf, RosService):
     service_name: Annotated[In[str], "the service; default: the instance name"] = ""
     server_timeout: Annotated[In[int], "the time (ms) that the server has to answer"] = 1000
     wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = DISCOVERY_MS
-    node_symbol: ClassVar[str] = "⇄"
+    spec = NodeSpec(symbol="⇄")
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -261,8 +250,7 @@ class _TopicLeaf(NoCodeLeaf, StatefulAction):
     durability: Annotated[In[Durability], "volatile or transient_local; default: that of qos"] = (
         Durability.as_qos
     )
-    may_complete_on_start: ClassVar[bool] = True
-    state_fields: ClassVar[tuple[str, ...] | None] = None
+    spec = NodeSpec(state_fields=None, may_complete_on_start=True)
 
     def __init__(self, session: RosSession) -> None:
         self.session = session
@@ -299,9 +287,7 @@ class RosTopicPublish(_TopicLeaf):
     wait_for_subscriber_timeout: Annotated[
         In[int], "the time (ms), after the publisher was created, in which a subscriber must appear"
     ] = DISCOVERY_MS
-    node_symbol: ClassVar[str] = "↑"
-    may_return: ClassVar[frozenset[Status]] = frozenset({SUCCESS})
-    uses: ClassVar[frozenset[str] | None] = frozenset()
+    spec = NodeSpec(symbol="↑", may_return=frozenset({SUCCESS}), uses=frozenset())
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -407,7 +393,7 @@ class RosTopicRead(_TopicLeaf):
         In[int], "the time (ms), after the subscription was created, in which a publisher must appear"
     ] = DISCOVERY_MS
     max_age: Annotated[In[float], "the maximum time (s) since the message arrived; 0 = no limit"] = 0.0
-    node_symbol: ClassVar[str] = "↓"
+    spec = NodeSpec(symbol="↓")
 
     @staticmethod
     def provided_ports() -> list[Port]:

@@ -3,9 +3,9 @@
 import enum
 import logging
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
-from btcore import FAILURE, RUNNING, NodeError, StatefulAction, Status
+from btcore import (FAILURE, NodeError, NodeSpec, RUNNING, StatefulAction, Status)
 from btcore.clock import NS_PER_MS
 from btcore.engine.node import read_clock
 from btcore.status import PossibleResults
@@ -30,7 +30,7 @@ class ServerLeaf(StatefulAction):
     error_message: str = ""
     """The description of the last failure; "" if the last goal or call did not fail."""
 
-    state_fields: ClassVar[tuple[str, ...] | None] = None  # the goal or response belongs to the server
+    spec = NodeSpec(state_fields=None)  # the goal or response belongs to the server
 
     session: RosSession
     """The session."""
@@ -45,7 +45,7 @@ class ServerLeaf(StatefulAction):
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return that the leaf can fail in its first tick, and ends later otherwise."""
-        return PossibleResults(cls.may_return & {FAILURE}, cls.may_return, True)
+        return PossibleResults(cls.spec.may_return & {FAILURE}, cls.spec.may_return, True)
 
     def on_failure(self, error: Any) -> Any:
         """Process a failure, and return the result of the leaf; see the subclasses."""

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from btcore import Condition, In, NodeError
+from btcore import Condition, In, NodeError, NodeSpec
 from btcore_ros2.leaves.endpoint import Endpoint, interface_of
 from btcore_ros2.leaves.results import completed
 from btcore_ros2.session import RosSession
@@ -35,7 +35,7 @@ class RosPublisher(Condition):
     qos: Any = 1
     """A `rclpy.qos.QoSProfile`, or the depth of a reliable profile."""
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     def __init__(self, session: RosSession) -> None:
         self.session = session
@@ -117,7 +117,7 @@ class RosSubscriber(Condition):
     latch: bool = False
     """Whether a message is passed to `on_message` again until a newer message arrives."""
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     _listening: _Topic | None = None
     _read = 0  # of the messages of _listening

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from btcore import (
     RUNNING,
@@ -10,6 +10,7 @@ from btcore import (
     In,
     LiteralProblem,
     NodeError,
+    NodeSpec,
     Port,
     StatefulAction,
     Status,
@@ -100,9 +101,7 @@ class _LookUp(_TransformLeaf, StatefulAction):
 
     timeout: Annotated[In[int], "how long (ms) the leaf waits for the transform"] = 1000
     max_age: Annotated[In[float], "the maximum time (s) since the transform arrived; 0 = no limit"] = 0.0
-    may_complete_on_start: ClassVar[bool] = True
-    state_fields: ClassVar[tuple[str, ...] | None] = None
-    node_symbol: ClassVar[str] = "⌖"
+    spec = NodeSpec(symbol="⌖", state_fields=None, may_complete_on_start=True)
 
     @staticmethod
     def metadata() -> dict[str, str]:
@@ -294,9 +293,7 @@ class RosTransformPublish(_TransformLeaf, SyncAction):
     child: Annotated[In[str], "the frame"]
     pose_frame: Annotated[In[str], "the frame of a pose that has none"] = "map"
     static: Annotated[In[bool], "whether the transform is valid at all times"] = False
-    node_symbol: ClassVar[str] = "↑"
-    state_fields: ClassVar[tuple[str, ...] | None] = ()
-    uses: ClassVar[frozenset[str] | None] = frozenset()
+    spec = NodeSpec(symbol="↑", state_fields=(), uses=frozenset())
 
     @staticmethod
     def provided_ports() -> list[Port]:

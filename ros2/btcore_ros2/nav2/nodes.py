@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from btcore import (Direction, FAILURE, In, Out, Registry, SUCCESS, Status, SyncAction)
+from btcore import (Direction, FAILURE, In, NodeSpec, Out, Registry, SUCCESS, Status, SyncAction)
 from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.behaviours import AssistedTeleopGoal
@@ -106,7 +106,7 @@ class ExtractRouteNodesAsGoals(SyncAction):
     route: Annotated[In[Route], "Route to extract the nodes from."]
     goals: Annotated[Out[Poses], "Goals for the navigation."] = OPTIONAL
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     def tick(self) -> bool:
         """Write the goals."""
@@ -123,7 +123,7 @@ class AssistedTeleop(BtActionNode):
     """
 
     action = "assisted_teleop"
-    uses = BASE
+    spec = NodeSpec(uses=BASE)
 
     time_allowance: Annotated[In[float], "Allowed time (s) for the teleoperation."] = 10.0
     is_recovery: Annotated[In[bool], "True if the teleoperation counts as a recovery."] = False

@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from btcore import DecoratorNode, Status, TreeNode
+from btcore import DecoratorNode, NodeSpec, Status, TreeNode
 from btcore.engine.control import results_in_order
 from btcore.nodes.builtin_nodes import BUILTIN_NODES, node_classes
 from btcore.nodes.format3 import SequenceStar
@@ -17,14 +17,14 @@ from btcore.xml.lint.possible_results import behaviour_of
 @pytest.mark.parametrize("cls", [*node_classes()], ids=lambda cls: cls.__name__)
 def test_every_class_is_a_node_of_some_format_or_a_base_class(cls: type[TreeNode]) -> None:
     # So that the declaration of a new node is not forgotten.
-    assert "builtin_formats" in vars(cls) or any(cls in other.__bases__ for other in node_classes())
+    assert cls.spec.formats or any(cls in other.__bases__ for other in node_classes())
 
 
 def test_a_class_has_one_id_in_its_formats() -> None:
     for format, nodes in BUILTIN_NODES.items():
         for id, cls in nodes.items():
-            assert format in cls.builtin_formats
-            assert id in (cls.builtin_id, cls.__name__)
+            assert format in cls.spec.formats
+            assert id in (cls.spec.id, cls.__name__)
 
 
 def test_declared_results_do_not_apply_to_user_subclasses() -> None:
@@ -32,7 +32,7 @@ def test_declared_results_do_not_apply_to_user_subclasses() -> None:
         pass
 
     class Declared(ForceSuccess):
-        may_return = frozenset({Status.FAILURE})
+        spec = NodeSpec(may_return=frozenset({Status.FAILURE}))
 
     assert behaviour_of(ForceSuccess) is ForceSuccess
     assert behaviour_of(Own) is DecoratorNode

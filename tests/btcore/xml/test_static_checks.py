@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore import Registry, StatefulAction, Status, SyncAction
+from btcore import NodeSpec, Registry, StatefulAction, Status, SyncAction
 
 Check = Callable[..., str]
 
@@ -273,7 +273,7 @@ def test_valid_reactive_nodes_are_not_reported(check: Check, body: str) -> None:
 
 def test_asynchronous_leaf_may_declare_that_it_may_complete_on_start(check: Check, palette: Registry) -> None:
     class WaitForScan(StatefulAction):
-        may_complete_on_start = True
+        spec = NodeSpec(may_complete_on_start=True)
 
         def on_start(self) -> Status:
             return self.on_running()

@@ -3,6 +3,7 @@
 import pytest
 
 import btcore
+from btcore import NodeSpec
 from btcore.clock import Clock
 from btcore.tree.tree import Tree
 from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
@@ -24,11 +25,11 @@ class Act(btcore.StatefulAction):
 
 
 class Move(Act):
-    uses = frozenset({"base"})
+    spec = NodeSpec(uses=frozenset({"base"}))
 
 
 class Turn(Act):
-    uses = frozenset({"base"})
+    spec = NodeSpec(uses=frozenset({"base"}))
 
 
 class Use(btcore.SyncAction):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from btcore import Condition, DecoratorNode, Registry, StatefulAction, Status, SyncAction, loads
+from btcore import Condition, DecoratorNode, NodeSpec, Registry, StatefulAction, Status, SyncAction, loads
 from btcore.clock import Clock
 from btcore.tree.drawing import to_text
 from btcore.tree.tree import Tree
@@ -24,7 +24,7 @@ class BatteryLow(Condition):
 class Charge(StatefulAction):
     """Drives to the charger."""
 
-    uses = frozenset({"wheels"})
+    spec = NodeSpec(uses=frozenset({"wheels"}))
 
     def on_start(self) -> Status:
         """Never called in a proof."""
@@ -40,7 +40,7 @@ class Drive(Charge):
 class Brake(SyncAction):
     """Stops the wheels."""
 
-    uses = frozenset({"wheels"})
+    spec = NodeSpec(uses=frozenset({"wheels"}))
 
     def tick(self) -> Status:
         """Never called in a proof."""

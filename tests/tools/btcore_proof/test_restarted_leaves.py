@@ -1,6 +1,6 @@
 """A leaf that completes and is started again within one tick does not count as a leaf that kept running."""
 
-from btcore import Registry, Status, loads
+from btcore import NodeSpec, Registry, Status, loads
 from btcore.clock import Clock
 from btcore.engine.leaf import StatefulAction, SyncAction
 from btcore.tree.tree import Tree
@@ -13,8 +13,7 @@ from btcore_proof.standard_questions import RESOURCES
 class Drive(StatefulAction):
     """Drives; it lasts at least until the second tick."""
 
-    uses = frozenset({"base"})
-    may_complete_on_start = False
+    spec = NodeSpec(uses=frozenset({"base"}), may_complete_on_start=False)
 
     def on_start(self) -> Status:
         """Never called in a proof."""
@@ -26,7 +25,7 @@ class Drive(StatefulAction):
 class Turn(SyncAction):
     """Turns."""
 
-    uses = frozenset({"base"})
+    spec = NodeSpec(uses=frozenset({"base"}))
 
     def tick(self) -> Status:
         """Never called in a proof."""

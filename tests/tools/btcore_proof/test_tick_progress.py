@@ -11,6 +11,7 @@ from btcore import (
     DecoratorNode,
     In,
     InOut,
+    NodeSpec,
     Out,
     Registry,
     StatefulAction,
@@ -94,7 +95,7 @@ class AgainIfIdle(DecoratorNode):
 class ThirdTime(DecoratorNode):
     """Ticks its child three times; during the child's tick, only a local variable knows how often."""
 
-    state_fields = ("count",)
+    spec = NodeSpec(state_fields=("count",))
 
     def __init__(self) -> None:
         self.count = 0

@@ -86,7 +86,7 @@ def _nodes_with_state() -> Iterator[tuple[int, Manifest]]:
 def _other_value(node: TreeNode, field: str) -> object:
     """Return another value that the field may have."""
     value = getattr(node, field)
-    if field in type(node).time_fields:
+    if field in node.spec.time_fields:
         return NOW + 1_000_000
     if isinstance(value, Status):
         return Status.SUCCESS
@@ -111,7 +111,7 @@ def test_every_state_field_is_part_of_the_state(format: int, manifest: Manifest)
         if port.default is None and not port.optional
     }
     texts = "".join(f' {name}="{text}"' for name, text in ports.items())
-    children = "<AlwaysSuccess/>" * manifest.cls.child_count[0]
+    children = "<AlwaysSuccess/>" * manifest.cls.spec.child_count[0]
     body = f"<{manifest.id}{texts}>{children}</{manifest.id}>"
     for field in state_fields_of(manifest.cls):
         tree = tree_of(body, format)
@@ -125,7 +125,7 @@ def test_every_state_field_is_part_of_the_state(format: int, manifest: Manifest)
         assert keeper.capture() == before, field
         keeper.restore(after, Advance((), after.timers))
         assert keeper.capture(after.timers) == after, field
-        if field not in type(tree.root).time_fields:
+        if field not in tree.root.spec.time_fields:
             assert getattr(tree.root, field) == value, field
             assert type(getattr(tree.root, field)) is type(value)
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore import Status
+from btcore import NodeSpec, Status
 from btcore.clock import NS_PER_S, Clock
 from btcore.status import FAILURE, SUCCESS
 from btcore.tree.tree import Tree
@@ -82,7 +82,7 @@ def answer_about_tree(decorator: type[btcore.TreeNode], tree: str, question: str
 class Decorator(btcore.DecoratorNode):
     """Ticks its child, and then returns what `decide` returns."""
 
-    state_fields: tuple[str, ...] = ()
+    spec = NodeSpec(state_fields=())
 
     def tick(self) -> Status:
         """Tick the child."""
@@ -97,7 +97,7 @@ class Decorator(btcore.DecoratorNode):
 class Elapsed(Decorator):
     """Reads the clock, and keeps a start time."""
 
-    state_fields = ("start",)
+    spec = NodeSpec(state_fields=("start",))
     start = 0
 
     def decide(self) -> bool:
@@ -116,13 +116,13 @@ class ElapsedByBlackboard(Elapsed):
 class StartInTimeFields(Elapsed):
     """Declares a start time as a deadline."""
 
-    time_fields = ("start",)
+    spec = NodeSpec(time_fields=("start",))
 
 
 class ComparesNow(Elapsed):
     """Compares a deadline with a time that may be later than the start of the tick."""
 
-    time_fields = ("start",)
+    spec = NodeSpec(time_fields=("start",))
 
     def decide(self) -> bool:
         self.start = self.start or self.now() + 5 * NS_PER_S
@@ -189,7 +189,7 @@ class Writes(Decorator):
     """Counts the writes of an entry."""
 
     value: btcore.In[Any]
-    state_fields = ("seen",)
+    spec = NodeSpec(state_fields=("seen",))
     seen = 0
 
     def decide(self) -> bool:
@@ -201,7 +201,7 @@ class Writes(Decorator):
 class Returns(btcore.DecoratorNode):
     """Returns whatever its child raises."""
 
-    state_fields = ()
+    spec = NodeSpec(state_fields=())
 
     def tick(self) -> Status:
         try:
@@ -214,7 +214,7 @@ class Remembers(Decorator):
     """Compares a value with the value before, as items of tuples."""
 
     value: btcore.In[Any]
-    state_fields = ("before",)
+    spec = NodeSpec(state_fields=("before",))
     before: tuple[Any, ...] = ()
 
     def decide(self) -> bool:
@@ -290,7 +290,7 @@ class Plain(Decorator):
 class Nested(Decorator):
     """Fails in every third tick, and counts in a list within a tuple, whose items nothing else shows."""
 
-    state_fields = ("last",)
+    spec = NodeSpec(state_fields=("last",))
     last: tuple[str, list[float]]
 
     def __init__(self) -> None:
@@ -305,7 +305,7 @@ class Nested(Decorator):
 class StateMachine(Decorator):
     """Keeps the method that decides next, and compares with a constant of its module."""
 
-    state_fields = ("last", "step")
+    spec = NodeSpec(state_fields=("last", "step"))
 
     def __init__(self) -> None:
         self.step: Callable[[], bool] = self.first
@@ -327,8 +327,7 @@ class StateMachine(Decorator):
 class Within(Decorator):
     """Succeeds for one second."""
 
-    state_fields = ("end",)
-    time_fields = ("end",)
+    spec = NodeSpec(state_fields=("end",), time_fields=("end",))
     end = 0
 
     def decide(self) -> bool:

@@ -7,6 +7,7 @@ from enum import Enum
 from typing import Any
 
 from btcore.blackboard.ports import Direction, Port, PortRole
+from btcore.engine.node_spec import NodeSpec
 from btcore.errors import RegistrationError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registration_checks import default_value_error
@@ -112,7 +113,7 @@ def add_stand_ins(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[s
         origin = model.distribution or "model"
         kind = NodeType[model.type]
         cls = make_stub_class(model.id, kind, ports, model.description, origin, model.metadata)
-        cls.node_symbol = model.symbol
+        cls.spec = NodeSpec(symbol=model.symbol)
         try:
             nodes.add(cls, ID=model.id, format=model.format or None)
         except RegistrationError:
@@ -131,7 +132,7 @@ def _model_of(manifest: Manifest, format: int) -> NodeModel:
         file,
         line,
         format,
-        manifest.cls.node_symbol,
+        manifest.cls.spec.symbol,
         dict(manifest.metadata),
     )
 

@@ -1,0 +1,116 @@
+"""What a node class declares about its nodes for tools and static checks, in addition to its ports."""
+
+from dataclasses import dataclass, fields
+from typing import Any, Final
+from weakref import WeakKeyDictionary
+
+from btcore.status import NodeType, Status
+
+INHERITED: Final[Any] = object()
+"""The value of a field that a class does not declare."""
+_ADDED: Final = ("state_fields", "time_fields")
+"""The fields to which a class adds names, instead of replacing those of its base classes."""
+_OF_ONE_CLASS: Final = {"formats": (), "id": ""}
+"""The fields that are not inherited, and their values for a class that does not declare them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeSpec:
+    """What a node class declares about its nodes: `spec = NodeSpec(symbol="¬", never_pauses=True)`.
+
+    A class declares the fields in which it differs from its base class. Reading the attribute `spec`, of a class
+    or of a node, returns all fields, with those that are inherited. No tick reads them.
+
+    Attributes:
+        node_type: The type of the nodes: action, condition, control or decorator.
+        symbol: The symbol of the nodes in listings and pictures; "" = the symbol of the node type. Of a
+            symbol of two characters, listings show the first, and pictures draw the second in a ring.
+        may_return: The results that a tick may return, apart from RUNNING, for static checks and tree
+            coverage.
+        state_fields: The attributes that a node remembers between ticks, in addition to those of the base
+            classes. To save and restore a tree, these attributes are sufficient together with the statuses,
+            the blackboard and the time. None = a RUNNING node cannot be saved. A user's class with attributes
+            must declare this field, if only as (), before a tree with the class can be saved.
+        time_fields: The state fields that hold the time (ns, tree's clock) until which a node waits; ≤ 0 = no
+            time. Added to those of the base classes.
+        uses: The names of the things that only one action may use at a time, such as a robot's base, for
+            proofs. None = an action uses the resources that it gets as parameters; other nodes use nothing.
+        may_complete_on_start: For a StatefulAction: whether `on_start` may complete the action at once. If
+            so, `btcore validate` does not treat the action as asynchronous.
+        never_pauses: Whether a tick only ticks children and, while a child is RUNNING, only this child. When
+            such a node is RUNNING, a child is RUNNING or the node has requested the next tick at once.
+        skips_alone: Whether a tick may return SKIPPED although no child was skipped.
+        child_count: The minimum and maximum number of children with which a node can be ticked; None = no
+            limit.
+        child_count_at_load: The minimum and maximum number of children with which a tree is loaded. It
+            differs from *child_count* because BehaviorTree.CPP loads some trees whose first tick raises.
+        child_roles: The purpose of the children, for error messages about their number.
+        continue_on: The result of a child after which the next child is ticked; SKIPPED has the same effect.
+            None = the children are not ticked in order.
+        runs_one_child: Whether a RUNNING child halts all other children, and the next tick starts again at
+            the first child.
+        branch_results: The results of the first child that select the second child, the third child, and so
+            on.
+        handler_port: If not None, the last child is a handler, ticked after another child failed. The port of
+            this name can enable further ticks of the handler.
+        formats: The XML formats in which the class is a built-in node; () = a base class. Not inherited.
+        id: The ID of the built-in node; "" = the name of the class. Not inherited.
+
+    Examples:
+        >>> import btcore
+        >>> class Drive(btcore.StatefulAction):
+        ...     spec = btcore.NodeSpec(uses=frozenset({"base"}), state_fields=("goal",))
+        >>> Drive.spec.state_fields, Drive.spec.node_type
+        (('goal',), <NodeType.ACTION: 1>)
+    """
+
+    node_type: NodeType = INHERITED
+    symbol: str = INHERITED
+    may_return: frozenset[Status] = INHERITED
+    state_fields: tuple[str, ...] | None = INHERITED
+    time_fields: tuple[str, ...] = INHERITED
+    uses: frozenset[str] | None = INHERITED
+    may_complete_on_start: bool = INHERITED
+    never_pauses: bool = INHERITED
+    skips_alone: bool = INHERITED
+    child_count: tuple[int, int | None] = INHERITED
+    child_count_at_load: tuple[int, int | None] = INHERITED
+    child_roles: str = INHERITED
+    continue_on: Status | None = INHERITED
+    runs_one_child: bool = INHERITED
+    branch_results: tuple[Status, ...] = INHERITED
+    handler_port: str | None = INHERITED
+    formats: tuple[int, ...] = INHERITED
+    id: str = INHERITED
+
+    def __get__(self, node: object, cls: type) -> "NodeSpec":
+        """Return the complete spec of *cls*."""
+        spec = _COMPLETE.get(cls)
+        if spec is None:
+            _COMPLETE[cls] = spec = _completed(cls)
+        return spec
+
+
+_COMPLETE: Final["WeakKeyDictionary[type, NodeSpec]"] = WeakKeyDictionary()
+
+
+def declared_fields(cls: type) -> frozenset[str]:
+    """Return the fields that *cls* itself declares in its spec."""
+    spec = vars(cls).get("spec")
+    if not isinstance(spec, NodeSpec):
+        return frozenset()
+    return frozenset(name for name, value in vars(spec).items() if value is not INHERITED)
+
+
+def _completed(cls: type) -> NodeSpec:
+    declared = [vars(parent)["spec"] for parent in cls.__mro__ if declared_fields(parent)]
+    values: dict[str, Any] = {}
+    for name in (field.name for field in fields(NodeSpec)):
+        given = [value for spec in declared if (value := getattr(spec, name)) is not INHERITED]
+        if name in _OF_ONE_CLASS and name not in declared_fields(cls):
+            values[name] = _OF_ONE_CLASS[name]
+        elif name in _ADDED and given[0] is not None:
+            values[name] = tuple(sorted({item for items in given for item in items or ()}))
+        else:
+            values[name] = given[0]
+    return NodeSpec(**values)
