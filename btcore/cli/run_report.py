@@ -12,6 +12,7 @@ import btcore
 from btcore.builds import env_flag
 from btcore.cli import terminal
 from btcore.cli.tick_loop import EndReason
+from btcore.engine.node import count_ticks
 from btcore.errors import NodeExecutionError, excerpt
 from btcore.status import Status
 from btcore.tree.drawing import node_depths
@@ -105,7 +106,7 @@ class RunReport:
         return {
             key: {"id": node.config.id, **{name: getattr(tally, name) for name in _COUNTS}}
             for key, node in tree.nodes_by_path().items()
-            for tally in (node.count_ticks(),)
+            for tally in (count_ticks(node),)
         }
 
     def report(self, tree: Tree, figures: Mapping[str, object]) -> dict[str, object]:

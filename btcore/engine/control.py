@@ -5,7 +5,7 @@ from typing import ClassVar, Final
 
 from mypy_extensions import mypyc_attr
 
-from btcore.engine.node import RESETS_CHILD, TreeNode, halt_node, reset_status
+from btcore.engine.node import RESETS_CHILD, TreeNode, attach_to_tree, halt_node, reset_status
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observers
@@ -263,7 +263,7 @@ class DecoratorNode(TreeNode):
             self.child = children[0]
         else:
             self.child = MissingChild()
-            self.child.attach_to_tree(self.config, self._context, self._blackboard)
+            attach_to_tree(self.child, self.config, self._context, self._blackboard)
 
     @property
     def children(self) -> list[TreeNode]:

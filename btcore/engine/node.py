@@ -96,31 +96,6 @@ class TreeNode:
     _context: TreeContext
     _blackboard: Blackboard
 
-    def attach_to_tree(self, config: NodeConfig, context: TreeContext, blackboard: Blackboard) -> None:
-        """Put the node into a tree. Called by the builder, before `__init__`.
-
-        Args:
-            config: The configuration of the node: its name, path, ports and condition scripts.
-            context: The state that all nodes of the tree share, for example the clock and the observers.
-            blackboard: The scope that the node reads and writes.
-
-        Raises:
-            ScriptError: A condition script has a syntax error.
-        """
-        self.config = config
-        self._status = IDLE
-        self._status_before_reset = IDLE
-        self._instrumentation = None
-        self._decorated_child = None
-        self._tick_flags = self._class_tick_flags
-        if type(self).execute_tick is not TreeNode.execute_tick:
-            self._tick_flags += OVERRIDES_EXECUTE_TICK
-        self._context = context
-        self._blackboard = blackboard
-        if config.scripts:
-            self._instrumentation = Instrumentation()
-            self._instrumentation.conditions = ConditionScripts(config.scripts, config.enums, blackboard)
-
     def prepare(self) -> None:
         """Prepare the node for ticks, for example by compiling the script in a port.
 
@@ -155,7 +130,7 @@ class TreeNode:
         """
         return ()
 
-    # --- identity
+    # --- identity and state
 
     @property
     def name(self) -> str:
@@ -196,18 +171,6 @@ class TreeNode:
     def blackboard(self) -> Blackboard:
         """The blackboard scope that the node reads and writes."""
         return self._blackboard
-
-    @property
-    def tick_counts(self) -> TickCounts | None:
-        """The tick counters of the node; None before `Tree.count_ticks` was called."""
-        return None if self._instrumentation is None else self._instrumentation.tick_counts
-
-    def count_ticks(self) -> TickCounts:
-        """Count the ticks of this node from now on. Return the counters."""
-        with self._context.lock:
-            self._instrumentation = instrumentation = self._instrumentation or Instrumentation()
-            instrumentation.tick_counts = counts = instrumentation.tick_counts or TickCounts()
-        return counts
 
     def set_pre_tick_function(self, callback: "Callable[[Any], Status] | None") -> None:
         """Set the function that is called before each tick, with the node as argument; thread-safe.
@@ -296,24 +259,6 @@ class TreeNode:
         """
         halt_node(self)
 
-    def execution_error(self, cause: BaseException, doing: str) -> NodeExecutionError:
-        """Return an error that names this node.
-
-        Args:
-            cause: The exception that was raised.
-            doing: When it was raised: "ticking" or "being halted".
-        """
-        error = NodeExecutionError(self.config.path, self.config.id, cause, doing, self.config.where)
-        # Code compiled by mypyc does not set __cause__ by `raise … from`.
-        error.__cause__ = cause
-        error.backtrace.append(self.config.path)
-        return error
-
-    def trace(self, error: NodeExecutionError) -> None:
-        """Prepend this node to the backtrace of *error*, unless it comes first already."""
-        if error.backtrace[0] != self.config.path:
-            error.backtrace.insert(0, self.config.path)
-
     # --- ports, clock and wake-ups, for subclasses
 
     def get_input(self, name: str) -> object:
@@ -367,8 +312,70 @@ class TreeNode:
         self._context.deadlines.pop(self.config.uid, None)
 
 
-# --- The implementations of the methods above. Parents call these functions instead of the methods, because
-# mypyc looks up by name every method that an interpreted class may override, which takes longer.
+def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, blackboard: Blackboard) -> None:
+    """Put *node* into a tree. Called by the builder, before `__init__`.
+
+    Args:
+        node: The node.
+        config: The configuration of the node: its name, path, ports and condition scripts.
+        context: The state that all nodes of the tree share, for example the clock and the observers.
+        blackboard: The scope that the node reads and writes.
+
+    Raises:
+        ScriptError: A condition script has a syntax error.
+    """
+    node.config = config
+    node._status = IDLE
+    node._status_before_reset = IDLE
+    node._instrumentation = None
+    node._decorated_child = None
+    node._tick_flags = node._class_tick_flags
+    if type(node).execute_tick is not TreeNode.execute_tick:
+        node._tick_flags += OVERRIDES_EXECUTE_TICK
+    node._context = context
+    node._blackboard = blackboard
+    if config.scripts:
+        node._instrumentation = Instrumentation()
+        node._instrumentation.conditions = ConditionScripts(config.scripts, config.enums, blackboard)
+
+
+def tick_counts_of(node: TreeNode) -> TickCounts | None:
+    """Return the tick counters of *node*; None before `count_ticks` was called."""
+    return None if node._instrumentation is None else node._instrumentation.tick_counts
+
+
+def count_ticks(node: TreeNode) -> TickCounts:
+    """Count the ticks of *node* from now on. Return the counters."""
+    with node._context.lock:
+        node._instrumentation = instrumentation = node._instrumentation or Instrumentation()
+        instrumentation.tick_counts = counts = instrumentation.tick_counts or TickCounts()
+    return counts
+
+
+def execution_error(node: TreeNode, cause: BaseException, doing: str) -> NodeExecutionError:
+    """Return an error that names *node*.
+
+    Args:
+        node: The node.
+        cause: The exception that was raised.
+        doing: When it was raised: "ticking" or "being halted".
+    """
+    config = node.config
+    error = NodeExecutionError(config.path, config.id, cause, doing, config.where)
+    # Code compiled by mypyc does not set __cause__ by `raise … from`.
+    error.__cause__ = cause
+    error.backtrace.append(config.path)
+    return error
+
+
+def add_to_backtrace(node: TreeNode, error: NodeExecutionError) -> None:
+    """Prepend *node* to the backtrace of *error*, unless it comes first already."""
+    if error.backtrace[0] != node.config.path:
+        error.backtrace.insert(0, node.config.path)
+
+
+# --- The implementations of methods above. Parents call these functions instead of the methods, because mypyc
+# looks up by name every method that an interpreted class may override, which takes longer.
 
 
 def execute_tick(node: TreeNode, itself: bool = False) -> Status:
@@ -409,12 +416,12 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
         if flags & MUST_COMPLETE and status is RUNNING:
             raise NodeError(_STILL_RUNNING)
     except NodeExecutionError as error:
-        node.trace(error)
+        add_to_backtrace(node, error)
         raise
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise node.execution_error(error, "ticking") from error
+        raise execution_error(node, error, "ticking") from error
     if flags & RESETS_CHILD:
         child = node._decorated_child
         if child is not None and (child._status is SUCCESS or child._status is FAILURE):
@@ -547,10 +554,10 @@ def halt_node(node: TreeNode) -> None:
             instrumentation.conditions.run_on_halted()
     except NodeExecutionError as error:
         reset_status(node)
-        node.trace(error)
+        add_to_backtrace(node, error)
         raise
     except KeyboardInterrupt:
         raise
     except BaseException as error:
         reset_status(node)
-        raise node.execution_error(error, "being halted") from error
+        raise execution_error(node, error, "being halted") from error

@@ -18,8 +18,8 @@ _OF_ONE_CLASS: Final = {"formats": (), "id": ""}
 class NodeSpec:
     """What a node class declares about its nodes: `spec = NodeSpec(symbol="¬", never_pauses=True)`.
 
-    A class declares the fields in which it differs from its base class. Reading the attribute `spec`, of a class
-    or of a node, returns all fields, with those that are inherited. No tick reads them.
+    A class declares the fields in which it differs from its base class. Reading `spec`, of a class or a node,
+    returns all fields, with those that are inherited. No tick reads them.
 
     Attributes:
         node_type: The type of the nodes: action, condition, control or decorator.

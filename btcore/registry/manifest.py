@@ -19,7 +19,7 @@ from btcore.engine.functions import (
     FunctionCoroutineAction,
     leaf_class,
 )
-from btcore.engine.node import TreeNode
+from btcore.engine.node import TreeNode, attach_to_tree
 from btcore.engine.node_config import NO_INPUTS, NodeConfig
 from btcore.engine.port_attributes import PORT_PLACEHOLDER
 from btcore.engine.signature import (
@@ -146,7 +146,7 @@ class Manifest:
         cls = self.cls
         # __init__ is called below, when the node has its ports, blackboard and children.
         node: TreeNode = cls.__new__(cls)
-        node.attach_to_tree(config, context, blackboard)
+        attach_to_tree(node, config, context, blackboard)
         if self._adopts:
             assert isinstance(node, (ControlNode, DecoratorNode))
             node.set_children(children)

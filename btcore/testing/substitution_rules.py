@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Final
 from btcore.clock import NS_PER_MS
 from btcore.engine.context import TreeContext
 from btcore.engine.leaf import StatefulAction
-from btcore.engine.node import TreeNode, read_clock
+from btcore.engine.node import TreeNode, attach_to_tree, read_clock
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BtcoreError, NodeError, ScriptError
 from btcore.input_files import read_file
@@ -167,7 +167,7 @@ class _TestNodeManifest(Manifest):
         """Create a test node."""
         # TestNode.__init__ uses the node's configuration, so it must be called last.
         node = TestNode.__new__(TestNode)
-        node.attach_to_tree(config, context, blackboard)
+        attach_to_tree(node, config, context, blackboard)
         TestNode.__init__(node, self._settings)
         return node
 

@@ -12,7 +12,16 @@ from btcore.blackboard.ports import PortRole
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.context import TreeContext
 from btcore.engine.instrumentation import TickCounts
-from btcore.engine.node import TreeNode, execute_tick, halt_node, input_or, reset_status
+from btcore.engine.node import (
+    TreeNode,
+    add_to_backtrace,
+    count_ticks,
+    execute_tick,
+    execution_error,
+    halt_node,
+    input_or,
+    reset_status,
+)
 from btcore.engine.observers import Observer, Observers
 from btcore.errors import BtcoreError, NodeError, NodeExecutionError
 from btcore.registry.registry import Registry
@@ -300,11 +309,11 @@ class Tree:
             f"the tick was stopped after {self.tick_limit:g} s (tick limit): the node repeats without a "
             "pause; add a pause, such as a <Delay>, or limit the number of repetitions"
         )
-        error = node.execution_error(cause, "ticking")
+        error = execution_error(node, cause, "ticking")
         parents = {child.config.uid: parent for parent in self.nodes for child in parent.children}
         while node.config.uid in parents:
             node = parents[node.config.uid]
-            node.trace(error)
+            add_to_backtrace(node, error)
         self._halt_after(error)
         raise error
 
@@ -444,7 +453,7 @@ class Tree:
 
     def count_ticks(self) -> dict[str, TickCounts]:
         """Count the ticks of every node from now on. Return the counters by path (`nodes_by_path`)."""
-        return {key: node.count_ticks() for key, node in self.nodes_by_path().items()}
+        return {key: count_ticks(node) for key, node in self.nodes_by_path().items()}
 
     def nodes_by_path(self) -> dict[str, TreeNode]:
         """Return the nodes by full path, in pre-order. `#<uid>` is appended to equal paths."""

@@ -16,7 +16,7 @@ GROUPS = {
     "Registering nodes": ("Registry", "condition", "action"),
     "Base classes of nodes": (
         "Condition", "SyncAction", "StatefulAction", "ThreadedAction", "ControlNode", "DecoratorNode",
-        "LoopNode", "TreeNode",
+        "LoopNode", "TreeNode", "NodeSpec",
     ),
     "Coroutines": ("running", "sleep"),
     "Ports and blackboard": (

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 import btcore
 from btcore import SimClock
+from btcore.engine.node import count_ticks
 from btcore_monitor.breakpoints import BreakpointClient, BreakpointError, find_nodes
 from btcore_monitor.commands.hook import hook as hook_command
 from btcore_monitor.events import ObservedNode, ObservedTree
@@ -157,7 +158,7 @@ def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(robot, until):
 
 
 def test_a_status_is_injected_into_one_tick(robot):
-    tally = robot.tree.node("rescue").count_ticks()
+    tally = count_ticks(robot.tree.node("rescue"))
     robot.start()
     with BreakpointClient(robot.address) as breaks:
         assert breaks.inject("right", 3) == ["go/right"]

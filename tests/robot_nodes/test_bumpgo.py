@@ -9,6 +9,7 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
+from btcore.engine.node import count_ticks
 from btcore_sim.faults import Fault, FaultSchedule
 from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
@@ -47,7 +48,7 @@ def test_the_robot_drives_for_a_minute_without_collisions(name: str, body: Simul
     tick(tree, body, 60)
     assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
     assert body.distance > 5.0
-    assert all(node.count_ticks().ticks > 0 for node in tree.nodes)
+    assert all(count_ticks(node).ticks > 0 for node in tree.nodes)
 
 
 @pytest.mark.parametrize("body", ["arena_boxes"], indirect=True)

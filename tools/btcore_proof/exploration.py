@@ -11,7 +11,7 @@ from collections.abc import Callable, Hashable, Sequence, Set
 from typing import Final
 
 from btcore.clock import SimClock
-from btcore.engine.node import TreeNode
+from btcore.engine.node import TreeNode, tick_counts_of
 from btcore.errors import BtcoreError, NodeExecutionError, ScriptError
 from btcore.status import RUNNING, SKIPPED
 from btcore.tree.tree import Tree
@@ -104,7 +104,7 @@ class Explorer:
         self.signals = Signals(self._runner.leaves, len(self.keeper.timer_slots), len(propositions))
         self.waiting: deque[int] = deque()
         self._open: list[tuple[int, int]] = []
-        self.counted = [node for node in tree.nodes if node.tick_counts is not None]
+        self.counted = [node for node in tree.nodes if tick_counts_of(node) is not None]
         # The tick that is being run: where it began, and the vertex that it has reached.
         self._moment = Moment(0, 0, ())
         self._advance = Advance((), ())

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from btcore.clock import Clock
 from btcore.engine.leaf import Condition
-from btcore.engine.node import TreeNode
+from btcore.engine.node import TreeNode, count_ticks, tick_counts_of
 from btcore.errors import ConversionError
 from btcore.status import FAILURE, RUNNING, SUCCESS
 from btcore.suggestions import join_names
@@ -168,7 +168,7 @@ class Prover:
         watched = {node.config.uid: node for each in parsed for node in each.nodes}
         for node in tree.nodes:
             if not node.children:
-                node.count_ticks()
+                count_ticks(node)
         self.explorer = Explorer(
             tree,
             choices,
@@ -304,7 +304,7 @@ class Prover:
     def _leaves(self) -> Answer:
         problems: list[str] = []
         for node in self.tree.nodes:
-            counts = node.tick_counts
+            counts = tick_counts_of(node)
             if node.children or counts is None:
                 continue
             model = model_leaf_model(node)

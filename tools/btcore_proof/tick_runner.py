@@ -4,7 +4,7 @@ from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
-from btcore.engine.node import TreeNode
+from btcore.engine.node import TreeNode, count_ticks, execution_error, tick_counts_of
 from btcore.errors import NodeExecutionError
 from btcore.status import RUNNING, Status
 from btcore.tree.tree import Tree
@@ -68,7 +68,7 @@ class TickRunner:
         self._running: list[TreeNode] = []
         for node in watched:
             node.set_post_tick_function(self._record)
-            node.count_ticks()
+            count_ticks(node)
 
     def _record(self, node: TreeNode, status: Status) -> Status:
         self._results.setdefault(node.config.uid, []).append(status)
@@ -131,9 +131,9 @@ def run_tick(tree: Tree, choices: Choices) -> tuple[Status | None, NodeExecution
         return result, error
     with suppress(NodeExecutionError, SearchInterrupt):
         tree.halt()
-    return None, tree.root.execution_error(interrupt, "ticking")
+    return None, execution_error(tree.root, interrupt, "ticking")
 
 
 def _halts_of(node: TreeNode) -> int:
-    counts = node.tick_counts
+    counts = tick_counts_of(node)
     return 0 if counts is None else counts.halted
