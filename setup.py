@@ -57,7 +57,7 @@ COLD_FILES = {
     "btcore/tree/drawing.py",
     "btcore/tree/hooks.py",
     "btcore/tree/tick_thread.py",
-    "btcore/engine/node_spec.py",  # compiled code loses __get__ of a descriptor
+    "btcore/engine/node_spec.py",  # a dataclass that is a descriptor
     "btcore/engine/signature.py",
     "btcore/nodes/manual_selector.py",  # compiled code hides the parameters of its __init__
     # The classes of a batch that users call and subclass.

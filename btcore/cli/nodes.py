@@ -73,7 +73,7 @@ def _print(manifests: Sequence[Manifest]) -> None:
     for kind in _ORDER:
         section = sorted((item for item in manifests if item.type is kind), key=lambda item: item.id)
         for number, manifest in enumerate(section):
-            name = terminal.node_symbol(manifest.cls.spec.symbol, kind)
+            name = terminal.node_symbol(manifest.spec.symbol, kind)
             url = node_url(manifest.id, manifest.distribution)
             name.append(manifest.id, style=Style(bold=True, link=url))
             first_paragraph = manifest.description.strip().split("\n\n")[0]

@@ -1,6 +1,6 @@
 """What a node class declares about its nodes for tools and static checks, in addition to its ports."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Final
 from weakref import WeakKeyDictionary
 
@@ -14,7 +14,7 @@ _OF_ONE_CLASS: Final = {"formats": (), "id": ""}
 """The fields that are not inherited, and their values for a class that does not declare them."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, match_args=False)
 class NodeSpec:
     """What a node class declares about its nodes: `spec = NodeSpec(symbol="¬", never_pauses=True)`.
 
@@ -94,23 +94,25 @@ class NodeSpec:
 _COMPLETE: Final["WeakKeyDictionary[type, NodeSpec]"] = WeakKeyDictionary()
 
 
-def declared_fields(cls: type) -> frozenset[str]:
-    """Return the fields that *cls* itself declares in its spec."""
+def declared_fields(cls: type) -> dict[str, Any]:
+    """Return the fields that *cls* itself declares in its spec, with their values."""
     spec = vars(cls).get("spec")
     if not isinstance(spec, NodeSpec):
-        return frozenset()
-    return frozenset(name for name, value in vars(spec).items() if value is not INHERITED)
+        return {}
+    return {name: value for name, value in vars(spec).items() if value is not INHERITED}
 
 
 def _completed(cls: type) -> NodeSpec:
-    declared = [vars(parent)["spec"] for parent in cls.__mro__ if declared_fields(parent)]
+    """Return the fields that *cls* declares, and those that it inherits."""
     values: dict[str, Any] = {}
-    for name in (field.name for field in fields(NodeSpec)):
-        given = [value for spec in declared if (value := getattr(spec, name)) is not INHERITED]
-        if name in _OF_ONE_CLASS and name not in declared_fields(cls):
-            values[name] = _OF_ONE_CLASS[name]
-        elif name in _ADDED and given[0] is not None:
-            values[name] = tuple(sorted({item for items in given for item in items or ()}))
-        else:
-            values[name] = given[0]
+    added: dict[str, set[str]] = {name: set() for name in _ADDED}
+    for parent in reversed(cls.__mro__):
+        declared = declared_fields(parent)
+        values.update(_OF_ONE_CLASS)
+        values.update(declared)
+        for name, items in added.items():
+            items.update(declared.get(name) or ())
+    for name, items in added.items():
+        if values[name] is not None:
+            values[name] = tuple(sorted(items))
     return NodeSpec(**values)

@@ -21,6 +21,7 @@ from btcore.engine.functions import (
 )
 from btcore.engine.node import TreeNode, attach_to_tree
 from btcore.engine.node_config import NO_INPUTS, NodeConfig
+from btcore.engine.node_spec import NodeSpec
 from btcore.engine.port_attributes import PORT_PLACEHOLDER
 from btcore.engine.signature import (
     Parameter,
@@ -52,6 +53,7 @@ class Manifest:
     Attributes:
         id: The registration ID.
         cls: The class of the nodes.
+        spec: What the class declares about its nodes.
         type: The node type.
         ports: The ports by name, in the order of their declaration.
         parameters: The parameters of the function or of `__init__`.
@@ -77,7 +79,8 @@ class Manifest:
     ) -> None:
         self.id = id
         self.cls = cls
-        self.type: NodeType = cls.spec.node_type
+        self.spec: NodeSpec = cls.spec
+        self.type: NodeType = self.spec.node_type
         self.ports = {port.name: port for port in ports}
         self.parameters = list(parameters)
         self.attributes = list(attributes)

@@ -166,7 +166,7 @@ def _node(schema: _SchemaElement, manifest: Manifest, format: int) -> None:
 
 
 def _number_of_children(manifest: Manifest, format: int) -> tuple[int, int | None]:
-    least, most = manifest.cls.spec.child_count
+    least, most = manifest.spec.child_count
     if manifest.type is NodeType.DECORATOR:
         return 1, 1
     if manifest.type is not NodeType.CONTROL:

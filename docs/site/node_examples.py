@@ -206,6 +206,6 @@ def _usage(id: str, format: int, nodes: Registry) -> str:
     for port in manifest.ports.values():
         if port.default or port.writes or (not port.optional and port.default is None):
             element.set(port.name, port.default or f"{{{port.name}}}")
-    for _ in range(manifest.cls.spec.child_count[0]):
+    for _ in range(manifest.spec.child_count[0]):
         element.append(etree.Element("AlwaysSuccess"))
     return etree.tostring(element, encoding="unicode")

@@ -227,18 +227,18 @@ def _facts(manifest: Manifest, formats: list[int]) -> list[str]:
 
 def possible_statuses(manifest: Manifest, format: int) -> list[Status]:
     """Return the statuses that a tick of a node may return, as its class declares them."""
-    low, high = manifest.cls.spec.child_count
+    low, high = manifest.spec.child_count
     results = manifest.cls.possible_results([UNKNOWN_RESULTS] * (high or max(low, 2)), {})
     found = results.results - ({SKIPPED} if format == 3 else set())  # format 3 has no SKIPPED
-    if manifest.cls.spec.node_type in LEAVES and manifest.cls.spec.may_return == ANY_RESULT:
+    if manifest.spec.node_type in LEAVES and manifest.spec.may_return == ANY_RESULT:
         found -= {SKIPPED}  # declared by default, but no leaf of btcore or btcore_robot returns it
     return sorted(found) + [RUNNING] * results.may_run
 
 
 def _child_count(manifest: Manifest) -> str:
-    low, high = manifest.cls.spec.child_count
+    low, high = manifest.spec.child_count
     count = f"{low}" if low == high else f"{low} or more" if high is None else f"{low} to {high}"
-    roles = manifest.cls.spec.child_roles
+    roles = manifest.spec.child_roles
     return f"{count}: {roles}" if roles else count
 
 

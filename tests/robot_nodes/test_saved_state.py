@@ -108,7 +108,7 @@ def test_every_attribute_that_a_robot_node_assigns_is_declared_as_state() -> Non
             assert issubclass(cls, TreeNode)
             names = assigned(cls) - set(manifest.ports)
             found += bool(names)
-            if manifest.cls.spec.state_fields is not None:
+            if manifest.spec.state_fields is not None:
                 undeclared |= {
                     f"{cls.__name__}.{name}" for name in names - set(state_fields_of(manifest.cls))
                 }

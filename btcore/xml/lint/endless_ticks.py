@@ -110,7 +110,7 @@ class EndlessTickCheck:
         if node.call is not None:
             inner = self._called(node)
             return inner is None or inner.root is None or self._has_action(inner.root)
-        is_action = node.manifest is not None and node.manifest.cls.spec.node_type is NodeType.ACTION
+        is_action = node.manifest is not None and node.manifest.spec.node_type is NodeType.ACTION
         return is_action or any(map(self._has_action, node.children))
 
     def _called(self, node: NodePlan) -> TreePlan | None:

@@ -28,7 +28,8 @@ def behaviour_of(cls: type[TreeNode]) -> type[TreeNode]:
     parents = cls.__mro__
     first = next((index for index, base in enumerate(parents) if is_built_in(base)), 0)
     if first == 0 or any(
-        "possible_results" in vars(base) or _DECLARATIONS & declared_fields(base) for base in parents[:first]
+        "possible_results" in vars(base) or _DECLARATIONS & declared_fields(base).keys()
+        for base in parents[:first]
     ):
         return cls
     return next(base for base in parents if base.__module__.startswith("btcore.engine."))

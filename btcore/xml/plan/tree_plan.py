@@ -379,12 +379,12 @@ class _Outline:
                 )
         elif kind is NodeType.CONTROL:
             manifest = self._context.manifest(node)
-            least = 1 if manifest is None else max(manifest.cls.spec.child_count_at_load[0], 1)
+            least = 1 if manifest is None else max(manifest.spec.child_count_at_load[0], 1)
             if count < least:
                 message = (
                     f"<{node}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
                 )
-                hint = manifest.cls.spec.child_roles if manifest is not None and least > 1 else ""
+                hint = manifest.spec.child_roles if manifest is not None and least > 1 else ""
                 self._error(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif node == "ReactiveSequence":
                 self._check_asynchronous(children)

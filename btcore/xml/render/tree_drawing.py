@@ -68,7 +68,7 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
             ports=[(port.name, text, _direction(port)) for port, text, written in plan.ports if written],
             scripts=plan.scripts,
             about=manifest.description if manifest is not None else "",
-            symbol=manifest.cls.spec.symbol if manifest is not None else "",
+            symbol=manifest.spec.symbol if manifest is not None else "",
             origin=(document, plan.element),
         )
         if call is not None:

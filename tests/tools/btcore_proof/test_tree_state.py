@@ -111,7 +111,7 @@ def test_every_state_field_is_part_of_the_state(format: int, manifest: Manifest)
         if port.default is None and not port.optional
     }
     texts = "".join(f' {name}="{text}"' for name, text in ports.items())
-    children = "<AlwaysSuccess/>" * manifest.cls.spec.child_count[0]
+    children = "<AlwaysSuccess/>" * manifest.spec.child_count[0]
     body = f"<{manifest.id}{texts}>{children}</{manifest.id}>"
     for field in state_fields_of(manifest.cls):
         tree = tree_of(body, format)

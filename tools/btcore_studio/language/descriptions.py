@@ -142,8 +142,8 @@ def _default(port: Port) -> str:
 
 
 def _children(manifest: Manifest) -> str:
-    low, high = manifest.cls.spec.child_count
+    low, high = manifest.spec.child_count
     count = f"{low}" if low == high else f"{low} or more" if high is None else f"{low} to {high}"
-    roles = manifest.cls.spec.child_roles
+    roles = manifest.spec.child_roles
     text = f"{count} {'child' if high == 1 else 'children'}"
     return f"{text} ({roles})" if roles else text

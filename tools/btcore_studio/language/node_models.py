@@ -132,7 +132,7 @@ def _model_of(manifest: Manifest, format: int) -> NodeModel:
         file,
         line,
         format,
-        manifest.cls.spec.symbol,
+        manifest.spec.symbol,
         dict(manifest.metadata),
     )
 

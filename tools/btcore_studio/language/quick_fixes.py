@@ -455,7 +455,7 @@ def _fixes_of_children(problem: _Problem) -> Iterator[Fix]:
         format = file_symbols(problem.project, problem.document).format
         manifest = node_element(element, format, problem.project.registry).manifest
         if manifest is not None and not is_stub(manifest.cls):
-            least = max(least, manifest.cls.spec.child_count[0])
+            least = max(least, manifest.spec.child_count[0])
     if count < least:
         yield _add_children(problem, element, least - count)
     elif count > most and "at least" not in message:
