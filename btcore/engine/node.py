@@ -413,7 +413,7 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
                         observers.record_success(node.config)
                     else:
                         observers.record_transition(observers.now(), node.config, previous, status)
-        if flags & MUST_COMPLETE and status is RUNNING:
+        if status is RUNNING and flags & MUST_COMPLETE:
             raise NodeError(_STILL_RUNNING)
     except NodeExecutionError as error:
         add_to_backtrace(node, error)
