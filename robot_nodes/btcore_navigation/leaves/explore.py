@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import (FAILURE, In, NodeSpec, Out, RUNNING, SUCCESS, StatefulAction, Status, SyncAction)
+from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, Out, StatefulAction, Status, SyncAction
 from btcore_navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 

@@ -3,7 +3,7 @@
 import logging
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import (FAILURE, In, NodeSpec, Out, RUNNING, SUCCESS, StatefulAction, Status)
+from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, Out, StatefulAction, Status
 from btcore_navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 

@@ -3,7 +3,18 @@
 import logging
 from typing import Annotated, Any, ClassVar
 
-from btcore import (Blackboard, FAILURE, In, NodeSpec, Out, RUNNING, SUCCESS, StatefulAction, Status, SyncAction)
+from btcore import (
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    Blackboard,
+    In,
+    NodeSpec,
+    Out,
+    StatefulAction,
+    Status,
+    SyncAction,
+)
 from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode

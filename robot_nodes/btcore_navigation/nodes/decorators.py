@@ -5,7 +5,7 @@ from collections import deque
 from copy import copy
 from typing import Annotated
 
-from btcore import (DecoratorNode, FAILURE, In, NodeError, NodeSpec, Out, RUNNING, SKIPPED, SUCCESS, Status)
+from btcore import FAILURE, RUNNING, SKIPPED, SUCCESS, DecoratorNode, In, NodeError, NodeSpec, Out, Status
 from btcore.engine.node import read_clock
 from btcore_navigation.navigation_servers import NavigationServers
 from btcore_navigation.nodes.port_access import (

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from btcore import (FAILURE, In, NodeSpec, NodeType, Out, RUNNING, SUCCESS, Status, SyncAction)
+from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, NodeType, Out, Status, SyncAction
 from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode

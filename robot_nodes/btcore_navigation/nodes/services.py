@@ -2,7 +2,18 @@
 
 from typing import Annotated, ClassVar
 
-from btcore import (Direction, FAILURE, In, NodeSpec, Port, RUNNING, SUCCESS, StatefulAction, Status, SyncAction)
+from btcore import (
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    Direction,
+    In,
+    NodeSpec,
+    Port,
+    StatefulAction,
+    Status,
+    SyncAction,
+)
 from btcore.engine.node import read_clock
 from btcore.values import STRING
 from btcore_navigation.navigation_servers import (

@@ -7,7 +7,7 @@ Their numbers are from the patrol in the book *A Concise Introduction to Robot P
 import math
 from typing import Annotated
 
-from btcore import (Blackboard, Condition, FAILURE, In, NodeSpec, RUNNING, SUCCESS, StatefulAction, Status)
+from btcore import FAILURE, RUNNING, SUCCESS, Blackboard, Condition, In, NodeSpec, StatefulAction, Status
 from btcore_robot.robot import NS_PER_S, Robot
 
 LEVEL_KEY = "battery_level"
@@ -64,9 +64,7 @@ class Recharge(StatefulAction):
     A halt interrupts charging; the next start continues it.
     """
 
-    spec = NodeSpec(
-        may_return=frozenset({SUCCESS}), state_fields=("ticks",), may_complete_on_start=False
-    )
+    spec = NodeSpec(may_return=frozenset({SUCCESS}), state_fields=("ticks",), may_complete_on_start=False)
 
     @staticmethod
     def metadata() -> dict[str, str]:

@@ -8,7 +8,7 @@ Introduction to Robot Programming with ROS2*. Back commands 0.3 m/s backwards; a
 import math
 from typing import Annotated, ClassVar
 
-from btcore import (FAILURE, In, NodeSpec, RUNNING, SUCCESS, StatefulAction, Status)
+from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, StatefulAction, Status
 from btcore_robot.control.bumpgo_fsm import clearance_ahead, freest_direction
 from btcore_robot.robot import Robot
 
@@ -57,9 +57,7 @@ class _Manoeuvre(StatefulAction):
     w: ClassVar[float] = 0.0
     duration: ClassVar[int] = MANOEUVRE_TIME
 
-    spec = NodeSpec(
-        may_return=frozenset({SUCCESS}), state_fields=("started",), may_complete_on_start=False
-    )
+    spec = NodeSpec(may_return=frozenset({SUCCESS}), state_fields=("started",), may_complete_on_start=False)
 
     @staticmethod
     def metadata() -> dict[str, str]:

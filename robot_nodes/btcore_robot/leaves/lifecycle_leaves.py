@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import (NodeSpec, Out, RUNNING, StatefulAction, Status)
+from btcore import RUNNING, NodeSpec, Out, StatefulAction, Status
 from btcore_robot.process.lifecycle import LifecycleState
 
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import numpy as np
 
-from btcore import (In, NodeSpec, RUNNING, SUCCESS, StatefulAction, Status, condition)
+from btcore import RUNNING, SUCCESS, In, NodeSpec, StatefulAction, Status, condition
 from btcore_robot.robot import LaserScan, Robot
 from btcore_robot.time_limits import SCAN, is_stale
 

@@ -4,7 +4,19 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, Final
 
-from btcore import (Blackboard, Direction, FAILURE, In, LiteralProblem, NodeSpec, Port, RUNNING, SUCCESS, StatefulAction, Status)
+from btcore import (
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    Blackboard,
+    Direction,
+    In,
+    LiteralProblem,
+    NodeSpec,
+    Port,
+    StatefulAction,
+    Status,
+)
 from btcore.clock import NS_PER_MS, NS_PER_S
 from btcore.engine.node import read_clock
 from btcore.values import STRING

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Mapping
 from typing import Any
 
-from btcore import (FAILURE, NodeError, NodeSpec, RUNNING, StatefulAction, Status)
+from btcore import FAILURE, RUNNING, NodeError, NodeSpec, StatefulAction, Status
 from btcore.clock import NS_PER_MS
 from btcore.engine.node import read_clock
 from btcore.status import PossibleResults

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from btcore import (Direction, FAILURE, In, NodeSpec, Out, Registry, SUCCESS, Status, SyncAction)
+from btcore import FAILURE, SUCCESS, Direction, In, NodeSpec, Out, Registry, Status, SyncAction
 from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.behaviours import AssistedTeleopGoal

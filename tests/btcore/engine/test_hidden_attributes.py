@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from btcore.xml.render.tree_xml import tree_to_xml
 
 import btcore
 from btcore import RUNNING, SUCCESS, In, Registry, SimClock, Status, TreeNode
@@ -21,7 +22,6 @@ from btcore.nodes.loop import LoopInt
 from btcore.nodes.timing import Delay, Sleep, Timeout
 from btcore.testing.coverage import Coverage
 from btcore.testing.trace import Trace, format_trace
-from btcore.xml.render.tree_xml import tree_to_xml
 
 DOCUMENT = """<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Together>
   <Wait msec="20"/>  <Later delay_msec="15"><Check/></Later>  <Limit msec="30"><Work/></Limit>
