@@ -113,6 +113,15 @@ class ElapsedByBlackboard(Elapsed):
         return self.blackboard.now() - self.start < 5 * NS_PER_S
 
 
+class HidesNow(Decorator):
+    """Has a port that hides `now`, and reads the clock nevertheless."""
+
+    now: btcore.In[str] = "port"  # type: ignore[assignment]
+
+    def decide(self) -> bool:
+        return btcore.TreeNode.now(self) >= 0
+
+
 class StartInTimeFields(Elapsed):
     """Declares a start time as a deadline."""
 
@@ -231,6 +240,7 @@ ADDS = "<{0} name='it'><ScriptCondition code='u + 1 &gt; 3'/></{0}>"
     [
         (Elapsed, "", "reads the clock, but its class declares no deadline in time_fields"),
         (ElapsedByBlackboard, "", "has another 'start'"),
+        (HidesNow, "", "has a port called 'now', which hides its readings of the clock"),
         (Absolute, "", "reads the clock"),
         (KeepsClock, "", "keeps the clock"),
         ("UserWall", "", "calls time.monotonic, which the search cannot repeat"),
