@@ -7,7 +7,6 @@ its own clock: waiting on that clock advances the physics simulation.
 
 import threading
 import time
-from collections.abc import Callable
 from math import inf
 from typing import Final, Protocol
 
@@ -126,11 +125,6 @@ class SimClock:
     def advance(self, seconds: float) -> None:
         """Advance the time by *seconds* (s)."""
         self._now += round(seconds * NS_PER_S)
-
-
-def now_function(clock: Clock) -> Callable[[], int]:
-    """Return the fastest function that returns the time (ns) of *clock*."""
-    return time.monotonic_ns if type(clock) is SystemClock else clock.now
 
 
 class TickSchedule:

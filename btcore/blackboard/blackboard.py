@@ -6,11 +6,12 @@ scope. A key that begins with `_` is not remapped automatically (BehaviorTree.CP
 """
 
 import reprlib
+import time
 from collections.abc import Callable, ItemsView, Iterator, KeysView, Mapping, Sequence, ValuesView
 from copy import deepcopy
 from typing import Any, Final, NoReturn, SupportsIndex, TypeVar, cast, get_origin, overload
 
-from btcore.clock import Clock, SystemClock, now_function
+from btcore.clock import Clock, SystemClock
 from btcore.errors import BlackboardError, ConversionError, MissingEntryError
 from btcore.suggestions import did_you_mean
 from btcore.values import (
@@ -127,7 +128,8 @@ class Blackboard:
         if clock is None:
             clock = parent.clock if parent is not None else SystemClock()
         self.clock: Clock = clock
-        self.now: Callable[[], int] = now_function(clock)
+        # Without the method's call, which takes longer than reading the time.
+        self.now: Callable[[], int] = time.monotonic_ns if type(clock) is SystemClock else clock.now
         self._entries: dict[str, Entry] = {}
         # The keys of the parent to which keys of this scope are remapped.
         self._outside: dict[str, str] = {}

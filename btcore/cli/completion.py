@@ -20,7 +20,7 @@ def complete_tree(ctx: click.Context, parameter: click.Parameter, incomplete: st
 
 def complete_tree_id(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Return the IDs of the trees in the file that the command line names."""
-    from btcore.xml.read.document import parse_file
+    from btcore.xml.read.read import parse_file
 
     # click does not assign the arguments when the last word is an option that lacks its value.
     source = ctx.params.get("source") or next(iter(ctx.args), "")

@@ -14,7 +14,7 @@ from btcore.errors import Diagnostic
 from btcore.input_files import read_file
 from btcore.xml.convert.convert import Conversion
 from btcore.xml.convert.convert import convert as converted
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 
 _BYTE_ORDER_MARK = "\ufeff".encode()
 

@@ -16,8 +16,7 @@ from btcore.errors import Diagnostic
 from btcore.registry.registry import ENTRY_POINTS, Plugin, Registry, import_plugin, library_of
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.document import Document
-from btcore.xml.read.read import read
+from btcore.xml.read.read import Document, read
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 

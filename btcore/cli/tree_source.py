@@ -17,10 +17,8 @@ from btcore.errors import TreeError
 from btcore.input_files import read_error, read_stream
 from btcore.loading.hot_reload import FileWatcher
 from btcore.registry.registry import Registry
-from btcore.xml.examine import examine
-from btcore.xml.plan.plan import Plans
-from btcore.xml.read.document import Document, parse_bytes, parse_file
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import Plans, examine
+from btcore.xml.read.read import Document, parse_bytes, parse_file, read
 
 STDIN: Final = Path("-")
 """Stands for the standard input in place of the path of a file."""

@@ -31,11 +31,10 @@ from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name
 from btcore.tree.tree import Tree
 from btcore.values import to_text
-from btcore.xml.examine import examine
 from btcore.xml.models.tree_nodes_model import quoted
-from btcore.xml.read.document import Document, parse_text
+from btcore.xml.plan.plan import examine
 from btcore.xml.read.element import Element, ElementPart
-from btcore.xml.read.read import read
+from btcore.xml.read.read import Document, parse_text, read
 
 _STEP: Final = "    "
 MAX_BUILDER_DEPTH: Final = 2_000

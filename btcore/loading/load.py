@@ -15,10 +15,8 @@ from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
-from btcore.xml.examine import examine
-from btcore.xml.plan.plan import Plans
-from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.read import PackageResolver, read
+from btcore.xml.plan.plan import Plans, examine
+from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
 
 S = TypeVar("S")
 

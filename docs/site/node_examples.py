@@ -18,10 +18,9 @@ from btcore.status import NodeType
 from btcore.testing import Harness
 from btcore.testing.trace import TraceStep
 from btcore.xml.convert.convert import convert
-from btcore.xml.examine import examine
 from btcore.xml.models.stand_ins import StubAction, StubCondition, StubPlans
-from btcore.xml.read.document import parse_text
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_text, read
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 

@@ -13,7 +13,7 @@ from btcore.json_text import load_json
 from btcore.loading.json_export import import_blackboard
 from btcore.registry.manifest import find_resource
 from btcore.suggestions import did_you_mean
-from btcore.xml.examine import examine
+from btcore.xml.plan.plan import examine
 from btcore.xml.read.read import read
 from btcore_robot.robot import NS_PER_S
 from btcore_ros2.action_server import RosActionServer, ServerGoal
@@ -23,7 +23,7 @@ from btcore_ros2.parameters import declare_parameter
 from btcore_ros2.session import RosSession
 
 if TYPE_CHECKING:
-    from btcore.xml.read.document import Document
+    from btcore.xml.read.read import Document
 
 __all__ = ["TreeServer"]
 

@@ -37,9 +37,8 @@ from btcore.registry.registry import Registry
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.tree.saved_state import save_state
 from btcore.tree.tree import Tree
-from btcore.xml.examine import examine
-from btcore.xml.read.document import parse_text
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_text, read
 
 _STATUSES = {"S": SUCCESS, "F": FAILURE, "K": SKIPPED, "R": RUNNING}
 _TIMED = ("Delay", "Timeout", "Sleep", "UserTimer")

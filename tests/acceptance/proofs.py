@@ -46,9 +46,8 @@ from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, SUCCESS
 from btcore.tree.tree import Tree
-from btcore.xml.examine import examine
-from btcore.xml.read.document import parse_text
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_text, read
 from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore_proof.propositions import parse_question
 from btcore_proof.prover import POSSIBLE, PROVED, REFUTED, Answer, Prover

@@ -16,8 +16,7 @@ from btcore.cli.run import read_tree_source, run
 from btcore.cli.tree_source import find_tree
 from btcore.input_files import read_file
 from btcore.suggestions import join_names
-from btcore.xml.read.document import parse_file
-from btcore.xml.read.read import read
+from btcore.xml.read.read import parse_file, read
 from btcore_sweep import options, parameters
 
 FORM: Final = 1

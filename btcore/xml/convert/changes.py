@@ -6,8 +6,8 @@ from typing import Final
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
-from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element, ElementPart
+from btcore.xml.read.read import Document
 from btcore.xml.read.tinyxml2_compat import find_attribute, iter_markup, value_span
 
 # XML parsers other than tinyxml2 read line breaks and tabs in values as spaces.

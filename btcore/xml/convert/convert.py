@@ -17,12 +17,11 @@ from btcore.xml.convert.changes import ConversionChanges
 from btcore.xml.convert.nodes import convert_node
 from btcore.xml.convert.subtree import convert_subtree
 from btcore.xml.define import parse_format
-from btcore.xml.examine import examine
+from btcore.xml.plan.plan import examine
 from btcore.xml.read.diagnostics import sort_diagnostics
 from btcore.xml.read.dialect import DIALECTS
-from btcore.xml.read.document import Document, parse_text
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import read
+from btcore.xml.read.read import Document, parse_text, read
 
 
 class Conversion(NamedTuple):

@@ -16,7 +16,7 @@ from btcore.xml.lint.possible_results import ResultAnalysis, all_children_known,
 from btcore.xml.lint.reporter import LintReporter, line_of, node_label
 from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.plan.tree_plan import NodePlan, count_text, element_children
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 _THRESHOLDS: Final = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}
 _TICK_RAISES: Final = "the tree loads, as in BehaviorTree.CPP, but the node raises when it is ticked"

@@ -20,7 +20,7 @@ from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.visitor import PlanVisitor, TreeInstance
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,8 +6,8 @@ from typing import Final
 
 from btcore.diagnostic_codes import LOOSE_TEXT
 from btcore.xml.read.diagnostics import DiagnosticCollector
-from btcore.xml.read.document import Document
 from btcore.xml.read.positions import LineIndex
+from btcore.xml.read.read import Document
 from btcore.xml.read.tinyxml2_compat import iter_markup
 
 _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)

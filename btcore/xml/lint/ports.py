@@ -38,7 +38,7 @@ from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.models.stand_ins import is_stub
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
 _LONGEST: Final = 64

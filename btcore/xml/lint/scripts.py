@@ -19,7 +19,7 @@ from btcore.script.expressions import (
 from btcore.script.program import Parser, condition_result
 from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 
 class AccessKind(enum.Enum):

@@ -10,7 +10,7 @@ from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.lint.scripts import find_name_uses
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 _OF_THE_ELEMENT = ("name", "_description")
 

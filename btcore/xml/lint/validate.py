@@ -14,7 +14,6 @@ from btcore.diagnostic_codes import (
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
-from btcore.xml.examine import examine
 from btcore.xml.lint.children import check_child_count, check_reachable_children
 from btcore.xml.lint.dry_run import DryRun
 from btcore.xml.lint.endless_ticks import EndlessTickCheck
@@ -31,11 +30,10 @@ from btcore.xml.lint.reporter import LintReporter
 from btcore.xml.lint.scripts import check_script_results
 from btcore.xml.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
 from btcore.xml.lint.unwritten_keys import check_keys
-from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.plan import Plans, examine
 from btcore.xml.plan.visitor import allow_depth
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
-from btcore.xml.read.document import Document
-from btcore.xml.read.read import read
+from btcore.xml.read.read import Document, read
 
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
 _HARMLESS: Final = frozenset({AMBIGUOUS_MAIN_TREE, FIRST_TICK_REFUSED})

@@ -25,9 +25,8 @@ from btcore.xml.models.stand_ins import make_stub_class
 from btcore.xml.models.tree_nodes_model import PORT_TAGS
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
-from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import read
+from btcore.xml.read.read import Document, parse_file, read
 
 # Other names for types of BehaviorTree.CPP, as users and other compilers write them.
 _ALIASES: Final = {

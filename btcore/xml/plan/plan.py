@@ -6,17 +6,17 @@ This is the third stage of loading.
 from collections.abc import Collection, Mapping
 from typing import Any, Final, NamedTuple
 
-from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TOO_LARGE
+from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TOO_LARGE, UNKNOWN_FORMAT
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import Diagnostic, ScriptError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
-from btcore.xml.define import Definitions, TreeDefinition
+from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner, outline_trees
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import Dialect
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document, Sources
 
 MAX_DEPTH: Final = 10_000
 """The maximum number of levels of a tree. Ticking needs a few hundred bytes of the C stack for each level."""
@@ -130,6 +130,41 @@ def plan(definitions: Definitions, nodes: Registry, every_tree: bool = False) ->
         for tree in trees.values():
             _check_scripts(tree, nodes.types.enums, found)
     return plans._replace(diagnostics=found.collected())
+
+
+def examine(
+    sources: Sources,
+    nodes: Registry,
+    tree: str | None = None,
+    format: int | None = None,
+    every_tree: bool = False,
+) -> Plans:
+    """Return the plans of the trees of documents: `define` and `plan` in one call.
+
+    If the main document states no format, and format 4 would avoid errors, the first error says so.
+
+    Args:
+        sources: The documents.
+        nodes: The registered nodes.
+        tree: ID of the main tree; by default the main document determines it.
+        format: 3 or 4, overriding the main document's `BTCPP_format`.
+        every_tree: As in `plan`.
+    """
+    plans = plan(define(sources, tree, format), nodes, every_tree)
+    root = sources.main.root
+    errors = plans.diagnostics.errors
+    if errors and format is None and root.get("BTCPP_format") is None:
+        # These plans need no hints.
+        silent = sources._replace(diagnostics=sources.diagnostics._replace(comparisons=0))
+        as_format_4 = plan(define(silent, tree, 4), nodes, every_tree)
+        avoided = len(errors) - len(as_format_4.diagnostics.errors)
+        if avoided > 0:
+            count = "1 error" if avoided == 1 else f"{avoided} errors"
+            message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
+            hint = 'write <root BTCPP_format="4">'
+            cause = sources.main.diagnostic(UNKNOWN_FORMAT, message, root, hint=hint)
+            return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
+    return plans
 
 
 def _measure(

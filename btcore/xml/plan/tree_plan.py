@@ -42,8 +42,8 @@ from btcore.xml.read.dialect import (
     SCRIPT_ATTRIBUTES,
     Dialect,
 )
-from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element, ElementPart
+from btcore.xml.read.read import Document
 
 _DEPTH_OF = attrgetter("depth")
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from btcore.xml.render.tree_xml import tree_to_xml
 
 import btcore
 from btcore import RUNNING, SUCCESS, In, Registry, SimClock, Status, TreeNode
 from btcore.engine.coroutine import CoroutineAction
 from btcore.engine.signature import _MAY_BE_HIDDEN
+from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
 from btcore.logs.statistics import TreeObserver

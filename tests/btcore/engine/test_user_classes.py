@@ -459,5 +459,5 @@ def test_help_shows_methods_with_their_parameters() -> None:
         "Tick until the root is no longer RUNNING, and wait"
     )
     assert list(inspect.signature(Tree.tick_while_running).parameters) == ["self", "period"]
-    assert list(inspect.signature(btcore.load).parameters)[:3] == ["path", "more", "nodes"]
+    assert list(inspect.signature(btcore.load).parameters) == ["path", "more", "options"]
     assert str(inspect.getdoc(StatefulAction.on_halted)).startswith("Clean up.")

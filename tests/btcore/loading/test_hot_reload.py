@@ -8,9 +8,8 @@ import pytest
 import btcore
 from btcore import Status, Tree, TreeError
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
-from btcore.xml.examine import examine
-from btcore.xml.read.document import parse_file
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_file, read
 
 FIRST = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
     <Script code="x := 1"/><Sleep msec="3600000"/></Sequence></BehaviorTree></root>"""

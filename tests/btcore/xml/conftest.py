@@ -8,10 +8,9 @@ import pytest
 from btcore import Blackboard, In, Put, Registry, StatefulAction, Status, SyncAction, action, condition
 from btcore.errors import Diagnostic, TreeError
 from btcore.loading.instantiate import instantiate
-from btcore.xml.examine import examine
 from btcore.xml.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_text, read
 
 
 @condition

@@ -3,10 +3,9 @@
 from dataclasses import asdict
 
 from btcore import In, Put, Registry, action
-from btcore.xml.examine import examine
 from btcore.xml.lint.data_flow import DataflowRow, trace_dataflow
-from btcore.xml.read.document import parse_text
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_text, read
 
 TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">

@@ -13,7 +13,7 @@ from btcore.diagnostic_codes import ALL_CODES, DiagnosticCode
 from btcore.errors import TreeError
 from btcore.xml.convert.convert import convert
 from btcore.xml.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs/reference/errors.md").read_text(encoding="utf-8")

@@ -10,11 +10,10 @@ from btcore import Registry, loads
 from btcore.entry_points import LIMIT_VARIABLE
 from btcore.errors import TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
-from btcore.xml.examine import examine
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.plan import hints
-from btcore.xml.read.document import parse_file, parse_text
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_file, parse_text, read
 
 Write = Callable[..., str]
 Refused = Callable[[object], TreeError]

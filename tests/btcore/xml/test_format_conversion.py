@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from btcore import Diagnostic, Registry, TreeError
 from btcore.xml.convert.convert import Conversion, convert
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore.xml.read.tinyxml2_compat import START_TAG, iter_start_tags
 from tests.conformance.recorded_cases import conformance_registry, run_case
 

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from btcore import Registry
-from btcore.xml.examine import examine
-from btcore.xml.read.document import parse_text
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_text, read
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tidy_layout import LayoutBox, Spacing, layout_tree
 from btcore.xml.render.tree_drawing import diagram_of_document

@@ -7,9 +7,8 @@ from io import BytesIO
 import pytest
 
 from btcore import Registry
-from btcore.xml.examine import examine
-from btcore.xml.read.document import parse_text
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_text, read
 from btcore.xml.render import png
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import diagram_of_document

@@ -11,10 +11,9 @@ from btcore import In, Registry, condition
 from btcore.blackboard.blackboard import Blackboard
 from btcore.errors import PortError, TreeError
 from btcore.loading.instantiate import instantiate
-from btcore.xml.examine import examine
 from btcore.xml.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_text, read
 
 Write = Callable[..., str]
 Refused = Callable[[object], TreeError]

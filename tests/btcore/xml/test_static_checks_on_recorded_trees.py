@@ -12,7 +12,7 @@ import btcore
 from btcore.errors import Diagnostic, TreeError
 from btcore.testing.plan_leaves import CallLog
 from btcore.xml.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from tests.conformance.recorded_cases import conformance_registry, read_cases
 
 DATA = Path(__file__).parents[2] / "conformance" / "data"

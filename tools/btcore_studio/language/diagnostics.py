@@ -8,7 +8,7 @@ from lsprotocol import types
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.registry.registry import Registry
 from btcore.xml.lint.validate import validate_document
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 SOURCE: Final = "btcore"
 

@@ -14,7 +14,7 @@ from pygls import uris
 from btcore.errors import TreeError
 from btcore.input_files import read_file, real_path
 from btcore.registry.registry import Registry
-from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.read import Document, parse_file, parse_text
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.node_models import NodeModel, add_stand_ins
 from btcore_studio.language.scanner import Scan, scan

@@ -9,12 +9,10 @@ from btcore import diagnostic_codes
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.input_files import read_file
 from btcore.registry.registry import Registry
-from btcore.xml.examine import examine
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_undeclared_nodes
-from btcore.xml.plan.plan import Plans, plan
-from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import Plans, examine, plan
+from btcore.xml.read.read import Document, parse_file, parse_text, read
 from btcore.xml.render.node_card import FAMILY_COLOURS
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document

@@ -4,10 +4,9 @@ from pathlib import Path
 import pytest
 from lsprotocol import types
 
-from btcore.xml.examine import examine
 from btcore.xml.lint.data_flow import trace_dataflow
-from btcore.xml.read.document import parse_file
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import examine
+from btcore.xml.read.read import parse_file, read
 from btcore_studio.language.entries import entry_facts
 from btcore_studio.language.hover import hover
 from btcore_studio.language.key_links import TreeKey, links_of

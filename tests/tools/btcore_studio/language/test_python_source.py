@@ -11,7 +11,7 @@ pytest.importorskip("pygls")
 
 from btcore import Registry
 from btcore.xml.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore_studio.language.node_models import NodeModel, add_stand_ins, models_of
 from btcore_studio.language.python_source import module_file, read_nodes
 

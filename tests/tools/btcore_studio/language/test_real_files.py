@@ -10,7 +10,7 @@ import pytest
 from lsprotocol import types
 
 from btcore.registry.registry import Registry
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore_studio.language.completion import complete
 from btcore_studio.language.diagnostics import Report, check
 from btcore_studio.language.hover import hover
