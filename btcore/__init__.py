@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from btcore.errors import XmlSyntaxError as XmlSyntaxError
     from btcore.loading.builder import Builder as Builder
     from btcore.loading.builder import blackboard_key as blackboard_key
-    from btcore.loading.load import LoadOptions as LoadOptions
     from btcore.loading.load import load as load
     from btcore.loading.load import loads as loads
     from btcore.loading.load import make as make
@@ -105,7 +104,7 @@ _HOMES = {
         "XmlSyntaxError",
     ),
     "btcore.loading.builder": ("Builder", "blackboard_key"),
-    "btcore.loading.load": ("LoadOptions", "load", "loads", "make", "required_resources"),
+    "btcore.loading.load": ("load", "loads", "make", "required_resources"),
     "btcore.nodes.loop": ("LoopNode",),
     "btcore.registry.registry": ("Registry",),
     "btcore.script.program": ("compile_script",),

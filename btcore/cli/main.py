@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 COMMAND_GROUP = "btcore.commands"
-OWN_COMMANDS = ("run", "validate", "show", "convert", "nodes", "schema", "stats", "diff")
+OWN_COMMANDS = ("run", "validate", "show", "convert", "nodes", "stats", "diff")
 
 _LOADED_COMMAND = "btcore.cli.main.loaded_command"
 

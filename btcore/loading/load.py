@@ -18,6 +18,8 @@ from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, examine
 from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
 
+__all__ = ["LoadOptions"]  # `btcore` has the functions
+
 S = TypeVar("S")
 
 
@@ -65,7 +67,8 @@ class LoadOptions(TypedDict, total=False):
 
     Examples:
         >>> import btcore
-        >>> options: btcore.LoadOptions = {"nodes": btcore.Registry.standard(), "clock": btcore.SimClock()}
+        >>> from btcore.loading.load import LoadOptions
+        >>> options: LoadOptions = {"nodes": btcore.Registry.standard(), "clock": btcore.SimClock()}
         >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sleep msec="5"/></BehaviorTree></root>'
         >>> btcore.loads(xml, **options).tick_while_running()
         <Status.SUCCESS: 2>

@@ -32,6 +32,7 @@ MOVED_MODULES: Final = {
     "btcore.proof": "btcore_proof",
     "btcore.sweep": "btcore_sweep",
     "btcore.xml.render.tree_xml": "btcore.loading.tree_xml",
+    "btcore.xml.schema": "btcore_studio.schema",
     "btcore_robot.navigation": "btcore_navigation",
     "btcore_robot.navigation.occupancy_map": "btcore_robot.occupancy_map",
     "btcore_robot.navigation.parameter_files": "btcore_robot.parameter_files",

@@ -129,8 +129,8 @@ def node_depths(nodes: Iterable[TreeNode]) -> dict[int, int]:
     """Return the depth below the root for each of *nodes*, in which parents come before children, by UID."""
     depths: dict[int, int] = {}
     for node in nodes:
-        depth = depths.setdefault(node.uid, 0)
-        depths.update((child.uid, depth + 1) for child in node.children)
+        depth = depths.setdefault(node.config.uid, 0)
+        depths.update((child.config.uid, depth + 1) for child in node.children)
     return depths
 
 

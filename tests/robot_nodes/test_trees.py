@@ -7,7 +7,7 @@ from lxml import etree
 from btcore import Diagnostic, Registry
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_file
-from btcore.xml.schema import write_schema
+from btcore_studio.schema import write_schema
 
 TREES = sorted((Path(__file__).parents[2] / "trees").rglob("*.xml"))
 GIVEN = {"navigation": ("goal", "goals", "waypoint_statuses")}

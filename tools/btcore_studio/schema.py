@@ -1,19 +1,28 @@
-"""Write an XML schema (XSD 1.0) of all registered nodes, for completion and validation in editors."""
+"""Write an XML schema (XSD 1.0) of all registered nodes, for completion and validation in editors.
+
+`btcore schema` prints it.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
 from enum import Enum
+from pathlib import Path
 from typing import Final
 
+import click
 from lxml import etree
 
 from btcore.blackboard.ports import Port
+from btcore.cli import node_libraries, terminal
+from btcore.cli.tree_source import format_option
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
 from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, EnumType, ValueType
 from btcore.xml.models.tree_nodes_model import PORT_TAGS, TAG_OF
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
+
+__all__ = ["write_schema"]
 
 _XS: Final = "http://www.w3.org/2001/XMLSchema"
 _TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)
@@ -85,7 +94,7 @@ def write_schema(registry: Registry, format: int = 4) -> str:
 
     Examples:
         >>> import btcore
-        >>> from btcore.xml.schema import write_schema
+        >>> from btcore_studio.schema import write_schema
         >>> schema = write_schema(btcore.Registry.standard())
         >>> "Sequence" in schema
         True
@@ -263,3 +272,16 @@ def _models(schema: _SchemaElement) -> None:
     _add_attribute(port, "name", "xs:string", required=True)
     for name in ("type", "default", "description"):
         _add_attribute(port, name, "xs:string")
+
+
+@click.command(short_help="Print an XML schema (XSD) for XML editors.")
+@node_libraries.library_options
+@format_option("The XML format that the schema describes.", default="4")
+def schema(plugins: Sequence[str], models: Sequence[Path], format: int) -> None:
+    """Print an XML schema (XSD) of trees and all available nodes.
+
+    The schema covers nodes that are built-in, installed, or loaded by --plugin or --model. XML editors use it
+    to complete tags and attributes, and to show their documentation.
+    """
+    nodes = node_libraries.load_libraries(plugins, models).nodes
+    terminal.print_xml(write_schema(nodes, format))
