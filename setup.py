@@ -71,7 +71,7 @@ HOT_FILES = {
     "btcore/registry/substitution.py",
     "btcore/xml/read/element.py",
     "btcore/xml/plan/tree_plan.py",
-    "btcore/xml/plan/visitor.py",
+    "btcore/xml/node_creator.py",
 }
 
 

@@ -17,7 +17,7 @@ from btcore.errors import TreeError
 from btcore.input_files import read_error, read_stream
 from btcore.loading.hot_reload import FileWatcher
 from btcore.registry.registry import Registry
-from btcore.xml.plan.plan import Plans, examine
+from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.read import Document, parse_bytes, parse_file, read
 
 STDIN: Final = Path("-")
@@ -154,7 +154,7 @@ class TreeSource:
             nodes = self.libraries.nodes_for(document)
             if substitute is not None:
                 nodes = substitute(nodes)
-            plans = examine(sources, nodes, self.tree, self.format)
+            plans = define_and_plan(sources, nodes, self.tree, self.format)
             plans.diagnostics.raise_errors()
         except TreeError as error:
             # An unknown node may belong to an installed library that cannot be imported.

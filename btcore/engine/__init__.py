@@ -1,1 +1,1 @@
-"""The engine: node and leaf classes, conditions, instrumentation and observers."""
+"""The engine: node and leaf classes, conditions, callbacks and observers."""

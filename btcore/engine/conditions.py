@@ -5,10 +5,14 @@ the outer tree.
 """
 
 from collections.abc import Callable, Mapping
+from typing import Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.script.program import Program, compile_script, condition_result
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
+
+UNDECIDED: Final = IDLE
+"""Stands for a result that the pre-conditions leave to the node: no tick returns IDLE."""
 
 
 class ConditionScripts:
@@ -36,8 +40,9 @@ class ConditionScripts:
             status: The status of the node before the tick.
 
         Returns:
-            The result of the node, which is then not ticked; IDLE = the node must be ticked.
+            The result of the node, which is then not ticked; UNDECIDED = the node must be ticked.
         """
+        # A node that stores SKIPPED itself, by set_status(), is not active either, as in BehaviorTree.CPP.
         if status is IDLE or status is SKIPPED:
             if self.failure_if is not None and condition_result(self.failure_if.run(self.blackboard)):
                 return FAILURE
@@ -47,10 +52,10 @@ class ConditionScripts:
                 return SKIPPED
         elif status is not RUNNING:
             # A node that has completed and was not reset is ticked without pre-conditions.
-            return IDLE
+            return UNDECIDED
         if self.while_true is not None and not condition_result(self.while_true.run(self.blackboard)):
             return SKIPPED
-        return IDLE
+        return UNDECIDED
 
     def run_postconditions(self, status: Status) -> None:
         """Run `_onSuccess` or `_onFailure`, depending on the result *status*, and then `_post`."""
@@ -70,6 +75,8 @@ class ConditionScripts:
 
 class WatchedConditions(ConditionScripts):
     """The condition scripts of a node, which may be none, with a report of the start of each tick.
+
+    btcore_proof uses it. It is here because only a compiled class can extend `ConditionScripts`.
 
     Args:
         scripts: The scripts, by the name of the attribute.

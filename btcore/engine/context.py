@@ -45,7 +45,7 @@ class TreeContext:
         observers: None while nothing is subscribed, so that a transition costs one comparison.
         deadlines: For each node that requested a tick, by uid: the time (ns) at which the tick is due.
         on_wake: Called by each wake-up, on any thread; set by an event loop that runs the tree.
-        lock: Held while the instrumentation of a node changes, which any thread may do.
+        lock: Held while the callbacks and counters of a node change, which any thread may do.
         woken_by: The last node that requested another tick at once.
         is_interrupted: Whether ticks that repeat nodes end as soon as possible.
         watches_ticks: Whether nodes that repeat others call `must_end_tick` after each repetition.

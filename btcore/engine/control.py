@@ -108,7 +108,7 @@ class ControlNode(TreeNode):
     _configs: list[NodeConfig]
 
     def set_children(self, children: list[TreeNode]) -> None:
-        """Set the children. Called once, by the builder."""
+        """Set the children. Called once, when the node is created."""
         self._children = children
         self._configs = []
 
@@ -258,7 +258,7 @@ class DecoratorNode(TreeNode):
     child: TreeNode
 
     def set_children(self, children: list[TreeNode]) -> None:
-        """Set the child, the only element of *children*. Called once, by the builder."""
+        """Set the child, the only element of *children*. Called once, when the node is created."""
         if children:
             self.child = children[0]
         else:

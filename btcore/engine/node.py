@@ -10,11 +10,11 @@ from typing import Any, ClassVar, Final, NoReturn, SupportsIndex
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.engine.conditions import ConditionScripts
+from btcore.engine.conditions import UNDECIDED, ConditionScripts
 from btcore.engine.context import TreeContext
-from btcore.engine.instrumentation import Instrumentation, TickCounts
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
+from btcore.engine.tick_extras import TickCounts, TickExtras
 from btcore.errors import BlackboardError, ConversionError, LiteralProblem, NodeError, NodeExecutionError
 from btcore.status import (
     ANY_RESULT,
@@ -88,7 +88,7 @@ class TreeNode:
     config: NodeConfig = _UNPLACED
     _status: Status = IDLE
     _status_before_reset: Status = IDLE
-    _instrumentation: Instrumentation | None = None
+    _tick_extras: TickExtras | None = None
     """None = the node has no condition scripts, callbacks or counters."""
     _tick_flags: int = 0
     _decorated_child: "TreeNode | None" = None
@@ -183,9 +183,9 @@ class TreeNode:
             callback: The function; None removes it.
         """
         with self._context.lock:
-            instrumentation = self._instrumentation or Instrumentation()
-            instrumentation.pre_tick = callback
-            self._instrumentation = None if instrumentation.is_empty else instrumentation
+            extras = self._tick_extras or TickExtras()
+            extras.pre_tick = callback
+            self._tick_extras = None if extras.is_empty else extras
 
     def set_post_tick_function(self, callback: "Callable[[Any, Status], Status] | None") -> None:
         """Set the function that is called after each tick and its post-conditions; thread-safe.
@@ -198,9 +198,9 @@ class TreeNode:
             callback: The function; None removes it.
         """
         with self._context.lock:
-            instrumentation = self._instrumentation or Instrumentation()
-            instrumentation.post_tick = callback
-            self._instrumentation = None if instrumentation.is_empty else instrumentation
+            extras = self._tick_extras or TickExtras()
+            extras.post_tick = callback
+            self._tick_extras = None if extras.is_empty else extras
 
     def __repr__(self) -> str:
         return f"<{self.config.id} '{self.config.path}' {self._status.name}>"
@@ -228,7 +228,7 @@ class TreeNode:
         to the class later has no effect.
 
         Returns:
-            The status that was stored.
+            The result. All results but SKIPPED are stored.
         """
         return execute_tick(self, True)
 
@@ -313,7 +313,7 @@ class TreeNode:
 
 
 def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, blackboard: Blackboard) -> None:
-    """Put *node* into a tree. Called by the builder, before `__init__`.
+    """Put *node* into a tree. Called by `Manifest.make`, before `__init__`.
 
     Args:
         node: The node.
@@ -327,7 +327,7 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     node.config = config
     node._status = IDLE
     node._status_before_reset = IDLE
-    node._instrumentation = None
+    node._tick_extras = None
     node._decorated_child = None
     node._tick_flags = node._class_tick_flags
     if type(node).execute_tick is not TreeNode.execute_tick:
@@ -335,20 +335,20 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     node._context = context
     node._blackboard = blackboard
     if config.scripts:
-        node._instrumentation = Instrumentation()
-        node._instrumentation.conditions = ConditionScripts(config.scripts, config.enums, blackboard)
+        node._tick_extras = TickExtras()
+        node._tick_extras.conditions = ConditionScripts(config.scripts, config.enums, blackboard)
 
 
 def tick_counts_of(node: TreeNode) -> TickCounts | None:
     """Return the tick counters of *node*; None before `count_ticks` was called."""
-    return None if node._instrumentation is None else node._instrumentation.tick_counts
+    return None if node._tick_extras is None else node._tick_extras.tick_counts
 
 
 def count_ticks(node: TreeNode) -> TickCounts:
     """Count the ticks of *node* from now on. Return the counters."""
     with node._context.lock:
-        node._instrumentation = instrumentation = node._instrumentation or Instrumentation()
-        instrumentation.tick_counts = counts = instrumentation.tick_counts or TickCounts()
+        node._tick_extras = extras = node._tick_extras or TickExtras()
+        extras.tick_counts = counts = extras.tick_counts or TickCounts()
     return counts
 
 
@@ -395,24 +395,24 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
     flags = node._tick_flags
     if flags >= OVERRIDES_EXECUTE_TICK and not itself:
         return node.execute_tick()
-    instrumentation = node._instrumentation
+    extras = node._tick_extras
     status: Status
     try:
-        result = node.tick() if instrumentation is None else _instrumented_tick(node, instrumentation)
-        previous = node._status
-        if result is previous and previous is not IDLE:
-            status = previous
+        result = node.tick() if extras is None else _tick_with_extras(node, extras)
+        stored = node._status  # by the tick itself, or before it
+        if result is stored and stored is not IDLE:
+            status = stored
         else:
             status = SUCCESS if result is SUCCESS else _as_status(node, result)
             # SKIPPED is returned to the parent but not stored, as in BehaviorTree.CPP.
-            if status is not previous and status is not SKIPPED:
+            if status is not stored and status is not SKIPPED:
                 node._status = status
                 observers = node._context.observers
                 if observers is not None:
-                    if previous is IDLE and status is SUCCESS:
+                    if stored is IDLE and status is SUCCESS:
                         observers.record_success(node.config)
                     else:
-                        observers.record_transition(observers.now(), node.config, previous, status)
+                        observers.record_transition(observers.now(), node.config, stored, status)
         if status is RUNNING and flags & MUST_COMPLETE:
             raise NodeError(_STILL_RUNNING)
     except NodeExecutionError as error:
@@ -429,21 +429,21 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
     return status
 
 
-def _instrumented_tick(node: TreeNode, instrumentation: Instrumentation) -> Status:
+def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     """Tick *node* with its conditions, callbacks and counters."""
-    conditions = instrumentation.conditions
-    counts = instrumentation.tick_counts
+    conditions = extras.conditions
+    counts = extras.tick_counts
     if counts is not None:
         counts.ticks += 1
-    status = IDLE
+    status = UNDECIDED
     if conditions is not None:
         status = conditions.check_preconditions(node._status)
         if status is SKIPPED and node._status is RUNNING:
             halt_node(node)
     # The callbacks are read once each, because another thread may remove them at any time.
-    pre_tick = instrumentation.pre_tick
+    pre_tick = extras.pre_tick
     if (
-        status is IDLE
+        status is UNDECIDED
         and pre_tick is not None
         and node._status is not SUCCESS
         and node._status is not FAILURE
@@ -451,11 +451,11 @@ def _instrumented_tick(node: TreeNode, instrumentation: Instrumentation) -> Stat
         forced = pre_tick(node)
         if forced is SUCCESS or forced is FAILURE:
             status = forced
-    if status is IDLE:
+    if status is UNDECIDED:
         status = _as_status(node, node.tick())
     if conditions is not None and (status is SUCCESS or status is FAILURE):
         conditions.run_postconditions(status)
-    post_tick = instrumentation.post_tick
+    post_tick = extras.post_tick
     if post_tick is not None:
         forced = post_tick(node, status)
         if forced is SUCCESS or forced is FAILURE:
@@ -543,15 +543,15 @@ def reset_status(node: TreeNode) -> None:
 
 def halt_node(node: TreeNode) -> None:
     """Halt *node* as a parent does; see `TreeNode.halt_node`."""
-    instrumentation = node._instrumentation
+    extras = node._tick_extras
     try:
-        if instrumentation is not None:
-            counts = instrumentation.tick_counts
+        if extras is not None:
+            counts = extras.tick_counts
             if counts is not None and node._status is RUNNING:
                 counts.halted += 1
         node.halt()
-        if instrumentation is not None and instrumentation.conditions is not None:
-            instrumentation.conditions.run_on_halted()
+        if extras is not None and extras.conditions is not None:
+            extras.conditions.run_on_halted()
     except NodeExecutionError as error:
         reset_status(node)
         add_to_backtrace(node, error)

@@ -1,4 +1,4 @@
-"""The configuration that the builder gives to a node."""
+"""The configuration that a node gets when it is created."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -32,7 +32,7 @@ from btcore.suggestions import nearest_name
 from btcore.tree.tree import Tree
 from btcore.values import to_text
 from btcore.xml.models.tree_nodes_model import quoted
-from btcore.xml.plan.plan import examine
+from btcore.xml.plan.plan import define_and_plan
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.read import Document, parse_text, read
 
@@ -41,15 +41,19 @@ MAX_BUILDER_DEPTH: Final = 2_000
 """Maximum number of levels of a tree that is built in code."""
 
 
-class NodeSpec:
-    """The description of a node and its children, created by a Builder.
+class NodeDraft:
+    """A node and its children as code describes them, created by a Builder.
 
-    A NodeSpec can be used in several trees, and several times in a tree. *where* is the `(file, line)`
+    A NodeDraft can be used in several trees, and several times in a tree. *where* is the `(file, line)`
     of the code that created it.
     """
 
     def __init__(
-        self, id: str, children: Sequence["NodeSpec"], attributes: Mapping[str, str], where: tuple[str, int]
+        self,
+        id: str,
+        children: Sequence["NodeDraft"],
+        attributes: Mapping[str, str],
+        where: tuple[str, int],
     ) -> None:
         self.id = id
         self.children = tuple(children)
@@ -72,11 +76,11 @@ def blackboard_key(name: str) -> str:
 
 
 class Builder:
-    """Creates specs (`NodeSpec`) of registered nodes: `b.Sequence(…)`, or `b["Sequence"](…)`.
+    """Creates drafts (`NodeDraft`) of registered nodes: `b.Sequence(…)`, or `b["Sequence"](…)`.
 
     Positional arguments are children; keywords are ports, `name`, `_skipIf` and other attributes.
     Values are converted to text. Append an underscore to names that are Python keywords (`if_`,
-    `else_`). `b.SubTree("Dock", goal="{home}")` calls a tree; `node` creates a spec from a
+    `else_`). `b.SubTree("Dock", goal="{home}")` calls a tree; `node` creates a draft from a
     registered function or class. An ID that is not registered raises UnknownNodeError.
 
     Examples:
@@ -99,16 +103,16 @@ class Builder:
     def __init__(self, nodes: Registry | None = None) -> None:
         self._nodes = nodes if nodes is not None else Registry.standard()
 
-    def __getattr__(self, id: str) -> Callable[..., NodeSpec]:
+    def __getattr__(self, id: str) -> Callable[..., NodeDraft]:
         if id.startswith("__"):
             raise AttributeError(id)
         return self._maker(id, _caller())
 
-    def __getitem__(self, id: str) -> Callable[..., NodeSpec]:
+    def __getitem__(self, id: str) -> Callable[..., NodeDraft]:
         return self._maker(id, _caller())
 
-    def node(self, thing: Any, *children: NodeSpec, **ports: object) -> NodeSpec:
-        """Return a spec of a node, given its function or class.
+    def node(self, thing: Any, *children: NodeDraft, **ports: object) -> NodeDraft:
+        """Return a draft of a node, given its function or class.
 
         Args:
             thing: The registered function or class.
@@ -121,13 +125,13 @@ class Builder:
         where = _caller()
         for manifest in self._nodes:
             if thing in (manifest.function, manifest.cls):
-                return self._make_spec(manifest, children, ports, where)
+                return self._describe(manifest, children, ports, where)
         message = f"{getattr(thing, '__qualname__', thing)!r} is not registered"
         raise UnknownNodeError(
             [Diagnostic(UNKNOWN_NODE, message, *where, hint="add it to the registry: nodes.add(…)")]
         )
 
-    def xml(self, main: NodeSpec, id: str = "Main", /, **subtrees: NodeSpec) -> str:
+    def xml(self, main: NodeDraft, id: str = "Main", /, **subtrees: NodeDraft) -> str:
         """Return the XML of a tree and its subtrees.
 
         Args:
@@ -139,14 +143,14 @@ class Builder:
 
     def build(
         self,
-        main: NodeSpec,
+        main: NodeDraft,
         id: str = "Main",
         /,
         *,
         resources: Sequence[object] = (),
         blackboard: Blackboard | None = None,
         clock: Clock | None = None,
-        **subtrees: NodeSpec,
+        **subtrees: NodeDraft,
     ) -> Tree:
         """Build a tree, as `btcore.load` does. It can have 2,000 levels; a tree in a file can have 256.
 
@@ -162,34 +166,34 @@ class Builder:
             The tree.
 
         Raises:
-            TreeError: The tree has errors; each has the file and line of the code that created the spec.
+            TreeError: The tree has errors; each has the file and line of the code that created the draft.
         """
         document = _Writer(main, id, subtrees, "").document()
         with PausedCollector():
-            plans = examine(read(document, self._nodes.documents), self._nodes, id)
+            plans = define_and_plan(read(document, self._nodes.documents), self._nodes, id)
             return instantiate(plans, resources, blackboard, clock)
 
-    def _maker(self, id: str, where: tuple[str, int]) -> Callable[..., NodeSpec]:
+    def _maker(self, id: str, where: tuple[str, int]) -> Callable[..., NodeDraft]:
         manifest = self._nodes.get(id)
         if manifest is None:
             near = nearest_name(id, self._nodes.manifests)
             hint = f"did you mean {near}?" if near is not None else "add it to the registry: nodes.add(…)"
             raise UnknownNodeError([Diagnostic(UNKNOWN_NODE, f"unknown node {id}", *where, hint=hint)])
 
-        def make(*children: Any, **ports: object) -> NodeSpec:
-            return self._make_spec(manifest, children, ports, _caller())
+        def make(*children: Any, **ports: object) -> NodeDraft:
+            return self._describe(manifest, children, ports, _caller())
 
         return make
 
-    def _make_spec(
+    def _describe(
         self, manifest: Manifest, children: Sequence[Any], ports: Mapping[str, object], where: tuple[str, int]
-    ) -> NodeSpec:
+    ) -> NodeDraft:
         attributes: dict[str, str] = {}
         # The first argument of b.SubTree("Dock") is an ID, not a child.
         if manifest.id == "SubTree" and children and isinstance(children[0], str):
             attributes["ID"], *children = children
         for child in children:
-            if not isinstance(child, NodeSpec):
+            if not isinstance(child, NodeDraft):
                 message = f"invalid child {child!r} of <{manifest.id}>: children must be nodes of a builder"
                 hint = "to set a port, use its name as keyword" if manifest.ports else ""
                 raise TreeError([Diagnostic(WRONG_CHILD_COUNT, message, *where, hint=hint)])
@@ -197,7 +201,7 @@ class Builder:
             # "if_" stands for the port "if", unless a port has the name "if_".
             bare = name[:-1] if name.endswith("_") and name not in manifest.ports else name
             attributes[bare] = _text(value, manifest, bare, where)
-        return NodeSpec(manifest.id, children, attributes, where)
+        return NodeDraft(manifest.id, children, attributes, where)
 
 
 def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) -> str:
@@ -231,49 +235,52 @@ def _caller() -> tuple[str, int]:
 
 
 class _Writer:
-    """Writes specs as a document, one element per line, and keeps the spec of each element.
+    """Writes drafts as a document, one element per line, and keeps the draft of each element.
 
     Each level is indented by *step*.
     """
 
-    def __init__(self, main: NodeSpec, id: str, subtrees: Mapping[str, NodeSpec], step: str) -> None:
-        # One item for each element in document order; <root> has no spec.
-        self._specs: list[NodeSpec | None] = [None]
+    def __init__(self, main: NodeDraft, id: str, subtrees: Mapping[str, NodeDraft], step: str) -> None:
+        # One item for each element in document order; <root> has no draft.
+        self._drafts: list[NodeDraft | None] = [None]
         self._lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoted(id)}>']
         self._main = main
         self._step = step
-        self._too_deep: NodeSpec | None = None
-        for name, spec in {id: main, **subtrees}.items():
-            self._specs.append(spec)
+        self._too_deep: NodeDraft | None = None
+        for name, draft in {id: main, **subtrees}.items():
+            self._drafts.append(draft)
             self._lines.append(f"{step}<BehaviorTree ID={quoted(name)}>")
-            self._write(spec)
+            self._write(draft)
             self._lines.append(f"{step}</BehaviorTree>")
         self._lines.append("</root>")
 
-    def _write(self, top: NodeSpec) -> None:
+    def _write(self, top: NodeDraft) -> None:
         # A str in `pending` is an end tag. A loop instead of recursion, because trees may be very deep.
-        pending: list[tuple[NodeSpec | str, int]] = [(top, 2)]
+        pending: list[tuple[NodeDraft | str, int]] = [(top, 2)]
         while pending:
-            spec, depth = pending.pop()
+            draft, depth = pending.pop()
             indent = self._step * depth
-            if isinstance(spec, str):
-                self._lines.append(indent + spec)
+            if isinstance(draft, str):
+                self._lines.append(indent + draft)
                 continue
             if depth > MAX_BUILDER_DEPTH + 1:
-                self._too_deep = spec
-            self._specs.append(spec)
-            words = [spec.id, *(f"{key}={quoted(text)}" for key, text in spec.attributes.items())]
-            self._lines.append(f"{indent}<{' '.join(words)}{'>' if spec.children else '/>'}")
-            if spec.children:
-                pending.append((f"</{spec.id}>", depth))
-                pending += [(child, depth + 1) for child in reversed(spec.children)]
+                self._too_deep = draft
+            self._drafts.append(draft)
+            words = [
+                draft.id,
+                *(f"{key}={quoted(text)}" for key, text in draft.attributes.items()),
+            ]
+            self._lines.append(f"{indent}<{' '.join(words)}{'>' if draft.children else '/>'}")
+            if draft.children:
+                pending.append((f"</{draft.id}>", depth))
+                pending += [(child, depth + 1) for child in reversed(draft.children)]
 
     def text(self) -> str:
         """Return the XML text of the document."""
         return "\n".join(self._lines) + "\n"
 
     def document(self) -> Document:
-        """Return the document, whose diagnostics refer to the code that created the specs.
+        """Return the document, whose diagnostics refer to the code that created the drafts.
 
         Raises:
             XmlSyntaxError: The tree has more than 2,000 levels.
@@ -282,7 +289,7 @@ class _Writer:
             message, where = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep", self._too_deep.where
             raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *where, hint="make parts of it subtrees")])
         text = self.text()
-        return _BuiltDocument(parse_text(text).root, text, self._main.where[0], self._specs)
+        return _BuiltDocument(parse_text(text).root, text, self._main.where[0], self._drafts)
 
 
 class _BuiltDocument(Document):
@@ -290,9 +297,9 @@ class _BuiltDocument(Document):
 
     max_depth = MAX_BUILDER_DEPTH
 
-    def __init__(self, root: Element, text: str, file: str, specs: Sequence[NodeSpec | None]) -> None:
+    def __init__(self, root: Element, text: str, file: str, drafts: Sequence[NodeDraft | None]) -> None:
         super().__init__(root, text, file)
-        self._specs = specs
+        self._drafts = drafts
 
     @property
     def folder(self) -> Path:
@@ -301,8 +308,8 @@ class _BuiltDocument(Document):
 
     def line(self, element: Element) -> int:
         """Return the line of the code that created *element*."""
-        spec = self._specs[self.source_map.index(element)]
-        return spec.where[1] if spec is not None else 0
+        draft = self._drafts[self.source_map.index(element)]
+        return draft.where[1] if draft is not None else 0
 
     def diagnostic(
         self,
@@ -315,8 +322,8 @@ class _BuiltDocument(Document):
         within: int = 0,
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint."""
-        spec = self._specs[self.source_map.index(element)]
-        if spec is None:
+        draft = self._drafts[self.source_map.index(element)]
+        if draft is None:
             return Diagnostic(code, message, self.file, hint=hint)
         shown = f"the generated XML is {super().diagnostic(code, message, element).source.strip()}"
-        return Diagnostic(code, message, *spec.where, hint=f"{hint}; {shown}" if hint else shown)
+        return Diagnostic(code, message, *draft.where, hint=f"{hint}; {shown}" if hint else shown)

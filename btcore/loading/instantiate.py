@@ -6,8 +6,8 @@ from typing import cast
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock, SystemClock
 from btcore.tree.tree import Subtree, Tree
+from btcore.xml.node_creator import NodeCreator
 from btcore.xml.plan.plan import Plans
-from btcore.xml.plan.visitor import PlanVisitor
 
 
 def instantiate(
@@ -32,16 +32,16 @@ def instantiate(
     plans.diagnostics.raise_errors()
     main = plans.main
     assert main is not None, "a missing main tree is an error"
-    visitor = PlanVisitor(plans, resources, clock or _clock_among(resources), blackboard)
-    visitor.visit(main)
-    visitor.found.collected().raise_errors()
+    creator = NodeCreator(plans, resources, clock or _clock_among(resources), blackboard)
+    creator.create_tree(main)
+    creator.found.collected().raise_errors()
     return Tree(
         main.id,
-        visitor.format,
-        [Subtree(part.plan.id, part.path, part.blackboard, part.nodes) for part in visitor.instances],
-        visitor.nodes,
-        visitor.context,
-        plans.nodes,
+        creator.format,
+        [Subtree(part.plan.id, part.path, part.blackboard, part.nodes) for part in creator.instances],
+        creator.nodes,
+        creator.context,
+        plans.registry,
         tick_limit,
     )
 

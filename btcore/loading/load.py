@@ -15,7 +15,7 @@ from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import Plans, examine
+from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
 
 __all__ = ["LoadOptions"]  # `btcore` has the functions
@@ -194,7 +194,7 @@ def required_resources(
         >>> btcore.required_resources("grasp.xml", nodes=nodes) == [Gripper]
         True
     """
-    plans = _examined(_parse(parse_file, options, path, *more), options)
+    plans = _plan(_parse(parse_file, options, path, *more), options)
     plans.diagnostics.raise_errors()
     return plans.required_resources()
 
@@ -206,7 +206,7 @@ def _load(documents: Sequence[Document], options: LoadOptions) -> Tree:
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
     return instantiate(
-        _examined(documents, options),
+        _plan(documents, options),
         list(resources),
         options.get("blackboard"),
         options.get("clock"),
@@ -214,7 +214,7 @@ def _load(documents: Sequence[Document], options: LoadOptions) -> Tree:
     )
 
 
-def _examined(documents: Sequence[Document], options: LoadOptions) -> Plans:
+def _plan(documents: Sequence[Document], options: LoadOptions) -> Plans:
     """Return the plans of the tree of the first of *documents*."""
     for name in options.keys() - LoadOptions.__annotations__.keys():
         hint = did_you_mean(name, LoadOptions.__annotations__)
@@ -222,7 +222,7 @@ def _examined(documents: Sequence[Document], options: LoadOptions) -> Plans:
     nodes = _registry(options.get("nodes"))
     first, *others = documents
     sources = read(first, [*nodes.documents, *others], options.get("packages"))
-    return examine(sources, nodes, options.get("tree"), options.get("format"))
+    return define_and_plan(sources, nodes, options.get("tree"), options.get("format"))
 
 
 def _parse(parse: Callable[[S], Document], options: LoadOptions, *sources: S) -> list[Document]:

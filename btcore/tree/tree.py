@@ -11,7 +11,6 @@ from btcore.blackboard.blackboard import Blackboard, copy_scopes
 from btcore.blackboard.ports import PortRole
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.context import TreeContext
-from btcore.engine.instrumentation import TickCounts
 from btcore.engine.node import (
     TreeNode,
     add_to_backtrace,
@@ -23,6 +22,7 @@ from btcore.engine.node import (
     reset_status,
 )
 from btcore.engine.observers import Observer, Observers
+from btcore.engine.tick_extras import TickCounts
 from btcore.errors import BtcoreError, NodeError, NodeExecutionError
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status

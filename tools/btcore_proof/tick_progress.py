@@ -10,8 +10,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from btcore.engine.conditions import WatchedConditions
-from btcore.engine.instrumentation import Instrumentation
 from btcore.engine.node import TreeNode
+from btcore.engine.tick_extras import TickExtras
 from btcore.status import SKIPPED, Status
 from btcore.tree.saved_state import state_fields_of
 from btcore.tree.tree import Tree
@@ -51,15 +51,13 @@ class TickProgress:
             for child in node.children:
                 self._parents[child.config.uid] = node
         for number, node in enumerate(tree.nodes):
-            instrumentation = node._instrumentation = node._instrumentation or Instrumentation()
+            extras = node._tick_extras = node._tick_extras or TickExtras()
             if node.children:
                 reads = _reads_entries(node)
                 config = node.config
                 start = partial(self._start, node, reads, bool(state_fields_of(type(node))))
-                instrumentation.conditions = WatchedConditions(
-                    config.scripts, config.enums, node._blackboard, start
-                )
-            instrumentation.post_tick = partial(self._end, number, instrumentation.post_tick)
+                extras.conditions = WatchedConditions(config.scripts, config.enums, node._blackboard, start)
+            extras.post_tick = partial(self._end, number, extras.post_tick)
 
     def begin(self) -> None:
         """Begin a tick of the tree."""

@@ -1,6 +1,6 @@
 """Create a tree without its user-defined nodes, and record the uses of each blackboard entry.
 
-The dry run visits the plans of a tree as loading does: it creates the same blackboards and connects the same
+The dry run creates nodes as loading does: it creates the same blackboards and connects the same
 ports. It therefore finds the same errors, except for errors that user code raises.
 """
 
@@ -17,9 +17,9 @@ from btcore.registry.manifest import Manifest
 from btcore.xml.lint.possible_results import is_built_in
 from btcore.xml.lint.scripts import WRITING, AccessKind, find_name_uses
 from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.node_creator import NodeCreator, TreeInstance
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.plan.visitor import PlanVisitor, TreeInstance
 from btcore.xml.read.read import Document
 
 
@@ -41,7 +41,7 @@ class EntryUse:
     port: Port | None = None
 
 
-class DryRun(PlanVisitor):
+class DryRun(NodeCreator):
     """A dry run of one tree. Call `run` to fill the attributes.
 
     Attributes:
@@ -62,8 +62,8 @@ class DryRun(PlanVisitor):
         self._recorded: list[EntryUse] = []
 
     def run(self, tree: TreePlan) -> list[Diagnostic]:
-        """Visit *tree*, and fill the attributes. Return the errors that loading the tree would report."""
-        self.visit(tree)
+        """Create *tree*, and fill the attributes. Return the errors that loading the tree would report."""
+        self.create_tree(tree)
         for use in self._recorded:
             entry = self._entry(use)
             if entry is not None:
@@ -98,11 +98,11 @@ class DryRun(PlanVisitor):
         try:
             return use.scope.create(use.key)
         except BlackboardError:
-            return None  # a key with two @, which the visit has reported
+            return None  # a key with two @, which has been reported
 
-    # --- steps of the visit, each recording the entries that it uses
+    # --- steps of the creation, each recording the entries that it uses
 
-    def create(
+    def create_node(
         self,
         plan: NodePlan,
         manifest: Manifest | None,
@@ -117,7 +117,7 @@ class DryRun(PlanVisitor):
         for bound in config.inputs.values():
             if bound.port.role in SCRIPT_ROLES and bound.key is not None:
                 return TreeNode()  # the node would compile a script from the blackboard, which is empty here
-        return super().create(plan, manifest, config, tree, children)
+        return super().create_node(plan, manifest, config, tree, children)
 
     def bind_ports(self, plan: NodePlan, config: NodeConfig, tree: TreeInstance) -> None:
         """Bind the ports, and record the entries that ports and scripts use."""

@@ -30,8 +30,8 @@ from btcore.xml.lint.reporter import LintReporter
 from btcore.xml.lint.scripts import check_script_results
 from btcore.xml.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
 from btcore.xml.lint.unwritten_keys import check_keys
-from btcore.xml.plan.plan import Plans, examine
-from btcore.xml.plan.visitor import allow_depth
+from btcore.xml.node_creator import allow_depth
+from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.read import Document, read
 
@@ -75,7 +75,7 @@ def validate_document(
     was_enabled = gc.isenabled()
     gc.disable()  # the collector would scan the plans again and again, although they are no garbage
     try:
-        plans = examine(read(document, nodes.documents), nodes, tree, format, every_tree=True)
+        plans = define_and_plan(read(document, nodes.documents), nodes, tree, format, every_tree=True)
         found = _check_plans(plans, tree is not None, given)
     finally:
         if was_enabled:
@@ -92,7 +92,7 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
         given: As in `validate_document`.
     """
     found = DiagnosticCollector(plans.diagnostics)
-    definitions, main, enums = plans.definitions, plans.main, plans.nodes.types.enums
+    definitions, main, enums = plans.definitions, plans.main, plans.registry.types.enums
     names_main = definitions.sources.main.root.get("main_tree_to_execute") is not None
     if not is_selected and definitions.all and not names_main:
         # The document is a library: no main tree is needed.
@@ -132,7 +132,7 @@ def _check_nodes(
     """Check every node of all trees by itself and with its children. Return the possible results."""
     bounded = not any(error.code in _UNBOUNDED for error in reporter.diagnostics.errors)
     results = ResultAnalysis(plans, bounded)
-    enums = plans.nodes.types.enums
+    enums = plans.registry.types.enums
     tree_keys = TreeKeys(plans, enums, bounded)
     for tree in plans.trees.values():
         document = tree.definition.document

@@ -35,7 +35,7 @@ class Plans(NamedTuple):
 
     Attributes:
         definitions: The definitions of the trees.
-        nodes: The registered nodes with which they were planned.
+        registry: The registered nodes with which they were planned.
         trees: The plans by the IDs of the trees: of the main tree and of the trees that it calls, directly or
             indirectly, or of every tree.
         main: The plan of the main tree; None if it is missing or ambiguous.
@@ -44,7 +44,7 @@ class Plans(NamedTuple):
     """
 
     definitions: Definitions
-    nodes: Registry
+    registry: Registry
     trees: Mapping[str, TreePlan]
     main: TreePlan | None
     sizes: Mapping[str, TreeSize]
@@ -96,17 +96,17 @@ class Plans(NamedTuple):
         return types
 
 
-def plan(definitions: Definitions, nodes: Registry, every_tree: bool = False) -> Plans:
+def plan(definitions: Definitions, registry: Registry, every_tree: bool = False) -> Plans:
     """Return the plans of the main tree and of the trees that it calls.
 
     Args:
         definitions: The definitions of the trees.
-        nodes: The registered nodes.
+        registry: The registered nodes.
         every_tree: Whether all other trees are planned, too, and all scripts checked. Otherwise the scripts
             are checked only after errors: without errors they are compiled when the nodes are created.
     """
     found = DiagnosticCollector(definitions.diagnostics)
-    context = PlanContext(definitions, nodes, found)
+    context = PlanContext(definitions, registry, found)
     outlines = outline_trees(context)
     trees: dict[str, TreePlan] = {}
     by_id, main = definitions.by_id, definitions.main
@@ -119,7 +119,9 @@ def plan(definitions: Definitions, nodes: Registry, every_tree: bool = False) ->
             trees[definition.id] = tree = TreePlanner(context, definition).plan(outlines[definition])
             pending += [by_id[call.tree] for call in reversed(tree.calls) if call.tree in by_id]
     sizes: dict[str, TreeSize] = {}
-    plans = Plans(definitions, nodes, trees, None if main is None else trees[main.id], sizes, Diagnostics())
+    plans = Plans(
+        definitions, registry, trees, None if main is None else trees[main.id], sizes, Diagnostics()
+    )
     checked: set[str] = set()
     # Trees that call each other may have no root among them.
     for tree in (*plans.roots(), *trees.values()):
@@ -128,13 +130,13 @@ def plan(definitions: Definitions, nodes: Registry, every_tree: bool = False) ->
             checked |= {called.id for called in plans.reachable(tree, checked)}
     if every_tree or found.errors:
         for tree in trees.values():
-            _check_scripts(tree, nodes.types.enums, found)
+            _check_scripts(tree, registry.types.enums, found)
     return plans._replace(diagnostics=found.collected())
 
 
-def examine(
+def define_and_plan(
     sources: Sources,
-    nodes: Registry,
+    registry: Registry,
     tree: str | None = None,
     format: int | None = None,
     every_tree: bool = False,
@@ -145,18 +147,18 @@ def examine(
 
     Args:
         sources: The documents.
-        nodes: The registered nodes.
+        registry: The registered nodes.
         tree: ID of the main tree; by default the main document determines it.
         format: 3 or 4, overriding the main document's `BTCPP_format`.
         every_tree: As in `plan`.
     """
-    plans = plan(define(sources, tree, format), nodes, every_tree)
+    plans = plan(define(sources, tree, format), registry, every_tree)
     root = sources.main.root
     errors = plans.diagnostics.errors
     if errors and format is None and root.get("BTCPP_format") is None:
         # These plans need no hints.
         silent = sources._replace(diagnostics=sources.diagnostics._replace(comparisons=0))
-        as_format_4 = plan(define(silent, tree, 4), nodes, every_tree)
+        as_format_4 = plan(define(silent, tree, 4), registry, every_tree)
         avoided = len(errors) - len(as_format_4.diagnostics.errors)
         if avoided > 0:
             count = "1 error" if avoided == 1 else f"{avoided} errors"

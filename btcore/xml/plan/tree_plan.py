@@ -82,7 +82,7 @@ class SubtreeCall:
 
 
 class NodePlan:
-    """One node of a tree definition.
+    """One node of a tree definition. `_Outline` creates it, and `TreePlanner` adds what the registry knows.
 
     *depth* counts from the `<BehaviorTree>`, which has depth 0. *bindings* holds the ports that the
     document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
@@ -175,22 +175,22 @@ class BindingCache:
 
 
 class PlanContext:
-    """What the planners of all trees of a document share: definitions, nodes, and what was found so far."""
+    """What the planners of all trees of a document share: definitions, registry, what was found so far."""
 
-    def __init__(self, definitions: Definitions, nodes: Registry, found: DiagnosticCollector) -> None:
+    def __init__(self, definitions: Definitions, registry: Registry, found: DiagnosticCollector) -> None:
         self.definitions = definitions
         self.dialect: Dialect = definitions.dialect
-        self.nodes = nodes
+        self.registry = registry
         self.found = found
-        self.by_id: dict[str, BindingCache] = {}
-        self.by_tag: dict[str, BindingCache] = {}
-        # Names of attributes that _other_attributes() kept. Its decision depends only on the name, so it is
+        self.bindings_by_id: dict[str, BindingCache] = {}
+        self.bindings_by_tag: dict[str, BindingCache] = {}
+        # Names of attributes that _sort_attributes() kept. Its decision depends only on the name, so it is
         # not called again for these names.
         self.kept: set[str] = set()
 
     def manifest(self, id: str) -> Manifest | None:
         """Return the manifest of a node, or None if it is unknown in the format of the document."""
-        return self.nodes.get(id, self.dialect.format)
+        return self.registry.get(id, self.dialect.format)
 
 
 # --- the structure
@@ -237,7 +237,7 @@ class _Tags:
         # The files that declare nodes in their TreeNodesModel, by ID; None before the first unknown node.
         self._declared: dict[str | None, str] | None = None
 
-    def add(self, tag: str) -> NodeType | None:
+    def kind_of(self, tag: str) -> NodeType | None:
         """Return the node type that limits the children of *tag*; None if *tag* is not the ID of a node."""
         manifest = self._context.manifest(tag)
         dialect = self._context.dialect
@@ -258,7 +258,7 @@ class _Tags:
         """Return a hint for the unknown *node*."""
         context = self._context
         if self._hints is None:
-            self._hints = UnknownNodeHints(context.nodes, context.dialect.format)
+            self._hints = UnknownNodeHints(context.registry, context.dialect.format)
         if not context.found.has_time_for_hint(self._hints.names):
             return ""
         if self._declared is None:
@@ -282,7 +282,7 @@ class _Outline:
         self._tags = tags
         self._document = document
 
-    def _error(
+    def _report(
         self, code: DiagnosticCode, message: str, element: Element, attribute: str = "", hint: str = ""
     ) -> None:
         self._found.add(self._document.diagnostic(code, message, element, attribute, hint=hint))
@@ -301,7 +301,7 @@ class _Outline:
                 nodes.append(node)
             if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
                 message = f"the tree has more than {MAX_NODES:,} nodes"
-                self._error(TOO_LARGE, message, top, "ID", hint="nodes are numbered with 16 bits")
+                self._report(TOO_LARGE, message, top, "ID", hint="nodes are numbered with 16 bits")
                 nodes[0].children = []
                 return nodes[:1]
             element = node.element
@@ -313,17 +313,17 @@ class _Outline:
                 children = element_children(element)
                 if len(children) != len(element.children):
                     self._warn_obsolete_root(element)
-            kind = kinds[tag] if tag in kinds else self._tags.add(tag)
+            kind = kinds[tag] if tag in kinds else self._tags.kind_of(tag)
             if kind is None:
-                self._special(tag, element, children)
+                self._check_other_tag(tag, element, children)
             elif children or tag not in leaves:
-                self._count(tag, kind, element, children)
+                self._check_child_count(tag, kind, element, children)
             if not children:
                 continue
             depth = node.depth + 1
             if depth > limit:
                 message = f"elements are nested more than {limit:,} deep"
-                self._error(TOO_DEEP, message, element, hint="split the tree into subtrees")
+                self._report(TOO_DEEP, message, element, hint="split the tree into subtrees")
             elif tag not in closed:
                 below = [NodePlan(child, depth) for child in children]
                 pending += reversed(below)
@@ -336,45 +336,47 @@ class _Outline:
     def _warn_obsolete_root(self, element: Element) -> None:
         for child in element.iterchildren("Root"):
             message = "the obsolete <Root> is ignored"
-            self._error(CAPITALISED_ROOT, message, child, hint="remove it")
+            self._report(CAPITALISED_ROOT, message, child, hint="remove it")
 
-    def _special(self, tag: str, element: Element, children: list[Element]) -> None:
+    def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
         """Check an element whose tag is not the ID of a node."""
         if tag == "BehaviorTree":
-            self._tree(element, children)
+            self._check_tree(element, children)
         elif tag in self._dialect.subtree_tags:
-            self._subtree(tag, element, children)
+            self._check_call(tag, element, children)
         elif tag in EXPLICIT_TAGS:
-            self._explicit(tag, element, children)
+            self._check_explicit(tag, element, children)
         else:
-            self._error(
+            self._report(
                 UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=self._tags.unknown_node_hint(tag)
             )
 
-    def _explicit(self, tag: str, element: Element, children: list[Element]) -> None:
+    def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         node = element.get("ID") or ""
         if not node:
             message = f"the ID of the node is missing in <{tag}>"
             hint = f'write <{tag} ID="…"/>'
-            self._error(MISSING_ID, message, element, hint=hint)
+            self._report(MISSING_ID, message, element, hint=hint)
             return
         manifest = self._context.manifest(node)
         if manifest is None:
-            self._error(
+            self._report(
                 UNKNOWN_NODE, f"unknown node '{node}'", element, "ID", self._tags.unknown_node_hint(node)
             )
             return
         kind = manifest.type if self._dialect.explicit_by_id else EXPLICIT_TAGS[tag]
-        self._count(node, kind, element, children)
+        self._check_child_count(node, kind, element, children)
 
-    def _count(self, node: str, kind: NodeType, element: Element, children: list[Element]) -> None:
+    def _check_child_count(
+        self, node: str, kind: NodeType, element: Element, children: list[Element]
+    ) -> None:
         """Add an error if *children* are too few or too many for *node*, which is of *kind*."""
         count = len(children)
         has = count_text(count)
         if kind is NodeType.DECORATOR:
             if count != 1:
                 hint = "put them into a <Sequence>" if count else ""
-                self._error(
+                self._report(
                     WRONG_CHILD_COUNT, f"<{node}> has {has}; a decorator has exactly 1", element, hint=hint
                 )
         elif kind is NodeType.CONTROL:
@@ -385,11 +387,11 @@ class _Outline:
                     f"<{node}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
                 )
                 hint = manifest.spec.child_roles if manifest is not None and least > 1 else ""
-                self._error(WRONG_CHILD_COUNT, message, element, hint=hint)
+                self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif node == "ReactiveSequence":
                 self._check_asynchronous(children)
         elif count and kind in _LEAVES:
-            self._error(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_LEAVES[kind]} has none", element)
+            self._report(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_LEAVES[kind]} has none", element)
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
@@ -397,43 +399,43 @@ class _Outline:
         if len(asynchronous) > 1 and self._dialect.explicit_by_id:
             message = "second AsyncSequence in a ReactiveSequence, which can have only one"
             hint = "only one child can be RUNNING at a time"
-            self._error(SEVERAL_ASYNC_SEQUENCES, message, asynchronous[1], hint=hint)
+            self._report(SEVERAL_ASYNC_SEQUENCES, message, asynchronous[1], hint=hint)
 
-    def _tree(self, element: Element, children: list[Element]) -> None:
+    def _check_tree(self, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""
         label = f"the tree '{name}'" if name else "the tree"
         if self._dialect.tree_ids_checked and name:
-            self._not_a_node(name, element)
+            self._check_not_a_node(name, element)
             if not FORBIDDEN.isdisjoint(name):
                 message = f"invalid tree ID '{name}': {forbidden_in(name)!r} is not allowed"
-                self._error(INVALID_NAME, message, element, "ID", "use letters, digits, '_' and '-'")
+                self._report(INVALID_NAME, message, element, "ID", "use letters, digits, '_' and '-'")
             elif name in RESERVED_IDS:
-                self._error(INVALID_NAME, f"invalid tree ID '{name}': the name is reserved", element, "ID")
+                self._report(INVALID_NAME, f"invalid tree ID '{name}': the name is reserved", element, "ID")
         if len(children) != 1:
             message = f"{label} has {count_text(len(children))}; a tree has exactly 1"
             hint = "put them into a <Sequence>" if children else ""
-            self._error(WRONG_CHILD_COUNT, message, element, hint=hint)
+            self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
 
-    def _subtree(self, tag: str, element: Element, children: list[Element]) -> None:
+    def _check_call(self, tag: str, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""
         if element.get("ID") is None or (not name and self._dialect.explicit_by_id):
             message = f"the ID of the tree is missing in <{tag}>"
-            self._error(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>')
+            self._report(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>')
         elif self._dialect.tree_ids_checked:
-            self._not_a_node(name, element)
+            self._check_not_a_node(name, element)
         if children and tag in self._dialect.ignoring_tags:
             message = f'the children of <{tag} ID="{name}"> are ignored'
             hint = "move them into the <BehaviorTree> that it calls, or remove them"
-            self._error(UNREACHABLE_CHILD, message, children[0], hint=hint)
+            self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
             message = f'<{tag} ID="{name}"> has children; they belong into the <BehaviorTree> that it calls'
-            self._error(WRONG_CHILD_COUNT, message, children[0])
+            self._report(WRONG_CHILD_COUNT, message, children[0])
 
-    def _not_a_node(self, name: str, element: Element) -> None:
+    def _check_not_a_node(self, name: str, element: Element) -> None:
         known = self._context.manifest(name)
         if known is not None and not known.is_overridable:
             message = f"invalid tree ID '{name}': a node has this name"
-            self._error(TREE_NAMED_AS_NODE, message, element, "ID", "rename the tree")
+            self._report(TREE_NAMED_AS_NODE, message, element, "ID", "rename the tree")
 
 
 # --- the attributes
@@ -461,10 +463,10 @@ class TreePlanner:
             if len(top.children) > 1:
                 # A tree has one root; further roots are an error of the structure, and ignored here.
                 nodes = nodes[: nodes.index(top.children[1])]
-            self._nodes(nodes, plan)
+            self._plan_nodes(nodes, plan)
         return plan
 
-    def _error(
+    def _report(
         self,
         code: DiagnosticCode,
         message: str,
@@ -476,18 +478,18 @@ class TreePlanner:
         part: ElementPart = "name" if name else "value"
         self._found.add(self._definition.document.diagnostic(code, message, element, attribute, part, hint))
 
-    def _nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
+    def _plan_nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
         """Plan *nodes*, and remove unknown nodes, which are errors of the structure, from the tree."""
         tree.size = len(nodes)
         tree.depth = max(map(_DEPTH_OF, nodes))
-        known_tags = self._context.by_tag
+        known_tags = self._context.bindings_by_tag
         unknown: set[NodePlan] = set()
         for node in nodes:
             tag = node.element.tag
             known = known_tags.get(tag)
             if known is None:
                 if tag in self._dialect.subtree_tags:
-                    if not self._subtree(tag, node, tree):
+                    if not self._plan_call(tag, node, tree):
                         unknown.add(node)
                     continue
                 known = self._look_up(tag, node.element)
@@ -496,7 +498,7 @@ class TreePlanner:
                     continue
             node.id = known.id
             node.manifest = known.manifest
-            self._attributes(node, known)
+            self._plan_attributes(node, known)
         if unknown:
             tree.has_unknown_nodes = True
             if tree.root in unknown:
@@ -507,17 +509,17 @@ class TreePlanner:
     def _look_up(self, tag: str, element: Element) -> BindingCache | None:
         """Return the bindings for the node that *element* names, or None if the node is unknown."""
         id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
-        known = self._context.by_id.get(id)
+        known = self._context.bindings_by_id.get(id)
         if known is None:
             manifest = self._context.manifest(id)
             if manifest is None:
                 return None
-            self._context.by_id[id] = known = BindingCache(id, manifest, self._dialect.format)
+            self._context.bindings_by_id[id] = known = BindingCache(id, manifest, self._dialect.format)
         if tag not in EXPLICIT_TAGS:
-            self._context.by_tag[tag] = known
+            self._context.bindings_by_tag[tag] = known
         return known
 
-    def _attributes(self, plan: NodePlan, known: BindingCache) -> None:
+    def _plan_attributes(self, plan: NodePlan, known: BindingCache) -> None:
         bindings: list[Binding] = []
         others: dict[str, str] = {}
         known_bindings = known.bindings
@@ -533,14 +535,14 @@ class TreePlanner:
                 others[key] = text
         if others:
             if not self._context.kept.issuperset(others):
-                others = self._other_attributes(plan, known.manifest, others)
+                others = self._sort_attributes(plan, known.manifest, others)
             plan.attributes = others
         if known.defaults and len(bindings) < len(known.bindings):
             given = {bound.port for bound in bindings}
             bindings += [bound for bound in known.defaults if bound.port not in given]
         plan.bindings = bindings
 
-    def _other_attributes(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
+    def _sort_attributes(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
         """Return the attributes in *others* to keep. *others* holds neither ports nor the name.
 
         Scripts are stored in `plan.scripts`. Attributes that are neither kept nor scripts are errors.
@@ -556,14 +558,16 @@ class TreePlanner:
                     message = (
                         f'unexpected ID in <{plan.id}>: only explicit tags such as <Action ID="…"> have one'
                     )
-                    self._error(UNEXPECTED_ID, message, plan.element, key, 'to name the node, write name="…"')
+                    self._report(
+                        UNEXPECTED_ID, message, plan.element, key, 'to name the node, write name="…"'
+                    )
             elif key in dialect.reserved or (dialect.free_underscore and not is_port_name(key)):
                 kept[key] = text
             else:
                 message = f"<{plan.id}> has no port '{key}'"
                 has_time = self._found.has_time_for_hint(manifest.ports)
                 hint = port_hint(manifest, key) if has_time else ""
-                self._error(UNKNOWN_PORT, message, plan.element, key, hint, name=True)
+                self._report(UNKNOWN_PORT, message, plan.element, key, hint, name=True)
         if scripts:
             plan.scripts = {
                 key: scripts[key]
@@ -576,7 +580,7 @@ class TreePlanner:
     def _check_name(self, plan: NodePlan, text: str) -> None:
         if self._dialect.free_underscore and not _CONTROL_CHARACTERS.isdisjoint(text):
             message = f"control character in the name {text!r}"
-            self._error(CONTROL_CHARACTER_IN_NAME, message, plan.element, "name")
+            self._report(CONTROL_CHARACTER_IN_NAME, message, plan.element, "name")
 
     def _bind(self, plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
@@ -612,12 +616,12 @@ class TreePlanner:
         elif is_port_name(text):
             hint = f"to use the blackboard entry, write {{{text}}}"
         message = f"the port '{port.name}' of <{plan.id}> has the type {kind.name}: {error}"
-        self._error(INCONVERTIBLE_TEXT, message, plan.element, port.name, hint)
+        self._report(INCONVERTIBLE_TEXT, message, plan.element, port.name, hint)
         return False
 
     # --- SubTree elements
 
-    def _subtree(self, tag: str, plan: NodePlan, tree: TreePlan) -> bool:
+    def _plan_call(self, tag: str, plan: NodePlan, tree: TreePlan) -> bool:
         """Plan a SubTree element. Return whether the called tree exists."""
         element = plan.element
         id = element.get("ID") or ""
@@ -627,24 +631,24 @@ class TreePlanner:
         plan.call = call
         tree.calls.append(call)
         if self._dialect.format == 3:
-            self._call_of_3(plan, call, tag)
+            self._connect_call_of_3(plan, call, tag)
         else:
-            self._call_of_4(plan, call)
+            self._connect_call_of_4(plan, call)
         if id in self._context.definitions.by_id:
             return True
         if element.get("ID") is not None and self._context.definitions.are_complete:
             known = self._context.definitions.by_id
             hint = tree_hint(id, known) if self._found.has_time_for_hint(known) else ""
-            self._error(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
+            self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 
-    def _call_of_4(self, plan: NodePlan, call: SubtreeCall) -> None:
+    def _connect_call_of_4(self, plan: NodePlan, call: SubtreeCall) -> None:
         given: dict[str, str] = {}
         scripts: dict[str, str] = {}
         attributes: dict[str, str] = {}
         for key, text in plan.element.attributes.items():
             if key == "_autoremap":
-                call.autoremap = self._truth(plan, key, text)
+                call.autoremap = self._read_bool(plan, key, text)
             elif key == "name":
                 plan.name = text
                 self._check_name(plan, text)
@@ -666,7 +670,7 @@ class TreePlanner:
                         break
                     message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree}' requires"
                     hint = f'write {port}="…", or declare a default in <TreeNodesModel>'
-                    self._error(MISSING_SUBTREE_PORT, message, plan.element, "", hint)
+                    self._report(MISSING_SUBTREE_PORT, message, plan.element, "", hint)
                 else:
                     given[port] = default
         call.written = given
@@ -679,14 +683,14 @@ class TreePlanner:
             else:
                 call.constants[key] = text
 
-    def _call_of_3(self, plan: NodePlan, call: SubtreeCall, tag: str) -> None:
+    def _connect_call_of_3(self, plan: NodePlan, call: SubtreeCall, tag: str) -> None:
         for key, text in plan.element.attributes.items():
             if key == "ID":
                 continue
             if key == "__shared_blackboard" and tag == "SubTree":
-                call.shared = self._truth(plan, key, text)
+                call.shared = self._read_bool(plan, key, text)
             elif key == "__autoremap" and tag == "SubTreePlus":
-                call.autoremap = self._truth(plan, key, text)
+                call.autoremap = self._read_bool(plan, key, text)
             elif tag == "SubTree":
                 call.written[key] = text
                 # <SubTree> of format 3 has no braces: the text is the outer key itself.
@@ -704,10 +708,10 @@ class TreePlanner:
         # Format 3 ignores the name of a call.
         plan.name = call.tree
 
-    def _truth(self, plan: NodePlan, key: str, text: str) -> bool:
+    def _read_bool(self, plan: NodePlan, key: str, text: str) -> bool:
         try:
             return BOOL.from_text(text, self._dialect.format) is True
         except ConversionError:
             message = f"{key} must be 'true' or 'false', not '{text}'"
-            self._error(NOT_A_BOOLEAN, message, plan.element, key)
+            self._report(NOT_A_BOOLEAN, message, plan.element, key)
             return False

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Port
 from btcore.status import NodeType
+from btcore.xml.node_creator import allow_depth
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.plan.visitor import allow_depth
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import Document
 
@@ -51,7 +51,7 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
     """Return the main tree of a document without errors as a drawing, numbered as in a running tree."""
     assert plans.main is not None, "a document without a main tree has errors"
     allow_depth(plans.sizes[plans.main.id].depth)
-    # PlanVisitor numbers the nodes in the same order: a parent before its children.
+    # NodeCreator numbers the nodes in the same order: a parent before its children.
     uids = itertools.count(1)
 
     def of_tree(tree: TreePlan) -> DiagramNode:

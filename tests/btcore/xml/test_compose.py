@@ -19,7 +19,7 @@ from btcore import (
     blackboard_key,
     condition,
 )
-from btcore.loading.builder import NodeSpec
+from btcore.loading.builder import NodeDraft
 from btcore.loading.tree_xml import tree_to_xml
 from btcore.xml.read.read import parse_text
 
@@ -170,7 +170,7 @@ def test_invalid_child_and_invalid_value_are_refused(b: Builder) -> None:
         b.Near(distance=object())
 
 
-def chain(b: Builder, levels: int) -> NodeSpec:
+def chain(b: Builder, levels: int) -> NodeDraft:
     twig = b.AlwaysSuccess()
     for _ in range(levels - 1):
         twig = b.ForceFailure(twig)

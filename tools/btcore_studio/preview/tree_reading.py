@@ -11,7 +11,7 @@ from btcore.input_files import read_file
 from btcore.registry.registry import Registry
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_undeclared_nodes
-from btcore.xml.plan.plan import Plans, examine, plan
+from btcore.xml.plan.plan import Plans, define_and_plan, plan
 from btcore.xml.read.read import Document, parse_file, parse_text, read
 from btcore.xml.render.node_card import FAMILY_COLOURS
 from btcore.xml.render.svg import diagram_to_svg
@@ -77,7 +77,7 @@ class TreeFile:
         drawn = nodes.copy()
         sources = read(document, drawn.documents)
         add_undeclared_nodes(drawn, sources.documents)
-        plans = examine(sources, drawn, self.tree, self.format)
+        plans = define_and_plan(sources, drawn, self.tree, self.format)
         is_known = _DRAWABLE.issuperset(error.code for error in plans.diagnostics.errors)
         is_drawable = is_known and bool(plans.definitions.by_id)
         return TreeReading(found, plans if is_drawable else None, document.text)
@@ -135,7 +135,7 @@ def draw(plans: Plans, tree: str | None, folded: Collection[str], styled: bool =
     definitions = plans.definitions
     main = definitions.by_id.get(tree or "") or definitions.main or next(iter(definitions.by_id.values()))
     if main is not definitions.main:
-        plans = plan(definitions._replace(main=main), plans.nodes)
+        plans = plan(definitions._replace(main=main), plans.registry)
         fatal = [error for error in plans.diagnostics.errors if error.code not in _DRAWABLE]
         if fatal:
             return {"tree": main.id, "error": fatal[0].message}

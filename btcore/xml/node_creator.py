@@ -1,4 +1,4 @@
-"""Visit the nodes of a planned tree: connect their ports with the blackboards, and create the nodes."""
+"""Create the nodes of a planned tree, and connect their ports with the blackboards."""
 
 import sys
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ from btcore.xml.read.diagnostics import DiagnosticCollector
 
 
 class TreeInstance:
-    """One instance of a tree: the main tree, or the content of a SubTree node.
+    """An instance of a tree, which becomes a `btcore.Subtree`: the main tree, or the content of a SubTree.
 
     Attributes:
         plan: The plan of the tree.
@@ -53,10 +53,10 @@ class TreeInstance:
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class PlanVisitor:
-    """Visits the nodes of a planned tree and of its subtrees, depth-first, and creates them.
+class NodeCreator:
+    """Creates the nodes of a planned tree and of its subtrees, depth-first.
 
-    A subclass may override `bind_ports`, `open_scope` and `create`.
+    A subclass may override `bind_ports`, `open_scope` and `create_node`.
 
     Attributes:
         format: The format of the tree, 3 or 4.
@@ -76,8 +76,7 @@ class PlanVisitor:
     ) -> None:
         self._plans = plans
         self.format = plans.dialect.format
-        registry = plans.nodes
-        self._registry = registry
+        self._registry = registry = plans.registry
         # Most registries have no substitution rules; then the manifests of the plan are used as they are.
         self._rules = registry.substitutions
         self._enums = registry.types.enums
@@ -93,19 +92,20 @@ class PlanVisitor:
         self._uid = 0
         self.found = DiagnosticCollector()
 
-    def visit(self, tree: TreePlan) -> None:
-        """Visit the nodes of *tree*, which is neither recursive nor too large."""
+    def create_tree(self, tree: TreePlan) -> None:
+        """Create the nodes of *tree*, which is neither recursive nor too large."""
         allow_depth(self._plans.sizes[tree.id].depth)
-        self._visit_tree(tree, "", self.blackboard)
+        self._create_instance(tree, "", self.blackboard)
 
-    def _visit_tree(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
-        """Visit an instance of a tree. Return its root, or None if it could not be created."""
+    def _create_instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
+        """Create an instance of a tree. Return its root, or None if it could not be created."""
         instance = TreeInstance(plan, path, blackboard)
         self.instances.append(instance)
         assert plan.root is not None
-        return self._visit_node(plan.root, instance)
+        return self._create_with_children(plan.root, instance)
 
-    def _visit_node(self, plan: NodePlan, tree: TreeInstance) -> TreeNode | None:
+    def _create_with_children(self, plan: NodePlan, tree: TreeInstance) -> TreeNode | None:
+        """Create a node and the nodes below it. Return None if the node could not be created."""
         document = tree.document
         line = plan.element.line if document.knows_lines else document.line(plan.element)
         self._uid = uid = self._uid + 1
@@ -115,7 +115,7 @@ class PlanVisitor:
             id, name, uid, self.format, document.file, line, plan.scripts, plan.attributes, self._enums
         )
         if plan.call is not None:
-            return self._visit_call(plan, plan.call, config, tree)
+            return self._create_call(plan, plan.call, config, tree)
         if name == id:
             # BehaviorTree.CPP appends the uid to the path of a node without a name.
             config.path = f"{tree.prefix}{name}::{uid}"
@@ -124,7 +124,7 @@ class PlanVisitor:
         self.bind_ports(plan, config, tree)
         manifest = self._substituted(plan, config, tree) if self._rules else plan.manifest
         if not plan.children:
-            leaf = self.create(plan, manifest, config, tree, ())
+            leaf = self.create_node(plan, manifest, config, tree, ())
             if leaf is not None:
                 self.nodes.append(leaf)
                 tree.nodes.append(leaf)
@@ -134,8 +134,8 @@ class PlanVisitor:
         self.nodes.append(_PLACE_HOLDER)
         tree.nodes.append(_PLACE_HOLDER)
         below = plan.children if not self._rules or takes_children(manifest) else ()
-        children = [self._visit_node(child, tree) for child in below]
-        node = self.create(plan, manifest, config, tree, children)
+        children = [self._create_with_children(child, tree) for child in below]
+        node = self.create_node(plan, manifest, config, tree, children)
         if node is not None:
             self.nodes[at] = tree.nodes[own_at] = node
         return node
@@ -197,7 +197,7 @@ class PlanVisitor:
             )
         return document.diagnostic(CONFLICTING_ENTRY_TYPES, message, plan.element, port.name, hint=hint)
 
-    def create(
+    def create_node(
         self,
         plan: NodePlan,
         manifest: Manifest | None,
@@ -249,7 +249,7 @@ class PlanVisitor:
 
     # --- SubTree elements
 
-    def _visit_call(
+    def _create_call(
         self, plan: NodePlan, call: SubtreeCall, config: NodeConfig, tree: TreeInstance
     ) -> TreeNode | None:
         config.name = plan.name if plan.name is not None else call.tree
@@ -271,8 +271,8 @@ class PlanVisitor:
         children = []
         if takes_children(manifest):
             inner = self.open_scope(plan, call, tree)
-            children.append(self._visit_tree(self._plans.trees[call.tree], config.path, inner))
-        node = self.create(plan, manifest, config, tree, children)
+            children.append(self._create_instance(self._plans.trees[call.tree], config.path, inner))
+        node = self.create_node(plan, manifest, config, tree, children)
         if node is not None:
             self.nodes[at] = tree.nodes[own_at] = node
         return node

@@ -1,4 +1,4 @@
-"""Instrumentation of a node: condition scripts, callbacks before and after a tick, and counters."""
+"""What happens in the ticks of a node besides its `tick`: condition scripts, callbacks and counters."""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,7 +27,7 @@ class TickCounts:
             self.skipped += 1
 
 
-class Instrumentation:
+class TickExtras:
     """The condition scripts, callbacks and counters of one node; most nodes have none."""
 
     def __init__(self) -> None:
