@@ -388,7 +388,7 @@ class _Outline:
                 )
                 hint = manifest.spec.child_roles if manifest is not None and least > 1 else ""
                 self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
-            elif node == "ReactiveSequence":
+            elif node == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
         elif count and kind in _LEAVES:
             self._report(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_LEAVES[kind]} has none", element)
