@@ -22,6 +22,7 @@ from btcore.blackboard.ports import Direction, Port
 from btcore.clock import SimClock
 from btcore.diagnostic_codes import CONTROL_CHARACTER_IN_NAME, NOT_XML
 from btcore.engine.leaf import SyncAction
+from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observer
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, NodeExecutionError
 from btcore.escaping import escape_controls
@@ -151,6 +152,8 @@ def conformance_registry() -> Registry:
 
 class Inc(SyncAction):
     """An action that writes `in` + 1 to `out`, and fails if `in` cannot be read. `tick` is recorded."""
+
+    spec = NodeSpec(state_fields=())
 
     def __init__(self, journal: CallLog) -> None:
         self.journal = journal
