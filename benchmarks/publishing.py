@@ -3,7 +3,7 @@
     python benchmarks/publishing.py [--pairs 5] [--seconds 2] [--clients 5] [--json]
 
 The tree has 1,000 nodes and is ticked at 100 Hz. In each tick 100 leaves succeed and are reset, which is 200
-transitions; the other leaves stay RUNNING. The tree is published for Groot 2 and on the scene channel. A
+transitions; the other leaves stay RUNNING. The tree is published for Groot 2 and on the run channel. A
 client is a separate process with the feed of ``btcore monitor``; the first client also requests the status by
 Groot 2's protocol 20 times a second. The lateness of a tick is the delay of its start after the scheduled
 time.

@@ -140,8 +140,8 @@ class DataSource:
     unavailable: Mapping[Topic, str] = field(default_factory=dict)
 
 
-SCENE_CHANNEL: Final = DataSource("btcore's scene channel")
-"""btcore's own protocol (wire/scene_channel.py), the only source that sends all topics completely."""
+RUN_CHANNEL: Final = DataSource("btcore's scene channel")
+"""btcore's own protocol (wire/run_channel.py), the only source that sends all topics completely."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +166,7 @@ class TreeSeen:
     wall: int
     statuses: Mapping[int, int]
     numbered: bool = True
-    source: DataSource = SCENE_CHANNEL
+    source: DataSource = RUN_CHANNEL
     results: Mapping[int, int] = field(default_factory=dict)
 
 

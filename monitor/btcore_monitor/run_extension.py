@@ -218,7 +218,7 @@ class MonitorExtension(RunExtension):
             if publisher.watch_address:
                 print_message(f"watching without keys: {publisher.watch_address}")
             # Groot cannot use keys, so it connects to the ports for watching without keys.
-            updates = publisher.groot1 if keys is None else publisher.watch_groot1
+            updates = publisher.groot1_port if keys is None else publisher.watch_groot1_port
             if updates is not None:
                 reason = f", since Groot 2 has {publisher.port}" if port is not None else ""
                 print_message(

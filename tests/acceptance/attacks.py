@@ -197,7 +197,7 @@ def run_robot(seconds: float) -> None:
     tree, changes = btcore.loads(TREE), Changes()
     tree.subscribe(changes)
     with serve(tree, groot2=0, groot1=0, allow_control=True, resources=[Camera()]) as publisher:
-        first, updates = publisher.port, publisher.groot1
+        first, updates = publisher.port, publisher.groot1_port
         assert updates is not None
         print(json.dumps([first, first + 1, first + 2, updates, updates + 1]), flush=True)
         sys.stdin.readline()

@@ -65,8 +65,8 @@ def test_nodes_statuses_results_and_entries_arrive(tree: btcore.Tree, connection
     assert state.entries == (("", "lap", "3"),)
 
 
-def test_results_before_the_connection_arrive_from_a_robot_without_scene_channel(tree: btcore.Tree) -> None:
-    with serve(tree, groot2=0, scene=False) as publisher:
+def test_results_before_the_connection_arrive_from_a_robot_without_run_channel(tree: btcore.Tree) -> None:
+    with serve(tree, groot2=0, run_channel=False) as publisher:
         tree.tick_once()
         with closing(RobotConnection(publisher.address)) as connection:
             state = until(connection, lambda state: state.results)
@@ -101,7 +101,7 @@ def test_robot_without_control_is_reported(tree: btcore.Tree) -> None:
 
 def test_robot_with_groot1_is_watched_but_has_no_breakpoints(tree: btcore.Tree) -> None:
     with (
-        serve(tree, groot1=0, scene=False) as publisher,
+        serve(tree, groot1=0, run_channel=False) as publisher,
         closing(RobotConnection(publisher.address)) as connection,
     ):
         until(connection, lambda state: state.nodes)

@@ -220,7 +220,7 @@ def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(both:
         first = free_port + (999 if both else 0)
         told = f"Groot 1 finds it at publisher port {first} and server port {first + 1}"
         assert told + (f", since Groot 2 has {free_port}" if both else "") in lines[1]
-        # alone, Groot 1's ports have the scene channel; beside Groot 2, it is next to Groot 2's ports
+        # alone, Groot 1's ports have the run channel; beside Groot 2, it is next to Groot 2's ports
         spoken = "Groot 1's protocol" if both else "scene channel"
         with Feed(f":{first + 1}") as feed:
             for event in feed:

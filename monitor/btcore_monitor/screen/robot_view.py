@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from btcore_monitor.events import (
-    SCENE_CHANNEL,
+    RUN_CHANNEL,
     BlackboardSeen,
     ConnectionChanged,
     DataMissed,
@@ -188,7 +188,7 @@ class _Shown:
         self.window = window
         self.recording, self.place, self.file = window.begin(tree.name)
         # Other sources count the time from their beginning already.
-        origin = event.t if event.source == SCENE_CHANNEL else 0
+        origin = event.t if event.source == RUN_CHANNEL else 0
         self.rows = RowBuffer(self.recording, self.place, origin)
         self.level = level
         self._palette = palette

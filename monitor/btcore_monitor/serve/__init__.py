@@ -24,7 +24,7 @@ def serve(
     tree: Tree,
     groot2: int | EllipsisType | None = ...,
     bind: str = "127.0.0.1",
-    scene: bool = True,
+    run_channel: bool = True,
     resources: Sequence[object] = (),
     grace: float = GRACE,
     *,
@@ -46,16 +46,16 @@ def serve(
     Args:
         tree: The tree to publish.
         groot2: The port for Groot 2's requests (1667 by default). The next two ports are used for
-            notifications and for the scene channel, which btcore's monitor prefers. None or 0 chooses free
+            notifications and for the run channel, which btcore's monitor prefers. None or 0 chooses free
             ports; see `Publisher.port` and `Publisher.address`. With *groot1*, Groot 2 is served only if
             this is a port number.
         bind: The interface (`*`: all interfaces).
-        scene: Whether to publish the scene channel.
+        run_channel: Whether to publish the run channel.
         resources: Objects of the robot. Those with `scene_static` and `scene_moving` are shown in 3D.
         grace: Maximum time in s (wall clock) that closing waits for clients that have not received the end of
             the run yet. After an exception or Ctrl-C it waits for 2 s at most.
         groot1: The port for Groot 1's updates: usually 1666, or 2666 if Groot 2 is served too. 0 chooses a
-            free port; see `Publisher.groot1`. The next port answers requests. Without Groot 2, the scene
+            free port; see `Publisher.groot1_port`. The next port answers requests. Without Groot 2, the run
             channel is two ports above these requests.
         allow_control: Whether clients may set breakpoints and inject statuses by Groot 2's requests.
         max_heartbeat_delay: Time in s (wall clock) after which hooks are disabled and a tick that waits at a
@@ -87,11 +87,22 @@ def serve(
     if keys is None and not is_loopback(bind):
         _check_exposure(bind, allow_control, insecure)
     if groot1 is None:
-        port: int | None = DEFAULT_PORT if groot2 is ... else groot2 or 0
+        groot2_port: int | None = DEFAULT_PORT if groot2 is ... else groot2 or 0
     else:
-        port = None if groot2 is ... else groot2
+        groot2_port = None if groot2 is ... else groot2
     control = max_heartbeat_delay if allow_control else None
-    return Publisher(tree, port, bind, scene, resources, grace, groot1, control, keys, watch_port)
+    return Publisher(
+        tree=tree,
+        groot2_port=groot2_port,
+        bind=bind,
+        run_channel=run_channel,
+        resources=resources,
+        grace=grace,
+        groot1_port=groot1,
+        control=control,
+        keys=keys,
+        watch_port=watch_port,
+    )
 
 
 def is_loopback(bind: str) -> bool:

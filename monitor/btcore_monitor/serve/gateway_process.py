@@ -51,14 +51,14 @@ FRAMES_AHEAD_WITHOUT_REPLY = 2 * TOPICS
 
 HELD_AT_MOST = 40 << 20
 """Maximum bytes that wait in this process for slow clients, in all. If there are more, the client with the
-most waiting bytes is disconnected. A message of the scene channel has at most 32 MB."""
+most waiting bytes is disconnected. A message of the run channel has at most 32 MB."""
 
 PIECES_AT_ONCE = 4
-"""Maximum requests of the scene channel at a port that wait for a reply, at most 1 per connection: a topic of
+"""Maximum requests of the run channel at a port that wait for a reply, at most 1 per connection: a topic of
 few bytes requests a reply of 1 MB or more. Further requests wait."""
 
 PIECE_TIMEOUT = 1.0
-"""Seconds after which a request of the scene channel no longer counts: not every request has a reply."""
+"""Seconds after which a request of the run channel no longer counts: not every request has a reply."""
 
 PATIENCE = 10.0
 """Seconds after which a client that does not read, or that waits for no reply, is disconnected."""
@@ -78,7 +78,7 @@ _PRIORITY = 5  # "nice" steps below the robot's process
 _MORE, _LONG, _COMMAND = 1, 2, 4  # bits of a frame's first byte
 _SIGNATURE_SIZE, _GREETING_SIZE_2, _GREETING_SIZE_3 = 10, 12, 64
 _WITHOUT_ENCRYPTION = b"NULL".ljust(20, b"\0")
-_REQUEST = b"again/"  # topics of the scene channel that request a reply, see wire/scene_channel.py
+_REQUEST = b"again/"  # topics of the run channel that request a reply, see wire/run_channel.py
 _SUBSCRIBE, _CANCEL = b"SUBSCRIBE", b"CANCEL"
 _COMMANDS = (b"READY", b"ERROR", b"PING", b"PONG")
 
@@ -248,7 +248,7 @@ class Port:
         self.connections = 0
         self.listens = False
         self.requesting: dict[Connection, float] = {}
-        """Connections that wait for a reply to a request of the scene channel, and since when."""
+        """Connections that wait for a reply to a request of the run channel, and since when."""
         self.waiting: deque[Connection] = deque()
         """Connections with a further request."""
         self._permits = float(CONNECTIONS)

@@ -7,7 +7,7 @@ maximum size in bytes, and always keeps its newest message.
 from collections import deque
 from typing import Final
 
-from btcore_monitor.wire.scene_channel import PieceMessage, TicksMessage, decode
+from btcore_monitor.wire.run_channel import PieceMessage, TicksMessage, decode
 
 LANE_ROOM: Final = {"ticks": 32 << 20, "moving": 24 << 20, "blackboard": 8 << 20}
 """Maximum bytes per lane. Measured: a transition takes about 30 bytes, so about a million are kept."""

@@ -19,9 +19,9 @@ from btcore_monitor.serve.queueing_observer import (
     StampedTransition,
     merge_scenes,
 )
-from btcore_monitor.serve.scene import SceneServer
+from btcore_monitor.serve.run_stream import RunStreamServer
 from btcore_monitor.wire.msgpack_values import Boards, encode_boards
-from btcore_monitor.wire.scene_channel import ANNOUNCEMENT
+from btcore_monitor.wire.run_channel import ANNOUNCEMENT
 from btcore_scene import SceneSource, StaticScene
 
 _SECONDS_A_TURN: Final = 0.02
@@ -39,19 +39,19 @@ class PublishedTree:
     Args:
         tree: The tree to serve.
         resources: Objects of the robot. Only scene sources among them are used.
-        scene: Whether the scene channel is served.
-        groot1: The last uid of the previous tree in Groot 1's protocol (0: no previous tree), or None if
-            Groot 1 is not served.
+        run_channel: Whether the run channel is served.
+        previous_uid: The last uid of the previous tree in Groot 1's protocol (0: no previous tree), or None
+            if Groot 1 is not served.
         control: The maximum heartbeat delay of hooks in s, or None without hooks.
-        has_groot2: Whether Groot 2 is served, too. Then the scene channel is next to Groot 2's ports.
+        has_groot2: Whether Groot 2 is served, too. Then the run channel is next to Groot 2's ports.
     """
 
     def __init__(
         self,
         tree: Tree,
         resources: Sequence[object],
-        scene: bool,
-        groot1: int | None = None,
+        run_channel: bool,
+        previous_uid: int | None = None,
         control: float | None = None,
         *,
         has_groot2: bool = True,
@@ -59,23 +59,27 @@ class PublishedTree:
         self.tree = tree
         identity = uuid.uuid4()
         self.tree_id = identity.hex
-        self._sources = [source for source in resources if isinstance(source, SceneSource)] if scene else []
+        self._sources = (
+            [source for source in resources if isinstance(source, SceneSource)] if run_channel else []
+        )
         self._tracker = BlackboardTracker(tree)
         self._boards: Boards | None = None
         self._observer = QueueingObserver(self._tracker, self._sources)
-        ending = ANNOUNCEMENT if scene else b""
+        ending = ANNOUNCEMENT if run_channel else b""
         xml = tree_to_xml(tree).encode()
         statuses = statuses_of(tree)
         hooks = None if control is None else HookController(tree, control)
-        self.groot2 = Groot2Server(tree, xml + ending, self._answer_boards, identity, hooks)
-        self.groot1 = (
-            None if groot1 is None else Groot1Server(tree, groot1, ending=b"" if has_groot2 else ending)
+        self.groot2_server = Groot2Server(tree, xml + ending, self._answer_boards, identity, hooks)
+        self.groot1_server = (
+            None
+            if previous_uid is None
+            else Groot1Server(tree, previous_uid, ending=b"" if has_groot2 else ending)
         )
-        self.scene: SceneServer | None = None
-        if scene:
+        self.run_stream_server: RunStreamServer | None = None
+        if run_channel:
             parts = [source.scene_static() for source in self._sources]
             static = merge_scenes(StaticScene, parts) if parts else None
-            self.scene = SceneServer(self.tree_id, xml, static, statuses, tree.clock.now())
+            self.run_stream_server = RunStreamServer(self.tree_id, xml, static, statuses, tree.clock.now())
         self._unsubscribe: Callable[[], None] | None = None
 
     def subscribe(self) -> None:
@@ -92,8 +96,8 @@ class PublishedTree:
 
     def remove_hooks(self) -> None:
         """Remove all hooks and reject later requests about hooks. Any thread may call this method."""
-        if self.groot2.control is not None:
-            self.groot2.control.close()
+        if self.groot2_server.control is not None:
+            self.groot2_server.control.close()
 
     def finish(self) -> None:
         """Stop observing the tree, and queue the end of the stream for clients."""
@@ -105,31 +109,31 @@ class PublishedTree:
     def drain(self) -> bool:
         """Process queued items for a limited time. Return whether there are more."""
         queue = self._observer.queue
-        dropped = self.groot2.dropped
+        dropped = self.groot2_server.dropped
         deadline = time.monotonic() + _SECONDS_A_TURN
         # At most the items that are queued now: the tree may append items faster than this loop takes them.
         for _ in range(len(queue)):
             item = queue.popleft()
             if isinstance(item, StampedTransition):
-                self.groot2.add_transition(item)
-                if self.groot1 is not None:
-                    self.groot1.add_transition(item, time.monotonic())
+                self.groot2_server.add_transition(item)
+                if self.groot1_server is not None:
+                    self.groot1_server.add_transition(item, time.monotonic())
             elif isinstance(item, BoardsChanged):
                 self._observer.big_taken += 1
                 self._boards = item.boards
             elif isinstance(item, SceneTaken):
                 self._observer.big_taken += item.weight
-            if self.scene is not None:
-                self.scene.put(item)
+            if self.run_stream_server is not None:
+                self.run_stream_server.put(item)
             if time.monotonic() > deadline:
                 break
-        if self.scene is not None:
-            self.scene.flush()
-        if self.groot2.dropped != dropped:
+        if self.run_stream_server is not None:
+            self.run_stream_server.flush()
+        if self.groot2_server.dropped != dropped:
             statuses = statuses_of(self.tree)
-            self.groot2.correct(statuses)
-            if self.groot1 is not None:
-                self.groot1.correct(statuses, time.time_ns(), time.monotonic())
+            self.groot2_server.correct(statuses)
+            if self.groot1_server is not None:
+                self.groot1_server.correct(statuses, time.time_ns(), time.monotonic())
         return bool(queue)
 
     def _answer_boards(self, names: list[str]) -> bytes:

@@ -22,7 +22,7 @@ from btcore_monitor.serve.gateway import Gateway
 from btcore_monitor.serve.groot1 import Groot1Sockets
 from btcore_monitor.serve.published_tree import PublishedTree
 from btcore_monitor.serve.request_socket import RequestSocket
-from btcore_monitor.serve.scene import SceneServer
+from btcore_monitor.serve.run_stream import RunStreamServer
 from btcore_monitor.serve.tcp_ports import (
     GROOT1_ALONE,
     GROOT1_PORTS,
@@ -31,7 +31,7 @@ from btcore_monitor.serve.tcp_ports import (
     Socket,
     bind_in_a_row,
 )
-from btcore_monitor.wire import scene_channel as wire
+from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.groot1 import BESIDE_GROOT2
 
 _POLL_MS: Final = 10
@@ -59,12 +59,12 @@ class Publisher(Closeable):
 
     Args:
         tree: The tree to publish.
-        port: The port for Groot 2's requests; 0 = a free port, None = no support for Groot 2.
+        groot2_port: The port for Groot 2's requests; 0 = a free port, None = no support for Groot 2.
         bind: The interface (`*`: all interfaces).
-        scene: Whether to publish the scene channel.
+        run_channel: Whether to publish the run channel.
         resources: Objects of the robot; those with `scene_static` and `scene_moving` are shown in 3D.
         grace: Maximum time (s, wall clock) that closing waits for clients that have not received the end.
-        groot1: The port for Groot 1's updates; 0 = a free port, None = no support for Groot 1.
+        groot1_port: The port for Groot 1's updates; 0 = a free port, None = no support for Groot 1.
         control: The time (s) without requests after which hooks are disabled; None = clients cannot set
             hooks.
         keys: The keys for encrypted connections; None = not encrypted.
@@ -74,28 +74,34 @@ class Publisher(Closeable):
     def __init__(
         self,
         tree: Tree,
-        port: int | None,
+        groot2_port: int | None,
         bind: str,
-        scene: bool,
+        run_channel: bool,
         resources: Sequence[object],
         grace: float,
-        groot1: int | None = None,
+        groot1_port: int | None = None,
         control: float | None = None,
         keys: RobotKeys | None = None,
         watch_port: int | None = None,
     ) -> None:
-        if port and groot1 and -GROOT1_PORTS < groot1 - port < PORTS:
+        if groot2_port and groot1_port and -GROOT1_PORTS < groot1_port - groot2_port < PORTS:
             raise ServeError(
-                f"Groot 2 needs the ports {port} to {port + PORTS - 1} and Groot 1 needs {groot1} and "
-                f"{groot1 + 1}, which overlap: choose another port, such as {BESIDE_GROOT2} for Groot 1"
+                f"Groot 2 needs the ports {groot2_port} to {groot2_port + PORTS - 1} and Groot 1 needs "
+                f"{groot1_port} and {groot1_port + 1}, which overlap: choose another port, such as "
+                f"{BESIDE_GROOT2} for Groot 1"
             )
         self._grace = grace
-        self._scene = scene
+        self._has_run_channel = run_channel
         self._control = control
-        self._has_groot2 = port is not None
+        self._has_groot2 = groot2_port is not None
         # The tree that ticks, and the tree that the publisher's thread serves, which follows shortly after.
         self._latest = self._published = PublishedTree(
-            tree, resources, scene, None if groot1 is None else 0, control, has_groot2=port is not None
+            tree,
+            resources,
+            run_channel,
+            previous_uid=None if groot1_port is None else 0,
+            control=control,
+            has_groot2=self._has_groot2,
         )
         self._replacements: deque[PublishedTree] = deque()
         self._context: zmq.Context[Socket] = zmq.Context()
@@ -111,11 +117,13 @@ class Publisher(Closeable):
         # Without LINGER 0, closing would wait for clients that do not read.
         for socket in (self._notices, self._stream):
             socket.setsockopt(zmq.LINGER, 0)
-        self._groot1 = None if groot1 is None else Groot1Sockets(self._context)
+        self._groot1_sockets = None if groot1_port is None else Groot1Sockets(self._context)
         host = "127.0.0.1" if bind in ("*", "0.0.0.0") else bind
         self.watch_address = ""
         """The address of the tree for a client on this machine that has no key; "" without *watch_port*."""
-        self.watch_groot1: int | None = None
+        self.groot1_port: int | None
+        """The port of Groot 1's updates, or None; the next port answers its requests."""
+        self.watch_groot1_port: int | None = None
         """The port of Groot 1's updates for clients without keys, or None."""
         self._authenticator: Authenticator | None = None
         try:
@@ -127,18 +135,18 @@ class Publisher(Closeable):
                 self._authenticator = Authenticator(self._context, keys)
                 if watch_port is not None:
                     # In this order: a socket's keys apply to the ports to which it is bound afterwards.
-                    watched, self.watch_groot1 = self._bind_watch_ports(port, groot1, watch_port, bind)
-                    self.watch_address = f"tcp://{host}:{watched}"
+                    requests_port, self.watch_groot1_port = self._bind_watch_ports(
+                        groot2_port, groot1_port, watch_port, bind
+                    )
+                    self.watch_address = f"tcp://{host}:{requests_port}"
                 for socket in self._sockets():
                     keys.secure(socket)
-            self.port, updates = self._bind(self._requests, port, groot1, bind)
+            self.port, self.groot1_port = self._bind(self._requests, groot2_port, groot1_port, bind)
             self._gateway.start()
         except BaseException:
             self._context.destroy(linger=0)
             self._gateway.close()
             raise
-        self.groot1: int | None = updates
-        """The port of Groot 1's updates, or None; the next port answers its requests."""
         self.address = f"tcp://{host}:{self.port}"
         """The address of the tree for a client on this machine."""
         self._change = threading.Condition()
@@ -151,67 +159,72 @@ class Publisher(Closeable):
 
     def _sockets(self) -> list[Socket]:
         """Return the sockets to which clients with keys connect, if there are keys."""
-        groot1 = self._groot1
+        groot1_sockets = self._groot1_sockets
         return [
             self._requests.socket,
             self._notices,
             self._stream,
-            *([] if groot1 is None else [groot1.updates, groot1.requests.socket]),
+            *([] if groot1_sockets is None else [groot1_sockets.updates, groot1_sockets.requests.socket]),
         ]
 
     def _bind(
         self,
-        groot2: RequestSocket,
-        port: int | None,
-        groot1: int | None,
+        groot2_requests: RequestSocket,
+        groot2_port: int | None,
+        groot1_port: int | None,
         host: str,
         option: str = "--port",
     ) -> tuple[int, int | None]:
         """Bind the ports.
 
         Args:
-            groot2: The socket for the requests of Groot 2.
-            port: The first port for Groot 2.
-            groot1: The first port for Groot 1.
+            groot2_requests: The socket for the requests of Groot 2.
+            groot2_port: The first port for Groot 2.
+            groot1_port: The first port for Groot 1.
             host: The interface.
             option: The command line's option for the port, for error messages.
 
         Returns:
             The port of requests (Groot 2's, or else Groot 1's), and the port of Groot 1's updates.
         """
-        stream = [self._stream] if self._scene else []
-        requests, updates = 0, None
+        stream = [self._stream] if self._has_run_channel else []
+        requests_port, updates_port = 0, None
         row: list[Socket | None]
-        if port is not None:
-            row = [groot2.socket, self._notices, *stream]
-            requests = bind_in_a_row(self._gateway, row, host, port, option=option)
-        if self._groot1 is not None and groot1 is not None:
-            row = [self._groot1.updates, self._groot1.requests.socket]
+        if groot2_port is not None:
+            row = [groot2_requests.socket, self._notices, *stream]
+            requests_port = bind_in_a_row(self._gateway, row, host, groot2_port, option=option)
+        if self._groot1_sockets is not None and groot1_port is not None:
+            row = [self._groot1_sockets.updates, self._groot1_sockets.requests.socket]
             count = GROOT1_PORTS
-            if port is None:
+            if groot2_port is None:
                 row += [None, *stream]
                 count = GROOT1_ALONE
-            updates = bind_in_a_row(self._gateway, row, host, groot1, count, option)
-            requests = requests or updates + 1
-        return requests, updates
+            updates_port = bind_in_a_row(self._gateway, row, host, groot1_port, count, option)
+            requests_port = requests_port or updates_port + 1
+        return requests_port, updates_port
 
     def _bind_watch_ports(
-        self, port: int | None, groot1: int | None, first: int, host: str
+        self, groot2_port: int | None, groot1_port: int | None, first: int, host: str
     ) -> tuple[int, int | None]:
         """Bind the ports for clients without keys, and return them as `_bind` does.
 
         Args:
-            port: The first port for Groot 2 with keys.
-            groot1: The first port for Groot 1 with keys. If Groot 2 is served too, the distance between the
-                ports of both is the same with and without keys.
+            groot2_port: The first port for Groot 2 with keys.
+            groot1_port: The first port for Groot 1 with keys. If Groot 2 is served too, the distance between
+                the ports of both is the same with and without keys.
             first: The first port; 0 chooses free ports.
             host: The interface.
         """
-        watched_groot1: int | None = None
-        if groot1 is not None:
-            watched_groot1 = first if port is None else first and port and groot1 and first + groot1 - port
-        watched = None if port is None else first
-        return self._bind(self._watch_requests, watched, watched_groot1, host, "--watch-port")
+        watch_groot2_port = None if groot2_port is None else first
+        watch_groot1_port: int | None = None
+        if groot1_port is not None:
+            if groot2_port is None:
+                watch_groot1_port = first
+            else:
+                watch_groot1_port = (
+                    first and groot2_port and groot1_port and first + groot1_port - groot2_port
+                )
+        return self._bind(self._watch_requests, watch_groot2_port, watch_groot1_port, host, "--watch-port")
 
     @property
     def tree_id(self) -> str:
@@ -220,13 +233,13 @@ class Publisher(Closeable):
 
     @property
     def clients(self) -> int:
-        """The number of connected clients of the scene channel. Groot 2's clients are not visible."""
+        """The number of connected clients of the run channel. Groot 2's clients are not visible."""
         return self._clients
 
     @property
     def dropped(self) -> int:
         """The number of transitions that were lost because the publisher was too slow."""
-        return self._published.groot2.dropped
+        return self._published.groot2_server.dropped
 
     def wait_for_clients(self, count: int, timeout: float) -> bool:
         """Wait until at least *count* clients are connected. Return whether that happened in time.
@@ -253,13 +266,13 @@ class Publisher(Closeable):
         if self._finished:
             return
         # Groot 1 notices the new tree by its uids, so they continue after those of the previous tree.
-        before = self._latest.groot1
+        groot1_server = self._latest.groot1_server
         fresh = PublishedTree(
             tree,
             resources,
-            self._scene,
-            None if before is None else before.end,
-            self._control,
+            self._has_run_channel,
+            previous_uid=None if groot1_server is None else groot1_server.end,
+            control=self._control,
             has_groot2=self._has_groot2,
         )
         # In this order: when the publisher's thread finds the new tree, the old tree's queue is complete.
@@ -285,7 +298,7 @@ class Publisher(Closeable):
             return
         self.finish()
         try:
-            if self._scene and self._thread.is_alive():
+            if self._has_run_channel and self._thread.is_alive():
                 self._wait_for_readers(self._grace if grace is None else grace)
         finally:
             self._stop.set()
@@ -313,10 +326,10 @@ class Publisher(Closeable):
             poller.register(requests.socket, zmq.POLLIN)
         if self._authenticator is not None:
             poller.register(self._authenticator.socket, zmq.POLLIN)
-        if self._scene:
+        if self._has_run_channel:
             poller.register(self._stream, zmq.POLLIN)
-        if self._groot1 is not None:
-            poller.register(self._groot1.requests.socket, zmq.POLLIN)
+        if self._groot1_sockets is not None:
+            poller.register(self._groot1_sockets.requests.socket, zmq.POLLIN)
         next_heartbeat = 0.0
         try:
             while not self._stop.is_set():
@@ -330,15 +343,15 @@ class Publisher(Closeable):
                 if self._watch_requests.socket in ready:
                     self._answer(self._watch_requests, may_control=False)
                 self._serve_groot1(ready)
-                scene = self._published.scene
-                if scene is not None and self._stream in ready:
-                    self._read_subscriptions(scene)
+                run_stream = self._published.run_stream_server
+                if run_stream is not None and self._stream in ready:
+                    self._read_subscriptions(run_stream)
                 now = time.monotonic()
                 if now >= next_heartbeat:
                     next_heartbeat = now + wire.ALIVE_EVERY
                     self._gateway.continue_if_ended()
-                    if scene is not None:
-                        self._send(*scene.alive())
+                    if run_stream is not None:
+                        self._send(*run_stream.alive())
             while self._drain():
                 pass
             self._serve_groot1({}, at_once=True)
@@ -353,8 +366,8 @@ class Publisher(Closeable):
             self._requests.socket.close(linger=200)
             self._watch_requests.socket.close(linger=200)
             self._notices.close(linger=0)
-            if self._groot1 is not None:
-                self._groot1.close(linger=200)
+            if self._groot1_sockets is not None:
+                self._groot1_sockets.close(linger=200)
             if self._authenticator is not None:
                 self._authenticator.socket.close(linger=0)
             self._context.term()
@@ -368,9 +381,9 @@ class Publisher(Closeable):
         # Before draining: if a new tree is here already, the old tree's queue gets no more items.
         replaced = bool(self._replacements)
         more = self._published.drain()
-        scene = self._published.scene
-        if scene is not None:
-            for topic, data in scene.pending_frames():
+        run_stream = self._published.run_stream_server
+        if run_stream is not None:
+            for topic, data in run_stream.pending_frames():
                 self._send(topic, data)
         if replaced and not more:
             self._switch_to(self._replacements.popleft())
@@ -381,9 +394,9 @@ class Publisher(Closeable):
         """Switch to the tree *fresh*, and send it to all clients."""
         self._serve_groot1({}, at_once=True)
         before, self._published = self._published, fresh
-        if before.scene is not None and fresh.scene is not None:
-            fresh.scene.clients = before.scene.clients
-            for topic, data in fresh.scene.introduction():
+        if before.run_stream_server is not None and fresh.run_stream_server is not None:
+            fresh.run_stream_server.clients = before.run_stream_server.clients
+            for topic, data in fresh.run_stream_server.introduction():
                 self._send(topic, data)
 
     def _send(self, topic: bytes, data: bytes) -> None:
@@ -394,31 +407,31 @@ class Publisher(Closeable):
         frames = requests.take()
         if frames is not None:
             client = requests.client if may_control else None
-            requests.answer(self._published.groot2.answer(frames, client))
+            requests.answer(self._published.groot2_server.answer(frames, client))
 
     def _send_notices(self) -> None:
-        control = self._published.groot2.control
+        control = self._published.groot2_server.control
         if control is not None:
             for frames in control.notices():
                 self._notices.send_multipart(frames, zmq.DONTWAIT)
 
     def _serve_groot1(self, ready: Mapping[Socket, int], at_once: bool = False) -> None:
-        sockets, server = self._groot1, self._published.groot1
+        sockets, server = self._groot1_sockets, self._published.groot1_server
         if sockets is None or server is None:
             return
         if sockets.requests.socket in ready:
             self._drain()
-            server = self._published.groot1 or server
+            server = self._published.groot1_server or server
             sockets.answer(server)
         sockets.publish(server, time.monotonic(), at_once)
 
-    def _read_subscriptions(self, scene: SceneServer) -> None:
+    def _read_subscriptions(self, run_stream: RunStreamServer) -> None:
         # All subscriptions that wait; zmq.Again ends the loop.
         with contextlib.suppress(zmq.Again):
             while True:
-                for topic, data in scene.subscription(self._stream.recv(zmq.DONTWAIT)):
+                for topic, data in run_stream.subscription(self._stream.recv(zmq.DONTWAIT)):
                     self._send(topic, data)
-        if len(scene.clients) != self._clients:
+        if len(run_stream.clients) != self._clients:
             with self._change:
-                self._clients = len(scene.clients)
+                self._clients = len(run_stream.clients)
                 self._change.notify_all()

@@ -1,4 +1,4 @@
-"""Bind consecutive ports: two for Groot 2 or Groot 1, and one for the scene channel."""
+"""Bind consecutive ports: two for Groot 2 or Groot 1, and one for the run channel."""
 
 import contextlib
 import errno
@@ -15,14 +15,14 @@ from btcore_monitor.errors import MonitorError
 from btcore_monitor.serve.gateway import Gateway
 
 PORTS: Final = 3
-"""Number of ports for Groot 2: requests (port), notifications (port + 1), the scene channel (port + 2)."""
+"""Number of ports for Groot 2: requests (port), notifications (port + 1), the run channel (port + 2)."""
 
 GROOT1_PORTS: Final = 2
 """Number of ports for Groot 1: updates (port), requests (port + 1)."""
 
 GROOT1_ALONE: Final = 4
 """Number of ports for Groot 1 without Groot 2: updates (port), requests (port + 1), none at port + 2, and the
-scene channel (port + 3), which is always two ports above the requests."""
+run channel (port + 3), which is always two ports above the requests."""
 
 _FREE_FROM: Final = 20_000
 _FREE_TO: Final = 32_000

@@ -56,7 +56,7 @@ def parse_address(text: str) -> Address:
     if match is None:
         raise AddressError(f"'{text}' is not an address: write tcp://HOST:PORT, HOST:PORT, HOST or PORT")
     port = int(match["port"] or DEFAULT_PORT)
-    if not 1 <= port <= 65533:  # the two ports above carry notifications and the scene channel
+    if not 1 <= port <= 65533:  # the two ports above carry notifications and the run channel
         raise AddressError(f"port {port} is out of range: a robot's port is from 1 to 65533")
     publish = int(match["publish"] or 0)
     if publish > 65535:

@@ -1,4 +1,4 @@
-"""The events of a robot, from btcore's scene channel if the robot has it, else from Groot 2 or Groot 1.
+"""The events of a robot, from btcore's run channel if the robot has it, else from Groot 2 or Groot 1.
 
     with Feed("tcp://robot.local:1667") as feed:
         for event in feed:
@@ -36,22 +36,22 @@ from btcore_monitor.watch.groot1_feed import Groot1Feed
 from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
 from btcore_monitor.watch.groot2_feed import Groot2Feed
 from btcore_monitor.watch.request_client import NoReplyError
-from btcore_monitor.watch.scene import SceneClient
-from btcore_monitor.wire import scene_channel as wire
+from btcore_monitor.watch.run_stream import RunStreamClient
+from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.fulltree import read_fulltree
 
 __all__ = ["Feed"]
 
-SCENE_FIRST: Final = 0.7
-"""Time (s, wall clock) to wait for the scene channel of a robot that replies to Groot's requests.
+RUN_CHANNEL_WAIT_S: Final = 0.7
+"""Time (s, wall clock) to wait for the run channel of a robot that replies to Groot's requests.
 
-Robots of earlier versions have a scene channel, but do not announce it."""
+Robots of earlier versions have a run channel, but do not announce it."""
 
-ANNOUNCED_SCENE_FIRST: Final = 20.0
-"""Time (s, wall clock) to wait for the scene channel of a robot that announces it.
+ANNOUNCED_RUN_CHANNEL_WAIT_S: Final = 20.0
+"""Time (s, wall clock) to wait for the run channel of a robot that announces it.
 
-On a busy machine the first message takes seconds. It takes longer only if the scene channel is not reachable,
+On a busy machine the first message takes seconds. It takes longer only if the run channel is not reachable,
 for example because of a firewall."""
 
 SILENT_AFTER: Final = 3.0
@@ -77,7 +77,7 @@ class Feed(Closeable):
 
     Args:
         address: The robot's address, as in `parse_address`.
-        blackboard_rate: Rate (Hz) of blackboard requests to a robot without scene channel (0: never).
+        blackboard_rate: Rate (Hz) of blackboard requests to a robot without run channel (0: never).
         record: Whether such a robot is also requested to record its transitions. Then other clients do not
             receive these transitions.
         keys: The keys of the client, if the robot requires keys.
@@ -111,17 +111,18 @@ class Feed(Closeable):
     ) -> None:
         self.address = parse_address(address)
         self._keys = keys
-        self._scene = SceneClient(self.address, keys)
-        self._groot2 = Groot2Client(self.address, patience=MAX_REPLY_TIMEOUT, keys=keys)
-        self._sampled = Groot2Feed(self._groot2, blackboard_rate, record)
-        self._groot1: Groot1Feed | None = None
-        self._early: list[Event] = []
+        self._run_stream = RunStreamClient(self.address, keys)
+        self._groot2_client = Groot2Client(self.address, patience=MAX_REPLY_TIMEOUT, keys=keys)
+        self._groot2_feed = Groot2Feed(self._groot2_client, blackboard_rate, record)
+        self._groot1_feed: Groot1Feed | None = None
+        self._groot1_events: list[Event] = []
         self._stopped = threading.Event()
         self._state: ConnectionState | None = None
-        self._by_scene = False
+        self._by_run_channel = False
         self._answered_at = 0.0
-        self._scene_announced = False
-        self._without_scene = ""
+        self._run_channel_announced = False
+        # Why Groot's protocol is used, if the robot has announced a run channel.
+        self._groot_reason = ""
         self._number: int | None = None
         self._latest = (0, 0)
         self._reported_errors = 0
@@ -135,7 +136,7 @@ class Feed(Closeable):
             events += self._gather()
             left = deadline - time.monotonic()
             # A robot's buffer would overflow while the caller processes the events.
-            is_behind = self._sampled.is_behind and not self._by_scene
+            is_behind = self._groot2_feed.is_behind and not self._by_run_channel
             if (events and not is_behind) or left <= 0 or self._stopped.is_set():
                 return events
             self._wait(min(left, _STEP))
@@ -171,76 +172,78 @@ class Feed(Closeable):
     def close(self) -> None:
         """Close the sockets. The robot continues."""
         self._stopped.set()
-        self._scene.close()
-        self._sampled.leave()
-        self._groot2.close()
-        self._leave_groot1()
+        self._run_stream.close()
+        self._groot2_feed.leave()
+        self._groot2_client.close()
+        self._close_groot1()
 
     def _gather(self) -> list[Event]:
         events: list[Event] = []
         if self._state is None:
-            self._link(events, "waiting", f"waiting for the robot at {self.address}")
-        for message in self._scene.read():
-            self._from_scene(message, events)
+            self._report_connection(events, "waiting", f"waiting for the robot at {self.address}")
+        for message in self._run_stream.read():
+            self._add_events(message, events)
         now = time.monotonic()
         self._report_errors(now, events)
-        # The scene channel comes first, because only it has all data. Groot's protocols are used without it.
-        if now - self._scene.last_message < SILENT_AFTER and self._scene.tree_id:
-            self._by_scene = True
-            self._leave_groot1()
+        # The run channel comes first, because only it has all data. Groot's protocols are used without it.
+        if now - self._run_stream.last_message < SILENT_AFTER and self._run_stream.tree_id:
+            self._by_run_channel = True
+            self._close_groot1()
             if self._state == "lost":
-                self._link(events, "connected", f"{self.address} is back")
-        # The scene channel went silent: the robot may come back with another protocol.
-        elif self._by_scene:
-            self._by_scene = False
-            self._sampled.forget()
+                self._report_connection(events, "connected", f"{self.address} is back")
+        # The run channel went silent: the robot may come back with another protocol.
+        elif self._by_run_channel:
+            self._by_run_channel = False
+            self._groot2_feed.forget()
             self._answered_at = 0.0
-            self._scene_announced = False
+            self._run_channel_announced = False
             if self._state == "connected":
-                self._link(events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER:g} s")
-        elif self._awaits_scene(now):
+                self._report_connection(
+                    events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER:g} s"
+                )
+        elif self._awaits_run_channel(now):
             pass
-        elif self._groot1 is not None:
-            self._from_groot1(self._groot1, now, events)
+        elif self._groot1_feed is not None:
+            self._read_groot1(self._groot1_feed, now, events)
         else:
-            self._from_groot2(now, events)
+            self._read_groot2(now, events)
         return events
 
-    def _link(self, events: list[Event], state: ConnectionState, detail: str) -> None:
+    def _report_connection(self, events: list[Event], state: ConnectionState, detail: str) -> None:
         if state != self._state:
             self._state = state
-            events.append(ConnectionChanged(state, _shortened(detail)))
+            events.append(ConnectionChanged(state, _shorten(detail)))
 
     def _report_errors(self, now: float, events: list[Event]) -> None:
-        """Report messages of the scene channel that are invalid, at most once in REPORT_EVERY."""
-        if self._scene.errors == self._reported_errors:
+        """Report messages of the run channel that are invalid, at most once in REPORT_EVERY."""
+        if self._run_stream.errors == self._reported_errors:
             return
-        if not self._scene.tree_id:
-            self._reported_errors = self._scene.errors
-            self._link(events, "lost", self._scene.error)
+        if not self._run_stream.tree_id:
+            self._reported_errors = self._run_stream.errors
+            self._report_connection(events, "lost", self._run_stream.error)
         elif now - self._reported_at >= REPORT_EVERY:
-            count = self._scene.errors - self._reported_errors
-            self._reported_errors, self._reported_at = self._scene.errors, now
-            reason = f"{count} invalid, the last because: {_shortened(self._scene.error)}"
+            count = self._run_stream.errors - self._reported_errors
+            self._reported_errors, self._reported_at = self._run_stream.errors, now
+            reason = f"{count} invalid, the last because: {_shorten(self._run_stream.error)}"
             events.append(DataMissed(*self._latest, self._latest[0], "messages", reason))
 
-    def _from_scene(self, message: wire.Message, events: list[Event]) -> None:
+    def _add_events(self, message: wire.Message, events: list[Event]) -> None:
         if isinstance(message, wire.StreamMessage):
             self._latest = message.stamp, message.wall
         if isinstance(message, wire.TreeMessage):
             try:
                 tree = read_fulltree(message.xml, message.tree_id)
             except ProtocolError as error:
-                self._link(events, "lost", str(error))
+                self._report_connection(events, "lost", str(error))
                 return
             self._number = None
-            self._link(events, "connected", f"{self.address}, by btcore's scene channel")
+            self._report_connection(events, "connected", f"{self.address}, by btcore's scene channel")
             statuses = {node.uid: 0 for node in tree.nodes} | message.statuses
             events.append(TreeSeen(tree, message.stamp, message.wall, statuses))
         elif isinstance(message, wire.StaticMessage):
             events.append(SceneStatic(message.data))
         elif isinstance(message, wire.TicksMessage):
-            self._from_ticks(message, events)
+            self._add_ticks(message, events)
         elif isinstance(message, wire.MovingMessage):
             events.append(SceneMoving(message.stamp, message.wall, message.data))
         elif isinstance(message, wire.BlackboardMessage):
@@ -248,9 +251,9 @@ class Feed(Closeable):
         elif isinstance(message, wire.RaisedMessage):
             events.append(ExceptionRaised(message.stamp, message.wall, message.path, message.message))
         elif isinstance(message, wire.EndMessage):
-            self._link(events, "ended", f"the run at {self.address} is over")
+            self._report_connection(events, "ended", f"the run at {self.address} is over")
 
-    def _from_ticks(self, message: wire.TicksMessage, events: list[Event]) -> None:
+    def _add_ticks(self, message: wire.TicksMessage, events: list[Event]) -> None:
         number = message.first
         if message.transitions:
             if self._number is not None and number > self._number:
@@ -262,96 +265,98 @@ class Feed(Closeable):
         if message.ended:
             events.append(Ticked(message.tick, message.stamp, message.wall, message.duration, message.status))
 
-    def _found_groot(self, reply: bytes, now: float) -> None:
+    def _note_groot_reply(self, reply: bytes, now: float) -> None:
         """Note that the robot replied to a request of Groot with its tree, *reply*."""
         self._answered_at = now
-        self._scene_announced = reply.endswith(wire.ANNOUNCEMENT)
-        self._without_scene = ""
+        self._run_channel_announced = reply.endswith(wire.ANNOUNCEMENT)
+        self._groot_reason = ""
 
-    def _awaits_scene(self, now: float) -> bool:
-        """Return whether the robot has announced a scene channel that may still connect."""
-        if not self._scene_announced:
+    def _awaits_run_channel(self, now: float) -> bool:
+        """Return whether the robot has announced a run channel that may still connect."""
+        if not self._run_channel_announced:
             return False
-        if now - self._answered_at < ANNOUNCED_SCENE_FIRST:
+        if now - self._answered_at < ANNOUNCED_RUN_CHANNEL_WAIT_S:
             return True
-        self._scene_announced = False
+        self._run_channel_announced = False
         port = self.address.at(wire.PORT_OFFSET)
-        self._without_scene = f", because there is no reply from its scene channel, {port}"
-        # If the scene channel connects later, it begins with the tree.
-        self._scene.forget()
+        self._groot_reason = f", because there is no reply from its scene channel, {port}"
+        # If the run channel connects later, it begins with the tree.
+        self._run_stream.forget()
         return False
 
-    def _from_groot2(self, now: float, events: list[Event]) -> None:
-        """Send requests of Groot 2, and return events only after the scene channel had time to connect."""
-        if not self._answered_at and self._sampled.tree is not None:
-            self._found_groot(self._sampled.tree.xml, now)
-            if self._scene_announced:
+    def _read_groot2(self, now: float, events: list[Event]) -> None:
+        """Send requests of Groot 2, and return events only after the run channel had time to connect."""
+        if not self._answered_at and self._groot2_feed.tree is not None:
+            self._note_groot_reply(self._groot2_feed.tree.xml, now)
+            if self._run_channel_announced:
                 return
-        # At least a round trip: over a slow network the scene channel needs longer than SCENE_FIRST.
-        chance = max(SCENE_FIRST, self._groot2.round_trip)
-        too_early = not self._answered_at or now - self._answered_at < chance
+        # At least a round trip: over a slow network the run channel needs longer than RUN_CHANNEL_WAIT_S.
+        wait = max(RUN_CHANNEL_WAIT_S, self._groot2_client.round_trip)
+        too_early = not self._answered_at or now - self._answered_at < wait
         try:
-            sampled = self._sampled.step(tree_only=too_early)
+            sampled = self._groot2_feed.step(tree_only=too_early)
         except Groot1DetectedError as detected:
-            self._sampled.forget()
-            self._found_groot(detected.reply, now)
-            self._groot1 = Groot1Feed(self.address, MAX_REPLY_TIMEOUT, self._keys)
+            self._groot2_feed.forget()
+            self._note_groot_reply(detected.reply, now)
+            self._groot1_feed = Groot1Feed(self.address, MAX_REPLY_TIMEOUT, self._keys)
             if self._state == "connected":
-                self._link(events, "lost", str(detected))
+                self._report_connection(events, "lost", str(detected))
             return
         except (NoReplyError, ProtocolError) as error:
             is_invalid = isinstance(error, ProtocolError)
-            self._sampled.forget(_PAUSE_AFTER_ERROR if is_invalid else 0.0)
+            self._groot2_feed.forget(_PAUSE_AFTER_ERROR if is_invalid else 0.0)
             self._answered_at = 0.0
             # A robot that has not answered yet may be starting.
             if self._state == "connected" or is_invalid:
-                self._link(events, "lost", str(error))
+                self._report_connection(events, "lost", str(error))
             return
-        if self._sampled.following:
-            self._link(events, "connected", f"{self.address}, by Groot 2's protocol{self._without_scene}")
+        if self._groot2_feed.following:
+            self._report_connection(
+                events, "connected", f"{self.address}, by Groot 2's protocol{self._groot_reason}"
+            )
         events.extend(sampled)
 
-    def _from_groot1(self, robot: Groot1Feed, now: float, events: list[Event]) -> None:
-        """Read updates of Groot 1, and return events only after the scene channel had time to connect."""
+    def _read_groot1(self, robot: Groot1Feed, now: float, events: list[Event]) -> None:
+        """Read updates of Groot 1, and return events only after the run channel had time to connect."""
         try:
-            self._early += robot.step()
+            self._groot1_events += robot.step()
         except NoReplyError as error:
             if self._state == "connected":
-                self._link(events, "lost", str(error))
+                self._report_connection(events, "lost", str(error))
         except ProtocolError as error:
-            self._leave_groot1()
-            self._link(events, "lost", str(error))
+            self._close_groot1()
+            self._report_connection(events, "lost", str(error))
             return
-        if now - self._answered_at < SCENE_FIRST:
+        if now - self._answered_at < RUN_CHANNEL_WAIT_S:
             return
-        if self._early or robot.is_back:
-            self._link(events, "connected", f"{robot}{self._without_scene}")
-        events += self._early
-        self._early = []
+        if self._groot1_events or robot.is_back:
+            self._report_connection(events, "connected", f"{robot}{self._groot_reason}")
+        events += self._groot1_events
+        self._groot1_events = []
 
-    def _leave_groot1(self) -> None:
-        if self._groot1 is not None:
-            self._groot1.close()
-            self._groot1 = None
-            self._early = []
+    def _close_groot1(self) -> None:
+        if self._groot1_feed is not None:
+            self._groot1_feed.close()
+            self._groot1_feed = None
+            self._groot1_events = []
             self._answered_at = 0.0
 
     def _wait(self, seconds: float) -> None:
         poller = zmq.Poller()
-        poller.register(self._scene.socket, zmq.POLLIN)
-        if self._scene_announced:
+        poller.register(self._run_stream.socket, zmq.POLLIN)
+        if self._run_channel_announced:
             pass
-        elif self._groot1 is not None:
-            for socket in self._groot1.sockets:
+        elif self._groot1_feed is not None:
+            for socket in self._groot1_feed.sockets:
                 poller.register(socket, zmq.POLLIN)
             seconds = min(seconds, _LOOK_EVERY)
-        elif not self._by_scene:
-            if self._groot2.busy:
-                poller.register(self._groot2.socket, zmq.POLLIN)
-            seconds = min(seconds, self._sampled.next_at - time.monotonic())
+        elif not self._by_run_channel:
+            if self._groot2_client.busy:
+                poller.register(self._groot2_client.socket, zmq.POLLIN)
+            seconds = min(seconds, self._groot2_feed.next_at - time.monotonic())
         # At least 1 ms: poll(0) would make the loop in poll() occupy the processor.
         poller.poll(max(1, round(1000 * seconds)))
 
 
-def _shortened(text: str) -> str:
+def _shorten(text: str) -> str:
     return text if len(text) <= _DETAIL_AT_MOST else text[: _DETAIL_AT_MOST - 1] + "…"

@@ -202,7 +202,7 @@ class Groot2Feed:
             return
         if self.tree is None:
             self._begin(Request.FULLTREE)
-        # The scene channel may still connect, and needs no recording.
+        # The run channel may still connect, and needs no recording.
         elif tree_only:
             pass
         elif self._observed is not None:

@@ -109,7 +109,7 @@ def test_a_robot_with_only_groot_2_is_recorded_and_missing_data_is_reported(
     sample, record, tmp_path: Path, until
 ) -> None:
     path = tmp_path / "run.btlog"
-    with serve(sample, groot2=0, scene=False) as publisher:
+    with serve(sample, groot2=0, run_channel=False) as publisher:
         recorder = record(publisher.address, "-o", "run.btlog", "--duration", "60")
         until(lambda: "recording 'Main'" in recorder.stderr_text, "the tree")
         sample.tick_exactly_once()
@@ -127,11 +127,11 @@ def test_a_robot_with_only_groot_1_is_recorded_in_every_file(endless, record, tm
     pytest.importorskip("rerun")
     names = ("run.btlog", "run.db3", "run.rrd")
     with (
-        serve(endless, groot1=0, scene=False) as publisher,
+        serve(endless, groot1=0, run_channel=False) as publisher,
         BtLog(endless, tmp_path / "own.btlog"),
     ):
-        assert publisher.groot1 is not None
-        address = f"127.0.0.1:{publisher.groot1 + 1}"
+        assert publisher.groot1_port is not None
+        address = f"127.0.0.1:{publisher.groot1_port + 1}"
         recorder = record(address, *(part for name in names for part in ("-o", name)))
         # Groot 1's protocol does not contain the tree's name.
         until(lambda: "record: recording '" in recorder.stderr_text, "the tree")
@@ -157,7 +157,7 @@ def test_a_robot_with_only_groot_1_is_recorded_in_every_file(endless, record, tm
 
 def test_no_record_leaves_the_robots_buffer_to_another_client(sample, record, tmp_path: Path, until) -> None:
     with (
-        serve(sample, groot2=0, scene=False) as publisher,
+        serve(sample, groot2=0, run_channel=False) as publisher,
         Groot2Client(parse_address(publisher.address), timeout=60) as owner,
     ):
         owner.request(Request.TOGGLE_RECORDING, b"start")

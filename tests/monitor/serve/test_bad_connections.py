@@ -21,8 +21,8 @@ JUNK = {
 
 def ports(publisher: Publisher) -> list[int]:
     """Return the ports that *publisher* listens at."""
-    assert publisher.groot1 is not None
-    return [*range(publisher.port, publisher.port + 3), publisher.groot1, publisher.groot1 + 1]
+    assert publisher.groot1_port is not None
+    return [*range(publisher.port, publisher.port + 3), publisher.groot1_port, publisher.groot1_port + 1]
 
 
 @pytest.mark.parametrize("name", JUNK)
@@ -32,7 +32,7 @@ def test_both_protocols_work_after_junk_at_any_port(name, endless, no_threads_le
             with socket.create_connection(("127.0.0.1", port), timeout=60) as junk:
                 junk.sendall(JUNK[name])
         endless.tick_exactly_once()
-        for port, question in ((publisher.port, b"\x02S1234"), (publisher.groot1 + 1, b"")):
+        for port, question in ((publisher.port, b"\x02S1234"), (publisher.groot1_port + 1, b"")):
             with context.socket(zmq.REQ) as asking:
                 asking.setsockopt(zmq.LINGER, 0)
                 asking.connect(f"tcp://127.0.0.1:{port}")
@@ -44,8 +44,8 @@ def test_both_protocols_work_after_junk_at_any_port(name, endless, no_threads_le
 def test_a_request_without_the_empty_delimiter_frame_is_dropped(endless, no_threads_left):
     """A REP socket drops a request without the empty frame, and the next request is answered."""
     with serve(endless, groot2=0, groot1=0) as publisher, zmq.Context() as context:
-        assert publisher.groot1 is not None
-        for port, question in ((publisher.port, b"\x02S1234"), (publisher.groot1 + 1, b"any")):
+        assert publisher.groot1_port is not None
+        for port, question in ((publisher.port, b"\x02S1234"), (publisher.groot1_port + 1, b"any")):
             with context.socket(zmq.DEALER) as dealer:
                 dealer.setsockopt(zmq.LINGER, 0)
                 dealer.connect(f"tcp://127.0.0.1:{port}")

@@ -112,7 +112,7 @@ class Window:
     def ask(self, *frames: bytes) -> bytes:
         with self.context.socket(zmq.REQ) as socket:
             socket.setsockopt(zmq.LINGER, 0)
-            socket.connect(f"tcp://127.0.0.1:{self.publisher.groot1 + 1}")
+            socket.connect(f"tcp://127.0.0.1:{self.publisher.groot1_port + 1}")
             socket.send_multipart(frames or (b"",))
             assert socket.poll(60_000), "no reply within a minute"
             (reply,) = socket.recv_multipart()
@@ -138,7 +138,7 @@ def window() -> Iterator[Callable[..., Window]]:
         links = news.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
         opened.append(links)
         news.subscribe(b"")
-        news.connect(f"tcp://127.0.0.1:{publisher.groot1}")
+        news.connect(f"tcp://127.0.0.1:{publisher.groot1_port}")
         assert links.poll(60_000)
         news.disable_monitor()
         made = Window(publisher, context, news)
@@ -384,11 +384,11 @@ def test_random_requests_are_answered_with_the_tree(sample, window):
     with serve(sample, groot1=0) as publisher:
         groot = window(publisher)
         tree = groot.ask()
-        assert publisher.groot1 is not None
+        assert publisher.groot1_port is not None
         # One socket for all requests, because creating a socket takes longer than a request.
         with groot.context.socket(zmq.REQ) as socket:
             socket.setsockopt(zmq.LINGER, 0)
-            socket.connect(f"tcp://127.0.0.1:{publisher.groot1 + 1}")
+            socket.connect(f"tcp://127.0.0.1:{publisher.groot1_port + 1}")
 
             @given(st.lists(st.binary(max_size=40), min_size=1, max_size=4))
             @settings(max_examples=6 * settings().max_examples, database=None)
@@ -496,10 +496,10 @@ def test_uids_start_again_at_1_when_they_would_exceed_16_bits(endless):
 # Ports.
 
 
-def test_groot1_alone_has_the_scene_channel_two_ports_above_its_requests(sample):
+def test_groot1_alone_has_the_run_channel_two_ports_above_its_requests(sample):
     with serve(sample, groot1=0) as publisher:
-        assert publisher.groot1 is not None
-        assert publisher.port == publisher.groot1 + 1
+        assert publisher.groot1_port is not None
+        assert publisher.port == publisher.groot1_port + 1
         assert publisher.address == f"tcp://127.0.0.1:{publisher.port}"
         with zmq.Context() as context, context.socket(zmq.REP) as other:
             other.bind(f"tcp://127.0.0.1:{publisher.port + 1}")
@@ -521,25 +521,25 @@ def test_both_protocols_are_served_at_once(sample, window):
 @pytest.mark.parametrize("offset", [0, 1, 3])
 def test_a_port_in_use_is_reported_and_the_other_ports_are_released(sample, offset):
     with serve(sample, groot1=0) as publisher:
-        first = publisher.groot1
+        first = publisher.groot1_port
     with zmq.Context() as context, context.socket(zmq.REP) as other:
         other.bind(f"tcp://127.0.0.1:{first + offset}")
         with pytest.raises(PortInUseError, match=f"port {first + offset} is in use"):
             serve(sample, groot1=first)
     with serve(sample, groot1=first) as publisher:
-        assert publisher.groot1 == first
+        assert publisher.groot1_port == first
 
 
 def test_a_groot1_port_in_use_releases_groot2s_ports(sample):
     with serve(sample, groot2=0, groot1=0) as both:
-        groot2, groot1 = both.port, both.groot1
+        groot2, groot1 = both.port, both.groot1_port
     with zmq.Context() as context, context.socket(zmq.REP) as other:
         other.bind(f"tcp://127.0.0.1:{groot1}")
         with pytest.raises(PortInUseError, match=f"port {groot1} is in use"):
             serve(sample, groot2=groot2, groot1=groot1)
     with serve(sample, groot2=groot2) as publisher:
         assert publisher.port == groot2
-        assert publisher.groot1 is None
+        assert publisher.groot1_port is None
 
 
 @pytest.mark.parametrize("groot1", [1666, 1667, 1668, 1669])

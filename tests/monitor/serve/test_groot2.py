@@ -301,9 +301,9 @@ def test_the_port_is_free_again_after_closing(sample, window):
         assert len(window(publisher).statuses()) == 10
 
 
-def test_without_scene_channel_its_port_stays_free(sample):
+def test_without_run_channel_its_port_stays_free(sample):
     with (
-        serve(sample, groot2=0, scene=False) as first,
+        serve(sample, groot2=0, run_channel=False) as first,
         zmq.Context() as context,
         context.socket(zmq.REP) as other,
     ):

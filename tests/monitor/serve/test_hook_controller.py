@@ -113,7 +113,7 @@ def control() -> Iterator[Opening]:
     opened: list[Window] = []
 
     def open_window(tree: btcore.Tree, **options: float) -> Window:
-        publisher = serve(tree, groot2=0, scene=False, allow_control=True, **options)
+        publisher = serve(tree, groot2=0, run_channel=False, allow_control=True, **options)
         opened.append(Window(publisher))
         return opened[-1]
 

@@ -95,7 +95,7 @@ def test_a_known_client_watches_and_controls(endless, robot_keys, desk):
 
 @pytest.mark.parametrize("ports", [{"groot2": 0}, {"groot1": 0}])
 def test_a_known_client_watches_by_the_protocols_of_groot(endless, robot_keys, desk, ports):
-    with serve(endless, **ports, scene=False, keys=robot_keys) as publisher:
+    with serve(endless, **ports, run_channel=False, keys=robot_keys) as publisher:
         how, name, _ = watch(endless, publisher.address, desk)
     assert f"by Groot {2 if 'groot2' in ports else 1}'s protocol" in how
     assert name == ("Endless" if "groot2" in ports else "KeepRunningUntilFailure")
@@ -168,13 +168,13 @@ def connected(address: str, kind: int, keys: ClientKeys | None) -> Iterator[tupl
 def test_every_port_refuses_a_wrong_key(endless, folder, robot_keys, desk, kind):
     keys = wrong_keys(folder, kind)
     with serve(endless, groot2=0, groot1=0, keys=robot_keys) as publisher:
-        assert publisher.groot1 is not None
+        assert publisher.groot1_port is not None
         ports = {
             publisher.port: zmq.REQ,
             publisher.port + 1: zmq.SUB,
             publisher.port + 2: zmq.SUB,
-            publisher.groot1: zmq.SUB,
-            publisher.groot1 + 1: zmq.REQ,
+            publisher.groot1_port: zmq.SUB,
+            publisher.groot1_port + 1: zmq.REQ,
         }
         for port, socket_type in ports.items():
             address = f"tcp://127.0.0.1:{port}"
@@ -291,7 +291,7 @@ def test_clients_without_keys_can_watch_where_it_is_asked_for(endless, robot_key
 @pytest.mark.parametrize("ports", [{"groot1": 0}, {"groot1": 0, "groot2": 0}])
 def test_groot_1_watches_without_keys_where_it_is_asked_for(endless, robot_keys, ports):
     with serve(endless, **ports, keys=robot_keys, watch_port=0) as publisher:
-        address = f"tcp://127.0.0.1:{publisher.watch_groot1}"
+        address = f"tcp://127.0.0.1:{publisher.watch_groot1_port}"
         with connected(address, zmq.SUB, None) as (groot, event):
             assert event == zmq.EVENT_HANDSHAKE_SUCCEEDED
             # A subscription takes effect a moment later, so the first update can be missed.

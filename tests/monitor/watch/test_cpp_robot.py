@@ -515,12 +515,12 @@ def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch_cpp, until,
     until(lambda: viewer.of(BlackboardSeen), "a blackboard, though looks are always overdue")
 
 
-# --- a btcore robot without its scene channel
+# --- a btcore robot without its run channel
 
 
 def test_a_btcore_robot_can_be_followed_through_groot_2(endless, watch_cpp, until, changes):
     told = changes(endless)
-    with serve(endless, groot2=0, scene=False) as publisher:
+    with serve(endless, groot2=0, run_channel=False) as publisher:
         viewer = watch_cpp(publisher.address)
         until(lambda: viewer.of(TreeSeen), "the tree")
         for tick in range(1, 21):

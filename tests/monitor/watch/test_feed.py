@@ -26,13 +26,13 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.serve import Publisher, serve
 from btcore_monitor.serve.gateway_process import CONNECTIONS
-from btcore_monitor.watch import feed, scene
+from btcore_monitor.watch import feed, run_stream
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.feed import Feed
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.watch.request_client import NoReplyError
-from btcore_monitor.watch.scene import SceneClient
-from btcore_monitor.wire import scene_channel as wire
+from btcore_monitor.watch.run_stream import RunStreamClient
+from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.errors import RobotRefusedError
 from btcore_monitor.wire.fulltree import read_fulltree
 from btcore_monitor.wire.groot2 import Request, StatusRecord, decode_statuses, decode_transitions
@@ -167,7 +167,7 @@ def test_a_viewer_that_starts_before_the_robot_sees_everything(sample, watch, un
 
 @contextmanager
 def strangers(publisher: Publisher, count: int) -> Iterator[Callable[[], None]]:
-    """*count* other clients of the scene channel, until the function is called or the context ends."""
+    """*count* other clients of the run channel, until the function is called or the context ends."""
     with zmq.Context() as context, ExitStack() as clients:
         for number in range(count):
             client = clients.enter_context(context.socket(zmq.SUB))
@@ -178,9 +178,9 @@ def strangers(publisher: Publisher, count: int) -> Iterator[Callable[[], None]]:
 
 
 @pytest.mark.parametrize(("protocol", "is_late"), [("groot2", True), ("groot1", True), ("groot2", False)])
-def test_a_robot_with_a_scene_channel_is_not_sampled_meanwhile(endless, monkeypatch, protocol, is_late):
-    """On a busy machine, the scene channel may be later than Groot's replies, or silent for seconds."""
-    monkeypatch.setattr(feed, "SCENE_FIRST", 0.0)
+def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(endless, monkeypatch, protocol, is_late):
+    """On a busy machine, the run channel may be later than Groot's replies, or silent for seconds."""
+    monkeypatch.setattr(feed, "RUN_CHANNEL_WAIT_S", 0.0)
     if not is_late:
         monkeypatch.setattr(feed, "SILENT_AFTER", 0.0)
     events: list[Event] = []
@@ -204,8 +204,8 @@ def test_a_robot_with_a_scene_channel_is_not_sampled_meanwhile(endless, monkeypa
     assert [event.tick for event in events if isinstance(event, Ticked)] == list(range(1, 21))
 
 
-def test_a_robot_whose_scene_channel_is_not_reachable_is_sampled(endless, monkeypatch):
-    monkeypatch.setattr(feed, "ANNOUNCED_SCENE_FIRST", 0.0)
+def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(endless, monkeypatch):
+    monkeypatch.setattr(feed, "ANNOUNCED_RUN_CHANNEL_WAIT_S", 0.0)
     with ExitStack() as stack:
         publisher = stack.enter_context(serve(endless, groot2=0))
         leave = stack.enter_context(strangers(publisher, CONNECTIONS))
@@ -220,17 +220,17 @@ def test_a_robot_whose_scene_channel_is_not_reachable_is_sampled(endless, monkey
         )
         assert not next(event for event in viewer if isinstance(event, TreeSeen)).numbered
         leave()
-        # A scene channel that can be reached again begins with the tree.
+        # A run channel that can be reached again begins with the tree.
         assert next(event for event in viewer if isinstance(event, TreeSeen)).numbered
 
 
 def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, until):
     """With many clients or on a busy machine, a reply takes longer than the pause between two requests."""
-    monkeypatch.setattr(scene, "_ASK_AGAIN_AFTER", 0.0)
+    monkeypatch.setattr(run_stream, "_ASK_AGAIN_AFTER", 0.0)
     context: zmq.Context = zmq.Context()
     with context.socket(zmq.XPUB) as robot:
         address = parse_address(f":{robot.bind_to_random_port('tcp://127.0.0.1') - wire.PORT_OFFSET}")
-        client = SceneClient(address)
+        client = RunStreamClient(address)
         topics: list[bytes] = []
 
         def asked(topic: bytes) -> bool:
@@ -385,7 +385,7 @@ def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until)
     context: zmq.Context = zmq.Context()
     with context.socket(zmq.XPUB) as robot:
         address = parse_address(f":{robot.bind_to_random_port('tcp://127.0.0.1') - wire.PORT_OFFSET}")
-        client = SceneClient(address)
+        client = RunStreamClient(address)
 
         def question() -> bytes:
             heard = [b""]
@@ -472,7 +472,7 @@ def test_a_hanging_viewer_does_not_delay_the_end(endless):
 
 
 def test_a_robot_with_groot2_only_is_sampled(sample, watch, until):
-    with serve(sample, groot2=0, scene=False) as publisher:
+    with serve(sample, groot2=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(BlackboardSeen), "a first look")
         seen = viewer.of(TreeSeen)[0]
@@ -488,7 +488,7 @@ def test_a_robot_with_groot2_only_is_sampled(sample, watch, until):
 
 
 def test_sampling_shows_the_last_result_of_a_node_that_became_idle(sample, watch, until):
-    with serve(sample, groot2=0, scene=False) as publisher:
+    with serve(sample, groot2=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeSeen), "the tree")
         sample.tick_exactly_once()
@@ -501,7 +501,7 @@ def test_sampling_shows_the_last_result_of_a_node_that_became_idle(sample, watch
 
 
 def test_a_sampled_robot_that_goes_silent_is_lost_and_found_again(sample, watch, until):
-    with serve(sample, groot2=0, scene=False) as publisher:
+    with serve(sample, groot2=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeSeen), "the tree")
     until(
@@ -511,7 +511,7 @@ def test_a_sampled_robot_that_goes_silent_is_lost_and_found_again(sample, watch,
         ),
         "the loss",
     )
-    with serve(sample, groot2=publisher.port, scene=False):
+    with serve(sample, groot2=publisher.port, run_channel=False):
         until(lambda: len(viewer.of(TreeSeen)) == 2, "the return")
     assert viewer.of(TreeSeen)[0].tree.tree_id != viewer.of(TreeSeen)[1].tree.tree_id
 

@@ -313,7 +313,7 @@ def test_an_unusual_publish_port_is_reported_and_can_be_given_in_the_address(wat
 
 def test_every_transition_of_a_btcore_robot_arrives_by_groot1(endless, watch, until, changes):
     told = changes(endless)
-    with serve(endless, groot1=0, scene=False) as publisher:
+    with serve(endless, groot1=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeSeen), "the tree")
         for _ in range(500):
@@ -328,7 +328,7 @@ def test_every_transition_of_a_btcore_robot_arrives_by_groot1(endless, watch, un
 
 
 def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
-    with serve(sample, groot1=0, scene=False) as publisher:
+    with serve(sample, groot1=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeSeen), "the tree")
     nodes = viewer.of(TreeSeen)[0].tree.nodes
@@ -337,7 +337,7 @@ def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
     ]
 
 
-def test_the_scene_channel_is_preferred_to_groot1(endless, watch, until):
+def test_the_run_channel_is_preferred_to_groot1(endless, watch, until):
     with serve(endless, groot1=0) as publisher:
         viewer = watch(publisher.address)
         assert publisher.wait_for_clients(1, 60)
@@ -348,14 +348,14 @@ def test_the_scene_channel_is_preferred_to_groot1(endless, watch, until):
 
 
 def test_a_robot_may_restart_with_the_other_protocol(endless, watch, until):
-    with serve(endless, groot1=0, scene=False) as publisher:
+    with serve(endless, groot1=0, run_channel=False) as publisher:
         port = publisher.port
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeSeen), "the tree")
-    with serve(endless, groot2=port, scene=False):
+    with serve(endless, groot2=port, run_channel=False):
         until(lambda: len(viewer.of(TreeSeen)) == 2, "the tree by Groot 2")
         assert viewer.of(ConnectionChanged)[-1].detail.endswith("by Groot 2's protocol")
-    with serve(endless, groot1=port - 1, scene=False):
+    with serve(endless, groot1=port - 1, run_channel=False):
         until(lambda: len(viewer.of(TreeSeen)) == 3, "the tree by Groot 1")
         assert viewer.of(ConnectionChanged)[-1].detail.endswith("by Groot 1's protocol")
 

@@ -29,7 +29,7 @@ from btcore_monitor.events import Event, TreeSeen
 from btcore_monitor.log_writer import LogWriter
 from btcore_monitor.watch.feed import Feed
 from btcore_monitor.wire import groot2
-from btcore_monitor.wire import scene_channel as wire
+from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.groot2 import RequestHeader
 from btcore_monitor.wire.hooks import encode_breakpoint_reached
@@ -138,7 +138,7 @@ REPLIES: dict[str, Replies] = {
 
 
 def message(kind: str, **values: object) -> bytes:
-    """A message of the scene channel without any check."""
+    """A message of the run channel without any check."""
     return bytes(msgpack.packb({"v": 1, "kind": kind, "tree_id": TREE_ID.hex(), **values}))
 
 
@@ -358,7 +358,7 @@ SCENES: dict[str, list[bytes]] = {
     "a footprint of 1e308": static(footprint_radius=1e308),
     "places and a frame without names": static(frame="", places=[{"name": "", "position": [0, 0, 0]}]),
 }
-"""Messages of the scene channel: the reply to the request for the tree, and the stream."""
+"""Messages of the run channel: the reply to the request for the tree, and the stream."""
 
 
 FRIENDLY: dict[str, bytes | None] = {
@@ -376,11 +376,11 @@ FRIENDLY: dict[str, bytes | None] = {
 
 
 class Robot(threading.Thread):
-    """A robot with Groot 2's protocol, and with the scene channel if it has *messages* for it.
+    """A robot with Groot 2's protocol, and with the run channel if it has *messages* for it.
 
     Args:
         replies: Bodies that differ from those of a friendly robot.
-        messages: Encoded messages of the scene channel, after the tree's. They are sent again and again.
+        messages: Encoded messages of the run channel, after the tree's. They are sent again and again.
         notices: Frames that are published on the port of notifications, without end.
     """
 

@@ -1,4 +1,4 @@
-"""A client of a btcore robot's scene channel, which requests missing messages of the stream again.
+"""A client of a btcore robot's run channel, which requests missing messages of the stream again.
 
 Every message of the stream has a number. A piece of the stream that arrives too early waits, and the client
 requests the missing messages from the robot's history. Only messages that the history no longer holds are
@@ -16,9 +16,9 @@ import zmq
 
 from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import Address
-from btcore_monitor.wire import scene_channel as wire
+from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.errors import ProtocolError
-from btcore_monitor.wire.scene_channel import (
+from btcore_monitor.wire.run_channel import (
     AliveMessage,
     EndMessage,
     Message,
@@ -48,7 +48,7 @@ _RECONNECT_MS: Final = 100
 Socket = zmq.Socket[bytes]
 
 
-class SceneClient:
+class RunStreamClient:
     """Receives the stream of the btcore robot at *address*, in order. Use it from one thread.
 
     *keys* are the keys of the client, if the robot requires keys.
@@ -66,8 +66,8 @@ class SceneClient:
         self._next = 1
         self._latest = 0
         # Pieces that arrived too early, by their first number.
-        self._early: dict[int, PieceMessage] = {}
-        self._early_bytes = 0
+        self._waiting_pieces: dict[int, PieceMessage] = {}
+        self._waiting_bytes = 0
         self._request_topics: list[bytes] = []
         self._requested_at = 0.0
         self._presence_topic = b""
@@ -119,8 +119,8 @@ class SceneClient:
     def forget(self) -> None:
         """Forget the tree and request it again. The stream then begins with the oldest message."""
         self.tree_id = ""
-        self._early.clear()
-        self._early_bytes = 0
+        self._waiting_pieces.clear()
+        self._waiting_bytes = 0
         self._request_tree()
 
     def close(self) -> None:
@@ -149,8 +149,8 @@ class SceneClient:
         if isinstance(message, TreeMessage):
             if message.tree_id != self.tree_id:
                 # The robot no longer replies about the previous tree, so its missing messages are lost.
-                for first in sorted(self._early):
-                    self._read_piece(self._early[first], received)
+                for first in sorted(self._waiting_pieces):
+                    self._read_piece(self._waiting_pieces[first], received)
                 self._begin(message)
                 received.append(message)
             return
@@ -171,17 +171,17 @@ class SceneClient:
                 return
             self._end_requests()
             self._read_piece(message, received)
-            while (first := min(self._early, default=self._next + 1)) <= self._next:
-                piece = self._early.pop(first)
-                self._early_bytes -= _size(piece)
+            while (first := min(self._waiting_pieces, default=self._next + 1)) <= self._next:
+                piece = self._waiting_pieces.pop(first)
+                self._waiting_bytes -= _size(piece)
                 self._read_piece(piece, received)
 
     def _begin(self, message: TreeMessage) -> None:
         self.tree_id = message.tree_id
         self._next = message.oldest
         self._latest = message.latest
-        self._early.clear()
-        self._early_bytes = 0
+        self._waiting_pieces.clear()
+        self._waiting_bytes = 0
         self._end_requests()
         self._register()
         for topic in self._tree_topics[:-1]:
@@ -190,9 +190,9 @@ class SceneClient:
 
     def _store(self, piece: PieceMessage) -> None:
         size = _size(piece)
-        if piece.first not in self._early and self._early_bytes + size <= WAITING_BYTES_AT_MOST:
-            self._early[piece.first] = piece
-            self._early_bytes += size
+        if piece.first not in self._waiting_pieces and self._waiting_bytes + size <= WAITING_BYTES_AT_MOST:
+            self._waiting_pieces[piece.first] = piece
+            self._waiting_bytes += size
 
     def _read_piece(self, piece: PieceMessage, received: list[Message]) -> None:
         """Decode the messages of *piece* from the number `_next` on."""

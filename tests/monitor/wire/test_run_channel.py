@@ -1,4 +1,4 @@
-"""The scene channel's messages: encoding and decoding, and errors in invalid messages."""
+"""The run channel's messages: encoding and decoding, and errors in invalid messages."""
 
 from contextlib import suppress
 from dataclasses import fields
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from btcore_monitor.serve.history import LANE_ROOM, History
 from btcore_monitor.wire.errors import ProtocolError
-from btcore_monitor.wire.scene_channel import (
+from btcore_monitor.wire.run_channel import (
     AliveMessage,
     BlackboardMessage,
     EndMessage,

@@ -1,4 +1,4 @@
-"""A server of the scene channel. It converts queued items to messages, and uses no sockets."""
+"""A server of the run channel. It converts queued items to messages, and uses no sockets."""
 
 import io
 import logging
@@ -19,7 +19,7 @@ from btcore_monitor.serve.queueing_observer import (
     StampedTransition,
     TickEnded,
 )
-from btcore_monitor.wire.scene_channel import (
+from btcore_monitor.wire.run_channel import (
     ALIVE,
     STREAM,
     AliveMessage,
@@ -45,7 +45,7 @@ _log = logging.getLogger("monitor")
 Frames = tuple[bytes, bytes]
 
 
-class SceneServer:
+class RunStreamServer:
     """Creates the stream of messages about one tree, and replies to requests for past messages.
 
     Only the publisher's thread may use it.

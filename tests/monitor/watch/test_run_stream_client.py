@@ -1,4 +1,4 @@
-"""The client of the scene channel, with a robot that sends faster than the client reads."""
+"""The client of the run channel, with a robot that sends faster than the client reads."""
 
 from collections.abc import Iterator
 
@@ -6,8 +6,8 @@ import pytest
 import zmq
 
 from btcore_monitor.watch.address import parse_address
-from btcore_monitor.watch.scene import WAITING_BYTES_AT_MOST, SceneClient
-from btcore_monitor.wire import scene_channel as wire
+from btcore_monitor.watch.run_stream import WAITING_BYTES_AT_MOST, RunStreamClient
+from btcore_monitor.wire import run_channel as wire
 
 TREE_ID = "a" * 32
 MESSAGES = 400
@@ -60,13 +60,13 @@ def robot() -> Iterator[Robot]:
 
 
 def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(robot, until):
-    client = SceneClient(robot.address)
+    client = RunStreamClient(robot.address)
     received: list[int] = []
 
     def read() -> None:
         received.extend(message.seq for message in client.read() if isinstance(message, wire.RaisedMessage))
-        assert client._early_bytes <= WAITING_BYTES_AT_MOST
-        assert sum(len(data) for piece in client._early.values() for data in piece.messages) <= (
+        assert client._waiting_bytes <= WAITING_BYTES_AT_MOST
+        assert sum(len(data) for piece in client._waiting_pieces.values() for data in piece.messages) <= (
             WAITING_BYTES_AT_MOST
         )
 
@@ -81,7 +81,7 @@ def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(rob
         for seq in range(10, MESSAGES + 1):
             robot.send(wire.STREAM, seq)
         until(
-            lambda: read() or client._early_bytes > WAITING_BYTES_AT_MOST - len(PADDING) * 2, "the messages"
+            lambda: read() or client._waiting_bytes > WAITING_BYTES_AT_MOST - len(PADDING) * 2, "the messages"
         )
         assert not received
 
@@ -94,7 +94,7 @@ def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(rob
         assert received == list(range(1, MESSAGES + 1))
         assert min(robot.requested) == 1
         assert max(robot.requested) > 10, "dropped messages are requested again"
-        assert not client._early
-        assert client._early_bytes == 0
+        assert not client._waiting_pieces
+        assert client._waiting_bytes == 0
     finally:
         client.close()

@@ -1,6 +1,6 @@
-"""Encode and decode the scene channel, btcore's own protocol for all data of a run, without sockets.
+"""Encode and decode the run channel, btcore's own protocol for all data of a run, without sockets.
 
-The scene channel also carries data that Groot 2's protocol does not have: ticks, exceptions, the
+The run channel also carries data that Groot 2's protocol does not have: ticks, exceptions, the
 blackboards after each tick that changes them, and the scene (the robot, its sensors and its world).
 
 A publisher's XPUB socket sends two frames: a topic, and a MessagePack map with `v` (1), `kind` and the
@@ -60,10 +60,11 @@ ALIVE: Final = b"alive"
 """The topic of heartbeats."""
 
 ANNOUNCEMENT: Final = b"<!-- scene channel -->"
-"""The end of the tree that a robot with a scene channel sends by the protocols of Groot 2 and Groot 1.
+"""The end of the tree that a robot with a run channel sends by the protocols of Groot 2 and Groot 1.
 
-Readers of XML ignore a comment, and readers of flatbuffers ignore what follows. A client that does not know
-whether there is a scene channel would switch to it in the middle of a run, if the machine is busy.
+The bytes contain an earlier name of the run channel, because existing robots and clients use them. Readers
+of XML ignore a comment, and readers of flatbuffers ignore what follows. A client that does not know whether
+there is a run channel would switch to it in the middle of a run, if the machine is busy.
 """
 
 
@@ -246,7 +247,7 @@ def decode(data: bytes) -> Message:
     """Return the message in *data*.
 
     Raises:
-        ProtocolError: *data* is not a message of the scene channel, or of a newer version.
+        ProtocolError: *data* is not a message of the run channel, or of a newer version.
     """
     values = unpack_msgpack(data)
     if not isinstance(values, dict) or "v" not in values:
