@@ -140,7 +140,7 @@ class DataSource:
     unavailable: Mapping[Topic, str] = field(default_factory=dict)
 
 
-RUN_CHANNEL: Final = DataSource("btcore's scene channel")
+RUN_CHANNEL: Final = DataSource("btcore's run channel")
 """btcore's own protocol (wire/run_channel.py), the only source that sends all topics completely."""
 
 

@@ -177,7 +177,7 @@ def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(tmp_p
     )
     assert process.stderr is not None
     for line in process.stderr:
-        if "by btcore's scene channel" in line:
+        if "by btcore's run channel" in line:
             break  # the recorder listens
     seen: list[TreeSeen] = []
     links: list[str] = []
@@ -221,7 +221,7 @@ def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(both:
         told = f"Groot 1 finds it at publisher port {first} and server port {first + 1}"
         assert told + (f", since Groot 2 has {free_port}" if both else "") in lines[1]
         # alone, Groot 1's ports have the run channel; beside Groot 2, it is next to Groot 2's ports
-        spoken = "Groot 1's protocol" if both else "scene channel"
+        spoken = "Groot 1's protocol" if both else "run channel"
         with Feed(f":{first + 1}") as feed:
             for event in feed:
                 if isinstance(event, ConnectionChanged) and event.state == "connected":
@@ -246,7 +246,7 @@ def test_a_run_with_keys_records_itself_and_prints_the_options_of_clients(tmp_pa
     address = re.search(r"publishing at (tcp://127\.0\.0\.1:\d+) \(btcore monitor (.*)\)\n", done.stderr)
     assert address is not None
     assert address[2] == f"{address[1]} --key-file YOURS --robot-key {robot}"
-    assert "by btcore's scene channel" in done.stderr
+    assert "by btcore's run channel" in done.stderr
     assert "watching without keys: tcp://127.0.0.1:" in done.stderr
     assert "warning" not in done.stderr
     assert recording.stat().st_size > 10_000

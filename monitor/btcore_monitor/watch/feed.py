@@ -237,7 +237,7 @@ class Feed(Closeable):
                 self._report_connection(events, "lost", str(error))
                 return
             self._number = None
-            self._report_connection(events, "connected", f"{self.address}, by btcore's scene channel")
+            self._report_connection(events, "connected", f"{self.address}, by btcore's run channel")
             statuses = {node.uid: 0 for node in tree.nodes} | message.statuses
             events.append(TreeSeen(tree, message.stamp, message.wall, statuses))
         elif isinstance(message, wire.StaticMessage):
@@ -279,7 +279,7 @@ class Feed(Closeable):
             return True
         self._run_channel_announced = False
         port = self.address.at(wire.PORT_OFFSET)
-        self._groot_reason = f", because there is no reply from its scene channel, {port}"
+        self._groot_reason = f", because there is no reply from its run channel, {port}"
         # If the run channel connects later, it begins with the tree.
         self._run_stream.forget()
         return False

@@ -251,13 +251,13 @@ def decode(data: bytes) -> Message:
     """
     values = unpack_msgpack(data)
     if not isinstance(values, dict) or "v" not in values:
-        raise ProtocolError(f"expected a message of the scene channel, and got {describe_bytes(data)}")
+        raise ProtocolError(f"expected a message of the run channel, and got {describe_bytes(data)}")
     version = values["v"]
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        raise ProtocolError(f"expected a version of the scene channel, and got {describe_value(version)}")
+        raise ProtocolError(f"expected a version of the run channel, and got {describe_value(version)}")
     if version > VERSION:
         raise ProtocolError(
-            f"the robot uses version {version} of the scene channel, and this monitor supports up to version "
+            f"the robot uses version {version} of the run channel, and this monitor supports up to version "
             f"{VERSION}: update btcore on this machine"
         )
     kind = values.get("kind")

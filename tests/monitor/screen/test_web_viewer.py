@@ -83,9 +83,7 @@ def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file, fr
     assert "Traceback" not in run.stderr_text
 
 
-@pytest.mark.parametrize(
-    "message", ["publishing at", "by btcore's scene channel"], ids=["starting", "running"]
-)
+@pytest.mark.parametrize("message", ["publishing at", "by btcore's run channel"], ids=["starting", "running"])
 def test_a_run_that_is_ended_closes_the_viewer(command, tree_file, free_port, message):
     port = free_port()
     run = command("run", tree_file, "--serve-web", port, "--verbose")

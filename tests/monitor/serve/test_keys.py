@@ -83,7 +83,7 @@ def watch(tree, address: str, keys: ClientKeys | None) -> tuple[str, str, int]:
 def test_a_known_client_watches_and_controls(endless, robot_keys, desk):
     with serve(endless, groot2=0, keys=robot_keys, allow_control=True) as publisher:
         how, name, _ = watch(endless, publisher.address, desk)
-        assert (how, name) == (f"{publisher.address}, by btcore's scene channel", "Endless")
+        assert (how, name) == (f"{publisher.address}, by btcore's run channel", "Endless")
         with BreakpointClient(publisher.address, keys=desk) as robot:
             assert robot.break_at("step") == ["step"]
             tick = threading.Thread(target=endless.tick_exactly_once)
@@ -268,7 +268,7 @@ def test_the_bytes_on_the_wire_are_unreadable_with_keys(endless, robot_keys, des
 def test_clients_without_keys_can_watch_where_it_is_asked_for(endless, robot_keys, desk):
     with serve(endless, groot2=0, keys=robot_keys, allow_control=True, watch_port=0) as publisher:
         how, name, _ = watch(endless, publisher.watch_address, None)
-        assert (how, name) == (f"{publisher.watch_address}, by btcore's scene channel", "Endless")
+        assert (how, name) == (f"{publisher.watch_address}, by btcore's run channel", "Endless")
         with (
             BreakpointClient(publisher.watch_address) as stranger,
             BreakpointClient(publisher.address, keys=desk) as client,

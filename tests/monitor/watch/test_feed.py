@@ -215,7 +215,7 @@ def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(endless, monkeypa
         )
         port = publisher.port
         assert connected.detail == (
-            f"tcp://127.0.0.1:{port}, by Groot 2's protocol, because there is no reply from its scene "
+            f"tcp://127.0.0.1:{port}, by Groot 2's protocol, because there is no reply from its run "
             f"channel, tcp://127.0.0.1:{port + 2}"
         )
         assert not next(event for event in viewer if isinstance(event, TreeSeen)).numbered

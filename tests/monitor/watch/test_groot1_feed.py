@@ -344,7 +344,7 @@ def test_the_run_channel_is_preferred_to_groot1(endless, watch, until):
         endless.tick_exactly_once()
         until(lambda: viewer.of(Ticked), "a tick, which Groot 1 doesn't know")
     assert viewer.of(TreeSeen)[0].numbered
-    assert "scene channel" in viewer.of(ConnectionChanged)[1].detail
+    assert "run channel" in viewer.of(ConnectionChanged)[1].detail
 
 
 def test_a_robot_may_restart_with_the_other_protocol(endless, watch, until):
