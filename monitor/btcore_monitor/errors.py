@@ -8,5 +8,5 @@ class MonitorError(Exception):
 class RecordingError(MonitorError):
     """A recording's file is incomplete, because it cannot be written, for example on a full disk.
 
-    rerun never closes such a recording: the process has to end by `btcore_monitor.viewer_setup.abandon`.
+    rerun never closes such a recording: the process has to end by `btcore_monitor.process_end.abandon`.
     """

@@ -13,7 +13,7 @@ import click
 
 from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_monitor.console import print_line
-from btcore_monitor.viewer_setup import stop_on_signals
+from btcore_monitor.process_end import stop_on_signals
 
 if TYPE_CHECKING:
     from btcore_monitor.serve import Publisher

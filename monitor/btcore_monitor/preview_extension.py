@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
-from btcore_monitor.viewer_setup import check_installed, client_keys, key_file_option, robot_key_option
+from btcore_monitor.installed_packages import check_installed
+from btcore_monitor.key_options import client_keys, key_file_option, robot_key_option
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient

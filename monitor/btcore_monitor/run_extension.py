@@ -20,7 +20,9 @@ from btcore_monitor.display import has_display
 from btcore_monitor.display_options import DisplayOptions, create_options, explicit_options
 from btcore_monitor.keys import KeyFileError, RobotKeys, create_keys
 from btcore_monitor.monitor_process import MonitorProcess, print_message, wait_until_listening
-from btcore_monitor.viewer_setup import check_is_recording, check_writable, exit_on_sigterm
+from btcore_monitor.output_files import check_is_recording, check_writable
+from btcore_monitor.process_end import exit_on_sigterm
+from btcore_monitor.viewer_options import DESTINATIONS
 from btcore_monitor.wire.groot1 import BESIDE_GROOT2, PUBLISH_PORT
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
@@ -91,22 +93,13 @@ class MonitorExtension(RunExtension):
         click.Option(["--monitor"], is_flag=True, help="Start the viewer and show the run live."),
         click.Option(
             ["--serve-web"],
-            type=click.IntRange(1, 65535),
-            is_flag=False,
-            flag_value=9090,
-            metavar="[PORT]",
+            **DESTINATIONS["--serve-web"],
             help="Show the run live to browsers, and its end until Ctrl-C.  [port: 9090]",
         ),
-        click.Option(
-            ["--save"],
-            type=click.Path(dir_okay=False, path_type=Path),
-            metavar="FILE.rrd",
-            help="Record the run for the viewer (rerun).",
-        ),
+        click.Option(["--save"], **DESTINATIONS["--save"], help="Record the run for the viewer (rerun)."),
         click.Option(
             ["--screenshot"],
-            type=click.Path(dir_okay=False, path_type=Path),
-            metavar="FILE.png",
+            **DESTINATIONS["--screenshot"],
             help="Write a picture of the monitor at the last tick after the run; needs no display.",
         ),
         click.Option(

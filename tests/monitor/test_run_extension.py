@@ -26,9 +26,9 @@ from btcore_monitor.events import (
     TreeSeen,
 )
 from btcore_monitor.keys import create_keys
+from btcore_monitor.process_end import exit_on_sigterm
 from btcore_monitor.screen.style import COLOUR_BLIND
 from btcore_monitor.serve import serve
-from btcore_monitor.viewer_setup import exit_on_sigterm
 from btcore_monitor.watch.feed import Feed
 
 BUMPGO = ["bumpgo", "--world", "arena", "--seed", "3", "--fast", "--json"]

@@ -12,14 +12,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import click
 
 from btcore_monitor.console import print_line
-from btcore_monitor.viewer_setup import (
-    check_installed,
-    client_keys,
-    duration_option,
-    key_file_option,
-    robot_key_option,
-    stop_on_signals,
-)
+from btcore_monitor.installed_packages import check_installed
+from btcore_monitor.key_options import client_keys, key_file_option, robot_key_option
+from btcore_monitor.process_end import stop_on_signals
+from btcore_monitor.watch_options import duration_option
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient, HookReached

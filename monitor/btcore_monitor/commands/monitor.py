@@ -11,21 +11,12 @@ import click
 from btcore_monitor.console import print_line
 from btcore_monitor.display_options import DisplayOptions, explicit_options
 from btcore_monitor.errors import RecordingError
-from btcore_monitor.viewer_setup import (
-    ViewerOptions,
-    abandon,
-    check_folder,
-    check_installed,
-    client_keys,
-    duration_option,
-    key_file_option,
-    robot_key_option,
-    robot_options,
-    stop_on_signals,
-    time_limit,
-    viewer_options,
-    wait_for_stop,
-)
+from btcore_monitor.installed_packages import check_installed
+from btcore_monitor.key_options import client_keys, key_file_option, robot_key_option
+from btcore_monitor.output_files import check_folder
+from btcore_monitor.process_end import abandon, stop_on_signals, time_limit, wait_for_stop
+from btcore_monitor.viewer_options import ViewerOptions, viewer_options
+from btcore_monitor.watch_options import duration_option, robot_options
 
 if TYPE_CHECKING:
     from btcore_monitor.screen.robot_view import RobotView

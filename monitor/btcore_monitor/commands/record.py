@@ -14,19 +14,11 @@ from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
 from btcore_monitor.console import print_line
 from btcore_monitor.display_options import DisplayOptions, display_options
 from btcore_monitor.errors import RecordingError
-from btcore_monitor.viewer_setup import (
-    INCOMPLETE_OUTPUT,
-    abandon,
-    check_installed,
-    check_writable,
-    client_keys,
-    duration_option,
-    key_file_option,
-    robot_key_option,
-    robot_options,
-    stop_on_signals,
-    time_limit,
-)
+from btcore_monitor.installed_packages import check_installed
+from btcore_monitor.key_options import client_keys, key_file_option, robot_key_option
+from btcore_monitor.output_files import check_writable
+from btcore_monitor.process_end import INCOMPLETE_OUTPUT, abandon, stop_on_signals, time_limit
+from btcore_monitor.watch_options import duration_option, robot_options
 
 if TYPE_CHECKING:
     from btcore_monitor.events import Event, TreeSeen

@@ -27,7 +27,9 @@ from btcore_monitor.events import (
     TreeSeen,
     kind_from_children,
 )
-from btcore_monitor.viewer_setup import ViewerOptions, abandon, check_installed, viewer_options, wait_for_stop
+from btcore_monitor.installed_packages import check_installed
+from btcore_monitor.process_end import abandon, wait_for_stop
+from btcore_monitor.viewer_options import ViewerOptions, viewer_options
 
 _NOT_KEPT: Final = "not in a log file"
 LOG_FILE: Final = DataSource(

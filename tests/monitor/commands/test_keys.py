@@ -6,9 +6,9 @@ from click.testing import CliRunner
 from btcore.cli.main import main
 from btcore_monitor.commands.keys import keys
 from btcore_monitor.events import TreeSeen
+from btcore_monitor.key_options import client_keys
 from btcore_monitor.keys import RobotKeys, create_keys
 from btcore_monitor.serve import serve
-from btcore_monitor.viewer_setup import client_keys
 from btcore_monitor.watch.feed import Feed
 
 

@@ -624,7 +624,7 @@ def test_a_time_limit_ends_a_command_that_draws_a_huge_tree(attacker, tmp_path: 
     nodes = "".join(f'<A name="node {uid}" _uid="{uid}"/>' for uid in range(2, 60_000))
     robot = attacker({"T": tree_of(f'<Sequence _uid="1">{nodes}</Sequence>')})
     program = (
-        "from btcore_monitor import viewer_setup; viewer_setup.END_WITHIN = 0.1\n"
+        "from btcore_monitor import process_end; process_end.END_WITHIN = 0.1\n"
         "from btcore_monitor.commands.record import record; record()"
     )
     done = subprocess.run(

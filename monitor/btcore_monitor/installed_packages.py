@@ -1,0 +1,15 @@
+"""Check that the packages of a command are installed."""
+
+import importlib.util
+
+import click
+
+from btcore.extras import install_command
+
+
+def check_installed(*modules: str) -> None:
+    """Raise click.ClickException if one of *modules* is not installed."""
+    missing = [name for name in modules if importlib.util.find_spec(name) is None]
+    if missing:
+        command = install_command(missing[0], "monitor")
+        raise click.ClickException(f"the monitor needs {missing[0]}, which is not installed: {command}")

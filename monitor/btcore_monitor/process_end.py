@@ -1,0 +1,108 @@
+"""End a command on signals and after a time limit, with complete files if possible."""
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Final, NoReturn
+
+from btcore_monitor.console import print_line
+from btcore_monitor.errors import RecordingError
+
+INCOMPLETE_OUTPUT: Final = 4
+"""The exit code, as of `btcore run`, if a recording is incomplete."""
+
+END_WITHIN: Final = 30.0
+"""Seconds after a time limit within which a command completes its data; after that its process ends."""
+
+
+@contextlib.contextmanager
+def exit_on_sigterm() -> Iterator[Callable[[], contextlib.AbstractContextManager[None]]]:
+    """Let SIGTERM raise SystemExit, so that the processes that were started are ended.
+
+    Yield a function whose context delays the exception until its end: raised while a process is being
+    started, it would leave the process behind.
+    """
+    delayed = False
+    received: list[int] = []
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        if not delayed:
+            raise SystemExit(128 + number)
+
+    @contextlib.contextmanager
+    def delay() -> Iterator[None]:
+        nonlocal delayed
+        delayed = True
+        try:
+            yield
+        finally:
+            delayed = False
+        if received:
+            raise SystemExit(128 + received[0])
+
+    if threading.current_thread() is not threading.main_thread():
+        yield delay  # only the main thread may set handlers
+        return
+    before = signal.signal(signal.SIGTERM, handle)
+    try:
+        yield delay
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def stop_on_signals(stop: threading.Event) -> Iterator[None]:
+    """Set *stop* on SIGINT (Ctrl-C) and SIGTERM, so that files are completed."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
+    # Only the main thread may set handlers, so commands call this function there.
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def wait_for_stop(duration: float | None = None) -> None:
+    """Return on SIGINT or SIGTERM, or after *duration* s, while a view is served to browsers."""
+    print_line("monitor: Ctrl-C ends it", err=True)
+    stop = threading.Event()
+    with stop_on_signals(stop):
+        stop.wait(duration)
+
+
+@contextlib.contextmanager
+def time_limit(duration: float | None) -> Iterator[None]:
+    """End the process if the `with` block lasts much longer than *duration* s.
+
+    The block itself should end in time. But drawing the tree of a hostile robot may take minutes.
+    """
+    if duration is None:
+        yield
+        return
+    error = RecordingError(
+        f"the time limit of {duration:g} s is over, and the recording could not be completed within another "
+        f"{END_WITHIN:g} s: the tree may be too big to be drawn"
+    )
+    watchdog = threading.Timer(duration + END_WITHIN, abandon, [error])
+    watchdog.daemon = True
+    watchdog.start()
+    try:
+        yield
+    finally:
+        watchdog.cancel()
+
+
+def abandon(error: RecordingError) -> NoReturn:
+    """Print *error*, and end the process with the exit code 4, without closing the recording."""
+    print_line(f"error: {error}", err=True)
+    sys.stdout.flush()
+    os._exit(INCOMPLETE_OUTPUT)
