@@ -1,4 +1,4 @@
-"""A process of the monitor that records or shows a run of `btcore run`."""
+"""A process of `btcore monitor` that records or shows a run of `btcore run`."""
 
 import os
 import subprocess
@@ -37,15 +37,19 @@ _CHECK_EVERY: Final = 0.2
 
 
 class MonitorProcess:
-    """A process of `btcore monitor` with *options*, called *name* in messages.
+    """A process of `btcore monitor`, which starts the viewer as a further process (`RerunProcess`).
 
-    If *stays* is true, the process continues after the run, until Ctrl-C.
+    Args:
+        publisher: The publisher to which the process connects.
+        options: Further options of `btcore monitor`.
+        label: The purpose of the process, for messages.
+        stays: Whether the process continues after the run, until Ctrl-C.
     """
 
     def __init__(
-        self, publisher: "Publisher", options: Sequence[str], name: str, stays: bool = False
+        self, publisher: "Publisher", options: Sequence[str], label: str, stays: bool = False
     ) -> None:
-        self.name = name
+        self.label = label
         self.draws = "--screenshot" in options
         self.saves = self.draws or "--save" in options
         self.stays = stays
@@ -83,7 +87,7 @@ class MonitorProcess:
         except subprocess.TimeoutExpired:
             self.process.terminate()
             lost = "so the picture is missing" if self.draws else "so its end may be missing"
-            reason = f"{self.name}: not finished {limit:g} s after the run, {lost}"
+            reason = f"{self.label}: not finished {limit:g} s after the run, {lost}"
             if self.saves:
                 return reason
             print_message(reason)
@@ -92,7 +96,7 @@ class MonitorProcess:
             self.process.terminate()
             raise
         return (
-            f"{self.name}: the monitor's process failed with exit code {code}" if code and self.saves else ""
+            f"{self.label}: the monitor's process failed with exit code {code}" if code and self.saves else ""
         )
 
     def _wait(self, limit: float) -> int:
@@ -103,14 +107,14 @@ class MonitorProcess:
             return self.process.wait(_ANNOUNCE_AFTER)
         except subprocess.TimeoutExpired:
             waiting = "the picture is drawn" if self.draws else "all data is received"
-            print_message(f"{self.name}: waiting until {waiting}")
+            print_message(f"{self.label}: waiting until {waiting}")
             return self.process.wait(max(0.0, deadline - time.monotonic()))
 
     def _keep_open(self, interrupted: bool) -> None:
         stop = threading.Event()
         with stop_on_signals(stop):
             if not interrupted and self.process.poll() is None:
-                print_message(f"the run is over; {self.name} stays open until Ctrl-C")
+                print_message(f"the run is over; {self.label} stays open until Ctrl-C")
                 while self.process.poll() is None and not stop.wait(_CHECK_EVERY):
                     pass
             self.process.terminate()
@@ -139,7 +143,7 @@ def wait_until_listening(publisher: "Publisher", monitors: Sequence[MonitorProce
             code = monitor.process.poll()
             if code is not None:
                 raise click.ClickException(
-                    f"{monitor.name}: the monitor's process ended at once, with exit code {code}"
+                    f"{monitor.label}: the monitor's process ended at once, with exit code {code}"
                 )
         if time.monotonic() > deadline:
             print_message(

@@ -225,14 +225,14 @@ class MonitorExtension(RunExtension):
                 with delayed_exit():
                     if files:
                         arguments = [str(part) for item in files.items() for part in item]
-                        name = f"writing {' and '.join(map(str, files.values()))}"
-                        monitors.append(MonitorProcess(publisher, [*arguments, "--no-view", *options], name))
+                        label = f"writing {' and '.join(map(str, files.values()))}"
+                        monitors.append(MonitorProcess(publisher, [*arguments, "--no-view", *options], label))
                     if settings["monitor"]:
-                        monitors.append(MonitorProcess(publisher, options, "the viewer"))
+                        monitors.append(MonitorProcess(publisher, options, label="the viewer"))
                     if settings["serve_web"]:
                         arguments = ["--serve-web", str(settings["serve_web"]), *options]
-                        name = "the viewer for browsers"
-                        monitors.append(MonitorProcess(publisher, arguments, name, stays=True))
+                        label = "the viewer for browsers"
+                        monitors.append(MonitorProcess(publisher, arguments, label, stays=True))
                 wait_until_listening(publisher, monitors)
                 self._publisher = publisher
                 yield

@@ -71,7 +71,7 @@ def monitor(
       4  the recording is incomplete, for example because the disk is full
     """
     check_installed("rerun", "zmq", "msgpack", "numpy")
-    from btcore_monitor.screen.viewer_process import ScreenError
+    from btcore_monitor.screen.rerun_process import ScreenError
     from btcore_monitor.watch.feed import Feed
     from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
 

@@ -179,7 +179,7 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
 
 
 def _show(recording: Recording, window: range, viewer: ViewerOptions, display: DisplayOptions) -> None:
-    from btcore_monitor.screen.viewer_process import ScreenError
+    from btcore_monitor.screen.rerun_process import ScreenError
 
     wants_window = not viewer.given()
     try:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
 
-from btcore_monitor.screen.viewer_process import LOOPBACK, ScreenError, ViewerProcess, hold_port, port_of
+from btcore_monitor.screen.rerun_process import LOOPBACK, RerunProcess, ScreenError, hold_port, port_of
 
 _EXTERNAL_LINK: Final = re.compile(rb"<link\b[^>]*\bhref=\"https?://[^>]*>")
 _HEAD: Final = b"<head>"
@@ -56,7 +56,7 @@ def page_files() -> Mapping[str, PageFile]:
     with hold_port() as held:
         port = port_of(held)
         # Only rerun's program can serve its page at 127.0.0.1 alone; its SDK serves it at all addresses.
-        server = ViewerProcess("--serve-web", f"--web-viewer-port={port}")
+        server = RerunProcess("--serve-web", f"--web-viewer-port={port}")
         try:
             server.wait_until_listening(port)
             return {path: file for path in _FILES if (file := _fetch(port, path)) is not None}

@@ -13,8 +13,8 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from btcore_monitor.screen.panels import TICK_MS
+from btcore_monitor.screen.rerun_process import RerunProcess, ScreenError
 from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
-from btcore_monitor.screen.viewer_process import ScreenError, ViewerProcess
 
 if TYPE_CHECKING:
     from rerun.experimental import View, ViewerState
@@ -123,7 +123,7 @@ class _HeadlessViewer:
         process: The process of the viewer.
     """
 
-    def __init__(self, process: ViewerProcess) -> None:
+    def __init__(self, process: RerunProcess) -> None:
         from rerun.experimental import ViewerClient
 
         self.silent = False
@@ -185,7 +185,7 @@ class _HeadlessViewer:
 def _viewer(size: tuple[int, int]) -> Iterator[_HeadlessViewer]:
     """Run a viewer without a window until the end of the `with` block."""
     window = f"--window-size={size[0]}x{size[1] + _TOP_BAR}"
-    process = ViewerProcess("--headless", "--hide-welcome-screen", window, "--memory-limit=1GB")
+    process = RerunProcess("--headless", "--hide-welcome-screen", window, "--memory-limit=1GB")
     viewer = None
     try:
         process.wait_until_listening()

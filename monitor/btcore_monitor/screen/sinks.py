@@ -17,10 +17,10 @@ from rerun.experimental import ViewerClient
 from btcore_monitor.display import has_display
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.screen.page import PageServer, page_files
-from btcore_monitor.screen.viewer_process import (
+from btcore_monitor.screen.rerun_process import (
     LOOPBACK,
+    RerunProcess,
     ScreenError,
-    ViewerProcess,
     address_of,
     hold_port,
     is_listening,
@@ -47,7 +47,7 @@ class ViewerWindow:
     """
 
     port: int
-    process: ViewerProcess | None = None
+    process: RerunProcess | None = None
 
     @property
     def address(self) -> str:
@@ -181,7 +181,7 @@ def open_window(
     window = ViewerWindow(port)
     if not _is_viewer(window.address, port):
         options = ["--hide-welcome-screen", "--expect-data-soon", f"--memory-limit={memory_limit}"]
-        process = ViewerProcess(*options, port=port, verbose=verbose)
+        process = RerunProcess(*options, port=port, verbose=verbose)
         process.wait_until_drawing()
         window = ViewerWindow(process.port, process)
     if files:

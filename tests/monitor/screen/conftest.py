@@ -23,11 +23,11 @@ from btcore_monitor.events import (
     Ticked,
     TreeSeen,
 )
+from btcore_monitor.screen.rerun_process import ScreenError, hold_port, port_of
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
 from btcore_monitor.screen.screenshot import screenshot
 from btcore_monitor.screen.sinks import RecordingSinks
-from btcore_monitor.screen.viewer_process import ScreenError, hold_port, port_of
 from btcore_scene import Box, Cylinder, Frame, Laser, MovingScene, Scan, Sphere, StaticScene
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)

@@ -27,13 +27,13 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.screen import screenshot as screenshot_module
 from btcore_monitor.screen.font import legible
+from btcore_monitor.screen.rerun_process import ScreenError
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIME
 from btcore_monitor.screen.screenshot import screenshot
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT, PILL_HEIGHT
 from btcore_monitor.screen.tree import TreeView
-from btcore_monitor.screen.viewer_process import ScreenError
 from btcore_scene import Box, Frame, MovingScene, StaticScene
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)

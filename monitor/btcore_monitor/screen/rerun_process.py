@@ -42,7 +42,7 @@ class ScreenError(MonitorError):
     """The viewer, a display, a driver or a port is not available; the message names alternatives."""
 
 
-class ViewerProcess:
+class RerunProcess:
     """A process of rerun with *options* that listens at a port.
 
     Args:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from btcore_monitor.screen.rerun_process import RerunProcess, environment, viewer_program
 from btcore_monitor.screen.sinks import serve_web
-from btcore_monitor.screen.viewer_process import ViewerProcess, environment, viewer_program
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the sockets of a process from /proc")
 
@@ -90,7 +90,7 @@ def test_the_web_viewer_and_its_relay_listen_at_this_machine_only(free_port):
 
 def test_viewers_that_start_at_the_same_moment_get_different_ports(free_port):
     port = free_port()
-    viewers = [ViewerProcess("--serve-web", "--web-viewer-port=0", port=port) for _ in range(2)]
+    viewers = [RerunProcess("--serve-web", "--web-viewer-port=0", port=port) for _ in range(2)]
     try:
         assert viewers[0].port == port
         assert viewers[1].port != port
