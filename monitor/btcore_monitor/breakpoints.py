@@ -190,8 +190,8 @@ class BreakpointClient(Closeable):
         """The robot's tree. It is requested again after the robot has replaced it."""
         with self._lock:
             if self._tree is None:
-                reply = self._reply(Request.FULLTREE, None)
-                with self._decoding():
+                reply = self._receive_reply(Request.FULLTREE, None)
+                with self._convert_errors():
                     self._tree = read_fulltree(reply.body, reply.tree_id)
             return self._tree
 
@@ -214,7 +214,7 @@ class BreakpointClient(Closeable):
     def statuses(self) -> dict[str, str]:
         """Return the status of every node as text, such as `RUNNING`, by the node's path."""
         reply = self._ask(Request.STATUS)
-        with self._decoding():
+        with self._convert_errors():
             records = groot2.decode_statuses(reply.body)
         nodes = self.tree.by_uid
         return {
@@ -224,7 +224,7 @@ class BreakpointClient(Closeable):
     def hooks(self) -> list[WireHook]:
         """Return all hooks of the robot, also those of other clients. Hooks before a tick come first."""
         reply = self._ask(Request.HOOKS_DUMP)
-        with self._decoding():
+        with self._convert_errors():
             return decode_hooks(reply.body)
 
     def path_of(self, uid: int) -> str:
@@ -269,7 +269,7 @@ class BreakpointClient(Closeable):
         Raises:
             BreakpointError: *status* is invalid, no node matches, or the request fails.
         """
-        hook = WireHook(0, POST if after else PRE, REPLACE, once, _overriding(status))
+        hook = WireHook(0, POST if after else PRE, REPLACE, once, _to_status_text(status))
         return self._set([RequestedHook(pattern, hook)])
 
     def release(self, pattern: str = "*", status: str | int | None = None, remove: bool = False) -> list[str]:
@@ -291,10 +291,10 @@ class BreakpointClient(Closeable):
             BreakpointError: *status* is invalid, there is no breakpoint at a matching node, or the request
                 fails.
         """
-        desired = NO_STATUS if status is None else _overriding(status)
-        hooks = self._matching_hooks(pattern, BREAKPOINT)
+        desired = NO_STATUS if status is None else _to_status_text(status)
+        hooks = self._find_hooks(pattern, BREAKPOINT)
         if not hooks:
-            raise BreakpointError(f"there is no breakpoint at '{pattern}': {self._hook_list()}")
+            raise BreakpointError(f"there is no breakpoint at '{pattern}': {self._format_hooks()}")
         for hook in hooks:
             with contextlib.suppress(_HookGoneError):
                 unlocking = BreakpointUnlock(hook.uid, hook.position, desired, remove)
@@ -318,9 +318,9 @@ class BreakpointClient(Closeable):
             self._requested.clear()
             self._ask(Request.REMOVE_ALL_HOOKS)
         else:
-            hooks = self._matching_hooks(pattern)
+            hooks = self._find_hooks(pattern)
             if not hooks:
-                raise BreakpointError(f"there is no hook at '{pattern}': {self._hook_list()}")
+                raise BreakpointError(f"there is no hook at '{pattern}': {self._format_hooks()}")
             self._requested = [request for request in self._requested if request.pattern != pattern]
             for hook in hooks:
                 with contextlib.suppress(_HookGoneError):
@@ -376,7 +376,7 @@ class BreakpointClient(Closeable):
         """
         reached = self.poll(timeout)
         if reached is None:
-            raise BreakpointError(f"no breakpoint was reached within {timeout:g} s: {self._hook_list()}")
+            raise BreakpointError(f"no breakpoint was reached within {timeout:g} s: {self._format_hooks()}")
         return reached
 
     def poll(self, timeout: float = 0.0) -> HookReached | None:
@@ -407,7 +407,7 @@ class BreakpointClient(Closeable):
             BreakpointError: A tick takes longer than *timeout*, or a request fails.
         """
         root = self.tree.root
-        breakpoints = self._matching_hooks(root.path, BREAKPOINT)
+        breakpoints = self._find_hooks(root.path, BREAKPOINT)
         if not any(hook.enabled for hook in breakpoints if hook.position == PRE):
             self._set([RequestedHook(root.path, WireHook(root.uid))])
             self._wait_for_breakpoint(timeout)
@@ -444,12 +444,12 @@ class BreakpointClient(Closeable):
         """Return a hook for each node of the current tree that matches *request*."""
         return [request.hook._replace(uid=node.uid) for node in find_nodes(self.tree, request.pattern)]
 
-    def _matching_hooks(self, pattern: str, *modes: int) -> list[WireHook]:
+    def _find_hooks(self, pattern: str, *modes: int) -> list[WireHook]:
         """Return the hooks of matching nodes that have one of *modes* (by default, any mode)."""
         uids = {node.uid for node in find_nodes(self.tree, pattern)}
         return [hook for hook in self.hooks() if hook.uid in uids and (not modes or hook.mode in modes)]
 
-    def _hook_list(self) -> str:
+    def _format_hooks(self) -> str:
         paths = list(dict.fromkeys(self.path_of(hook.uid) for hook in self.hooks()))
         more = f" and {len(paths) - 8} more" if len(paths) > 8 else ""
         return f"the robot's hooks are at {', '.join(paths[:8])}{more}" if paths else "the robot has no hooks"
@@ -457,7 +457,7 @@ class BreakpointClient(Closeable):
     def _ask(self, kind: Request, body: bytes | None = None) -> Reply:
         with self._lock:
             tree = self.tree
-            reply = self._reply(kind, body)
+            reply = self._receive_reply(kind, body)
             # The robot has another tree, whose uids are different and which has no hooks yet.
             if reply.tree_id != tree.tree_id:
                 self._tree = None
@@ -471,9 +471,9 @@ class BreakpointClient(Closeable):
             with contextlib.suppress(BreakpointError):
                 hooks += self._resolve(request)
         if hooks:
-            self._reply(Request.HOOK_INSERT, encode_hooks(hooks))
+            self._receive_reply(Request.HOOK_INSERT, encode_hooks(hooks))
 
-    def _reply(self, kind: Request, body: bytes | None) -> Reply:
+    def _receive_reply(self, kind: Request, body: bytes | None) -> Reply:
         try:
             return self._client.request(kind, body)
         except NoReplyError:
@@ -493,7 +493,7 @@ class BreakpointClient(Closeable):
             raise BreakpointError(str(error)) from None
 
     @contextlib.contextmanager
-    def _decoding(self) -> Iterator[None]:
+    def _convert_errors(self) -> Iterator[None]:
         """Convert ProtocolError to BreakpointError."""
         try:
             yield
@@ -541,7 +541,7 @@ class _HookGoneError(BreakpointError):
     """Another client removed the hook in the meantime."""
 
 
-def _overriding(status: str | int) -> str:
+def _to_status_text(status: str | int) -> str:
     names = dict(enumerate(STATUS_NAMES))
     name = names.get(status, str(status)) if isinstance(status, int) else status.upper()
     if name not in OVERRIDING:

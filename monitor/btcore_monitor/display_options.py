@@ -59,16 +59,16 @@ class DisplayOptions:
         patterns = [part for pattern in self.find for part in ("--find", pattern)]
         return ["--palette", self.palette, "--log-level", self.log_level, *patterns]
 
-    def screen(self, shown_in: "RecordingSinks | RobotWindow") -> "RobotView":
+    def create_view(self, destination: "RecordingSinks | RobotWindow") -> "RobotView":
         """Return a view of a robot with these options.
 
         Args:
-            shown_in: The destinations of the view's recordings, or the robot's part of a shared window.
+            destination: The destinations of the view's recordings, or the robot's part of a shared window.
         """
         from btcore_monitor.screen.robot_view import RobotView
         from btcore_monitor.screen.style import PALETTES
 
-        return RobotView(shown_in, PALETTES[self.palette], self.find, self.log_level.upper())
+        return RobotView(destination, PALETTES[self.palette], self.find, self.log_level.upper())
 
 
 def display_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -77,7 +77,7 @@ def display_options(command: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(command)
     def with_display(*arguments: Any, **settings: Any) -> Any:
         display = DisplayOptions.from_settings(settings)
-        rest = {name: value for name, value in settings.items() if name not in _names()}
+        rest = {name: value for name, value in settings.items() if name not in _list_names()}
         return command(*arguments, display=display, **rest)
 
     # Reversed: click lists options in the order of decorators, of which the last applied is the first.
@@ -98,10 +98,10 @@ def explicit_options() -> list[str]:
         return []
     return [
         option
-        for option, name in zip(_OPTIONS, _names(), strict=True)
+        for option, name in zip(_OPTIONS, _list_names(), strict=True)
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
     ]
 
 
-def _names() -> list[str]:
+def _list_names() -> list[str]:
     return [option.removeprefix("--").replace("-", "_") for option in _OPTIONS]

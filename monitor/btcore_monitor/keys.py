@@ -54,7 +54,7 @@ class RobotKeys:
     @property
     def public(self) -> str:
         """The robot's public key."""
-        return _public_key(self._secret)
+        return _derive_public_key(self._secret)
 
     def secure(self, socket: _Socket) -> None:
         """Require keys at the endpoints to which *socket* is bound after this call.
@@ -91,7 +91,7 @@ class ClientKeys:
     @property
     def public(self) -> str:
         """The client's public key."""
-        return _public_key(self._secret)
+        return _derive_public_key(self._secret)
 
     def secure(self, socket: _Socket) -> None:
         """Use these keys for the connections that *socket* makes after this call."""
@@ -203,7 +203,7 @@ def _read_lines(path: Path, secret: bool = False) -> list[str]:
     return [line for line in lines if line and not line.startswith("#")]
 
 
-def _public_key(secret: bytes) -> str:
+def _derive_public_key(secret: bytes) -> str:
     return z85.decode(zmq.curve_public(z85.encode(secret))).hex()
 
 

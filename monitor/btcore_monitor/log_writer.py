@@ -63,9 +63,9 @@ class LogWriter:
         if isinstance(event, TreeSeen):
             self._begin(event)
         elif isinstance(event, StatusChanged):
-            self._changed(event)
+            self._write_change(event)
         elif isinstance(event, TransitionsLost):
-            self._missing(f"the transitions {event.first} to {event.last} are lost")
+            self._write_gap(f"the transitions {event.first} to {event.last} are lost")
         elif isinstance(event, DataMissed) and event.topic == "transitions":
             self._incomplete = event.reason
         elif isinstance(event, ConnectionChanged) and event.state == "lost":
@@ -84,13 +84,13 @@ class LogWriter:
 
     def _begin(self, event: TreeSeen) -> None:
         if event.tree.tree_id == self._tree_id:
-            self._missing(self._incomplete or self._lost or "the robot was away")
+            self._write_gap(self._incomplete or self._lost or "the robot was away")
         else:
             self._open(event)
             if "transitions" in event.source.unavailable:
-                self._missing(event.source.unavailable["transitions"], known=True)
+                self._write_gap(event.source.unavailable["transitions"], known=True)
             if any(event.statuses.values()):
-                self._missing("the tree was running before the recording began")
+                self._write_gap("the tree was running before the recording began")
         self._lost = self._incomplete = ""
         self._update(event.t, event.statuses)
 
@@ -106,14 +106,14 @@ class LogWriter:
             self._logs.append(_FORMATS.get(path.suffix, _SqliteLog)(path, event))
             self.files.append(path)
 
-    def _changed(self, event: StatusChanged) -> None:
+    def _write_change(self, event: StatusChanged) -> None:
         if event.uid not in self._statuses:
             return
         if self._next is not None and event.number > self._next:
             # The robot's history no longer holds its first transitions.
-            self._missing(f"the transitions up to {event.number - 1} were before the recording")
+            self._write_gap(f"the transitions up to {event.number - 1} were before the recording")
         if self._incomplete:
-            self._missing(self._incomplete)
+            self._write_gap(self._incomplete)
             self._incomplete = ""
         self._next = None
         # The previous status differs from the known status after a gap.
@@ -135,7 +135,7 @@ class LogWriter:
         for log in self._logs:
             log.add(since, uid, Status(previous), Status(status))
 
-    def _missing(self, reason: str, *, known: bool = False) -> None:
+    def _write_gap(self, reason: str, *, known: bool = False) -> None:
         """Mark a gap for *reason*. A gap that is *known* from the beginning is not counted."""
         self.gaps += not known
         for log in self._logs:

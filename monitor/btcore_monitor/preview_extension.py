@@ -166,7 +166,7 @@ class RobotConnection:
             self._take_results({event.uid: event.status})
             self._has_new_status = True
         elif isinstance(event, events.BlackboardSeen):
-            self._state = state._replace(entries=_entries(event.boards))
+            self._state = state._replace(entries=_list_entries(event.boards))
         elif isinstance(event, events.HooksFound) and not state.breakpoints:
             self._state = state._replace(problem=event.warning)
 
@@ -247,16 +247,16 @@ class RobotConnection:
         self._feed.close()
 
 
-def _entries(boards: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, str, str], ...]:
+def _list_entries(boards: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, str, str], ...]:
     """Return the entries as texts that are short enough for the page."""
     entries = [
-        (path, key, "—" if value is None else _shown(value))
+        (path, key, "—" if value is None else _format_value(value))
         for path, board in boards.items()
         for key, value in sorted(board.items())
     ]
     return tuple(entries[:_MAX_ENTRIES])
 
 
-def _shown(value: object) -> str:
+def _format_value(value: object) -> str:
     text = json.dumps(value, ensure_ascii=False, default=str)
     return text if len(text) <= _MAX_VALUE else text[: _MAX_VALUE - 1] + "…"

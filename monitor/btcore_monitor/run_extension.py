@@ -124,7 +124,7 @@ class MonitorExtension(RunExtension):
             click.UsageError: The options contradict each other, or a file cannot be written.
             click.ClickException: A package or a display is missing.
         """
-        _ports(settings)
+        _choose_ports(settings)
         if "groot1" in settings["publish"] and importlib.util.find_spec("flatbuffers") is None:
             raise click.ClickException(
                 "--publish groot1 needs flatbuffers, which is not installed: "
@@ -136,9 +136,9 @@ class MonitorExtension(RunExtension):
         save: Path | None = settings["save"]
         if save is not None:
             check_is_recording(save)
-        for option, file in _files(settings).items():
+        for option, file in _list_output_files(settings).items():
             check_writable(option, file)
-        shown = _shown(settings)
+        shown = _list_view_options(settings)
         if shown and importlib.util.find_spec("rerun") is None:
             raise click.ClickException(
                 f"{shown[0]} needs rerun, which is not installed: {install_command('rerun')}"
@@ -173,19 +173,19 @@ class MonitorExtension(RunExtension):
             click.ClickException: The tree cannot be published, or a monitor process ends early.
             OutputError: On exit: the file of --save is incomplete, or there is no picture for --screenshot.
         """
-        if not settings["publish"] and not _shown(settings):
+        if not settings["publish"] and not _list_view_options(settings):
             yield
             return
-        files = _files(settings)
+        files = _list_output_files(settings)
         # Imported here, because most runs publish nothing, and the import takes a tenth of a second.
         from btcore_monitor.serve import PortInUseError, ServeError, serve
         from btcore_monitor.serve.publisher import INTERRUPTED_GRACE
 
-        port, groot1 = _ports(settings)
+        port, groot1 = _choose_ports(settings)
         with ExitStack() as stack:
             # The loop of ticks handles signals only later.
             delayed_exit = stack.enter_context(exit_on_sigterm())
-            keys, key_options = _robot_keys(settings, stack)
+            keys, key_options = _create_robot_keys(settings, stack)
             try:
                 publisher = serve(
                     tree,
@@ -251,16 +251,16 @@ class MonitorExtension(RunExtension):
                 raise OutputError("; ".join(failures))
 
 
-def _shown(settings: Mapping[str, Any]) -> list[str]:
+def _list_view_options(settings: Mapping[str, Any]) -> list[str]:
     """Return the options on the command line that show or record the run, such as `--save`."""
     given = {
         "--monitor": settings["monitor"],
         "--serve-web": settings["serve_web"] is not None,
     }
-    return [*_files(settings), *(option for option, is_given in given.items() if is_given)]
+    return [*_list_output_files(settings), *(option for option, is_given in given.items() if is_given)]
 
 
-def _files(settings: Mapping[str, Any]) -> dict[str, Path]:
+def _list_output_files(settings: Mapping[str, Any]) -> dict[str, Path]:
     """Return the options that name a file to write, with their files."""
     options = {"--save": settings["save"], "--screenshot": settings["screenshot"]}
     return {option: file for option, file in options.items() if file is not None}
@@ -274,7 +274,7 @@ def _check_keys(settings: Mapping[str, Any]) -> None:
                 name = option.replace("_", "-")
                 raise click.UsageError(f"--{name} needs --key-file with the robot's secret key")
         return
-    if not settings["publish"] and not _shown(settings):
+    if not settings["publish"] and not _list_view_options(settings):
         raise click.UsageError("--key-file needs --publish: nothing is published")
     if not settings["allow_key"]:
         raise click.UsageError("--key-file needs --allow-key with the public keys of the clients")
@@ -284,7 +284,7 @@ def _check_keys(settings: Mapping[str, Any]) -> None:
         raise click.UsageError(str(error)) from None
 
 
-def _robot_keys(settings: Mapping[str, Any], stack: ExitStack) -> tuple[RobotKeys | None, list[str]]:
+def _create_robot_keys(settings: Mapping[str, Any], stack: ExitStack) -> tuple[RobotKeys | None, list[str]]:
     """Return the keys of the robot, and the options with which its own monitors connect.
 
     The monitors get a key pair of their own, in a temporary folder that *stack* removes.
@@ -299,7 +299,7 @@ def _robot_keys(settings: Mapping[str, Any], stack: ExitStack) -> tuple[RobotKey
     return keys, ["--key-file", str(key), "--robot-key", keys.public]
 
 
-def _ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
+def _choose_ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
     """Return the first port for Groot 2 and the first port for Groot 1; None: not served.
 
     Raises:

@@ -96,7 +96,7 @@ def hook(
 
 
 @contextlib.contextmanager
-def _robot() -> Iterator["BreakpointClient"]:
+def _connect_robot() -> Iterator["BreakpointClient"]:
     """Connect to the robot at the command line's ADDRESS. Convert BreakpointError to click.ClickException."""
     check_installed("zmq", "msgpack", "lxml")
     from btcore_monitor.breakpoints import BreakpointClient, BreakpointError
@@ -133,7 +133,7 @@ def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, dura
 
     From another terminal, `btcore hook release` lets the tree continue.
     """
-    with _robot() as robot:
+    with _connect_robot() as robot:
         paths = robot.break_at(*patterns, after=after, once=once)
         for path in paths:
             print_line(f"breakpoint {'after' if after else 'before'} {path}")
@@ -153,7 +153,7 @@ def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, dura
 @click.option("--remove", is_flag=True, help="Remove the breakpoint too.")
 def release(pattern: str, status: str | None, remove: bool) -> None:
     """Let a tree that waits at a breakpoint continue."""
-    with _robot() as robot:
+    with _connect_robot() as robot:
         for path in robot.release(pattern, status, remove):
             print_line(f"released {path}")
 
@@ -166,7 +166,7 @@ def step(count: int | None, within: float) -> None:
 
     At a terminal, without COUNT, each Enter is one tick, and q lets the tree run.
     """
-    with _robot() as robot:
+    with _connect_robot() as robot:
         _warn_of_other_hooks(robot, [robot.tree.root.path])
         if count is not None or not sys.stdin.isatty():
             _print_step(robot, robot.step(count or 1, within))
@@ -192,7 +192,7 @@ def step(count: int | None, within: float) -> None:
 @duration_option
 def inject(pattern: str, status: str, after: bool, keep: bool, within: float, duration: float | None) -> None:
     """Let the next tick of the nodes that match PATTERN end with STATUS (SUCCESS or FAILURE)."""
-    with _robot() as robot:
+    with _connect_robot() as robot:
         paths = robot.inject(pattern, status, after=after, once=not keep)
         _warn_of_other_hooks(robot, paths)
         if keep:
@@ -221,7 +221,7 @@ def list_() -> None:
     """List the robot's hooks, also those of other clients."""
     from btcore_monitor.wire.hooks import describe_hook
 
-    with _robot() as robot:
+    with _connect_robot() as robot:
         lines = [describe_hook(hook, robot.path_of(hook.uid)) for hook in robot.hooks()]
         for line in lines or ["no hooks"]:
             print_line(line)
@@ -232,7 +232,7 @@ def list_() -> None:
 @click.option("--disable", is_flag=True, help="Disable all hooks instead of removing them.")
 def clear(pattern: str, disable: bool) -> None:
     """Remove hooks (default: all); a tree that waits at a removed breakpoint continues."""
-    with _robot() as robot:
+    with _connect_robot() as robot:
         if disable:
             robot.disable()
             print_line("all hooks are disabled")

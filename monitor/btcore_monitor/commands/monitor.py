@@ -153,8 +153,12 @@ def _watch(
     from btcore_monitor.screen.viewer_windows import SharedWindow
 
     stop = threading.Event()
-    window = SharedWindow(sinks, [_label(feed) for feed in feeds])
-    views = [display.screen(slot) for slot in window.slots] if len(feeds) > 1 else [display.screen(sinks)]
+    window = SharedWindow(sinks, [_create_label(feed) for feed in feeds])
+    views = (
+        [display.create_view(slot) for slot in window.slots]
+        if len(feeds) > 1
+        else [display.create_view(sinks)]
+    )
     errors: list[BaseException] = []
 
     def run(feed: "Feed", view: "RobotView") -> None:
@@ -207,7 +211,7 @@ def _watch(
     return window.files or views[0].files
 
 
-def _label(feed: "Feed") -> str:
+def _create_label(feed: "Feed") -> str:
     """Return the label of a robot: `port PORT` on this machine, otherwise `HOST` or `HOST PORT`."""
     from btcore_monitor.wire.groot2 import DEFAULT_PORT
 

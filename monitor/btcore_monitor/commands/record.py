@@ -82,7 +82,7 @@ def record(
         outputs = (*outputs, bag)
     if not outputs:
         raise click.UsageError("Missing option '-o' / '--output' or '--bag'.")
-    check_installed("zmq", "msgpack", *(["rerun", "numpy"] if _recordings(outputs) else []))
+    check_installed("zmq", "msgpack", *(["rerun", "numpy"] if _filter_recordings(outputs) else []))
     from btcore.logs import LogError
     from btcore_monitor.log_writer import LOGS, WRITE_ERRORS
     from btcore_monitor.watch.address import AddressError
@@ -123,7 +123,7 @@ class _Files:
     def __init__(self, outputs: Sequence[Path], display: DisplayOptions) -> None:
         from btcore_monitor.log_writer import LogWriter
 
-        recordings = _recordings(outputs)
+        recordings = _filter_recordings(outputs)
         self.log = LogWriter([path for path in outputs if path not in recordings])
         self.sinks: list[RecordingSinks] = []
         self.views: list[RobotView] = []
@@ -131,7 +131,7 @@ class _Files:
             from btcore_monitor.screen import sinks
 
             self.sinks = [sinks.RecordingSinks(save=path) for path in recordings]
-            self.views = [display.screen(destination) for destination in self.sinks]
+            self.views = [display.create_view(destination) for destination in self.sinks]
 
     @property
     def written(self) -> list[Path]:
@@ -203,7 +203,7 @@ def _print_source(event: "TreeSeen", statuses_only: bool) -> None:
         _print(_STATUSES_ONLY)
 
 
-def _recordings(outputs: Sequence[Path]) -> list[Path]:
+def _filter_recordings(outputs: Sequence[Path]) -> list[Path]:
     return [path for path in outputs if path.suffix == _RERUN]
 
 

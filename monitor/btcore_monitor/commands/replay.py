@@ -85,7 +85,7 @@ def replay(
     recording = read_log(log)
     for warning in recording.warnings:
         print_line(f"warning: {warning}", err=True)
-    window = _window(recording, begin, end)
+    window = _find_window(recording, begin, end)
     if text:
         _print(recording, window, patterns)
         return
@@ -135,7 +135,7 @@ def events(recording: Recording, window: range) -> Iterator[Event]:
         yield DataMissed(since, stamp, since, "transitions", reason)
 
 
-def _window(recording: Recording, begin: float | None, end: float | None) -> range:
+def _find_window(recording: Recording, begin: float | None, end: float | None) -> range:
     """Return the indices of the transitions between *begin* and *end* (s since the start, inclusive)."""
     since = [change.stamp - recording.start for change in recording.transitions]
     chosen = [
@@ -184,7 +184,7 @@ def _show(recording: Recording, window: range, viewer: ViewerOptions, display: D
     wants_window = not viewer.given()
     try:
         with viewer.open(wants_window) as sinks:
-            view = display.screen(sinks)
+            view = display.create_view(sinks)
             for event in events(recording, window):
                 view.show(event)
             view.close()

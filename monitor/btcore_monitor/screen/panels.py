@@ -80,9 +80,9 @@ class TransitionLog:
         # With several robots, the first column shows the time of the day.
         self._shows_time = bool(rows.place)
         self._lines: Series[tuple[str, str, int]] = rows.series(LOG, log_lines)
-        self._numbers: Series[StatusChanged] = rows.series(f"{LOG}/numbers", _numbers)
+        self._numbers: Series[StatusChanged] = rows.series(f"{LOG}/numbers", _create_number_columns)
 
-    def change(self, event: StatusChanged) -> None:
+    def add_transition(self, event: StatusChanged) -> None:
         """Log a transition as a line `#number  name  PREVIOUS → STATUS`, and as numbers."""
         line = (
             f"#{event.number:<6d} {self._names.get(event.uid, '?' * self._width)} "
@@ -97,25 +97,25 @@ class TransitionLog:
         for series in (self._lines, self._numbers):
             series.send(self._rows.recording)
 
-    def not_found(self, pattern: str, t: int, wall: int) -> None:
+    def add_unmatched_pattern(self, pattern: str, t: int, wall: int) -> None:
         """Log that no node matches a search pattern, at tree time *t* and wall time *wall* (ns)."""
         self._warn(t, wall, f"no node's name or path matches '{pattern}'")
 
-    def raised(self, event: ExceptionRaised) -> None:
+    def add_exception(self, event: ExceptionRaised) -> None:
         """Log the exception of a node."""
         line = f"{event.path} raised: {brief(event.message)}"
         self._add(event.t, event.wall, line, "ERROR", self._palette.ink[FAILURE])
 
-    def gap(self, event: TransitionsLost, t: int, wall: int) -> None:
+    def add_gap(self, event: TransitionsLost, t: int, wall: int) -> None:
         """Log a gap in the transitions at tree time *t* and wall time *wall* (ns)."""
         self._warn(t, wall, f"transitions #{event.first} to #{event.last} are missing: they never arrived")
 
-    def incomplete(self, event: DataMissed) -> None:
+    def add_missing_data(self, event: DataMissed) -> None:
         """Log missing data of unknown amount."""
         since = f"since {self._rows.seconds(event.since):.2f}s " if event.since < event.t else ""
         self._warn(event.t, event.wall, f"{event.topic} {since}incomplete: {event.reason}")
 
-    def hooks(self, event: HooksFound) -> None:
+    def add_hooks(self, event: HooksFound) -> None:
         """Log the warning about hooks of other clients."""
         self._warn(event.t, event.wall, event.warning)
 
@@ -124,7 +124,7 @@ class TransitionLog:
         for topic, reason in source.unavailable.items():
             self._add(t, wall, f"{topic}: {reason}", "INFO", self._palette.faint)
 
-    def link(self, event: ConnectionChanged, t: int, wall: int) -> None:
+    def add_connection(self, event: ConnectionChanged, t: int, wall: int) -> None:
         """Log a change of the connection at tree time *t* and wall time *wall* (ns)."""
         line = f"robot {event.state}" + (f": {event.detail}" if event.detail else "")
         self._add(t, wall, line, "WARN" if event.state == "lost" else "INFO", self._palette.faint)
@@ -143,7 +143,7 @@ def log_lines(values: list[tuple[str, str, int]]) -> Iterable[Any]:
     return rr.TextLog.columns(text=text, level=level, color=np.array(colour, dtype=np.uint32))
 
 
-def _numbers(values: list[StatusChanged]) -> Iterable[Any]:
+def _create_number_columns(values: list[StatusChanged]) -> Iterable[Any]:
     names = ("number", "tick", "uid", "previous", "status")
     columns: dict[str, Any] = {
         name: np.array([getattr(event, name) for event in values], dtype=np.int64) for name in names
@@ -174,7 +174,7 @@ class NowPanel:
         if "exceptions" in source.unavailable:
             self._source_lines.append(f"| raised | {source.unavailable['exceptions']} |")
 
-    def raised(self, event: ExceptionRaised, states: TickStates) -> None:
+    def show_exception(self, event: ExceptionRaised, states: TickStates) -> None:
         """Show the last node that raised an exception.
 
         The panel is updated immediately, because a tick that raises may be the last tick.
@@ -183,24 +183,24 @@ class NowPanel:
         self._raised = f"**{path}** raised at {self._rows.seconds(event.t):.2f} s: {message}"
         self._show(event.t, event.wall, states, self._root)
 
-    def missing(self, event: TransitionsLost | DataMissed) -> None:
+    def count_missing(self, event: TransitionsLost | DataMissed) -> None:
         """Count missing transitions."""
         if isinstance(event, TransitionsLost):
             self._lost += event.last - event.first + 1
         elif event.topic == "transitions":
             self._gaps += 1
 
-    def moving(self, data: MovingScene) -> None:
+    def keep_notes(self, data: MovingScene) -> None:
         """Keep the notes and the collisions of *data* for the next update of the panel."""
         self._notes.update(data.notes)
         if data.collisions is not None:
             self._contacts = f"{data.collisions} collisions · {data.grazes or 0} grazes"
 
-    def tick(self, event: Ticked, states: TickStates) -> None:
+    def show_tick(self, event: Ticked, states: TickStates) -> None:
         """Show the state after a tick."""
         self._show(event.t, event.wall, states, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
 
-    def moment(self, states: TickStates) -> None:
+    def show_states(self, states: TickStates) -> None:
         """Show *states*, for a robot that does not report its ticks."""
         self._show(states.t, states.wall, states, SHOWN_NAMES[int(states.shown[0])])
 
@@ -211,9 +211,9 @@ class NowPanel:
         short = {name: note for name, note in self._notes.items() if len(note) <= _CELL}
         # Long texts are outside the table, because the viewer wraps only lines outside tables.
         lines = [self._raised, ""] if self._raised else []
-        lines += [f"| runs | {self._leaves(runs) or '–'} |", "|:--|:--|"]
+        lines += [f"| runs | {self._format_leaves(runs) or '–'} |", "|:--|:--|"]
         if (failed & self._leaf).any():
-            lines.append(f"| failed | {self._leaves(failed)} |")
+            lines.append(f"| failed | {self._format_leaves(failed)} |")
         lines += [f"| {name} | {note} |" for name, note in short.items()]
         if self._contacts:
             lines.append(f"| robot | {self._contacts} |")
@@ -230,7 +230,7 @@ class NowPanel:
             self._shown = document
             self._series.add(t, wall, document)
 
-    def _leaves(self, chosen: NDArray[np.bool_]) -> str:
+    def _format_leaves(self, chosen: NDArray[np.bool_]) -> str:
         indices = np.flatnonzero(chosen & self._leaf).tolist()
         text = ", ".join(f"**{escape_markdown(self._names[index])}**" for index in indices[:_NAMES_AT_MOST])
         return text if len(indices) <= _NAMES_AT_MOST else f"{text} and {len(indices) - _NAMES_AT_MOST} more"

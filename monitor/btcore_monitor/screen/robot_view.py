@@ -81,7 +81,7 @@ class RobotView:
         self._palette = palette
         self._find = find
         self._level = level
-        self._shown: _Shown | None = None
+        self._display: _TreeDisplay | None = None
         self._new_tree: TreeSeen | None = None
         self._scene: SceneStatic | None = None
         self._sent = self._transitions_sent = time.monotonic()
@@ -90,7 +90,7 @@ class RobotView:
     @property
     def tree(self) -> TreeView | None:
         """The drawing of the current tree, or None if no tree has been drawn."""
-        return self._shown.tree if self._shown is not None else None
+        return self._display.tree if self._display is not None else None
 
     def show(self, event: Event) -> None:
         """Process an event."""
@@ -98,21 +98,21 @@ class RobotView:
             self._draw()
             self._new_tree = event
         # Robots send the static scene right after the tree; it belongs to the tree that is drawn next.
-        elif isinstance(event, SceneStatic) and (self._new_tree is not None or self._shown is None):
+        elif isinstance(event, SceneStatic) and (self._new_tree is not None or self._display is None):
             self._scene = event
             self._draw()
         else:
             self._draw()
-            if self._shown is not None:
-                self._shown.show(event)
+            if self._display is not None:
+                self._display.show(event)
         self._events += 1
         self._send_if_due(SEND_EVERY)
 
     def pause(self) -> None:
         """Process a moment without events: a viewer receives the buffered rows now, a file later."""
         self._draw()
-        if self._shown is not None:
-            self._shown.settle()
+        if self._display is not None:
+            self._display.settle()
         self._send_if_due(0.0)
 
     def _send_if_due(self, live_interval: float) -> None:
@@ -123,17 +123,17 @@ class RobotView:
             self.flush()
         elif now - self._transitions_sent >= WRITE_TRANSITIONS_EVERY and not self._window.is_live:
             self._transitions_sent = now
-            if self._shown is not None:
-                self._shown.log.send()
+            if self._display is not None:
+                self._display.log.send()
 
     def flush(self) -> None:
         """Send the buffered rows."""
         self._sent = self._transitions_sent = time.monotonic()
         self._events = 0
         self._draw()
-        if self._shown is not None:
-            self._shown.settle()
-            self._shown.send()
+        if self._display is not None:
+            self._display.settle()
+            self._display.send()
 
     def close(self) -> None:
         """Send the buffered rows and finish the recording."""
@@ -149,26 +149,26 @@ class RobotView:
         new, self._new_tree = self._new_tree, None
         if new is None:
             return
-        if self._shown is not None and self._shown.is_of(new):
-            self._shown.resume(new)
+        if self._display is not None and self._display.is_of(new):
+            self._display.resume(new)
         else:
             self._finish()
             scene = self._scene is not None
-            self._shown = _Shown(new, self._window, self._palette, scene, self._find, self._level)
-            if self._shown.file is not None:
-                self.files.append(self._shown.file)
+            self._display = _TreeDisplay(new, self._window, self._palette, scene, self._find, self._level)
+            if self._display.file is not None:
+                self.files.append(self._display.file)
         if self._scene is not None:
-            self._shown.show(self._scene)
+            self._display.show(self._scene)
             self._scene = None
         self._sent = time.monotonic()
 
     def _finish(self) -> None:
-        if self._shown is not None:
-            self._shown.close()
-            self._shown = None
+        if self._display is not None:
+            self._display.close()
+            self._display = None
 
 
-class _Shown:
+class _TreeDisplay:
     """A displayed tree with its recording."""
 
     def __init__(
@@ -215,9 +215,9 @@ class _Shown:
         self._show_source(event.source, event.t, event.wall)
         for pattern, uids in matches.items():
             if not uids:
-                self.log.not_found(pattern, event.t, event.wall)
+                self.log.add_unmatched_pattern(pattern, event.t, event.wall)
         self._is_rearranged = True
-        self._shown_filled = self._filled()
+        self._shown_filled = self._list_filled()
         self._show_blueprint()
         for view in self.trees:
             view.draw()
@@ -225,21 +225,21 @@ class _Shown:
         self.cost.draw()
         self._restart(event)
         self._handlers: dict[type, Callable[..., None]] = {
-            StatusChanged: self._changed,
-            Ticked: self._ticked,
-            BlackboardSeen: self._boards,
-            SceneStatic: self._static,
-            SceneMoving: self._moving,
-            ExceptionRaised: self._raised,
-            TransitionsLost: self._gap,
-            DataMissed: self._incomplete,
-            HooksFound: self.log.hooks,
-            ConnectionChanged: self._link,
+            StatusChanged: self._show_transition,
+            Ticked: self._show_tick,
+            BlackboardSeen: self._show_blackboards,
+            SceneStatic: self._show_static_scene,
+            SceneMoving: self._show_moving_scene,
+            ExceptionRaised: self._show_exception,
+            TransitionsLost: self._show_gap,
+            DataMissed: self._show_missing_data,
+            HooksFound: self.log.add_hooks,
+            ConnectionChanged: self._show_connection,
         }
 
     def resume(self, event: TreeSeen) -> None:
         """Continue the same tree with the statuses in *event*. The transitions before it are unknown."""
-        self._at(event.t, event.wall)
+        self._move_to(event.t, event.wall)
         self._restart(event)
 
     def is_of(self, event: TreeSeen) -> bool:
@@ -254,7 +254,7 @@ class _Shown:
         self.lanes.show(self.states, range(len(self.states.shown)))
         self.statistics.start(event.t, event.wall, event.statuses)
         if "ticks" in self.source.unavailable:
-            self.now.moment(self.states)
+            self.now.show_states(self.states)
 
     def show(self, event: Event) -> None:
         handler = self._handlers.get(type(event))
@@ -280,7 +280,7 @@ class _Shown:
         """Send the buffered rows, and the arrangement of the views if it has changed."""
         if self._is_rearranged:
             self._is_rearranged = False
-            self.window.show(self.recording, self._pane())
+            self.window.show(self.recording, self._create_pane())
         self.rows.send()
 
     def close(self) -> None:
@@ -298,7 +298,7 @@ class _Shown:
             # A halt at the time of the last tick must not hide the states of that tick.
             self._t = self.states.t = max(self._t, self._ticked_at + 1)
             self._end_tick(self._t, self._wall)
-            self.now.moment(self.states)
+            self.now.show_states(self.states)
 
     @property
     def _now(self) -> int:
@@ -312,78 +312,78 @@ class _Shown:
             self.blackboard.run(self.states)
             self.lanes.show(self.states, changed)
             if "ticks" in self.source.unavailable:
-                self.now.moment(self.states)
+                self.now.show_states(self.states)
 
     def _colour(self) -> None:
         for view in self.trees:
             view.colour(self.states)
 
-    def _at(self, t: int, wall: int) -> None:
+    def _move_to(self, t: int, wall: int) -> None:
         self._t, self._wall = t, wall
         if self._now > self._end:
             # The axes follow the cursor from now on.
             self._end = _ENDLESS
             self._show_blueprint()
 
-    def _changed(self, event: StatusChanged) -> None:
+    def _show_transition(self, event: StatusChanged) -> None:
         # First, because the states of the previous tick must not contain this event.
         if self.states.is_over(event):
             self._end_tick(self._t, self._wall)
-        self._at(event.t, event.wall)
+        self._move_to(event.t, event.wall)
         self.states.change(event)
-        self.log.change(event)
+        self.log.add_transition(event)
         self.statistics.change(event)
         self.statistics.update(event.t, event.wall)
 
-    def _ticked(self, event: Ticked) -> None:
-        self._at(event.t, event.wall)
+    def _show_tick(self, event: Ticked) -> None:
+        self._move_to(event.t, event.wall)
         self._ticked_at = event.t
         self._end_tick(event.t, event.wall)
         self.cost.tick(event)
-        self.now.tick(event, self.states)
+        self.now.show_tick(event, self.states)
         self.statistics.update(event.t, event.wall)
 
-    def _boards(self, event: BlackboardSeen) -> None:
-        self._at(event.t, event.wall)
+    def _show_blackboards(self, event: BlackboardSeen) -> None:
+        self._move_to(event.t, event.wall)
         self.blackboard.show(event.t, event.wall, event.boards)
         self._show_filled_views()
 
-    def _static(self, event: SceneStatic) -> None:
+    def _show_static_scene(self, event: SceneStatic) -> None:
         if self.scene.static(self._t, self._wall, event.data):
             self._show_blueprint()
 
-    def _moving(self, event: SceneMoving) -> None:
-        self._at(event.t, event.wall)
+    def _show_moving_scene(self, event: SceneMoving) -> None:
+        self._move_to(event.t, event.wall)
         pictured = self.scene.pictured
         self.scene.moving(event.t, event.wall, event.data)
-        self.now.moving(event.data)
+        self.now.keep_notes(event.data)
         if self.scene.pictured != pictured:
             self._show_blueprint()
         self._show_filled_views()
 
-    def _raised(self, event: ExceptionRaised) -> None:
-        self._at(event.t, event.wall)
-        self.log.raised(event)
-        self.now.raised(event, self.states)
+    def _show_exception(self, event: ExceptionRaised) -> None:
+        self._move_to(event.t, event.wall)
+        self.log.add_exception(event)
+        self.now.show_exception(event, self.states)
         uid = self._uids.get(event.path)
         if uid is not None:
             for view in self.trees:
                 view.raised(uid, event.t, event.wall)
 
-    def _gap(self, event: TransitionsLost) -> None:
-        self.log.gap(event, self._t, self._wall)
-        self.now.missing(event)
+    def _show_gap(self, event: TransitionsLost) -> None:
+        self.log.add_gap(event, self._t, self._wall)
+        self.now.count_missing(event)
 
-    def _incomplete(self, event: DataMissed) -> None:
-        self.log.incomplete(event)
-        self.now.missing(event)
+    def _show_missing_data(self, event: DataMissed) -> None:
+        self.log.add_missing_data(event)
+        self.now.count_missing(event)
 
-    def _link(self, event: ConnectionChanged) -> None:
-        self.log.link(event, self._t, self._wall)
+    def _show_connection(self, event: ConnectionChanged) -> None:
+        self.log.add_connection(event, self._t, self._wall)
         if event.state == "ended":
             self._show_remaining()
 
-    def _filled(self) -> frozenset[str]:
+    def _list_filled(self) -> frozenset[str]:
         """Return the entities of the panels that have data to show."""
         has = {
             BLACKBOARD: self.blackboard.has_entries or bool(self.blackboard.note),
@@ -393,7 +393,7 @@ class _Shown:
 
     def _show_filled_views(self) -> None:
         """Give a panel its place in the window when its first data arrive."""
-        filled = self._filled()
+        filled = self._list_filled()
         if filled != self._shown_filled:
             self._shown_filled = filled
             self._show_blueprint()
@@ -402,7 +402,7 @@ class _Shown:
         # Sent with the next rows: when a run begins, several panels get their first data at once.
         self._is_rearranged = True
 
-    def _pane(self) -> Pane:
+    def _create_pane(self) -> Pane:
         return Pane(
             self._palette,
             self.name,
@@ -413,5 +413,5 @@ class _Shown:
             level=self.level,
             place=self.place,
             span=(self._begin, self._end),
-            filled=self._filled(),
+            filled=self._list_filled(),
         )

@@ -109,7 +109,7 @@ class RecordingSinks:
         """Raise RecordingError if a file can no longer be written because the disk is full."""
         for _, file in self._written:
             if _is_full(file):
-                raise _incomplete(file)
+                raise _create_incomplete_error(file)
 
     def finish(self, recording: rr.RecordingStream) -> None:
         """Send the remaining data of *recording* to all destinations, and close it.
@@ -125,7 +125,7 @@ class RecordingSinks:
             if file is not None and (
                 _is_full(file) or (is_late and self.window is None and self.relay is None)
             ):
-                raise _incomplete(file)
+                raise _create_incomplete_error(file)
             # A viewer that was closed is no reason to leave the file unfinished.
             if is_late:
                 break
@@ -142,7 +142,7 @@ def _flush(recording: rr.RecordingStream, deadline: float) -> bool:
     return True
 
 
-def _incomplete(file: Path) -> RecordingError:
+def _create_incomplete_error(file: Path) -> RecordingError:
     reason = "no space left on the disk" if _is_full(file) else "the file cannot be written"
     return RecordingError(f"the recording {file} is incomplete: {reason}")
 

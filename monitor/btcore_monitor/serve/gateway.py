@@ -163,7 +163,7 @@ def _create_locked(parent: Path) -> tuple[Path, int | None]:
     """
     for _ in range(_ATTEMPTS if _HAS_UNIX_SOCKETS else 0):
         folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=parent))
-        lock = _locked(folder)
+        lock = _try_lock(folder)
         if lock is not None:
             return folder, lock
         # Another process has found the folder before it was locked, and removes it.
@@ -177,12 +177,12 @@ def _remove_abandoned(parent: Path) -> None:
         return
     with contextlib.suppress(OSError):
         for folder in parent.glob(f"{_PREFIX}*"):
-            if folder.lstat().st_uid == os.getuid() and (lock := _locked(folder)) is not None:
+            if folder.lstat().st_uid == os.getuid() and (lock := _try_lock(folder)) is not None:
                 shutil.rmtree(folder, ignore_errors=True)
                 os.close(lock)
 
 
-def _locked(folder: Path) -> int | None:
+def _try_lock(folder: Path) -> int | None:
     """Lock *folder*, and return the file descriptor of the lock, or None if another process has locked it."""
     if sys.platform == "win32":
         return None

@@ -169,7 +169,7 @@ class ClientStream:
         self._flags = flags
         if flags & ~(_MORE | _LONG | _COMMAND) or (flags & _COMMAND and flags & _MORE):
             raise ConnectionAbortedError("not a frame of ZMTP")
-        self._limit(flags, size)
+        self._check_limit(flags, size)
         self._left = size
         # Bodies of requests are not read.
         is_read = not self._encrypted and (flags & _COMMAND or self._takes_topics)
@@ -177,7 +177,7 @@ class ClientStream:
         if not size:
             self._end_frame()
 
-    def _limit(self, flags: int, size: int) -> None:
+    def _check_limit(self, flags: int, size: int) -> None:
         if self._takes_topics:
             most = COMMAND_SIZE if self._encrypted or flags & _COMMAND else TOPIC_SIZE + 1
             if self._has_identity:
@@ -207,21 +207,21 @@ class ClientStream:
         elif body is None:
             pass
         elif self._flags & _COMMAND:
-            self._command(bytes(body))
+            self._process_command(bytes(body))
         elif self._flags & _MORE or not body or body[0] > 1:
             raise ConnectionAbortedError("not a subscription")
         else:
-            self._subscription(body[0] == 1, bytes(body[1:]))
+            self._process_subscription(body[0] == 1, bytes(body[1:]))
 
-    def _command(self, body: bytes) -> None:
+    def _process_command(self, body: bytes) -> None:
         # A command begins with its name, and the length of the name.
         name, rest = body[1 : 1 + body[0]] if body else b"", body[1 + body[0] :] if body else b""
         if self._takes_topics and name in (_SUBSCRIBE, _CANCEL):
-            self._subscription(name == _SUBSCRIBE, rest)
+            self._process_subscription(name == _SUBSCRIBE, rest)
         elif name not in _COMMANDS:
             raise ConnectionAbortedError("unknown command")
 
-    def _subscription(self, subscribes: bool, topic: bytes) -> None:
+    def _process_subscription(self, subscribes: bool, topic: bytes) -> None:
         if not subscribes:
             self.topics.discard(topic)
             return
@@ -346,7 +346,7 @@ class Connection:
     def _receive_from_client(self) -> None:
         if self._unchecked or self.held or self._to_server:
             return
-        data = _received(self.client)
+        data = _receive(self.client)
         if data == b"":
             raise ConnectionResetError
         self._unchecked = data or b""
@@ -361,7 +361,7 @@ class Connection:
             self._frames_ahead -= self._stream.frames - frames
             self._bytes_ahead -= checked
             if self.server is None and self._stream.is_zmtp:
-                self.server = _connected(self.port.path)
+                self.server = _connect(self.port.path)
             self._to_server, self._unchecked = self._unchecked[:checked], self._unchecked[checked:]
             if self._stream.request:
                 self._request, self._received = self._stream.request, b""
@@ -393,12 +393,12 @@ class Connection:
 
     def _send_to_server(self) -> None:
         if self.server is not None and self._to_server and not self._in_queue:
-            self._to_server = self._to_server[_sent(self.server, self._to_server) :]
+            self._to_server = self._to_server[_send(self.server, self._to_server) :]
 
     def _receive_from_server(self) -> None:
         if self.server is None:
             return
-        data = _received(self.server)
+        data = _receive(self.server)
         if data == b"":
             self._server_ended = True
             self._unchecked = self._to_server = b""
@@ -419,7 +419,7 @@ class Connection:
     def _send_to_client(self) -> None:
         while self._to_client:
             data = self._to_client[0]
-            sent = _sent(self.client, data)
+            sent = _send(self.client, data)
             if sent:
                 self._hold(-sent)
                 self._waits_since = None
@@ -480,7 +480,7 @@ class Forwarder:
                 self._sweep(now)
             for port in self._ports:
                 self._listen(port, port.may_accept(now))
-            ready = self._selector.select(self._timeout(sweep_at - now))
+            ready = self._selector.select(self._limit_timeout(sweep_at - now))
             now = time.monotonic()
             for key, events in ready:
                 if key.fileobj == self._control:
@@ -510,7 +510,7 @@ class Forwarder:
         elif key.events != events:
             self._selector.modify(watched, events, data)
 
-    def _timeout(self, seconds: float) -> float:
+    def _limit_timeout(self, seconds: float) -> float:
         # A port that does not listen may get a permit soon.
         waits = any(not port.listens and port.connections < CONNECTIONS for port in self._ports)
         return max(0.0, min(seconds, 1 / CONNECTIONS_A_SECOND) if waits else seconds)
@@ -573,7 +573,7 @@ class Forwarder:
         self._selector.close()
 
 
-def _connected(path: str) -> socket.socket:
+def _connect(path: str) -> socket.socket:
     """Return a connection to *path*, a path of a Unix socket or `tcp://address:port`."""
     if sys.platform == "win32" or path.startswith("tcp://"):
         host, _, port = path.removeprefix("tcp://").rpartition(":")
@@ -587,7 +587,7 @@ def _connected(path: str) -> socket.socket:
     return server
 
 
-def _received(source: socket.socket) -> bytes | None:
+def _receive(source: socket.socket) -> bytes | None:
     """Return the bytes that wait, or None if there are none; `b""` is the end."""
     try:
         return source.recv(_READ)
@@ -599,7 +599,7 @@ def _received(source: socket.socket) -> bytes | None:
         raise
 
 
-def _sent(target: socket.socket, data: bytes) -> int:
+def _send(target: socket.socket, data: bytes) -> int:
     try:
         return target.send(data)
     except (BlockingIOError, InterruptedError):

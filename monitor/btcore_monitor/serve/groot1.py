@@ -58,7 +58,9 @@ class Groot1Server:
         }
         # The statuses at the last update; the next update begins with them.
         self._before = dict(self._statuses)
-        self._tree = bytearray(encode_tree(WireTree(tuple(self._nodes(tree)), _models(tree))) + ending)
+        self._tree = bytearray(
+            encode_tree(WireTree(tuple(self._create_wire_nodes(tree)), _create_wire_models(tree))) + ending
+        )
         self._places = dict(zip(self._statuses, status_places(bytes(self._tree)), strict=True))
         self._waiting: list[WireChange] = []
         self._due = 0.0
@@ -70,7 +72,7 @@ class Groot1Server:
             item: The transition, with its wall-clock time.
             now: The time in s of any monotonic clock.
         """
-        self._change(item.change.uid, int(item.change.status), item.wall, now)
+        self._add_change(item.change.uid, int(item.change.status), item.wall, now)
 
     def correct(self, statuses: dict[int, int], wall: int, now: float) -> None:
         """Correct nodes with lost transitions by adding transitions to their current statuses.
@@ -81,9 +83,9 @@ class Groot1Server:
             now: The time in s of any monotonic clock.
         """
         for node, status in statuses.items():
-            self._change(node, status, wall, now)
+            self._add_change(node, status, wall, now)
 
-    def _change(self, node: int, status: int, wall: int, now: float) -> None:
+    def _add_change(self, node: int, status: int, wall: int, now: float) -> None:
         uid, status = self.offset + node, groot1.status_code(status)
         previous = self._statuses[uid]
         if status == previous:
@@ -117,7 +119,7 @@ class Groot1Server:
         """
         return bytes(self._tree)
 
-    def _nodes(self, tree: Tree) -> Iterator[WireNode]:
+    def _create_wire_nodes(self, tree: Tree) -> Iterator[WireNode]:
         instances = {part.path: part.id for part in tree.subtrees}
         for node in tree.nodes:
             uid = self.offset + node.config.uid
@@ -134,11 +136,13 @@ class Groot1Server:
             yield WireNode(uid, children, self._statuses[uid], node.name, node.config.id, tuple(ports))
 
 
-def _models(tree: Tree) -> tuple[WireModel, ...]:
+def _create_wire_models(tree: Tree) -> tuple[WireModel, ...]:
     """Return the models of all registered nodes, and of other nodes in the tree."""
     manifests = tree.registry.manifests_of(tree.format)
     # BehaviorTree.CPP 3.8 does not list the old spelling of RetryUntilSuccessful.
-    models = {id: _model(manifest) for id, manifest in manifests.items() if id != "RetryUntilSuccesful"}
+    models = {
+        id: _create_wire_model(manifest) for id, manifest in manifests.items() if id != "RetryUntilSuccesful"
+    }
     for node in tree.nodes:
         # Groot 1 looks up every node's model without a check, and crashes if it is missing.
         if node.config.id not in models:
@@ -146,12 +150,14 @@ def _models(tree: Tree) -> tuple[WireModel, ...]:
     return tuple(models.values())
 
 
-def _model(manifest: Manifest) -> WireModel:
-    ports = () if manifest.type is NodeType.SUBTREE else tuple(map(_port, manifest.ports.values()))
+def _create_wire_model(manifest: Manifest) -> WireModel:
+    ports = (
+        () if manifest.type is NodeType.SUBTREE else tuple(map(_create_wire_port, manifest.ports.values()))
+    )
     return WireModel(manifest.id, int(manifest.type), ports)
 
 
-def _port(port: Port) -> WirePort:
+def _create_wire_port(port: Port) -> WirePort:
     kind = port.type.name if port.type.strong else _UNTYPED
     return WirePort(port.name, _DIRECTIONS[port.direction], kind, port.description)
 

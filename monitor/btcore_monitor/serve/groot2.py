@@ -102,7 +102,7 @@ class Groot2Server:
             return groot2.encode_error(groot2.TWO_PARTS)
         try:
             if kind not in groot2.HOOKS:
-                body = self._body(kind, frames)
+                body = self._create_body(kind, frames)
             elif control is not None and client is not None:
                 body = control.answer(client, kind, frames[1] if len(frames) > 1 else b"")
             else:
@@ -113,7 +113,7 @@ class Groot2Server:
             return groot2.encode_error(str(error))
         return groot2.encode_reply(header, self._tree_id, body)
 
-    def _body(self, kind: Request, frames: Sequence[bytes]) -> bytes | None:
+    def _create_body(self, kind: Request, frames: Sequence[bytes]) -> bytes | None:
         if kind is Request.FULLTREE:
             return self._xml
         if kind is Request.STATUS:
@@ -121,13 +121,13 @@ class Groot2Server:
         if kind is Request.BLACKBOARD:
             return self._boards(groot2.decode_names(frames[1]))
         if kind is Request.TOGGLE_RECORDING:
-            return self._toggle(frames[1])
+            return self._toggle_recording(frames[1])
         # GET_TRANSITIONS empties the recording for all clients, as in groot2_publisher.cpp.
         recorded = b"".join(self._recorded)
         self._recorded.clear()
         return recorded
 
-    def _toggle(self, command: bytes) -> bytes | None:
+    def _toggle_recording(self, command: bytes) -> bytes | None:
         if command != b"start":
             self._recording_since = 0
             return None

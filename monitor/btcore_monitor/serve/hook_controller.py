@@ -104,7 +104,7 @@ class HookController:
             if self._closed:
                 raise RequestRejectedError(groot2.HOOKS_DISABLED)
             if kind is Request.HOOKS_DUMP:
-                return encode_dump(map(_on_wire, self._hooks.all()))
+                return encode_dump(map(_to_wire_hook, self._hooks.all()))
             if kind is Request.REMOVE_ALL_HOOKS:
                 self._hooks.remove_all()
             elif kind is Request.DISABLE_ALL_HOOKS:
@@ -114,7 +114,7 @@ class HookController:
                 self._controlling[client] = time.monotonic()
                 for hook in hooks:
                     # As in BehaviorTree.CPP, a hook of an unknown node is accepted and has no effect.
-                    self._hooks.insert(_in_engine(hook))
+                    self._hooks.insert(_to_engine_hook(hook))
             elif kind is Request.HOOK_REMOVE:
                 uid, position = decode_place(body)
                 if not self._hooks.remove(uid, HookPosition(position)):
@@ -130,7 +130,7 @@ class HookController:
         return None
 
 
-def _in_engine(hook: WireHook) -> Hook:
+def _to_engine_hook(hook: WireHook) -> Hook:
     return Hook(
         hook.uid,
         HookPosition(hook.position),
@@ -141,7 +141,7 @@ def _in_engine(hook: WireHook) -> Hook:
     )
 
 
-def _on_wire(hook: Hook) -> WireHook:
+def _to_wire_hook(hook: Hook) -> WireHook:
     return WireHook(
         hook.uid, int(hook.position), int(hook.mode), hook.once, hook.desired_status.name, hook.enabled
     )

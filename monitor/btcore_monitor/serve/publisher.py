@@ -139,7 +139,7 @@ class Publisher(Closeable):
                         groot2_port, groot1_port, watch_port, bind
                     )
                     self.watch_address = f"tcp://{host}:{requests_port}"
-                for socket in self._sockets():
+                for socket in self._list_sockets():
                     keys.secure(socket)
             self.port, self.groot1_port = self._bind(self._requests, groot2_port, groot1_port, bind)
             self._gateway.start()
@@ -157,7 +157,7 @@ class Publisher(Closeable):
         self._thread = threading.Thread(target=self._run, name="btcore-publisher", daemon=True)
         self._thread.start()
 
-    def _sockets(self) -> list[Socket]:
+    def _list_sockets(self) -> list[Socket]:
         """Return the sockets to which clients with keys connect, if there are keys."""
         groot1_sockets = self._groot1_sockets
         return [

@@ -64,7 +64,7 @@ class RunStreamServer:
         self._sent = 0
         self._warned: set[str] = set()
         # Encoded now, on the tick thread: the robot may change its objects later.
-        self._static = None if static is None else self._encoded(StaticMessage(tree_id, static))
+        self._static = None if static is None else self._encode(StaticMessage(tree_id, static))
         self._expected: int | None = None
         self._first = 0
         self._rows: list[list[int]] = []
@@ -83,7 +83,9 @@ class RunStreamServer:
             boards = {path: portable_board(board) for path, board in item.boards.items()}
             self._add(BlackboardMessage(self.tree_id, seq, item.stamp, item.wall, boards))
         elif isinstance(item, SceneTaken):
-            self._add(MovingMessage(self.tree_id, seq, item.stamp, item.wall, self._with_jpeg(item.data)))
+            self._add(
+                MovingMessage(self.tree_id, seq, item.stamp, item.wall, self._convert_pictures(item.data))
+            )
         elif isinstance(item, NodeException):
             self._add(RaisedMessage(self.tree_id, seq, item.stamp, item.wall, item.path, item.message))
         elif isinstance(item, Finished):
@@ -129,11 +131,11 @@ class RunStreamServer:
         self._add(TicksMessage(self.tree_id, seq, stamp, wall, tick, duration, status, ended, first, rows))
 
     def _add(self, message: StreamMessage) -> None:
-        data = self._encoded(message)
+        data = self._encode(message)
         if data is not None:
             self.history.add(message.kind, data)
 
-    def _encoded(self, message: Message) -> bytes | None:
+    def _encode(self, message: Message) -> bytes | None:
         try:
             return encode(message)
         except (TypeError, ValueError, LookupError, OverflowError, RecursionError) as error:
@@ -141,7 +143,7 @@ class RunStreamServer:
             self._warn_once(f"a '{message.kind}' message", error)
             return None
 
-    def _with_jpeg(self, scene: MovingScene) -> MovingScene:
+    def _convert_pictures(self, scene: MovingScene) -> MovingScene:
         """Return *scene* with its rgb8 pictures as JPEG. Invalid pictures are left out."""
         if not scene.pictures:
             return scene
@@ -172,13 +174,13 @@ class RunStreamServer:
         if parts[0] == b"here" and len(parts) == 2:
             (self.clients.add if subscribes else self.clients.discard)(parts[1])
         elif parts[0] == b"again" and subscribes and len(parts) >= 2:
-            yield from self._again(parts[1], topic)
+            yield from self._send_again(parts[1], topic)
 
     def introduction(self) -> Iterator[Frames]:
         """Yield the messages about this tree for clients of the previous tree."""
-        return self._again(b"tree", STREAM)
+        return self._send_again(b"tree", STREAM)
 
-    def _again(self, request: bytes, topic: bytes) -> Iterator[Frames]:
+    def _send_again(self, request: bytes, topic: bytes) -> Iterator[Frames]:
         if request == b"tree":
             past = self.history
             tree = TreeMessage(

@@ -88,7 +88,7 @@ def bind_in_a_row(
     """
     if port and not 1 <= port <= 65536 - count:
         raise ServeError(f"port {port} is out of range: choose one from 1 to {65536 - count}")
-    address = _interface_address(host)
+    address = _resolve_interface(host)
     wanted = [socket is not None for socket in sockets]
     if port:
         listeners = _listen(wanted, host, address, port, count, option)
@@ -133,11 +133,11 @@ def _listen(
         except OSError as error:
             for other in listeners:
                 other.close()
-            raise _explained(error.errno or 0, host, port, port + offset, count, option) from None
+            raise _explain_error(error.errno or 0, host, port, port + offset, count, option) from None
     return listeners
 
 
-def _interface_address(host: str) -> str:
+def _resolve_interface(host: str) -> str:
     """Return the IPv4 address of *host*: an address, the name of an interface, or `*`."""
     if host == "*":
         return "0.0.0.0"
@@ -149,12 +149,12 @@ def _interface_address(host: str) -> str:
         try:
             probe.bind(f"tcp://{host}:*")
         except zmq.ZMQError as error:
-            raise _explained(int(error.errno or 0), host, 0, 0, 0, "") from None
+            raise _explain_error(int(error.errno or 0), host, 0, 0, 0, "") from None
         endpoint = probe.getsockopt_string(zmq.LAST_ENDPOINT)
     return endpoint.removeprefix("tcp://").rpartition(":")[0]
 
 
-def _explained(code: int, host: str, first: int, port: int, count: int, option: str) -> ServeError:
+def _explain_error(code: int, host: str, first: int, port: int, count: int, option: str) -> ServeError:
     if code == errno.EADDRINUSE:
         return PortInUseError(port, first, count, option)
     if code == errno.EACCES:

@@ -239,17 +239,17 @@ class Groot1Feed:
             # The statuses of an update are those before its transitions, so the tree is shown at the time of
             # the first transition.
             update = self._waiting[0]
-            self._statuses |= self._by_own_uid(update)
+            self._statuses |= self._map_to_own_uids(update)
             self._is_certain = True
             if update.changes:
                 self._compare_clocks(update)
                 wall = update.changes[0].stamp
-                events.append(self._tree_event(self._time(wall), wall))
+                events.append(self._create_tree_event(self._to_tree_time(wall), wall))
                 return
-        self._t = max(self._t, self._now())
-        events.append(self._tree_event(self._t, wall))
+        self._t = max(self._t, self._read_tree_time())
+        events.append(self._create_tree_event(self._t, wall))
 
-    def _tree_event(self, t: int, wall: int) -> TreeSeen:
+    def _create_tree_event(self, t: int, wall: int) -> TreeSeen:
         assert self._observed is not None
         self._shown = True
         self._reported_up_to = t
@@ -260,7 +260,7 @@ class Groot1Feed:
         uids = self._observed.uids
         return update.statuses.keys() <= uids.keys() and all(change.uid in uids for change in update.changes)
 
-    def _by_own_uid(self, update: Update) -> dict[int, int]:
+    def _map_to_own_uids(self, update: Update) -> dict[int, int]:
         assert self._observed is not None
         return {self._observed.uids[uid]: status for uid, status in update.statuses.items()}
 
@@ -269,9 +269,9 @@ class Groot1Feed:
             return
         self._compare_clocks(update)
         first = update.changes[0].stamp
-        self._compare(self._by_own_uid(update), self._time(first), first, events)
+        self._compare(self._map_to_own_uids(update), self._to_tree_time(first), first, events)
         for change in update.changes:
-            self._change(change, events)
+            self._add_change(change, events)
 
     def _compare(self, received: dict[int, int], t: int, wall: int, events: list[Event]) -> None:
         """Compare the known statuses with the *received* statuses, and correct the known statuses."""
@@ -283,17 +283,17 @@ class Groot1Feed:
                 self._report(uid, IDLE, t, wall, events)
         elif different:
             if self._is_certain:
-                events.append(self._missed(t, wall))
+                events.append(self._create_gap(t, wall))
             self._statuses |= different
-            events.append(self._tree_event(t, wall))
+            events.append(self._create_tree_event(t, wall))
         self._is_certain = True
 
-    def _change(self, change: WireChange, events: list[Event]) -> None:
+    def _add_change(self, change: WireChange, events: list[Event]) -> None:
         assert self._observed is not None
-        uid, t = self._observed.uids[change.uid], self._time(change.stamp)
+        uid, t = self._observed.uids[change.uid], self._to_tree_time(change.stamp)
         if change.previous != self._statuses[uid]:
             if change.previous != IDLE:
-                events.append(self._missed(t, change.stamp))
+                events.append(self._create_gap(t, change.stamp))
             self._report(uid, change.previous, t, change.stamp, events)
         if change.status != change.previous:
             self._report(uid, change.status, t, change.stamp, events)
@@ -305,12 +305,12 @@ class Groot1Feed:
         # Tick 0: the protocol has no numbers of ticks.
         events.append(StatusChanged(self._number, t, wall, 0, uid, previous, status))
 
-    def _missed(self, t: int, wall: int) -> DataMissed:
+    def _create_gap(self, t: int, wall: int) -> DataMissed:
         return DataMissed(
             t, wall, self._reported_up_to, "transitions", "updates of the robot were lost on the network"
         )
 
-    def _now(self) -> int:
+    def _read_tree_time(self) -> int:
         return time.monotonic_ns() - self._began
 
     def _compare_clocks(self, update: Update) -> None:
@@ -320,12 +320,12 @@ class Groot1Feed:
         back, or if an update is too far in the future.
         """
         first, last = update.changes[0].stamp, update.changes[-1].stamp
-        now = self._now()
+        now = self._read_tree_time()
         if first < self._stamp or last - self._clock_offset - now > _FUTURE_NS or not self._stamp:
             self._clock_offset = last - now
         self._stamp = last
 
-    def _time(self, stamp: int) -> int:
+    def _to_tree_time(self, stamp: int) -> int:
         """Return *stamp* (robot's wall clock) as time (ns) since the feed was created; it never decreases."""
         self._t = max(self._t, stamp - self._clock_offset)
         return self._t

@@ -314,12 +314,14 @@ class Groot2Feed:
         results = {
             uid: record.previous for uid, record in records.items() if record.status == 0 and record.previous
         }
-        events.append(TreeSeen(self.tree, self._seen_up_to, wall, statuses, False, self._source(), results))
+        events.append(
+            TreeSeen(self.tree, self._seen_up_to, wall, statuses, False, self._create_source(), results)
+        )
         if self._hooks_listed_for != self._tree_id:
             self._hooks_listed_for = self._tree_id
             self._must_list_hooks = True
 
-    def _source(self) -> DataSource:
+    def _create_source(self) -> DataSource:
         rate = self._boards.rate
         polled = f"requested {rate:g} times a second: short changes are not seen"
         lacks: dict[Topic, str] = {

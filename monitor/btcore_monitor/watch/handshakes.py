@@ -68,11 +68,11 @@ class Handshakes:
         """
         while self.events is not None and self.events.poll(0):
             message: dict[str, Any] = dict(parse_monitor_message(self.events.recv_multipart()))
-            reason = self._refusal(message["event"])
+            reason = self._describe_refusal(message["event"])
             if reason:
                 raise ConnectionRefusedByRobotError(f"{self._address} refused the connection: {reason}")
 
-    def _refusal(self, event: int) -> str:
+    def _describe_refusal(self, event: int) -> str:
         if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
             self._closed = 0
         elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH and self._keys is not None:

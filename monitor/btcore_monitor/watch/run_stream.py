@@ -130,7 +130,7 @@ class RunStreamClient:
     def _register(self) -> None:
         if not self._presence_topic:
             # The robot counts these subscriptions as its clients, and waits for them when it closes.
-            self._presence_topic = b"here/" + _token()
+            self._presence_topic = b"here/" + _create_token()
             self.socket.subscribe(self._presence_topic)
 
     def _request_tree(self) -> None:
@@ -139,7 +139,7 @@ class RunStreamClient:
         # the robot has another tree.
         if len(self._tree_topics) >= _TREE_REQUESTS_AT_MOST:
             self.socket.unsubscribe(self._tree_topics.pop(0))
-        self._tree_topics.append(b"again/tree/" + _token())
+        self._tree_topics.append(b"again/tree/" + _create_token())
         self._tree_requested_at = time.monotonic()
         # A client sends a request by subscribing. The token makes the topic unique, so no other client
         # receives the reply.
@@ -173,7 +173,7 @@ class RunStreamClient:
             self._read_piece(message, received)
             while (first := min(self._waiting_pieces, default=self._next + 1)) <= self._next:
                 piece = self._waiting_pieces.pop(first)
-                self._waiting_bytes -= _size(piece)
+                self._waiting_bytes -= _count_bytes(piece)
                 self._read_piece(piece, received)
 
     def _begin(self, message: TreeMessage) -> None:
@@ -189,7 +189,7 @@ class RunStreamClient:
         del self._tree_topics[:-1]
 
     def _store(self, piece: PieceMessage) -> None:
-        size = _size(piece)
+        size = _count_bytes(piece)
         if piece.first not in self._waiting_pieces and self._waiting_bytes + size <= WAITING_BYTES_AT_MOST:
             self._waiting_pieces[piece.first] = piece
             self._waiting_bytes += size
@@ -228,7 +228,7 @@ class RunStreamClient:
         # Earlier requests stay, because a reply without a subscription would be discarded.
         if len(self._request_topics) >= _REQUESTS_AT_MOST:
             self.socket.unsubscribe(self._request_topics.pop(0))
-        self._request_topics.append(b"again/%d/%s" % (self._next, _token()))
+        self._request_topics.append(b"again/%d/%s" % (self._next, _create_token()))
         self._requested_at = now
         self.socket.subscribe(self._request_topics[-1])
 
@@ -238,10 +238,10 @@ class RunStreamClient:
         self._request_topics.clear()
 
 
-def _size(piece: PieceMessage) -> int:
+def _count_bytes(piece: PieceMessage) -> int:
     """Return the approximate memory of *piece* in bytes; its objects take memory, too."""
     return 500 + sum(100 + len(data) for data in piece.messages)
 
 
-def _token() -> bytes:
+def _create_token() -> bytes:
     return uuid.uuid4().hex[:16].encode()

@@ -98,8 +98,8 @@ def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
     for event in (seen, StatusChanged(1, 5 * MS, 5 * MS, 0, 2, IDLE, RUNNING)):
         screen.show(event)
     screen.flush()
-    assert screen._shown is not None
-    assert screen._shown.states._before.tolist() == [IDLE, RUNNING]
+    assert screen._display is not None
+    assert screen._display.states._before.tolist() == [IDLE, RUNNING]
     screen.close()
 
 
