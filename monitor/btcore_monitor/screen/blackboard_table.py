@@ -66,13 +66,13 @@ class BlackboardTable:
         before, self._boards = self._boards, boards
         self.has_entries = self.has_entries or any(boards.values())
         if before is not None:
-            changes = list(_changes(before, boards))
+            changes = list(_list_changes(before, boards))
             if changes:
                 self._last = {(path, key) for path, key, *_ in changes}
                 self._changed |= dict.fromkeys(self._last, t)
                 if len(self._changed) > _TIMES_AT_MOST:
                     self._changed = dict.fromkeys(self._last, t)
-            lines = [_change(*change) for change in changes[:_LINES_AT_MOST]]
+            lines = [_format_change(*change) for change in changes[:_LINES_AT_MOST]]
             if len(changes) > _LINES_AT_MOST:
                 lines.append(f"… and {len(changes) - _LINES_AT_MOST} more")
             for line in lines:
@@ -91,17 +91,17 @@ class BlackboardTable:
     def _update(self, t: int, wall: int) -> None:
         if self._boards is None:
             return
-        document = self._markdown(self._boards)
+        document = self._format_boards(self._boards)
         if self.note:
             document = f"*{escape_markdown(self.note)}*\n\n{document}"
         if document != self._shown:
             self._shown = document
             self._series.add(t, wall, document)
 
-    def _markdown(self, boards: Boards) -> str:
+    def _format_boards(self, boards: Boards) -> str:
         lines: list[str] = []
         for path in self._running:
-            lines += self._table(path, boards.get(path, {}))
+            lines += self._format_table(path, boards.get(path, {}))
         idle = [path for path, board in boards.items() if board and path not in self._running]
         count = 0
         for at, path in enumerate(idle):
@@ -109,10 +109,10 @@ class BlackboardTable:
             if count > _IDLE_AT_MOST:
                 lines += ["", f"*and {len(idle) - at} blackboards of subtrees that do not run*"]
                 break
-            lines += self._table(path, boards[path])
+            lines += self._format_table(path, boards[path])
         return "\n".join(lines[1:]) if lines else "*no entries*"
 
-    def _table(self, path: str, board: Mapping[str, Any]) -> Iterator[str]:
+    def _format_table(self, path: str, board: Mapping[str, Any]) -> Iterator[str]:
         if not board:
             return
         yield ""
@@ -128,7 +128,7 @@ class BlackboardTable:
             yield f"| and {len(board) - _ENTRIES_AT_MOST} more entries | | |"
 
 
-def _changes(before: Boards, boards: Boards) -> Iterator[tuple[str, str, Any, Any]]:
+def _list_changes(before: Boards, boards: Boards) -> Iterator[tuple[str, str, Any, Any]]:
     """Yield the path, the key, the old and the new value of each changed entry."""
     for path, board in boards.items():
         known = before.get(path, {})
@@ -138,12 +138,12 @@ def _changes(before: Boards, boards: Boards) -> Iterator[tuple[str, str, Any, An
                 yield path, key, old, value
 
 
-def _change(path: str, key: str, old: Any, new: Any) -> str:
+def _format_change(path: str, key: str, old: Any, new: Any) -> str:
     name = f"{path}: {short(key)}" if path else short(key)
-    return f"{name}: {_text(old)} → {_text(new)}"
+    return f"{name}: {_format_value(old)} → {_format_value(new)}"
 
 
-def _text(value: Any) -> str:
+def _format_value(value: Any) -> str:
     return "–" if value is None else short(value).replace("\n", " ")
 
 

@@ -131,8 +131,8 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
     ticks: list[rrb.View] = []
     if pane.costed:
         ticks = [
-            _curve(pane, "Tick duration [ms]", "tick", legend=True),
-            _curve(pane, "Tick rate [Hz]", "rate"),
+            _create_curve_view(pane, "Tick duration [ms]", "tick", legend=True),
+            _create_curve_view(pane, "Tick rate [Hz]", "rate"),
         ]
     if pane.eye is not None:
         below = lanes_share(len(pane.lanes.entities))
@@ -144,9 +144,9 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
             name=name,
         )
     lane_view = rrb.Tabs(lanes(pane), counts)
-    words = [running(pane), *_tables(pane)]
+    words = [running(pane), *_create_table_views(pane)]
     narrow = 0.42 if len(words) > 1 else 0.32
-    texts = rrb.Horizontal(_stacked(words), log(pane), column_shares=[narrow, 1.0 - narrow])
+    texts = rrb.Horizontal(_stack(words), log(pane), column_shares=[narrow, 1.0 - narrow])
     beside = rrb.Vertical(texts, rrb.Horizontal(*ticks), row_shares=[0.68, 0.32]) if ticks else texts
     return rrb.Vertical(
         trees(pane),
@@ -176,7 +176,7 @@ def trees(pane: Pane) -> rrb.View | rrb.Container:
     return views[0] if len(views) == 1 else rrb.Tabs(*views)
 
 
-def _axis(pane: Pane) -> rrb.TimeAxis:
+def _create_axis(pane: Pane) -> rrb.TimeAxis:
     """Return the time axis of lanes and curves.
 
     It shows the whole run until the run is too long, and then the time around the cursor.
@@ -197,14 +197,16 @@ def _axis(pane: Pane) -> rrb.TimeAxis:
 def lanes(pane: Pane) -> rrb.View:
     """Return the view of the lanes."""
     contents = [f"+ /{pane.at(lane)}" for lane in pane.lanes.entities]
-    return rrb.StateTimelineView(origin="/", contents=contents, name=pane.lanes.title, time_view=_axis(pane))
+    return rrb.StateTimelineView(
+        origin="/", contents=contents, name=pane.lanes.title, time_view=_create_axis(pane)
+    )
 
 
-def _curve(pane: Pane, name: str, origin: str, legend: bool = False) -> rrb.View:
+def _create_curve_view(pane: Pane, name: str, origin: str, legend: bool = False) -> rrb.View:
     return rrb.TimeSeriesView(
         origin=pane.at(origin),
         name=name,
-        axis_x=_axis(pane),
+        axis_x=_create_axis(pane),
         plot_legend=rrb.PlotLegend(corner="LeftTop", visible=legend),
         background=rrb.archetypes.PlotBackground(color=pane.palette.background, show_grid=True),
     )
@@ -215,7 +217,7 @@ def running(pane: Pane) -> rrb.View:
     return rrb.TextDocumentView(origin=pane.at(panels.NOW), name="Now")
 
 
-def _tables(pane: Pane) -> list[rrb.View]:
+def _create_table_views(pane: Pane) -> list[rrb.View]:
     """Return the views of the blackboard, if there are entries."""
     tabs: list[rrb.View] = []
     if blackboard_table.BLACKBOARD in pane.filled:
@@ -224,7 +226,7 @@ def _tables(pane: Pane) -> list[rrb.View]:
     return tabs
 
 
-def _stacked(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
+def _stack(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
     """Return the first view above tabs with the others."""
     first, *tabs = views
     if not tabs:
@@ -260,20 +262,20 @@ def _log_view(pane: Pane, entity: str, name: str, rows: rrb.TextLogRows | None =
 
 def _beside_tree(pane: Pane, eye: Eye) -> rrb.Container:
     """Return the views of a robot: its scene, its camera, the texts and the curves."""
-    wide: rrb.View | rrb.Container = _space(pane, "Robot", eye.position, eye.target)
+    wide: rrb.View | rrb.Container = _create_space_view(pane, "Robot", eye.position, eye.target)
     if eye.robot:
-        close = _space(pane, "Close up", _BESIDE, _BESIDE_TARGET, follow=f"/{pane.at(eye.robot)}")
+        close = _create_space_view(pane, "Close up", _BESIDE, _BESIDE_TARGET, follow=f"/{pane.at(eye.robot)}")
         wide = rrb.Horizontal(wide, close, column_shares=[0.56, 0.44])
     now: rrb.View | rrb.Container = running(pane)
     if eye.navigates:
         now = rrb.Tabs(now, rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours"))
-    tables = _tables(pane)
+    tables = _create_table_views(pane)
     texts: rrb.View | rrb.Container = rrb.Tabs(log(pane), *tables) if tables else log(pane)
     curves: list[rrb.View] = []
     if eye.battery:
-        curves.append(_curve(pane, "Battery [%]", scene.BATTERY))
+        curves.append(_create_curve_view(pane, "Battery [%]", scene.BATTERY))
     if scene.SPEED in pane.filled:
-        curves.append(_curve(pane, _SPEED, scene.SPEED))
+        curves.append(_create_curve_view(pane, _SPEED, scene.SPEED))
     if eye.pictures:
         origin = pane.at(camera_view.CAMERA)
         camera = rrb.Spatial2DView(origin=origin, name="Camera", background=pane.background)
@@ -286,7 +288,7 @@ def _beside_tree(pane: Pane, eye: Eye) -> rrb.Container:
     return rrb.Vertical(wide, now, texts, row_shares=[0.45, 0.22, 0.33])
 
 
-def _space(
+def _create_space_view(
     pane: Pane,
     name: str,
     position: tuple[float, float, float],

@@ -36,7 +36,9 @@ class CameraView:
         self._series: dict[tuple[str, str], Series[Any]] = {}
         self._recorded: dict[tuple[str, str], int] = {}
         self._ages: dict[tuple[str, str], _Age] = {}
-        self._detections: Series[Sequence[Detection]] = rows.series(f"{CAMERA}/detections", _boxes)
+        self._detections: Series[Sequence[Detection]] = rows.series(
+            f"{CAMERA}/detections", _create_box_columns
+        )
         self._shown: object = None
 
     def static(self, data: StaticScene) -> None:
@@ -46,7 +48,7 @@ class CameraView:
                 continue
             entity = f"{self._origin}/sight/{entity_part(camera.name)}"
             # A negative radius is in pixels of the screen (in rerun).
-            lines = rr.LineStrips3D(_pyramid(camera), colors=[_SIGHT], radii=[-1.0])
+            lines = rr.LineStrips3D(_create_pyramid(camera), colors=[_SIGHT], radii=[-1.0])
             self._rows.log(entity, self._rows.in_frame(camera.frame), lines, static=True)
 
     def moving(self, t: int, wall: int, data: MovingScene) -> None:
@@ -56,7 +58,9 @@ class CameraView:
             key = picture.name, picture.format
             if key not in self._series:
                 entity = f"{CAMERA}/pictures/{entity_part(picture.name)}"
-                self._series[key] = self._rows.series(entity, _jpegs if key[1] == "jpeg" else _images)
+                self._series[key] = self._rows.series(
+                    entity, _create_jpeg_columns if key[1] == "jpeg" else _create_image_columns
+                )
                 self._ages[key] = _Age(self._rows, picture)
             if not 0 <= t - self._recorded.get(key, t - _PICTURE_EVERY) < _PICTURE_EVERY:
                 self._recorded[key] = t
@@ -80,7 +84,7 @@ class _Age:
         self._opacity: Series[float] = rows.series(
             f"{CAMERA}/pictures/{name}", lambda values: drawn.columns(opacity=values)
         )
-        self._captions: Series[str] = rows.series(f"{CAMERA}/ages/{name}", self._labels)
+        self._captions: Series[str] = rows.series(f"{CAMERA}/ages/{name}", self._create_caption_columns)
         self._seen = 0
         self._faint = False
 
@@ -99,7 +103,7 @@ class _Age:
             self._opacity.add(t, wall, _FAINT)
             self._captions.add(t, wall, f"as of {self._rows.seconds(self._seen):.1f} s")
 
-    def _labels(self, values: list[str]) -> Iterable[Any]:
+    def _create_caption_columns(self, values: list[str]) -> Iterable[Any]:
         captions = [text for text in values if text]
         columns = rr.Points2D.columns(
             positions=np.array([self._middle] * len(captions), dtype=np.float32).reshape(-1, 2),
@@ -111,7 +115,7 @@ class _Age:
         return columns.partition([int(text != "") for text in values])
 
 
-def _pyramid(camera: Camera) -> list[NDArray[np.float64]]:
+def _create_pyramid(camera: Camera) -> list[NDArray[np.float64]]:
     width, height = camera.size
     # The first pixel's centre is at 0, so the picture's centre is at (width - 1) / 2.
     cx, cy = camera.center or ((width - 1) / 2, (height - 1) / 2)
@@ -121,18 +125,18 @@ def _pyramid(camera: Camera) -> list[NDArray[np.float64]]:
     return [rim, *(np.stack((np.zeros(3), corner)) for corner in rim[:4])]
 
 
-def _jpegs(pictures: list[Picture]) -> Iterable[Any]:
+def _create_jpeg_columns(pictures: list[Picture]) -> Iterable[Any]:
     return rr.EncodedImage.columns(
         blob=[picture.data for picture in pictures], media_type=["image/jpeg"] * len(pictures)
     )
 
 
-def _images(pictures: list[Picture]) -> Iterable[Any]:
+def _create_image_columns(pictures: list[Picture]) -> Iterable[Any]:
     formats = [image_format(picture.size, "RGB") for picture in pictures]
     return rr.Image.columns(buffer=[picture.data for picture in pictures], format=formats)
 
 
-def _boxes(values: list[Sequence[Detection]]) -> Iterable[Any]:
+def _create_box_columns(values: list[Sequence[Detection]]) -> Iterable[Any]:
     all_detections = [detection for detections in values for detection in detections]
     boxes = np.array([detection.box for detection in all_detections], dtype=np.float32).reshape(-1, 4)
     columns = rr.Boxes2D.columns(

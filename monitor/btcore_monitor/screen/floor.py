@@ -26,7 +26,7 @@ _STROKES_AT_MOST: Final = 200
 Rgba = NDArray[np.uint8]
 
 
-def _mixed(low: Sequence[int], high: Sequence[int], count: int) -> Rgba:
+def _mix_colours(low: Sequence[int], high: Sequence[int], count: int) -> Rgba:
     share = np.linspace(0.0, 1.0, count)[:, None]
     return np.rint(np.array(low) * (1 - share) + np.array(high) * share).astype(np.uint8)
 
@@ -35,7 +35,7 @@ def _occupancy_colours() -> Rgba:
     """Return the colours of the cell values, shape `(256, 4)`: 0 free … 100 occupied, 255 unknown."""
     # Unknown cells (-1, read as 255) stay transparent.
     colours = np.zeros((256, 4), dtype=np.uint8)
-    colours[:101] = _mixed((52, 66, 88, 150), (150, 174, 210, 255), 101)
+    colours[:101] = _mix_colours((52, 66, 88, 150), (150, 174, 210, 255), 101)
     return colours
 
 
@@ -46,7 +46,7 @@ def _cost_colours() -> Rgba:
     obstacle) is magenta.
     """
     colours = np.zeros((256, 4), dtype=np.uint8)
-    colours[1:253] = _mixed((0, 40, 255, 34), (255, 30, 20, 150), 252)
+    colours[1:253] = _mix_colours((0, 40, 255, 34), (255, 30, 20, 150), 252)
     colours[253] = (0, 225, 225, 120)
     colours[254] = (255, 0, 220, 190)
     return colours
@@ -85,7 +85,7 @@ class Floor:
             )
             log(f"{self._origin}/places", self._rows.in_frame(root), points, static=True)
         if data.areas:
-            strips = [strip for area in data.areas for strip in _hatched(*area.corners)]
+            strips = [strip for area in data.areas for strip in _hatch(*area.corners)]
             drawn = rr.LineStrips3D(strips, colors=[_KEPT_OUT], radii=[0.012])
             log(f"{self._origin}/areas", self._rows.in_frame(root), drawn, static=True)
         # Not logged as static: in rerun, static data hides data that is logged later.
@@ -101,7 +101,7 @@ class Floor:
         if known is None:
             entity = f"{self._origin}/grids/{entity_part(grid.name)}"
             height = _LAYERS[grid.kind] + _STEP * len(self._grids)
-            encode = partial(_columns, height=height)
+            encode = partial(_create_grid_columns, height=height)
             known = self._grids[grid.name] = self._rows.series(entity, encode)
             frame = self._rows.in_frame(grid.frame or root)
             self._rows.log(entity, frame, static=True)
@@ -116,7 +116,7 @@ def image(grid: Grid) -> Rgba:
     return _COLOURS[grid.kind][cells[::-1]]
 
 
-def _columns(grids: list[Grid], height: float) -> Iterable[Any]:
+def _create_grid_columns(grids: list[Grid], height: float) -> Iterable[Any]:
     return rr.GridMap.columns(
         data=[image(grid).tobytes() for grid in grids],
         format=[image_format(grid.size, "RGBA") for grid in grids],
@@ -126,7 +126,7 @@ def _columns(grids: list[Grid], height: float) -> Iterable[Any]:
     )
 
 
-def _hatched(xmin: float, ymin: float, xmax: float, ymax: float) -> list[list[tuple[float, float, float]]]:
+def _hatch(xmin: float, ymin: float, xmax: float, ymax: float) -> list[list[tuple[float, float, float]]]:
     """Return the outline of a rectangle, and diagonal strokes across it."""
     z = 0.03
     strokes = [[(xmin, ymin, z), (xmax, ymin, z), (xmax, ymax, z), (xmin, ymax, z), (xmin, ymin, z)]]

@@ -44,7 +44,7 @@ def fold(tree: ObservedTree, running: Collection[int] = (), most: int = FOLDED_A
     for node in tree.nodes:
         if node.uid in visible and node.uid in running:
             visible.update(node.children)
-    for entry, content in _subtrees(tree, running):
+    for entry, content in _list_subtrees(tree, running):
         added = [uid for uid in content if uid not in visible]
         is_main = entry is None
         if (is_main and not running) or (
@@ -60,7 +60,7 @@ def fold(tree: ObservedTree, running: Collection[int] = (), most: int = FOLDED_A
     return ObservedTree(tree.tree_id, tree.name, tuple(nodes), tree.subtrees)
 
 
-def _subtrees(tree: ObservedTree, running: Collection[int]) -> Iterable[tuple[int | None, list[int]]]:
+def _list_subtrees(tree: ObservedTree, running: Collection[int]) -> Iterable[tuple[int | None, list[int]]]:
     """Return each subtree as its SubTree node (None: main tree) and its content, in order of priority."""
     content: dict[str, list[ObservedNode]] = {}
     for node in tree.nodes:
@@ -180,7 +180,7 @@ class _Drawing:
         self._scale = view.room[0] / (right - left)
         self._place = (-left * self._scale, -top * self._scale, 0.0)
         self._series: list[Series[Any]] = [
-            rows.series(f"{FOLDED}/{layer}/{number}", _transforms) for layer in (LINES, PILLS)
+            rows.series(f"{FOLDED}/{layer}/{number}", _create_transform_columns) for layer in (LINES, PILLS)
         ]
 
     def move(self, t: int, wall: int, is_active: bool) -> None:
@@ -189,6 +189,6 @@ class _Drawing:
             series.add(t, wall, (place, self._scale))
 
 
-def _transforms(values: list[tuple[tuple[float, float, float], float]]) -> Iterable[Any]:
+def _create_transform_columns(values: list[tuple[tuple[float, float, float], float]]) -> Iterable[Any]:
     places, scales = zip(*values, strict=True)
     return rr.Transform3D.columns(translation=list(places), scale=[[scale] * 3 for scale in scales])

@@ -52,14 +52,16 @@ class Lanes:
         self._palette = palette
         self._rows = rows
         nodes = chosen(tree, found)
-        depths = _depths(tree) if len(leaves(tree.nodes)) > LANES_AT_MOST else {}
+        depths = _group_by_depth(tree) if len(leaves(tree.nodes)) > LANES_AT_MOST else {}
         slots = [f"leaf {slot}" if slot > 1 else "leaf" for slot in range(1, LEAVES_AT_ONCE + 1)]
         over = [*depths, *slots] if depths else []
         self.entities = lane_entities([*over, *distinct_names(nodes)])
-        self._running_lanes = [rows.series(entity, _states) for entity in self.entities[: len(over)]]
+        self._running_lanes = [
+            rows.series(entity, _create_state_columns) for entity in self.entities[: len(over)]
+        ]
         index = {node.uid: at for at, node in enumerate(tree.nodes)}
         self._series = {
-            index[node.uid]: rows.series(entity, _states)
+            index[node.uid]: rows.series(entity, _create_state_columns)
             for node, entity in zip(nodes, self.entities[len(over) :], strict=True)
         }
         self._names = distinct_names(tree.nodes)
@@ -119,7 +121,7 @@ class Lanes:
         return self._slots
 
 
-def _depths(tree: ObservedTree) -> dict[str, list[ObservedNode]]:
+def _group_by_depth(tree: ObservedTree) -> dict[str, list[ObservedNode]]:
     """Return the nodes of each lane of a big tree, by the lane's name.
 
     A lane has the SubTree nodes of a depth. In a tree without subtrees, a lane has the root's children.
@@ -136,5 +138,5 @@ def _depths(tree: ObservedTree) -> dict[str, list[ObservedNode]]:
     return {"subtree" if level == 1 else f"subtree {level}": nodes for level, nodes in by_depth.items()}
 
 
-def _states(values: list[str]) -> Iterable[Any]:
+def _create_state_columns(values: list[str]) -> Iterable[Any]:
     return rr.StateChange.columns(state=values)

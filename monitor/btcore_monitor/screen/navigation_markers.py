@@ -42,31 +42,31 @@ class PoseStyle:
     strips: Callable[[Rows, float], Strips]
 
 
-def _path(rows: Rows, footprint: float) -> Strips:
-    return [_lifted(rows[:, :2], 0.05)] if len(rows) > 1 else []
+def _draw_path(rows: Rows, footprint: float) -> Strips:
+    return [_lift(rows[:, :2], 0.05)] if len(rows) > 1 else []
 
 
-def _cloud(rows: Rows, footprint: float) -> Strips:
+def _draw_cloud(rows: Rows, footprint: float) -> Strips:
     ends = rows[:, :2] + _PARTICLE * _ahead(rows)
-    return list(np.stack((_lifted(rows[:, :2], 0.045), _lifted(ends, 0.045)), axis=1))
+    return list(np.stack((_lift(rows[:, :2], 0.045), _lift(ends, 0.045)), axis=1))
 
 
-def _goal(rows: Rows, footprint: float) -> Strips:
+def _draw_goal(rows: Rows, footprint: float) -> Strips:
     poles = [np.array([[x, y, 0.0], [x, y, _GOAL_POLE]], dtype=np.float32) for x, y in rows[:, :2].tolist()]
-    return [*_rings(rows, _GOAL_RING, 0.06), *poles]
+    return [*_draw_rings(rows, _GOAL_RING, 0.06), *poles]
 
 
-def _stance(rows: Rows, footprint: float) -> Strips:
-    return _rings(rows, footprint, 0.07)
+def _draw_stance(rows: Rows, footprint: float) -> Strips:
+    return _draw_rings(rows, footprint, 0.07)
 
 
-def _rings(rows: Rows, radius: float, z: float) -> Strips:
+def _draw_rings(rows: Rows, radius: float, z: float) -> Strips:
     turn = np.linspace(0.0, 2 * np.pi, _RING + 1)
     circle = radius * np.stack((np.cos(turn), np.sin(turn)), axis=1)
     strips: Strips = []
     for pose, ahead in zip(rows, _ahead(rows), strict=True):
-        strips.append(_lifted(pose[:2] + circle, z))
-        strips.append(_lifted(np.stack((pose[:2], pose[:2] + _NOSE * radius * ahead)), z))
+        strips.append(_lift(pose[:2] + circle, z))
+        strips.append(_lift(np.stack((pose[:2], pose[:2] + _NOSE * radius * ahead)), z))
     return strips
 
 
@@ -74,16 +74,16 @@ def _ahead(rows: Rows) -> Rows:
     return np.stack((np.cos(rows[:, 2]), np.sin(rows[:, 2])), axis=1)
 
 
-def _lifted(points: NDArray[np.floating], z: float) -> NDArray[np.float32]:
+def _lift(points: NDArray[np.floating], z: float) -> NDArray[np.float32]:
     return rounded(np.concatenate((points, np.full((len(points), 1), z)), axis=1), _PLACE_STEP)
 
 
 POSE_STYLES: Final[Mapping[str, PoseStyle]] = {
-    "path": PoseStyle(0xB9F24AFF, 0.03, _path),
-    "goal": PoseStyle(0xB9F24AFF, 0.03, _goal),
-    "cloud": PoseStyle(0xFF7AB8A0, 0.004, _cloud),
-    "estimate": PoseStyle(0xFFFFFFFF, 0.018, _stance),
-    "odometry": PoseStyle(0xFF6B62FF, 0.018, _stance),
+    "path": PoseStyle(0xB9F24AFF, 0.03, _draw_path),
+    "goal": PoseStyle(0xB9F24AFF, 0.03, _draw_goal),
+    "cloud": PoseStyle(0xFF7AB8A0, 0.004, _draw_cloud),
+    "estimate": PoseStyle(0xFFFFFFFF, 0.018, _draw_stance),
+    "odometry": PoseStyle(0xFF6B62FF, 0.018, _draw_stance),
 }
 
 
@@ -124,7 +124,7 @@ class NavigationMarkers:
         self._shown[entity] = poses.rows
         style = POSE_STYLES[poses.kind]
         if entity not in self._series:
-            self._series[entity] = self._rows.series(entity, _strips)
+            self._series[entity] = self._rows.series(entity, _create_strip_columns)
             lines = rr.LineStrips3D.from_fields(colors=[style.colour], radii=[style.radius])
             self._rows.log(entity, lines, static=True)
         self._place(entity, poses.frame or root)
@@ -136,7 +136,7 @@ class NavigationMarkers:
         for name, arrow in arrows.items():
             entity = f"{self._origin}/{ARROWS}/{name}"
             if entity not in self._series:
-                self._series[entity] = self._rows.series(entity, _arrows)
+                self._series[entity] = self._rows.series(entity, _create_arrow_columns)
             self._place(entity, arrow.frame or root)
         for entity, series in self._series.items():
             if entity.startswith(f"{self._origin}/{ARROWS}/"):
@@ -154,7 +154,7 @@ class NavigationMarkers:
             self._place(entity, frame)
         for entity, group in by_frame.items():
             if entity not in self._series:
-                self._series[entity] = self._rows.series(entity, _boxes)
+                self._series[entity] = self._rows.series(entity, _create_box_columns)
                 self._rows.log(entity, rr.Boxes3D.from_fields(show_labels=False), static=True)
                 self._box_entities.append(entity)
             if self._shown.get(entity) != group:
@@ -167,7 +167,7 @@ class NavigationMarkers:
             self._rows.log(entity, self._rows.in_frame(frame), static=True)
 
 
-def _boxes(values: list[Sequence[BoundingBox]]) -> Iterable[Any]:
+def _create_box_columns(values: list[Sequence[BoundingBox]]) -> Iterable[Any]:
     boxes = [box for row in values for box in row]
     columns = rr.Boxes3D.columns(
         centers=_table([box.position for box in boxes], 3),
@@ -180,12 +180,12 @@ def _boxes(values: list[Sequence[BoundingBox]]) -> Iterable[Any]:
     return columns.partition([len(row) for row in values])
 
 
-def _strips(values: list[Strips]) -> Iterable[Any]:
+def _create_strip_columns(values: list[Strips]) -> Iterable[Any]:
     columns = rr.LineStrips3D.columns(strips=[strip for row in values for strip in row])
     return columns.partition([len(row) for row in values])
 
 
-def _arrows(values: list[Arrow | None]) -> Iterable[Any]:
+def _create_arrow_columns(values: list[Arrow | None]) -> Iterable[Any]:
     arrows = [arrow for arrow in values if arrow is not None]
     starts = _table([arrow.start for arrow in arrows], 3)
     columns = rr.Arrows3D.columns(

@@ -119,7 +119,7 @@ class RerunProcess:
             return None
         if code in _CLOSED:
             return None
-        text = self._text()
+        text = self._read_output()
         if any(word in text for word in _NO_DRIVER):
             return (
                 "it found no Vulkan driver; on Debian and Ubuntu `apt-get install mesa-vulkan-drivers "
@@ -144,7 +144,7 @@ class RerunProcess:
         if self._output is not None:
             self._output.close()
 
-    def _text(self) -> str:
+    def _read_output(self) -> str:
         if self._output is None:
             return ""
         self._output.seek(0)

@@ -65,7 +65,7 @@ class Series(Generic[Value]):
         values, self._values = self._values, []
         self._t.clear()
         self._wall.clear()
-        recording.send_columns(self.entity, times, map(_legible_column, self._encode(values)))
+        recording.send_columns(self.entity, times, map(_make_column_legible, self._encode(values)))
 
 
 class RowBuffer:
@@ -101,7 +101,7 @@ class RowBuffer:
             components: The archetypes or components to log.
             static: Whether the data is valid for all times.
         """
-        batches = [batch for each in components for batch in _legible_batches(each)]
+        batches = [batch for each in components for batch in _make_batches_legible(each)]
         self.recording.log(self._below + entity, batches, static=static)
 
     def frame(self, name: str) -> str:
@@ -130,7 +130,7 @@ class _Texts:
         return self._texts
 
 
-def _legible_batches(components: Any) -> Iterable[Any]:
+def _make_batches_legible(components: Any) -> Iterable[Any]:
     """Yield the component batches of *components* (an archetype, or batches) as the viewer can draw them."""
     batches = components.as_component_batches() if hasattr(components, "as_component_batches") else components
     for batch in batches:
@@ -141,7 +141,7 @@ def _legible_batches(components: Any) -> Iterable[Any]:
             yield batch
 
 
-def _legible_column(column: Any) -> Any:
+def _make_column_legible(column: Any) -> Any:
     """Return a column of components as the viewer can draw it."""
     rows = column.as_arrow_array()
     if not pa.types.is_string(rows.type.value_type):

@@ -95,9 +95,9 @@ class SceneView:
         """Whether the robot has sent its speed."""
         self._frames: dict[str, Series[Pose]] = {}
         self._poses: dict[str, Pose] = {}
-        self._points: Series[Any] = rows.series(POINTS, _positions)
-        self._fan: Series[Any] = rows.series(FAN, _vertices)
-        self._trail: Series[Any] = rows.series(TRAIL, _strips)
+        self._points: Series[Any] = rows.series(POINTS, _create_position_columns)
+        self._fan: Series[Any] = rows.series(FAN, _create_vertex_columns)
+        self._trail: Series[Any] = rows.series(TRAIL, _create_strip_columns)
         self._v: Series[float] = rows.series(f"{SPEED}/v", scalars)
         self._w: Series[float] = rows.series(f"{SPEED}/w", scalars)
         self._battery: Series[float] = rows.series(f"{BATTERY}/level", scalars)
@@ -210,7 +210,7 @@ class SceneView:
 
     def _set_pose(self, t: int, wall: int, child: str, pose: Pose) -> None:
         before = self._poses.get(child)
-        if before is not None and _near(before, pose):
+        if before is not None and _is_near(before, pose):
             return
         self._poses[child] = pose
         series = self._frames.get(child)
@@ -280,7 +280,7 @@ class SceneView:
         # A bounded loop, because the robot may send frames that form a cycle.
         for _ in range(min(len(self._poses), _FRAMES_DEEP)):
             parent, position, quaternion = self._poses[frame]
-            place = _rotated(place, quaternion) + np.array(position, dtype=np.float64)
+            place = _rotate(place, quaternion) + np.array(position, dtype=np.float64)
             if parent == self._root:
                 place[2] = _TRAIL_HEIGHT
                 return place
@@ -319,7 +319,7 @@ class SceneView:
         return ""
 
 
-def _rotated(point: Vector, quaternion: Sequence[float]) -> Vector:
+def _rotate(point: Vector, quaternion: Sequence[float]) -> Vector:
     x, y, z, w = quaternion
     # v + 2 w (q × v) + 2 q × (q × v), the rotation of v by the unit quaternion (q, w).
     axis = np.array([x, y, z])
@@ -328,7 +328,7 @@ def _rotated(point: Vector, quaternion: Sequence[float]) -> Vector:
     return turned if math.isfinite(w) else point
 
 
-def _near(first: Pose, second: Pose) -> bool:
+def _is_near(first: Pose, second: Pose) -> bool:
     if first[0] != second[0]:
         return False
     return all(
@@ -336,15 +336,15 @@ def _near(first: Pose, second: Pose) -> bool:
     )
 
 
-def _positions(values: list[Any]) -> Iterable[Any]:
+def _create_position_columns(values: list[Any]) -> Iterable[Any]:
     columns = rr.Points3D.columns(positions=rounded(np.concatenate(values), _SCAN_STEP))
     return columns.partition([len(row) for row in values])
 
 
-def _vertices(values: list[Any]) -> Iterable[Any]:
+def _create_vertex_columns(values: list[Any]) -> Iterable[Any]:
     columns = rr.Mesh3D.columns(vertex_positions=rounded(np.concatenate(values), _SCAN_STEP))
     return columns.partition([len(row) for row in values])
 
 
-def _strips(values: list[Any]) -> Iterable[Any]:
+def _create_strip_columns(values: list[Any]) -> Iterable[Any]:
     return rr.LineStrips3D.columns(strips=values)

@@ -61,7 +61,7 @@ def screenshot(
     """
     if not recording.is_file():
         raise ScreenError(f"there is no recording {recording}")
-    with _viewer(size) as viewer:
+    with _open_viewer(size) as viewer:
         viewer.open(recording)
         views = _wait_for_views(viewer)
         chosen = None
@@ -72,10 +72,10 @@ def screenshot(
                 raise ScreenError(f"there is no view {view!r} in the recording; views are: {names}")
         _set_time(viewer, t, recording)
         shot = _settled(viewer, chosen)
-    picture.write_bytes(shot if view is not None else _without_top_bar(shot))
+    picture.write_bytes(shot if view is not None else _remove_top_bar(shot))
 
 
-def _without_top_bar(picture: bytes) -> bytes:
+def _remove_top_bar(picture: bytes) -> bytes:
     """Remove the bar above the views, which may show warnings about the computer, from a window's picture."""
     cropped = io.BytesIO()
     with Image.open(io.BytesIO(picture)) as image:
@@ -182,7 +182,7 @@ class _HeadlessViewer:
 
 
 @contextlib.contextmanager
-def _viewer(size: tuple[int, int]) -> Iterator[_HeadlessViewer]:
+def _open_viewer(size: tuple[int, int]) -> Iterator[_HeadlessViewer]:
     """Run a viewer without a window until the end of the `with` block."""
     window = f"--window-size={size[0]}x{size[1] + _TOP_BAR}"
     process = RerunProcess("--headless", "--hide-welcome-screen", window, "--memory-limit=1GB")

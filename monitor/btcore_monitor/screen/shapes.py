@@ -38,12 +38,12 @@ def archetypes(parts: Sequence[Part], around: bool) -> Iterator[tuple[str, Any]]
     """
     kind = parts[0].kind
     if not around:
-        yield kind, _shape(parts, "solid")
+        yield kind, _create_shape(parts, "solid")
         return
-    yield kind, _shape([_dimmed(_cut(part)) for part in parts], "solid")
-    high = [_lit(part, _OUTLINE_LIGHT) for part in parts if _height(part) > _ROOM and not _is_wall(part)]
+    yield kind, _create_shape([_dim(_cut(part)) for part in parts], "solid")
+    high = [_light(part, _OUTLINE_LIGHT) for part in parts if _height(part) > _ROOM and not _is_wall(part)]
     if high:
-        yield f"{kind}_outlines", _shape(high, "majorwireframe")
+        yield f"{kind}_outlines", _create_shape(high, "majorwireframe")
 
 
 def surface(meshes: Sequence[Mesh], around: bool) -> Any:
@@ -56,7 +56,7 @@ def surface(meshes: Sequence[Mesh], around: bool) -> Any:
     """
     vertices = [_rows(mesh.vertices, "<f4") for mesh in meshes]
     if around:
-        vertices = [_flattened(points) for points in vertices]
+        vertices = [_flatten(points) for points in vertices]
     counts = [len(points) for points in vertices]
     before = np.cumsum([0, *counts[:-1]])
     triangles = [_rows(mesh.triangles, "<u4") + first for mesh, first in zip(meshes, before, strict=True)]
@@ -69,7 +69,7 @@ def surface(meshes: Sequence[Mesh], around: bool) -> Any:
     )
 
 
-def _flattened(points: NDArray[Any]) -> NDArray[Any]:
+def _flatten(points: NDArray[Any]) -> NDArray[Any]:
     """Return the vertices of a mesh, flattened if the mesh is as high as a wall."""
     high = len(points) > 0 and points[:, 2].max() > _WALL_HEIGHT
     return np.minimum(points, np.array((np.inf, np.inf, CUT_AT))) if high else points
@@ -138,19 +138,19 @@ def _cut(part: Part) -> Part:
     return replace(part, position=position, length=CUT_AT)
 
 
-def _dimmed(part: Part) -> Part:
+def _dim(part: Part) -> Part:
     """Return *part*, darker if it is the floor or lies on it, so that laser and trail are clearly visible."""
     height = _height(part)
     on_floor = part.position[2] + height / 2 < _FLAT
-    return _lit(part, _FLOOR_LIGHT) if 0.0 < height < _FLAT and on_floor else part
+    return _light(part, _FLOOR_LIGHT) if 0.0 < height < _FLAT and on_floor else part
 
 
-def _lit(part: Part, light: float) -> Part:
+def _light(part: Part, light: float) -> Part:
     red, green, blue, alpha = part.color or _COLOR
     return replace(part, color=(int(red * light), int(green * light), int(blue * light), alpha))
 
 
-def _shape(parts: Sequence[Part], fill: str) -> Any:
+def _create_shape(parts: Sequence[Part], fill: str) -> Any:
     shared: dict[str, Any] = {
         "centers": [part.position for part in parts],
         "quaternions": [rr.Quaternion(xyzw=part.quaternion or UPRIGHT) for part in parts],

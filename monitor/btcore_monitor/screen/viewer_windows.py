@@ -48,7 +48,7 @@ class SingleRobotWindow:
 
         The entity is empty, because the recording has a single tree.
         """
-        recording = _recording(f"btcore {name}", name)
+        recording = _create_recording(f"btcore {name}", name)
         return recording, "", self._sinks.attach(recording)
 
     def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
@@ -87,7 +87,7 @@ class SharedWindow:
         """Return the recording, a new entity for all entities of a tree, and the file, or None."""
         with self._lock:
             if self._recording is None:
-                self._recording = _recording(f"btcore {self._name}", self._name)
+                self._recording = _create_recording(f"btcore {self._name}", self._name)
                 file = self._sinks.attach(self._recording)
                 self.files += [file] if file is not None else []
             count, first = 1, re.sub(r"[^A-Za-z0-9]+", "_", slot.label).strip("_") or "robot"
@@ -164,7 +164,7 @@ def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:
     return rrb.Horizontal(*columns, name="All robots")
 
 
-def _recording(application: str, name: str) -> rr.RecordingStream:
+def _create_recording(application: str, name: str) -> rr.RecordingStream:
     # The viewer keeps a blueprint for each application name, so windows with different trees need different
     # names.
     recording = rr.RecordingStream(re.sub(r"[^A-Za-z0-9_ -]+", "_", application))

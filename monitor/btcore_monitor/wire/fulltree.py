@@ -170,12 +170,12 @@ class _Reader:
         children: dict[int, list[int]] = {0: []}
         nodes: list[ObservedNode] = []
         self._read.add(main)
-        waiting = [(element, 0, main) for element in _roots(self._trees[main])]
+        waiting = [(element, 0, main) for element in _find_roots(self._trees[main])]
         while waiting:
             element, parent, subtree = waiting.pop()
             if len(nodes) >= _NODES_AT_MOST:
                 raise ProtocolError(f"expected a full tree of at most {_NODES_AT_MOST} nodes, and got more")
-            node = self._node(element, parent, subtree)
+            node = self._read_node(element, parent, subtree)
             nodes.append(node)
             children[parent].append(node.uid)
             children[node.uid] = []
@@ -184,7 +184,7 @@ class _Reader:
             if node.kind == "subtree":
                 # <SubTree> has no child elements: its content is the <BehaviorTree> with the same _fullpath.
                 child_subtree = node.path
-                below = self._content(child_subtree)
+                below = self._list_content(child_subtree)
             # Reversed, because the last item of the list is read next.
             waiting.extend((child, node.uid, child_subtree) for child in reversed(below))
         # The family of a node without a model depends on its number of children, which is known only now.
@@ -194,7 +194,7 @@ class _Reader:
             kind = node.kind if known else kind_from_children(len(below_node))
             yield replace(node, kind=kind, children=below_node)
 
-    def _content(self, path: str) -> list[etree._Element]:
+    def _list_content(self, path: str) -> list[etree._Element]:
         if path not in self._trees:
             raise ProtocolError(
                 f"expected a <BehaviorTree> with _fullpath {describe_value(path)}, and it is missing"
@@ -204,9 +204,9 @@ class _Reader:
                 f"expected a single <SubTree> with _fullpath {describe_value(path)}, and got two"
             )
         self._read.add(path)
-        return _roots(self._trees[path])
+        return _find_roots(self._trees[path])
 
-    def _node(self, element: etree._Element, parent: int, subtree: str) -> ObservedNode:
+    def _read_node(self, element: etree._Element, parent: int, subtree: str) -> ObservedNode:
         tag = str(element.tag)
         for name in (tag, element.get("name", ""), element.get("ID", "")):
             if len(name) > _NAME_AT_MOST:
@@ -249,7 +249,7 @@ class _Reader:
         return ObservedNode(uid, name, node_id, kind, path, parent, (), ports, subtree)
 
 
-def _roots(tree: etree._Element) -> list[etree._Element]:
+def _find_roots(tree: etree._Element) -> list[etree._Element]:
     roots = list(tree.iterchildren(etree.Element))
     if len(roots) != 1:
         name = describe_value(tree.get("ID"))

@@ -82,38 +82,41 @@ def decode_update(frame: bytes) -> Update:
     Raises:
         ProtocolError: *frame* is not an update.
     """
-    size = _size_at(frame, 0)
+    size = _read_size(frame, 0)
     start = 2 * _SIZE.size + size
     if size % _STATUS.size or start > len(frame):
         raise ProtocolError(
             f"expected statuses of {_STATUS.size} bytes each, {size} bytes in all, "
             f"and got {describe_bytes(frame)}"
         )
-    count = _size_at(frame, _SIZE.size + size)
+    count = _read_size(frame, _SIZE.size + size)
     if len(frame) != start + count * _CHANGE.size:
         raise ProtocolError(
             f"expected {count} transitions of {_CHANGE.size} bytes each, and got {describe_bytes(frame)}"
         )
     statuses = {
-        uid: _status(status, uid)
+        uid: _decode_status(status, uid)
         for uid, status in _STATUS.iter_unpack(frame[_SIZE.size : _SIZE.size + size])
     }
     changes = tuple(
         WireChange(
-            (seconds * _US_PER_S + micros) * _NS_PER_US, uid, _status(previous, uid), _status(status, uid)
+            (seconds * _US_PER_S + micros) * _NS_PER_US,
+            uid,
+            _decode_status(previous, uid),
+            _decode_status(status, uid),
         )
         for seconds, micros, uid, previous, status in _CHANGE.iter_unpack(frame[start:])
     )
     return Update(statuses, changes)
 
 
-def _size_at(frame: bytes, offset: int) -> int:
+def _read_size(frame: bytes, offset: int) -> int:
     if offset + _SIZE.size > len(frame):
         raise ProtocolError(f"expected statuses and transitions, and got {describe_bytes(frame)}")
     return int(_SIZE.unpack_from(frame, offset)[0])
 
 
-def _status(code: int, uid: int) -> int:
+def _decode_status(code: int, uid: int) -> int:
     if not 0 <= code <= 3:
         raise ProtocolError(f"expected a status 0–3 of node {uid}, and got {code}")
     return code

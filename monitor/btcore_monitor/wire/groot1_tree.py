@@ -144,8 +144,8 @@ def encode_tree(tree: WireTree) -> bytes:
     # Without defaults the builder leaves out fields of value 0. Then an idle node's status has no byte that
     # status_places could find.
     builder.ForceDefaults(True)
-    nodes = _tables(builder, [_write_node(builder, node) for node in tree.nodes])
-    models = _tables(builder, [_write_model(builder, model) for model in tree.models])
+    nodes = _add_tables(builder, [_write_node(builder, node) for node in tree.nodes])
+    models = _add_tables(builder, [_write_model(builder, model) for model in tree.models])
     root_uid = tree.nodes[0].uid if tree.nodes else 0
     builder.Finish(_write_table(builder, "Haa", root_uid, nodes, models))
     return bytes(builder.Output())
@@ -153,19 +153,21 @@ def encode_tree(tree: WireTree) -> bytes:
 
 def _write_node(builder: "Builder", node: WireNode) -> int:
     # Vectors and strings first: a flatbuffer's objects cannot be nested while they are written.
-    children = _vector(builder, 2, node.children, builder.PrependUint16)
-    remaps = _tables(builder, [_write_table(builder, "aa", *_texts(builder, *pair)) for pair in node.ports])
-    name, id = _texts(builder, node.name, node.id)
+    children = _add_vector(builder, 2, node.children, builder.PrependUint16)
+    remaps = _add_tables(
+        builder, [_write_table(builder, "aa", *_add_texts(builder, *pair)) for pair in node.ports]
+    )
+    name, id = _add_texts(builder, node.name, node.id)
     return _write_table(builder, "Habaaa", node.uid, children, node.status, name, id, remaps)
 
 
 def _write_model(builder: "Builder", model: WireModel) -> int:
-    ports = _tables(builder, [_write_port(builder, port) for port in model.ports])
-    return _write_table(builder, "aba", *_texts(builder, model.id), model.type, ports)
+    ports = _add_tables(builder, [_write_port(builder, port) for port in model.ports])
+    return _write_table(builder, "aba", *_add_texts(builder, model.id), model.type, ports)
 
 
 def _write_port(builder: "Builder", port: WirePort) -> int:
-    name, kind, description = _texts(builder, port.name, port.type, port.description)
+    name, kind, description = _add_texts(builder, port.name, port.type, port.description)
     return _write_table(builder, "abaa", name, port.direction, kind, description)
 
 
@@ -187,16 +189,18 @@ def _write_table(builder: "Builder", fields: str, *values: int) -> int:
     return int(builder.EndObject())
 
 
-def _texts(builder: "Builder", *texts: str) -> list[int]:
+def _add_texts(builder: "Builder", *texts: str) -> list[int]:
     # Shared: the same IDs, ports and types occur in many nodes and models.
     return [builder.CreateSharedString(text) for text in texts]
 
 
-def _tables(builder: "Builder", offsets: list[int]) -> int:
-    return _vector(builder, 4, offsets, builder.PrependUOffsetTRelative)
+def _add_tables(builder: "Builder", offsets: list[int]) -> int:
+    return _add_vector(builder, 4, offsets, builder.PrependUOffsetTRelative)
 
 
-def _vector(builder: "Builder", width: int, items: Iterable[int], prepend: Callable[[int], object]) -> int:
+def _add_vector(
+    builder: "Builder", width: int, items: Iterable[int], prepend: Callable[[int], object]
+) -> int:
     backwards = list(items)[::-1]  # a flatbuffer is built from its end to its beginning
     builder.StartVector(width, len(backwards), width)
     for item in backwards:

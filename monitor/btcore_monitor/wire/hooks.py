@@ -88,7 +88,7 @@ def decode_hooks(body: bytes) -> list[WireHook]:
         JsonError: *body* is not JSON, or a hook is invalid.
     """
     value = read_json(body)
-    return [_hook(item) for item in (value if isinstance(value, list) else [value])]
+    return [_decode_hook(item) for item in (value if isinstance(value, list) else [value])]
 
 
 def decode_place(body: bytes) -> tuple[int, int]:
@@ -98,7 +98,7 @@ def decode_place(body: bytes) -> tuple[int, int]:
         JsonError: *body* is not JSON, or a member is missing or invalid.
     """
     value = read_json(body)
-    return require_number(require_member(value, "uid")), _position(value)
+    return require_number(require_member(value, "uid")), _decode_position(value)
 
 
 def decode_unlocking(body: bytes) -> BreakpointUnlock:
@@ -113,13 +113,13 @@ def decode_unlocking(body: bytes) -> BreakpointUnlock:
     uid = require_number(require_member(value, "uid"))
     # In the order of groot2_publisher.cpp, which decides the first error of a request with several.
     status = require_type(require_member(value, "desired_status"), str)
-    position = _position(value)
+    position = _decode_position(value)
     remove = require_type(require_member(value, "remove_when_done"), bool)
     return BreakpointUnlock(uid, position, status if status in OVERRIDING else NO_STATUS, remove)
 
 
-def _hook(value: Any) -> WireHook:
-    uid, position = require_number(require_member(value, "uid")), _position(value)
+def _decode_hook(value: Any) -> WireHook:
+    uid, position = require_number(require_member(value, "uid")), _decode_position(value)
     enabled = require_type(require_member(value, "enabled"), bool)
     mode = REPLACE if require_number(require_member(value, "mode")) else BREAKPOINT
     once = require_type(require_member(value, "once"), bool)
@@ -129,7 +129,7 @@ def _hook(value: Any) -> WireHook:
     return WireHook(uid, position, mode, once, status, enabled)
 
 
-def _position(value: Any) -> int:
+def _decode_position(value: Any) -> int:
     return POST if require_number(require_member(value, "position")) else PRE
 
 

@@ -266,15 +266,17 @@ def decode(data: bytes) -> Message:
     # A message of a newer publisher still counts in the numbers of the stream.
     if kind not in _KINDS:
         seq = values.get("seq")
-        return UnknownMessage(_field(str, values, "tree_id", kind), seq if _is_int(seq) else 0)
+        return UnknownMessage(_read_field(str, values, "tree_id", kind), seq if _is_int(seq) else 0)
     if kind == TreeMessage.kind:
-        values["statuses"] = _pairs(values)
+        values["statuses"] = _read_pairs(values)
     elif kind == BlackboardMessage.kind:
-        values["boards"] = check_boards(_field(dict, values, "boards", kind))
+        values["boards"] = check_boards(_read_field(dict, values, "boards", kind))
     elif kind in scene_schema.SCENES:
         check_depth(values)
-        values["data"] = scene_schema.unpack_scene(_field(dict, values, "data", kind), kind)
-    message: Message = _KINDS[kind](*(_field(type_, values, name, kind) for name, type_ in _FIELDS[kind]))
+        values["data"] = scene_schema.unpack_scene(_read_field(dict, values, "data", kind), kind)
+    message: Message = _KINDS[kind](
+        *(_read_field(type_, values, name, kind) for name, type_ in _FIELDS[kind])
+    )
     if isinstance(message, TicksMessage):
         _check_rows(message.transitions)
     elif isinstance(message, PieceMessage) and not all(isinstance(data, bytes) for data in message.messages):
@@ -282,7 +284,7 @@ def decode(data: bytes) -> Message:
     return message
 
 
-def _field(type_: type[_T], values: Mapping[str, Any], name: str, kind: str) -> _T:
+def _read_field(type_: type[_T], values: Mapping[str, Any], name: str, kind: str) -> _T:
     value = values.get(name)
     if not isinstance(value, type_) or (type_ is int and not _is_int(value)):
         got = "nothing" if name not in values else describe_value(value)
@@ -298,9 +300,9 @@ def _is_int(value: object) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool) and -_INT_END < value < _INT_END
 
 
-def _pairs(values: Mapping[str, Any]) -> dict[int, int]:
+def _read_pairs(values: Mapping[str, Any]) -> dict[int, int]:
     statuses = {}
-    for pair in _field(list, values, "statuses", "tree"):
+    for pair in _read_field(list, values, "statuses", "tree"):
         if (
             not (isinstance(pair, list) and len(pair) == 2 and _is_int(pair[0]) and _is_int(pair[1]))
             or pair[1] not in _STATUSES

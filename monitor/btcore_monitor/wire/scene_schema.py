@@ -43,11 +43,11 @@ _PLAIN: Final[Mapping[Any, tuple[Any, str]]] = {
 
 def pack_scene(scene: Scene) -> dict[str, Any]:
     """Return *scene* as plain data, with its cells and pixels compressed."""
-    packed: dict[str, Any] = _plain(scene)
+    packed: dict[str, Any] = _to_plain(scene)
     extra = packed.pop("extra", {})
     for key, blob in _BLOBS.items():
         if key in packed:
-            packed[key] = [_deflated(entry, blob) for entry in packed[key]]
+            packed[key] = [_deflate(entry, blob) for entry in packed[key]]
     return {**packed, **extra}
 
 
@@ -69,7 +69,7 @@ def unpack_scene(data: Mapping[str, Any], kind: str) -> Scene:
     for key, blob in _BLOBS.items():
         if key in known and key in data:
             entries = zip(getattr(scene, key), data[key], strict=True)
-            changed[key] = tuple(_inflated(entry, sent, key, blob) for entry, sent in entries)
+            changed[key] = tuple(_inflate(entry, sent, key, blob) for entry, sent in entries)
     return replace(scene, **changed)
 
 
@@ -82,9 +82,9 @@ def _check_mesh(mesh: Mesh) -> None:
         raise ProtocolError(f"expected triangles of {count} vertices, and got the vertex {highest}")
 
 
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     if isinstance(value, list | tuple) and value and is_dataclass(value[0]):
-        return [_plain(item) for item in value]
+        return [_to_plain(item) for item in value]
     if not is_dataclass(value):
         return value
     sent: dict[str, Any] = {}
@@ -93,18 +93,18 @@ def _plain(value: Any) -> Any:
         # An empty sequence is sent if the default is None: an empty `arrows` removes all, None keeps them.
         unset = field.default is not None and isinstance(content, list | tuple | dict) and not content
         if content is not None and not unset:
-            sent[field.name] = _plain(content)
+            sent[field.name] = _to_plain(content)
     return sent
 
 
-def _deflated(entry: dict[str, Any], blob: str) -> dict[str, Any]:
+def _deflate(entry: dict[str, Any], blob: str) -> dict[str, Any]:
     # JPEG is compressed already.
     if entry.get("format") == "jpeg":
         return entry
     return {**entry, blob: zlib.compress(entry[blob], _LEVEL), "coding": "zlib"}
 
 
-def _inflated(entry: Grid | Picture, sent: Mapping[str, Any], key: str, blob: str) -> Grid | Picture:
+def _inflate(entry: Grid | Picture, sent: Mapping[str, Any], key: str, blob: str) -> Grid | Picture:
     """Return *entry* with its data decompressed. *sent* is its form on the wire."""
     if isinstance(entry, Picture) and entry.format == "jpeg":
         return entry
@@ -114,14 +114,14 @@ def _inflated(entry: Grid | Picture, sent: Mapping[str, Any], key: str, blob: st
         raise ProtocolError(
             f"expected at most {CELLS_AT_MOST} bytes in '{key}', and got {width} times {height}"
         )
-    data: Any = _unzipped(sent, blob, length) if "coding" in sent else sent[blob]
+    data: Any = _decompress(sent, blob, length) if "coding" in sent else sent[blob]
     if len(data) != length:
         raise ProtocolError(f"expected {length} bytes of '{blob}' for {entry.name!r}, and got {len(data)}")
     changed: Any = {blob: data}
     return replace(entry, **changed)
 
 
-def _unzipped(sent: Mapping[str, Any], blob: str, length: int) -> bytes:
+def _decompress(sent: Mapping[str, Any], blob: str, length: int) -> bytes:
     if sent["coding"] != "zlib":
         raise ProtocolError(
             f"expected '{blob}' to be coded by zlib, and got {describe_value(sent['coding'])}"
@@ -133,7 +133,7 @@ def _unzipped(sent: Mapping[str, Any], blob: str, length: int) -> bytes:
         raise ProtocolError(f"expected compressed '{blob}' for {sent['name']!r}, and got {error}") from None
 
 
-def _unexpected(where: str, expected: str, value: object) -> ProtocolError:
+def _create_error(where: str, expected: str, value: object) -> ProtocolError:
     return ProtocolError(f"expected {where} to be {expected}, and got {describe_value(value)}")
 
 
@@ -164,13 +164,13 @@ def _reader(hint: Any) -> Reader:
 def _plain_value(kind: Any, expected: str) -> Reader:
     def read(value: object, where: str) -> object:
         if not isinstance(value, kind) or isinstance(value, bool):
-            raise _unexpected(where, expected, value)
+            raise _create_error(where, expected, value)
         if isinstance(value, int | float):
             # The comparison is false for NaN.
             if not abs(value) <= (_STAMP_AT_MOST if kind is int else NUMBER_AT_MOST):
-                raise _unexpected(where, f"{expected} of a usual size", value)
+                raise _create_error(where, f"{expected} of a usual size", value)
         elif isinstance(value, str) and len(value) > _TEXT_AT_MOST:
-            raise _unexpected(where, f"{expected} of at most {_TEXT_AT_MOST} characters", value)
+            raise _create_error(where, f"{expected} of at most {_TEXT_AT_MOST} characters", value)
         return value
 
     return read
@@ -189,7 +189,7 @@ def _values(width: int, expected: str) -> Reader:
 def _word(words: Sequence[str]) -> Reader:
     def read(value: object, where: str) -> object:
         if value not in words:
-            raise _unexpected(where, " or ".join(words), value)
+            raise _create_error(where, " or ".join(words), value)
         return value
 
     return read
@@ -198,7 +198,7 @@ def _word(words: Sequence[str]) -> Reader:
 def _list(reader: Reader, count: int | None = None) -> Reader:
     def read(value: object, where: str) -> object:
         if not isinstance(value, list | tuple) or (count is not None and len(value) != count):
-            raise _unexpected(where, "a list" if count is None else f"{count} values", value)
+            raise _create_error(where, "a list" if count is None else f"{count} values", value)
         if len(value) > _ENTRIES_AT_MOST:
             raise ProtocolError(
                 f"expected at most {_ENTRIES_AT_MOST} values in {where}, and got {len(value)}"
@@ -210,7 +210,7 @@ def _list(reader: Reader, count: int | None = None) -> Reader:
 
 def _texts(value: object, where: str) -> object:
     if not isinstance(value, Mapping):
-        raise _unexpected(where, "a map", value)
+        raise _create_error(where, "a map", value)
     return {key: _reader(str)(text, where) for key, text in value.items()}
 
 
@@ -224,7 +224,7 @@ def _record(kind: Any) -> Reader:
 
     def read(value: object, where: str) -> object:
         if not isinstance(value, Mapping):
-            raise _unexpected(where, "a map", value)
+            raise _create_error(where, "a map", value)
         values = {}
         for name, reader, required in known:
             if name in value:
@@ -258,7 +258,7 @@ def _row(kind: Any) -> Reader:
 
     def read(value: object, where: str) -> object:
         if not isinstance(value, list | tuple) or len(value) != len(readers):
-            raise _unexpected(f"one of {where}", f"{len(readers)} values", value)
+            raise _create_error(f"one of {where}", f"{len(readers)} values", value)
         pairs = zip(readers, value, strict=True)
         return kind(*(reader(item, f"the {name} in {where}") for (name, reader), item in pairs))
 

@@ -204,7 +204,7 @@ def test_a_viewer_that_does_not_answer_is_killed(vulkan, recording, monkeypatch)
     monkeypatch.setattr(screenshot_module, "_ANSWER_WITHIN", 2.0)
 
     def draw() -> None:
-        with screenshot_module._viewer(SMALL) as viewer:
+        with screenshot_module._open_viewer(SMALL) as viewer:
             os.kill(viewer._process._process.pid, signal.SIGSTOP)
             viewer.picture(None)
 
