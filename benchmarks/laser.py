@@ -2,10 +2,10 @@
 
     python benchmarks/laser.py [--pairs 15] [--worlds house aws_house] [--json]
 
-A scan of Tiago's laser casts 666 rays against all static and movable objects of the scene, and adds noise.
+A scan of Tiago's laser casts 666 rays against all static and movable objects of the world, and adds noise.
 The reference is pybullet's `rayTestBatch` with the same rays in the same world; it has neither noise nor the
 special values of REP 117, and its arguments are created before the measurement. Both must find the same
-distances. The scans are made at the scene's waypoints, in turn. A pair consists of a scan and a call of the
+distances. The scans are made at the world's waypoints, in turn. A pair consists of a scan and a call of the
 reference, directly after each other; ratios are computed within a pair. Times are processor times of a single
 thread. A column shows the time of a scan as a percentage of the time between two scans.
 """
@@ -20,8 +20,8 @@ from btcore.clock import NS_PER_MS
 from btcore_sim.laser import Floats, Laser, MovableObstacles, RayCaster
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import load_description
-from btcore_sim.scene import load_scene
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 from measure.paired_timing import Work, measure_rounds
 from measure.report import Report, arguments
 
@@ -51,11 +51,11 @@ def peer_rays(world: World, place: Point, angles: Floats, reach: float) -> Calla
 def scans(world: World, count: int) -> Iterator[Mapping[str, Work]]:
     """Yield *count* pairs of the reference and a scan, after a pair for the warm-up."""
     facts = load_description().laser.facts
-    still = RayCaster.of([thing for thing in world.scene.things if thing.still])
+    still = RayCaster.of([thing for thing in world.description.things if thing.still])
     moved = MovableObstacles(world.client, {body: world.bodies[body] for body in world.movable})
     laser = Laser(facts, still, np.random.default_rng(0), moved)
     angles = facts.angle_min + facts.angle_increment * np.arange(facts.rays, dtype=np.float64)
-    places = list(world.scene.waypoints.values())
+    places = list(world.description.waypoints.values())
     reach = facts.range_max
     for index in range(count + 1):
         x, y = places[index % len(places)]
@@ -78,7 +78,7 @@ def main() -> None:
     question = f"The time for a scan of {facts.rays} rays, compared with pybullet's rays"
     report = Report("laser", question, given.pairs)
     for name in given.worlds[: 1 if given.quick else None]:
-        world = World(load_scene(name))
+        world = World(load_world_description(name))
         taken = measure_rounds(scans(world, given.pairs))
         peer, scan = taken.time("peer").median / NS_PER_MS, taken.time("scan").median / NS_PER_MS
         figures = {

@@ -25,7 +25,7 @@ from btcore_navigation.relocalisation import HEADINGS_A_STEP
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import load_scene
+from btcore_sim.worlds import load_world_description
 from measure.paired_timing import measure_rounds
 from measure.report import Report, arguments
 
@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument("--particles", type=int, nargs="+", default=[500, 1000, 2000])
     parser.add_argument("--beams", type=int, default=60)
     given = parser.parse_args()
-    field_map = rasterise(load_scene("house"))
+    field_map = rasterise(load_world_description("house"))
     field, naive = LikelihoodField(field_map), NaiveField(field_map)
     points = beam_ends(field_map, given.beams)
     height, width = field_map.cells.shape

@@ -28,7 +28,7 @@ from btcore_navigation.planner import Planner
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserScan, Pose2D
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import load_scene
+from btcore_sim.worlds import load_world_description
 from measure.paired_timing import Work, measure_rounds
 from measure.report import Report, arguments
 
@@ -136,9 +136,9 @@ def main() -> None:
     given = parser.parse_args()
     cv2.setNumThreads(1)  # processor time is the sum of all threads
     random = np.random.default_rng(0)
-    scene = load_scene(given.world)
-    map = rasterise(scene)
-    places = [Pose2D(x, y, 0.0) for x, y in (scene.waypoints[f"wp{number}"] for number in (1, 2, 3))]
+    description = load_world_description(given.world)
+    map = rasterise(description)
+    places = [Pose2D(x, y, 0.0) for x, y in (description.waypoints[f"wp{number}"] for number in (1, 2, 3))]
     legs = [(places[index], places[(index + 1) % 3]) for index in range(1 if given.quick else 3)]
     still = GlobalCostmap(map)
     question = f"The time for planning in {given.world}, {map.height} × {map.width} cells"

@@ -23,10 +23,10 @@ RUNS = {"house": "patrolling", "arena": "bumpgo_wide"}
 """The tree that runs in each world."""
 PHYSICS = (
     "import sys, time\n"
-    "from btcore_sim.scene import load_scene\n"
     "from btcore_sim.simulated_robot import SimulatedRobot\n"
     "from btcore_sim.world import World\n"
-    "world = World(load_scene(sys.argv[1]))\n"
+    "from btcore_sim.worlds import load_world_description\n"
+    "world = World(load_world_description(sys.argv[1]))\n"
     "robot = SimulatedRobot(world)\n"
     "began = time.process_time()\n"
     "world.settle(float(sys.argv[2]))\n"

@@ -2,11 +2,11 @@
 
 import btcore
 from btcore_robot import leaves
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
-world = World(load_scene("arena"), seed=3)
+world = World(load_world_description("arena"), seed=3)
 robot = SimulatedRobot(world)
 
 nodes = btcore.Registry.standard()

@@ -32,7 +32,7 @@ def test_every_source_file_has_tests(check: ModuleType) -> None:
     assert {test for tests in found.values() for test in tests if not (ROOT / test).is_file()} == set()
 
 
-def test_every_tree_and_scene_has_tests(check: ModuleType) -> None:
+def test_every_tree_and_world_has_tests(check: ModuleType) -> None:
     files = [*(ROOT / "trees").rglob("*.xml"), *(ROOT / "sim").rglob("*.json")]
     names = [path.relative_to(ROOT).as_posix() for path in files]
     assert len(names) > 10

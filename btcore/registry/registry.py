@@ -39,6 +39,7 @@ MOVED_MODULES: Final = {
     "btcore_robot.navigation.waypoint_file": "btcore_robot.waypoint_file",
     "btcore_robot.leaves.explore": "btcore_navigation.leaves.explore",
     "btcore_robot.leaves.navigate": "btcore_navigation.leaves.navigate",
+    "btcore_sim.scene": "btcore_sim.world_description",
 }
 """The new names of modules that have moved, by their old names. CHANGELOG.md lists them under "To do"."""
 

@@ -21,9 +21,9 @@ import btcore
 from btcore import Status
 from btcore.testing import Harness
 from btcore_robot import leaves
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 TREE: Final = "bumpgo"
 DURATION: Final = 30.0
@@ -86,7 +86,7 @@ class Frame:
 
 def record_run(seconds: float = DURATION) -> list[Frame]:
     """Run the tree on the simulated robot and return the states after each tick."""
-    world = World(load_scene("arena"), seed=2)
+    world = World(load_world_description("arena"), seed=2)
     robot = SimulatedRobot(world)
     nodes = btcore.Registry.standard()
     nodes.add_plugin(leaves)

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from btcore_sim.scene import KINDS, SCHEMA
+from btcore_sim.world_description import KINDS, SCHEMA
 
 COMMON = ("name", "position", "yaw", "color", "material")
 

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.robot import CameraInfo
-from btcore_sim.render_scene import RenderScene
 from btcore_sim.renderer import Renderer
-from btcore_sim.scene import KINDS, SCHEMA, Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
-from btcore_sim.world import World, scene_extent
-from btcore_sim.worlds import load_world
+from btcore_sim.visible_faces import VisibleFaces
+from btcore_sim.world import World, world_extent
+from btcore_sim.world_description import KINDS, SCHEMA, WorldDescription
+from btcore_sim.worlds import load_world_description
 
 FINER = 3  # each pixel is the mean of 3 x 3 pixels, for smooth edges
 TILE = (300, 225)
@@ -47,22 +47,24 @@ PLAN = (640, 520)
 WAYPOINT = (30, 30, 200)
 
 
-def draw(scene: Scene, size: tuple[int, int], span: float, up: float) -> NDArray[np.uint8]:
+def draw(description: WorldDescription, size: tuple[int, int], span: float, up: float) -> NDArray[np.uint8]:
     """Return a picture (BGR) of a world with its robot, seen from the south.
 
     Args:
-        scene: The world. Its doors are drawn at `HALF_OPEN`.
+        description: The world. Its doors are drawn at `HALF_OPEN`.
         size: Width and height (pixels).
         span: The width (m) that the picture shows at the middle of the world.
         up: The angle (rad) of the view above the horizon.
     """
-    leaves = {name: door.placed(_thing(scene, name), HALF_OPEN) for name, door in scene.doors.items()}
-    things = tuple(leaves.get(thing.name, thing) for thing in scene.things)
-    world = World(replace(scene, things=things, doors={}))
+    leaves = {
+        name: door.placed(_thing(description, name), HALF_OPEN) for name, door in description.doors.items()
+    }
+    things = tuple(leaves.get(thing.name, thing) for thing in description.things)
+    world = World(replace(description, things=things, doors={}))
     body = SimulatedRobot(world, camera=None)
-    visible = RenderScene(world, body.model)
+    visible = VisibleFaces(world, body.model)
     width, height = (FINER * side for side in size)
-    x0, y0, x1, y1 = scene_extent(scene) if scene.waypoints else (-1.0, -1.0, 1.0, 1.0)
+    x0, y0, x1, y1 = world_extent(description) if description.waypoints else (-1.0, -1.0, 1.0, 1.0)
     away = 2.2 * span
     ahead = np.array((0.0, math.cos(up), -math.sin(up)))
     eye = np.array(((x0 + x1) / 2, (y0 + y1) / 2, 0.5)) - away * ahead
@@ -76,14 +78,14 @@ def draw(scene: Scene, size: tuple[int, int], span: float, up: float) -> NDArray
     return picture
 
 
-def plan(scene: Scene) -> NDArray[np.uint8]:
+def plan(description: WorldDescription) -> NDArray[np.uint8]:
     """Return a picture (BGR) of a world with its robot from above, with the names of its waypoints."""
-    x0, y0, x1, y1 = scene_extent(scene)
+    x0, y0, x1, y1 = world_extent(description)
     width, height = PLAN
     # The walls are nearer to the eye than the floor, and so appear larger.
     span = 1.15 * max(x1 - x0, (y1 - y0) * width / height)
-    picture = draw(scene, PLAN, span, math.radians(90))
-    for name, (x, y) in scene.waypoints.items():
+    picture = draw(description, PLAN, span, math.radians(90))
+    for name, (x, y) in description.waypoints.items():
         column = round(width / 2 + (x - (x0 + x1) / 2) * width / span)
         row = round(height / 2 - (y - (y0 + y1) / 2) * width / span)
         cv2.circle(picture, (column, row), 4, WAYPOINT, cv2.FILLED, cv2.LINE_AA)
@@ -94,12 +96,12 @@ def plan(scene: Scene) -> NDArray[np.uint8]:
 
 def plans(names: Sequence[str]) -> NDArray[np.uint8]:
     """Return a picture (BGR) of an even number of worlds from above, two in each row."""
-    drawn = [plan(load_world(name)) for name in names]
+    drawn = [plan(load_world_description(name)) for name in names]
     return np.vstack([np.hstack(drawn[row : row + 2]) for row in range(0, len(drawn), 2)])
 
 
-def _thing(scene: Scene, name: str) -> Any:
-    return next(thing for thing in scene.things if thing.name == name)
+def _thing(description: WorldDescription, name: str) -> Any:
+    return next(thing for thing in description.things if thing.name == name)
 
 
 def kinds() -> NDArray[np.uint8]:
@@ -115,7 +117,7 @@ def kinds() -> NDArray[np.uint8]:
         with tempfile.NamedTemporaryFile("w", suffix=".json", encoding="utf-8") as file:
             json.dump(world, file)
             file.flush()
-            tile = draw(load_scene(file.name), TILE, 4.2, math.radians(32))
+            tile = draw(load_world_description(file.name), TILE, 4.2, math.radians(32))
         cv2.putText(tile, name, (8, 20), cv2.FONT_HERSHEY_DUPLEX, 0.55, (60, 50, 40), 1, cv2.LINE_AA)
         drawn.append(cv2.copyMakeBorder(tile, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=(255, 255, 255)))
     return np.vstack([np.hstack(drawn[:4]), np.hstack(drawn[4:])])
@@ -126,7 +128,7 @@ def main(target: str, *worlds: str) -> None:
     if not worlds:
         picture = kinds()
     elif len(worlds) == 1:
-        picture = draw(load_scene(worlds[0]), (900, 680), 11.8, math.radians(66))
+        picture = draw(load_world_description(worlds[0]), (900, 680), 11.8, math.radians(66))
     else:
         picture = plans(worlds)
     cv2.imwrite(target, picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])

@@ -12,9 +12,9 @@ from btcore_sim.errors import SimError
 from btcore_sim.latency import DelayedReadings
 from btcore_sim.physics_body import PhysicsBody, Pose3D
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.render_scene import RenderScene
 from btcore_sim.renderer import Renderer
 from btcore_sim.robot_description import CameraMount
+from btcore_sim.visible_faces import VisibleFaces
 
 __all__ = ["CameraSettings", "parse_camera"]
 
@@ -60,7 +60,7 @@ def parse_camera(text: str) -> CameraSettings | None:
 class Camera:
     """A pinhole camera with depth. It renders pictures on request, at most as often as its rate allows."""
 
-    def __init__(self, visible: RenderScene, mount: CameraMount, size: CameraSettings) -> None:
+    def __init__(self, visible: VisibleFaces, mount: CameraMount, size: CameraSettings) -> None:
         self._visible = visible
         self._mount = mount
         focal = size.width / 2 / math.tan(mount.fov / 2)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_sim.map_rasteriser import draw, rasterise
-from btcore_sim.scene import Scene, SceneObject
+from btcore_sim.world_description import WorldDescription, WorldObject
 
 Point = tuple[float, float]
 
@@ -36,20 +36,20 @@ class ClearanceMap:
         self._measure()
 
     @classmethod
-    def of(cls, scene: Scene) -> "ClearanceMap":
-        """Return the clearance map of *scene* with all objects at their initial poses.
+    def of(cls, description: WorldDescription) -> "ClearanceMap":
+        """Return the clearance map of *description* with all objects at their initial poses.
 
         Kinematic objects (people, dropped boxes) are left out.
         """
-        return cls(rasterise(scene, movable=True))
+        return cls(rasterise(description, movable=True))
 
-    def add_obstacle(self, *things: SceneObject) -> None:
+    def add_obstacle(self, *things: WorldObject) -> None:
         """Add *things* to the map as obstacles."""
         for thing in things:
             draw(thing, self._taken, self.map.origin, self.map.resolution)
         self._measure()
 
-    def with_obstacle(self, *things: SceneObject) -> "ClearanceMap":
+    def with_obstacle(self, *things: WorldObject) -> "ClearanceMap":
         """Return a copy of the map with *things* added as obstacles."""
         other = object.__new__(ClearanceMap)
         other.map, other._taken = self.map, self._taken.copy()

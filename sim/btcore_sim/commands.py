@@ -41,16 +41,16 @@ def map_command(world: str, output: Path, resolution: float) -> None:
     from btcore_robot.waypoint_file import save_waypoints, waypoints_path
     from btcore_sim.errors import SimError
     from btcore_sim.map_rasteriser import rasterise
-    from btcore_sim.worlds import load_world
+    from btcore_sim.worlds import load_world_description
 
     try:
-        scene = load_world(world)
-        map = rasterise(scene, resolution)
+        description = load_world_description(world)
+        map = rasterise(description, resolution)
         output.mkdir(parents=True, exist_ok=True)
-        path = output / f"{scene.name}.yaml"
+        path = output / f"{description.name}.yaml"
         save_map(map, path)
-        if scene.waypoints:
-            save_waypoints(scene.waypoint_poses(), waypoints_path(path))
+        if description.waypoints:
+            save_waypoints(description.waypoint_poses(), waypoints_path(path))
     except (SimError, MapError) as error:
         raise click.UsageError(str(error)) from error
     except OSError as error:
@@ -63,9 +63,9 @@ def map_command(world: str, output: Path, resolution: float) -> None:
     if map.keepout:
         areas = "area" if len(map.keepout) == 1 else "areas"
         click.echo(f"{path.with_name(f'{path.stem}.keepout.yaml')}: {len(map.keepout)} keep-out {areas}")
-    if scene.waypoints:
-        places = "waypoint" if len(scene.waypoints) == 1 else "waypoints"
-        click.echo(f"{waypoints_path(path)}: {len(scene.waypoints)} {places}")
+    if description.waypoints:
+        places = "waypoint" if len(description.waypoints) == 1 else "waypoints"
+        click.echo(f"{waypoints_path(path)}: {len(description.waypoints)} {places}")
 
 
 @click.command("world", short_help="Make a random office or home.")

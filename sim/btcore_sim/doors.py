@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.scene import Door, SceneObject
+from btcore_sim.world_description import Door, WorldObject
 
 OPENING_TIME = 3.0
 """Time (s) in which a door opens or closes."""
@@ -28,7 +28,7 @@ class MovingDoors:
     """
 
     def __init__(
-        self, client: int, doors: Mapping[str, Door], bodies: Mapping[int, SceneObject], rate: int
+        self, client: int, doors: Mapping[str, Door], bodies: Mapping[int, WorldObject], rate: int
     ) -> None:
         self._client = client
         self._step = 1.0 / (OPENING_TIME * rate)
@@ -53,11 +53,11 @@ class MovingDoors:
         """Return how far the door *name* is open, from 0 (closed) to 1 (open)."""
         return self._doors[name].opening
 
-    def leaves(self) -> list[SceneObject]:
+    def leaves(self) -> list[WorldObject]:
         """Return all leaves of doors at their present poses, and moving leaves at their next poses too."""
         return [leaf for state in self._doors.values() for leaf in state.leaves(state.target)]
 
-    def leaves_of(self, name: str, open: bool) -> list[SceneObject]:
+    def leaves_of(self, name: str, open: bool) -> list[WorldObject]:
         """Return the leaf of a door at its present pose, and the poses that it would have while it moves.
 
         Args:
@@ -123,17 +123,17 @@ class MovingDoors:
 class _State:
     """A door with its leaf: how far it is open, and how far it is to be open, each from 0 to 1."""
 
-    def __init__(self, door: Door, body: int, thing: SceneObject) -> None:
+    def __init__(self, door: Door, body: int, thing: WorldObject) -> None:
         self.door = door
         self.body = body
         self.thing = thing
         self.opening = self.target = float(door.open)
 
-    def leaf(self) -> SceneObject:
+    def leaf(self) -> WorldObject:
         """Return the leaf at its present pose."""
         return self.door.placed(self.thing, self.opening)
 
-    def leaves(self, target: float) -> list[SceneObject]:
+    def leaves(self, target: float) -> list[WorldObject]:
         """Return the leaf at its present pose, and at further poses until it is open by *target* (0 to 1)."""
         steps = math.ceil(abs(target - self.opening) / _STRIDE)
         further = (self.opening + (target - self.opening) * step / steps for step in range(1, steps + 1))

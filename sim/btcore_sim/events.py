@@ -17,8 +17,8 @@ from btcore_robot.robot import NS_PER_S, Phase, Pose2D
 from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap, Point
 from btcore_sim.errors import SimError
 from btcore_sim.obstacles import FROM_WAYPOINTS, passable
-from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldDescription, WorldObject
 
 __all__ = ["Event", "parse_event"]
 
@@ -166,12 +166,12 @@ def _nanoseconds(seconds: str) -> int:
     return round(float(seconds) * NS_PER_S)
 
 
-def check_events(events: Sequence[Event], scene: Scene, duration: float | None) -> None:
+def check_events(events: Sequence[Event], description: WorldDescription, duration: float | None) -> None:
     """Raise an error for events that cannot happen in a run.
 
     Args:
         events: The events of the run.
-        scene: The world of the run.
+        description: The world of the run.
         duration: The longest duration of the run (s), or None.
 
     Raises:
@@ -182,26 +182,26 @@ def check_events(events: Sequence[Event], scene: Scene, duration: float | None) 
             raise SimError(f"event '{event}' is after the end of the run (--duration {duration:g})")
         if event.kind == "door":
             try:
-                scene.door(event.door)
+                description.door(event.door)
             except SimError as error:
                 raise SimError(f"event '{event}': {error}") from error
 
 
-def with_boxes(scene: Scene, events: Sequence[Event], spare: int = 0) -> Scene:
-    """Return a copy of the scene with a box for every `box` event, parked below the floor.
+def with_boxes(description: WorldDescription, events: Sequence[Event], spare: int = 0) -> WorldDescription:
+    """Return a copy of *description* with a box for every `box` event, parked below the floor.
 
     Args:
-        scene: The scene; it is not modified.
+        description: The world; it is not modified.
         events: The events of the run; events of other kinds are ignored.
         spare: The number of further boxes, for events that are triggered during the run.
     """
-    x, y = ((scene.area[0] + scene.area[2]) / 2, (scene.area[1] + scene.area[3]) / 2)
+    x, y = ((description.area[0] + description.area[2]) / 2, (description.area[1] + description.area[3]) / 2)
     size, place = (SIDE, SIDE, SIDE), (x, y, _PARKED)
     boxes = [
-        SceneObject(f"{_NAME}{number}", "box", size, place, 0.0, 0.0, _COLOR, is_kinematic=True)
+        WorldObject(f"{_NAME}{number}", "box", size, place, 0.0, 0.0, _COLOR, is_kinematic=True)
         for number in range(sum(event.kind == "box" for event in events) + spare)
     ]
-    return replace(scene, things=(*scene.things, *boxes))
+    return replace(description, things=(*description.things, *boxes))
 
 
 class EventTarget(Protocol):
@@ -353,7 +353,7 @@ class EventRunner:
         self._floor.add_obstacle(box)
         return {"x": round(x, 3), "y": round(y, 3)}
 
-    def fits(self, box: SceneObject, pose: Pose2D) -> bool:
+    def fits(self, box: WorldObject, pose: Pose2D) -> bool:
         """Return whether *box* may drop in front of a robot at *pose*.
 
         The box needs free floor that is visible from the robot. It must keep a distance from waypoints and
@@ -366,7 +366,7 @@ class EventRunner:
         x, y, _ = box.position
         floor = self._floor
         corners = math.hypot(*box.size[:2]) / 2
-        points = list(self._world.scene.waypoints.values())
+        points = list(self._world.description.waypoints.values())
         return (
             floor.clearance_at(x, y) > corners
             and floor.clearance_along((pose.x, pose.y), (x, y)) > 0.0
@@ -416,7 +416,7 @@ class EventRunner:
         """Return the reason why there is no place to which the robot can be moved from *start*."""
         if carried and self._floor.clearance_at(*start) <= 0.0:
             return f"the robot is not on free floor of the map, at ({start[0]:.2f}, {start[1]:.2f})"
-        shut = [name for name in self._world.scene.doors if self._world.door_opening(name) < 1.0]
+        shut = [name for name in self._world.description.doors if self._world.door_opening(name) < 1.0]
         doors = f" (doors that are not open: {', '.join(shut)})" if shut else ""
         return (
             f"there is no free place{f' with a way to it{doors}' if carried else ''} that is more than "
@@ -435,7 +435,7 @@ def _impossible(event: Event, reason: str) -> SimError:
     return SimError(f"event '{event}' is not possible: {reason}")
 
 
-def ahead_of(pose: Pose2D, radius: float, event: Event, box: SceneObject) -> SceneObject:
+def ahead_of(pose: Pose2D, radius: float, event: Event, box: WorldObject) -> WorldObject:
     """Return *box* at the distance and offset of *event* from the robot, turned to the robot's heading.
 
     Args:

@@ -21,8 +21,8 @@ from btcore_robot.robot import LaserInfo, LaserScan
 from btcore_sim.map_walls import WALL_HEIGHT, MapWalls
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import LaserErrors
-from btcore_sim.scene import SceneObject
 from btcore_sim.world import GLASS
+from btcore_sim.world_description import WorldObject
 
 Floats = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class RayCaster:
         self._sides = sides
 
     @classmethod
-    def of(cls, things: Iterable[SceneObject], walls: MapWalls | None = None) -> "RayCaster":
+    def of(cls, things: Iterable[WorldObject], walls: MapWalls | None = None) -> "RayCaster":
         """Return a ray caster for *things* at their initial poses, and for *walls* if there are any."""
         caster = cls.placed([(thing, *thing.position, thing.yaw) for thing in things])
         if walls is not None:
@@ -66,7 +66,7 @@ class RayCaster:
         return caster
 
     @classmethod
-    def placed(cls, things: Sequence[tuple[SceneObject, float, float, float, float]]) -> "RayCaster":
+    def placed(cls, things: Sequence[tuple[WorldObject, float, float, float, float]]) -> "RayCaster":
         """Return a ray caster for objects at given poses.
 
         Args:
@@ -216,7 +216,7 @@ class MovableObstacles:
     *things* maps PyBullet's IDs of the bodies to the objects.
     """
 
-    def __init__(self, client: int, things: Mapping[int, SceneObject]) -> None:
+    def __init__(self, client: int, things: Mapping[int, WorldObject]) -> None:
         self._client = client
         self._things = things
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.occupancy_map import OccupancyMap
-from btcore_sim.scene import Rectangle, Scene, SceneObject
-from btcore_sim.world import scene_extent
+from btcore_sim.world import world_extent
+from btcore_sim.world_description import Rectangle, WorldDescription, WorldObject
 
 __all__ = ["rasterise"]
 
@@ -30,60 +30,64 @@ _UNDERFOOT = 0.02  # m: the robot can drive over objects of at most this height
 
 
 def rasterise(
-    scene: Scene, resolution: float = RESOLUTION, *, height: float = LASER_HEIGHT, movable: bool = False
+    description: WorldDescription,
+    resolution: float = RESOLUTION,
+    *,
+    height: float = LASER_HEIGHT,
+    movable: bool = False,
 ) -> OccupancyMap:
     """Return the map of the static objects that cut the laser's plane.
 
     A cell is occupied if its middle is less than half a cell from an object, free if it can be reached from
     the start area or the start pose over cells that are not occupied, and otherwise unknown. A way through
-    glass does not count. The keep-out areas are the scene's own, glass, and the outlines of objects below the
+    glass does not count. The keep-out areas are the world's own, glass, and the outlines of objects below the
     robot's height that do not cut the plane (table tops).
 
     For a world that was made from a map, the result is that map, with its own resolution and size, on which
     the objects that were added to the world are drawn.
 
     Args:
-        scene: The world.
+        description: The world.
         resolution: The side length of a cell (m).
         height: The height of the laser's plane (m).
         movable: Whether to draw movable objects too, at their initial poses.
     """
-    if scene.walls is not None:
-        return _drawn_on(scene.walls.map, scene, height, movable)
-    x0, y0, x1, y1 = scene_extent(scene)
+    if description.walls is not None:
+        return _drawn_on(description.walls.map, description, height, movable)
+    x0, y0, x1, y1 = world_extent(description)
     origin = _snapped(x0, resolution), _snapped(y0, resolution)
     width = math.ceil((x1 - origin[0]) / resolution - 1e-9) + _MARGIN
     rows = math.ceil((y1 - origin[1]) / resolution - 1e-9) + _MARGIN
     occupied = np.zeros((rows, width), dtype=np.bool_)
     glass = np.zeros((rows, width), dtype=np.bool_)
-    for thing in scene.things:
+    for thing in description.things:
         if thing.meets(height) and (thing.still or (movable and thing.mass > 0.0)):
             draw(thing, glass if thing.is_glass else occupied, origin, resolution)
     cells = np.where(occupied, 100, -1).astype(np.int8)
-    keepout = scene.keepout + overhangs(scene, height, resolution)
+    keepout = description.keepout + overhangs(description, height, resolution)
     map = OccupancyMap(cells, round(resolution, 9), origin, keepout)
-    cells[_reached(map, glass, scene)] = 0
+    cells[_reached(map, glass, description)] = 0
     return map
 
 
-def _drawn_on(map: OccupancyMap, scene: Scene, height: float, movable: bool) -> OccupancyMap:
-    """Return *map* with the objects of *scene* as occupied cells."""
+def _drawn_on(map: OccupancyMap, description: WorldDescription, height: float, movable: bool) -> OccupancyMap:
+    """Return *map* with the objects of *description* as occupied cells."""
     drawn = np.zeros(map.cells.shape, dtype=np.bool_)
-    for thing in scene.things:
+    for thing in description.things:
         if thing.meets(height) and (thing.still or (movable and thing.mass > 0.0)):
             draw(thing, drawn, map.origin, map.resolution)
     cells = np.where(drawn, 100, map.cells).astype(np.int8)
-    keepout = scene.keepout + overhangs(scene, height, map.resolution)
+    keepout = description.keepout + overhangs(description, height, map.resolution)
     return OccupancyMap(cells, map.resolution, map.origin, keepout)
 
 
 def overhangs(
-    scene: Scene, height: float = LASER_HEIGHT, resolution: float = RESOLUTION
+    description: WorldDescription, height: float = LASER_HEIGHT, resolution: float = RESOLUTION
 ) -> tuple[Rectangle, ...]:
     """Return the outlines of the static objects that the robot can hit but its laser does not detect.
 
     Args:
-        scene: The world.
+        description: The world.
         height: The height of the laser above the floor (m).
         resolution: The length (m) up to which the outlines of prisms and of glass are exact.
 
@@ -92,7 +96,7 @@ def overhangs(
         pane of glass the rectangles that cover it.
     """
     outlines: list[Rectangle] = []
-    for thing in scene.things:
+    for thing in description.things:
         low, high = thing.position[2], thing.position[2] + thing.size[2]
         unseen = thing.is_glass or not thing.meets(height)
         if not (thing.still and unseen and low < ROBOT_HEIGHT and high > _UNDERFOOT):
@@ -104,7 +108,7 @@ def overhangs(
     return tuple((round(x0, 6), round(y0, 6), round(x1, 6), round(y1, 6)) for x0, y0, x1, y1 in outlines)
 
 
-def _covering(thing: SceneObject, resolution: float) -> list[Rectangle]:
+def _covering(thing: WorldObject, resolution: float) -> list[Rectangle]:
     """Return rectangles that cover *thing*: rows of cells, of which equal rows are one rectangle.
 
     The rectangles end a quarter of a cell inside the outer cells, so that they touch no further cells.
@@ -143,7 +147,7 @@ def _snapped(edge: float, resolution: float) -> float:
 
 
 def draw(
-    thing: SceneObject, cells: NDArray[np.bool_], origin: tuple[float, float], resolution: float
+    thing: WorldObject, cells: NDArray[np.bool_], origin: tuple[float, float], resolution: float
 ) -> None:
     """Set the cells whose middles are less than half a cell from *thing*.
 
@@ -165,17 +169,17 @@ def draw(
         cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] |= near
 
 
-def _reached(map: OccupancyMap, glass: NDArray[np.bool_], scene: Scene) -> NDArray[np.bool_]:
+def _reached(map: OccupancyMap, glass: NDArray[np.bool_], description: WorldDescription) -> NDArray[np.bool_]:
     """Return the cells that are connected (by their sides) with the start area or the start pose.
 
     A start pose of the run replaces that of the world, but not the world's area, where the waypoints are.
     """
     empty = ~map.occupied & ~glass
     _, regions = cv2.connectedComponents(empty.astype(np.uint8), connectivity=4)
-    x0, y0, x1, y1 = scene.area
+    x0, y0, x1, y1 = description.area
     (row, col), (last_row, last_col) = map.cell(x0, y0), map.cell(x1, y1)
     starts = np.unique(regions[max(row, 0) : max(last_row + 1, 0), max(col, 0) : max(last_col + 1, 0)])
-    if scene.pose is not None and map.inside(scene.pose.x, scene.pose.y):
-        starts = np.append(starts, regions[map.cell(scene.pose.x, scene.pose.y)])
+    if description.pose is not None and map.inside(description.pose.x, description.pose.y):
+        starts = np.append(starts, regions[map.cell(description.pose.x, description.pose.y)])
     mask: NDArray[np.bool_] = empty & np.isin(regions, starts)
     return mask

@@ -20,8 +20,8 @@ from btcore_robot.waypoint_file import load_waypoints, waypoints_path
 from btcore_sim.clearance_map import ClearanceMap, Point
 from btcore_sim.errors import SimError
 from btcore_sim.map_walls import MapWalls
-from btcore_sim.scene import Scene
 from btcore_sim.world import random_generator
+from btcore_sim.world_description import WorldDescription
 
 MAX_CELLS = 16_000_000
 """The largest number of cells of a map that becomes a world: 200 m x 200 m with cells of 5 cm."""
@@ -43,7 +43,9 @@ _FLOOR = (141, 146, 151, 255)
 _CANDIDATES = 8  # random places, of which the one farthest from the earlier places becomes a waypoint
 
 
-def load_map_world(path: Path, seed: int, radius: float, waypoints: Waypoints | None = None) -> Scene:
+def load_map_world(
+    path: Path, seed: int, radius: float, waypoints: Waypoints | None = None
+) -> WorldDescription:
     """Return the world of a map, with waypoints and a start pose.
 
     The robot starts at the waypoint `start`, or otherwise at a random free place that is connected with
@@ -75,7 +77,7 @@ def load_map_world(path: Path, seed: int, radius: float, waypoints: Waypoints | 
             f"{path}: the occupied cells form {len(walls.rectangles):,} rectangles, but a world can have at "
             f"most {MAX_PIECES:,}: remove the noise from the image, or use a higher occupied_thresh"
         )
-    scene = Scene(
+    description = WorldDescription(
         name=path.stem,
         description=f"the map {path.name}",
         things=(),
@@ -89,7 +91,7 @@ def load_map_world(path: Path, seed: int, radius: float, waypoints: Waypoints | 
     )
     places = dict(waypoints.places) if waypoints is not None else {}
     points = [(pose.x, pose.y) for pose in places.values()]
-    floor = ClearanceMap.of(scene)
+    floor = ClearanceMap.of(description)
     region = _region(floor, radius + MARGIN, points)
     if not region.any():
         raise SimError(f"{path}: the map has no free floor with room for a robot of {radius:g} m radius")
@@ -99,13 +101,13 @@ def load_map_world(path: Path, seed: int, radius: float, waypoints: Waypoints | 
         start = Pose2D(*_cell(floor, region, random), float(random.uniform(-math.pi, math.pi)))
     if not places:
         places = _random_waypoints(floor, region, random, (start.x, start.y))
-    return replace(with_waypoints(scene, Waypoints(places)), pose=start)
+    return replace(with_waypoints(description, Waypoints(places)), pose=start)
 
 
-def with_waypoints(scene: Scene, waypoints: Waypoints) -> Scene:
-    """Return *scene* with *waypoints* instead of its own."""
+def with_waypoints(description: WorldDescription, waypoints: Waypoints) -> WorldDescription:
+    """Return *description* with *waypoints* instead of its own."""
     return replace(
-        scene,
+        description,
         waypoints={name: (pose.x, pose.y) for name, pose in waypoints.places.items()},
         headings={name: pose.yaw for name, pose in waypoints.places.items() if pose.yaw != 0.0},
     )

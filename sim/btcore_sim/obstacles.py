@@ -7,7 +7,7 @@ import numpy as np
 
 from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap
 from btcore_sim.errors import SimError
-from btcore_sim.scene import Scene, SceneObject
+from btcore_sim.world_description import WorldDescription, WorldObject
 
 FROM_WAYPOINTS = 1.0
 """Smallest distance (m) between a box and any waypoint or the robot's fixed start."""
@@ -17,14 +17,16 @@ _COLOR = (122, 132, 70, 255)
 _TRIES = 300  # attempts to place a box
 
 
-def with_obstacles(scene: Scene, count: int, random: np.random.Generator, radius: float) -> Scene:
-    """Return the scene with additional boxes at random places on its free floor.
+def with_obstacles(
+    description: WorldDescription, count: int, random: np.random.Generator, radius: float
+) -> WorldDescription:
+    """Return *description* with additional boxes at random places on the free floor.
 
     The boxes are 0.3–0.5 m long and wide, and block no way: the robot can still drive between all waypoints
     and past each box.
 
     Args:
-        scene: The world without the boxes.
+        description: The world without the boxes.
         count: The number of boxes.
         random: The source of the random sizes and poses.
         radius: The radius (m) of the robot.
@@ -33,41 +35,41 @@ def with_obstacles(scene: Scene, count: int, random: np.random.Generator, radius
         SimError: There is not enough room for *count* boxes.
     """
     for number in range(count):
-        floor = ClearanceMap.of(scene)
-        box = _draw(scene, floor, f"obstacle_{number}", random, radius + BESIDE_HULL)
+        floor = ClearanceMap.of(description)
+        box = _draw(description, floor, f"obstacle_{number}", random, radius + BESIDE_HULL)
         if box is None:
             raise SimError(
-                f"world '{scene.name}': there is no room for {count} obstacles that block no way, "
+                f"world '{description.name}': there is no room for {count} obstacles that block no way, "
                 f"only for {number}"
             )
-        scene = replace(scene, things=(*scene.things, box))
-    return scene
+        description = replace(description, things=(*description.things, box))
+    return description
 
 
 def _draw(
-    scene: Scene, floor: ClearanceMap, name: str, random: np.random.Generator, room: float
-) -> SceneObject | None:
+    description: WorldDescription, floor: ClearanceMap, name: str, random: np.random.Generator, room: float
+) -> WorldObject | None:
     """Draw a box that leaves ways with the clearance *room* (m); None if there is no place for it."""
-    points = list(scene.waypoints.values())
-    if scene.pose is not None:
-        points.append((scene.pose.x, scene.pose.y))
+    points = list(description.waypoints.values())
+    if description.pose is not None:
+        points.append((description.pose.x, description.pose.y))
     for _ in range(_TRIES):
         length, width = random.uniform(0.3, 0.5, 2)
         height, yaw = random.uniform(0.3, 0.6), random.uniform(-math.pi, math.pi)
         place = floor.random_point(random, math.hypot(length, width) / 2 + 0.05)
         if place is None:
             return None
-        box = SceneObject(name, "box", (length, width, height), (*place, 0.0), yaw, _MASS, _COLOR)
+        box = WorldObject(name, "box", (length, width, height), (*place, 0.0), yaw, _MASS, _COLOR)
         if any(box.distance(*point) < FROM_WAYPOINTS for point in points):
             continue
-        if any(other.is_kinematic and other.distance(*place) < 1.0 for other in scene.things):
+        if any(other.is_kinematic and other.distance(*place) < 1.0 for other in description.things):
             continue
         if passable(floor, box, room) and floor.with_obstacle(box).connected(points, room):
             return box
     return None
 
 
-def passable(floor: ClearanceMap, box: SceneObject, room: float, course: float | None = None) -> bool:
+def passable(floor: ClearanceMap, box: WorldObject, room: float, course: float | None = None) -> bool:
     """Return whether a straight passage is free on at least one side of a box.
 
     Args:

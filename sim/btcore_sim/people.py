@@ -9,8 +9,8 @@ import numpy as np
 from btcore_robot.robot import Phase, Pose2D
 from btcore_sim.clearance_map import ClearanceMap, Point
 from btcore_sim.errors import SimError
-from btcore_sim.scene import Color, Scene, SceneObject
 from btcore_sim.world import World
+from btcore_sim.world_description import Color, WorldDescription, WorldObject
 
 RADIUS = 0.25
 """Radius (m) of the cylinder that represents a person."""
@@ -42,37 +42,39 @@ _FAR = 1.5  # m between a person and the robot at the start; between two people 
 _SHIRTS: tuple[Color, ...] = ((58, 92, 160, 255), (160, 62, 84, 255), (70, 130, 92, 255), (110, 84, 150, 255))
 
 
-def with_people(scene: Scene, count: int, random: np.random.Generator) -> Scene:
-    """Return the scene with additional people on its free floor.
+def with_people(description: WorldDescription, count: int, random: np.random.Generator) -> WorldDescription:
+    """Return *description* with additional people on the free floor.
 
     Args:
-        scene: The world.
+        description: The world.
         count: The number of people.
         random: The source of the random places.
 
     Raises:
         SimError: There is not enough room for *count* people.
     """
-    floor = ClearanceMap.of(scene)
-    taken = [(scene.pose.x, scene.pose.y)] if scene.pose is not None else []
-    things: list[SceneObject] = []
-    leaves = [thing for thing in scene.things if thing.name in scene.doors]
+    floor = ClearanceMap.of(description)
+    taken = [(description.pose.x, description.pose.y)] if description.pose is not None else []
+    things: list[WorldObject] = []
+    leaves = [thing for thing in description.things if thing.name in description.doors]
     for number in range(count):
         place = _place(floor, random, taken, [*leaves, *things])
         if place is None:
-            raise SimError(f"world '{scene.name}': there is no room for {count} people, only for {number}")
+            raise SimError(
+                f"world '{description.name}': there is no room for {count} people, only for {number}"
+            )
         shirt = _SHIRTS[number % len(_SHIRTS)]
         size = (2 * RADIUS, 2 * RADIUS, HEIGHT)
         things.append(
-            SceneObject(
+            WorldObject(
                 f"{_NAME}{number}", "cylinder", size, (*place, 0.0), 0.0, 0.0, shirt, is_kinematic=True
             )
         )
-    return replace(scene, things=(*scene.things, *things))
+    return replace(description, things=(*description.things, *things))
 
 
 def _place(
-    floor: ClearanceMap, random: np.random.Generator, robots: list[Point], others: list[SceneObject]
+    floor: ClearanceMap, random: np.random.Generator, robots: list[Point], others: list[WorldObject]
 ) -> Point | None:
     for _ in range(200):
         place = floor.random_point(random, _ROOM)

@@ -20,8 +20,8 @@ from btcore_sim.clearance_map import ClearanceMap, Point
 from btcore_sim.errors import SimError
 from btcore_sim.furniture import Draw, Furniture, Part
 from btcore_sim.random_world_kinds import ROOMS
-from btcore_sim.scene import Rectangle, Scene, SceneObject, scene_from_json
 from btcore_sim.world import random_generator
+from btcore_sim.world_description import Rectangle, WorldDescription, WorldObject, parse_world_description
 
 DOORS = (0.8, 0.85, 0.9, 1.0, 1.1, 1.2)
 """Widths of doors (m)."""
@@ -128,7 +128,7 @@ class _NoRoomError(Exception):
     """A drawn plan has no place for what it needs. Another plan is drawn then."""
 
 
-def random_world(kind: str, seed: int, rooms: int = ROOMS) -> Scene:
+def random_world(kind: str, seed: int, rooms: int = ROOMS) -> WorldDescription:
     """Return a random world.
 
     Args:
@@ -139,7 +139,7 @@ def random_world(kind: str, seed: int, rooms: int = ROOMS) -> Scene:
     Raises:
         SimError: No world was found; `office` and `home` with up to `MAX_ROOMS` rooms are found in practice.
     """
-    return scene_from_json(random_world_json(kind, seed, rooms), f"{kind}_{seed}")
+    return parse_world_description(random_world_json(kind, seed, rooms), f"{kind}_{seed}")
 
 
 def random_world_json(kind: str, seed: int, rooms: int = ROOMS) -> dict[str, Any]:
@@ -350,7 +350,7 @@ def _furnished(plan: Plan, random: np.random.Generator, description: str) -> dic
         "start": {"pose": [(first[0] + first[2]) / 2, (first[1] + first[3]) / 2, 0.0]},
         "objects": _wall_objects(plan),
     }
-    floor = ClearanceMap.of(scene_from_json(world, "walls"))
+    floor = ClearanceMap.of(parse_world_description(world, "walls"))
     for number, room in enumerate(plan.rooms):
         if not len(_free_cells(floor, room, plan.doors)):
             raise _NoRoomError
@@ -508,11 +508,11 @@ def _fits(outline: Rectangle, room: Room, taken: Sequence[Rectangle]) -> bool:
     )
 
 
-def _block(outline: Rectangle) -> SceneObject:
+def _block(outline: Rectangle) -> WorldObject:
     """Return a box that fills *outline* (m)."""
     x0, y0, x1, y1 = outline
     size, place = (x1 - x0, y1 - y0, 1.0), ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
-    return SceneObject("furniture", "box", size, place, 0.0, 0.0, (0, 0, 0, 255))
+    return WorldObject("furniture", "box", size, place, 0.0, 0.0, (0, 0, 0, 255))
 
 
 def _object(part: Part, prefix: str, anchor: Point, quarter: int) -> dict[str, Any]:

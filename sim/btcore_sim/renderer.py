@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.robot import CameraInfo
-from btcore_sim.render_scene import Floats
+from btcore_sim.visible_faces import Floats
 
 SKY = (196, 208, 220)
 """The background colour (RGB)."""

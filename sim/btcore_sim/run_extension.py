@@ -17,8 +17,8 @@ from btcore_sim.errors import SimError
 if TYPE_CHECKING:
     from btcore_sim.events import EventRunner
     from btcore_sim.run_metrics import RunMetrics
-    from btcore_sim.scene import Scene
     from btcore_sim.simulated_robot import SimulatedRobot
+    from btcore_sim.world_description import WorldDescription
 
 
 def _option(name: str, metavar: str, help: str, **settings: Any) -> click.Option:
@@ -74,7 +74,7 @@ def parse_worlds(text: str | None) -> list[str] | None:
 _COUNT = {"type": click.IntRange(min=0), "default": 0}
 
 
-class RobotExtension:
+class SimExtension:
     """Provides a `Robot` in a simulated world to trees that need a robot. Other trees start no simulator.
 
     The class has all methods of `btcore.run_extension.RunExtension`. It does not inherit from that class,
@@ -165,7 +165,7 @@ class RobotExtension:
     }
 
     def __init__(self) -> None:
-        self._body: SimulatedRobot | None = None
+        self._robot: SimulatedRobot | None = None
         self._metrics: RunMetrics | None = None
         self.events: EventRunner | None = None
         """The runner of events, if the world of the run has people, events or spare boxes."""
@@ -214,17 +214,17 @@ class RobotExtension:
             return ()
         resources: list[object] = []
         with _errors_reported():
-            scene = _scene(settings)
+            description = _load_world(settings)
             if robot:
-                self._body, self.events = _make(scene, settings)
-                resources.append(self._body)
+                self._robot, self.events = _make(description, settings)
+                resources.append(self._robot)
                 if Waypoints in wanted:
-                    resources.append(self._body.world.scene.waypoint_poses())
+                    resources.append(self._robot.world.description.waypoint_poses())
                 if InitialPose in wanted:
                     is_unknown = settings.get("start") == UNKNOWN_START
-                    resources.append(InitialPose(None if is_unknown else self._body.start_pose))
+                    resources.append(InitialPose(None if is_unknown else self._robot.start_pose))
             if needs_map:
-                resources.append(_map(scene))
+                resources.append(_map(description))
         return resources
 
     @contextmanager
@@ -244,13 +244,13 @@ class RobotExtension:
         Raises:
             click.ClickException: An event was not possible at its time.
         """
-        body = self._body
-        if body is None:
+        robot = self._robot
+        if robot is None:
             yield
             return
         from btcore_sim.run_metrics import RunMetrics, navigator_among
 
-        self._metrics = RunMetrics(body, navigator_among(resources))
+        self._metrics = RunMetrics(robot, navigator_among(resources))
         try:
             yield
             for event in self.events.pending if self.events is not None else ():
@@ -258,10 +258,10 @@ class RobotExtension:
         except SimError as error:
             raise click.ClickException(str(error)) from error
         finally:
-            body.stop()
+            robot.stop()
             self._report = self.report()
-            body.world.close()
-            self._body = None
+            robot.world.close()
+            self._robot = None
 
     def replace_tree(self, tree: object, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
         """Do nothing: the world continues.
@@ -281,9 +281,9 @@ class RobotExtension:
         `RunMetrics.figures` documents the other values. With people or events the report also contains
         `"events"`, a list of the events with time (s) and place (m).
         """
-        if self._body is None or self._metrics is None:
+        if self._robot is None or self._metrics is None:
             return self._report
-        report: dict[str, object] = {"robot": {**_report(self._body), **self._metrics.figures()}}
+        report: dict[str, object] = {"robot": {**_report(self._robot), **self._metrics.figures()}}
         if self.events is not None:
             report["events"] = self.events.event_log
         return report
@@ -303,34 +303,38 @@ def _check_files(settings: Mapping[str, Any]) -> None:
     given = settings.get("world", _WORLD) != _WORLD or settings.get("waypoints") or settings.get("robot")
     if given:
         with _errors_reported():
-            _scene({**settings, "start": None})
+            _load_world({**settings, "start": None})
 
 
-def _scene(settings: Mapping[str, Any]) -> "Scene":
+def _load_world(settings: Mapping[str, Any]) -> "WorldDescription":
     from btcore_sim.robot_description import TIAGO, load_description
     from btcore_sim.scenario import with_start
     from btcore_sim.world import random_generator
-    from btcore_sim.worlds import load_world
+    from btcore_sim.worlds import load_world_description
 
     seed = settings.get("seed", 0)
     radius = load_description(settings.get("robot") or TIAGO).base.radius
-    scene = load_world(
+    description = load_world_description(
         settings.get("world", _WORLD),
         seed=seed,
         radius=radius,
         waypoints=settings.get("waypoints"),
     )
     start = settings.get("start")
-    return scene if start is None else with_start(scene, start, random_generator(seed, "start"), radius)
+    if start is None:
+        return description
+    return with_start(description, start, random_generator(seed, "start"), radius)
 
 
-def _map(scene: "Scene") -> object:
+def _map(description: "WorldDescription") -> object:
     from btcore_sim.map_rasteriser import rasterise
 
-    return rasterise(scene)
+    return rasterise(description)
 
 
-def _make(scene: "Scene", settings: Mapping[str, Any]) -> "tuple[SimulatedRobot, EventRunner | None]":
+def _make(
+    description: "WorldDescription", settings: Mapping[str, Any]
+) -> "tuple[SimulatedRobot, EventRunner | None]":
     # Imported here, because a tree without a robot must not load the physics engine.
     from btcore_sim.camera import parse_camera
     from btcore_sim.events import check_events, parse_event
@@ -343,8 +347,8 @@ def _make(scene: "Scene", settings: Mapping[str, Any]) -> "tuple[SimulatedRobot,
     noise = settings.get("noise", 1.0)
     if not math.isfinite(noise):
         raise SimError(f"--noise {noise}: the factor has to be a finite number of at least 0")
-    description = load_description(settings.get("robot") or TIAGO).with_noise(noise)
-    _check_rate(settings.get("rate"), description.base)
+    robot = load_description(settings.get("robot") or TIAGO).with_noise(noise)
+    _check_rate(settings.get("rate"), robot.base)
     camera = parse_camera(settings.get("camera", "off"))
     faults = [parse_fault(text) for text in settings.get("fault", ())]
     events = [parse_event(text) for text in settings.get("event", ())]
@@ -352,14 +356,14 @@ def _make(scene: "Scene", settings: Mapping[str, Any]) -> "tuple[SimulatedRobot,
         settings.get("people", 0), settings.get("obstacles", 0), events, settings.get("spare_boxes", 0)
     )
     seed = settings.get("seed", 0)
-    check_events(events, scene, settings.get("duration"))
-    scene = scenario.scene(scene, seed, description.base.radius)
-    world = World(scene, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
+    check_events(events, description, settings.get("duration"))
+    description = scenario.add_to(description, seed, robot.base.radius)
+    world = World(description, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
     level = settings.get("battery", 100.0)
     if math.isnan(level):
         raise SimError("--battery nan: the level has to be a number from 0 to 100")
-    body = SimulatedRobot(world, description, camera=camera, faults=faults, battery=level)
-    return body, scenario.begin(world, body, description.base.radius)
+    simulated = SimulatedRobot(world, robot, camera=camera, faults=faults, battery=level)
+    return simulated, scenario.begin(world, simulated, robot.base.radius)
 
 
 def _check_rate(rate: float | None, base: BaseInfo) -> None:
@@ -372,11 +376,11 @@ def _check_rate(rate: float | None, base: BaseInfo) -> None:
         )
 
 
-def _report(body: "SimulatedRobot") -> dict[str, object]:
-    pose = body.true_pose()
+def _report(robot: "SimulatedRobot") -> dict[str, object]:
+    pose = robot.true_pose()
     return {
-        "distance_m": round(body.distance, 4),
-        "collisions": body.contacts.collisions,
-        "grazes": body.contacts.grazes,
+        "distance_m": round(robot.distance, 4),
+        "collisions": robot.contacts.collisions,
+        "grazes": robot.contacts.grazes,
         "pose": {"x": round(pose.x, 4), "y": round(pose.y, 4), "yaw": round(pose.yaw, 4)},
     }

@@ -152,14 +152,14 @@ class RunMetrics:
             if outcome.status == "ABORTED":
                 self._failed.append(outcome)
             elif outcome.status == "SUCCEEDED" and _apart(self._body.true_pose(), outcome.goal) <= REACHED:
-                name = self._body.world.scene.waypoint_poses().name_at(outcome.goal)
+                name = self._body.world.description.waypoint_poses().name_at(outcome.goal)
                 if name is not None and name != "recharge":
                     self._visited.append(name)
 
     def _failed_goal(self, outcome: GoalOutcome) -> dict[str, object]:
         """Return the entry of `failed_goals` for an aborted goal."""
         return {
-            "goal": self._body.world.scene.waypoint_poses().name_at(outcome.goal),
+            "goal": self._body.world.description.waypoint_poses().name_at(outcome.goal),
             "x": round(outcome.goal.x, 4),
             "y": round(outcome.goal.y, 4),
             "time_s": round(outcome.stamp / NS_PER_S, 3),

@@ -13,8 +13,8 @@ from btcore_sim.errors import SimError
 from btcore_sim.events import Event, EventRunner, EventTarget, with_boxes
 from btcore_sim.obstacles import with_obstacles
 from btcore_sim.people import PeopleSimulation, with_people
-from btcore_sim.scene import Scene
 from btcore_sim.world import World, random_generator
+from btcore_sim.world_description import WorldDescription
 
 _TRIES = 300  # attempts to draw a place
 
@@ -31,11 +31,11 @@ class Scenario:
     events: Sequence[Event] = ()
     spare_boxes: int = 0
 
-    def scene(self, scene: Scene, seed: int, radius: float) -> Scene:
-        """Return the scene with people, obstacles and the boxes that events will drop.
+    def add_to(self, description: WorldDescription, seed: int, radius: float) -> WorldDescription:
+        """Return *description* with people, obstacles and the boxes that events will drop.
 
         Args:
-            scene: The world without these additions.
+            description: The world without these additions.
             seed: The seed of the random places.
             radius: The radius (m) of the robot, which obstacles leave room to pass.
 
@@ -43,16 +43,22 @@ class Scenario:
             SimError: There is not enough room.
         """
         if self.obstacles:
-            scene = with_obstacles(scene, self.obstacles, random_generator(seed, "obstacles"), radius)
+            description = with_obstacles(
+                description, self.obstacles, random_generator(seed, "obstacles"), radius
+            )
         if self.people:
-            scene = with_people(scene, self.people, random_generator(seed, "people"))
-        return with_boxes(scene, self.events, self.spare_boxes) if self.events or self.spare_boxes else scene
+            description = with_people(description, self.people, random_generator(seed, "people"))
+        return (
+            with_boxes(description, self.events, self.spare_boxes)
+            if self.events or self.spare_boxes
+            else description
+        )
 
     def begin(self, world: World, robot: EventTarget, radius: float) -> EventRunner | None:
         """Let the people walk, and schedule the events.
 
         Args:
-            world: The world, made from the result of `scene`.
+            world: The world, made from the result of `description`.
             robot: The robot that the events affect.
             radius: The robot's radius (m).
 
@@ -61,19 +67,21 @@ class Scenario:
         """
         if not (self.people or self.events or self.spare_boxes):
             return None
-        floor = ClearanceMap.of(world.scene)
+        floor = ClearanceMap.of(world.description)
         people = PeopleSimulation(world, floor, robot.true_pose, radius)
         return EventRunner(world, robot, radius, self.events, floor, people.places)
 
 
-def with_start(scene: Scene, text: str, random: np.random.Generator, radius: float) -> Scene:
-    """Return the scene with another start pose.
+def with_start(
+    description: WorldDescription, text: str, random: np.random.Generator, radius: float
+) -> WorldDescription:
+    """Return *description* with another start pose.
 
     With `random` or `unknown` the start is a free place from which the robot can drive to all waypoints, with
     a random heading; a world with its own rule for random starts keeps that rule.
 
     Args:
-        scene: The world with its own rule for the start.
+        description: The world with its own rule for the start.
         text: `random`, `unknown`, `X,Y` (m) or `X,Y,YAW` (m, degrees).
         random: The source of the random pose.
         radius: The radius (m) of the robot.
@@ -82,15 +90,19 @@ def with_start(scene: Scene, text: str, random: np.random.Generator, radius: flo
         SimError: *text* has another form, or the world has no free place.
     """
     if text in ("random", "unknown"):
-        return scene if scene.pose is None else replace(scene, pose=_drawn(scene, text, random, radius))
-    return replace(scene, pose=_parsed(text))
+        return (
+            description
+            if description.pose is None
+            else replace(description, pose=_drawn(description, text, random, radius))
+        )
+    return replace(description, pose=_parsed(text))
 
 
-def _drawn(scene: Scene, text: str, random: np.random.Generator, radius: float) -> Pose2D:
-    floor, room = ClearanceMap.of(scene), radius + BESIDE_HULL
-    points: list[Point] = list(scene.waypoints.values())
+def _drawn(description: WorldDescription, text: str, random: np.random.Generator, radius: float) -> Pose2D:
+    floor, room = ClearanceMap.of(description), radius + BESIDE_HULL
+    points: list[Point] = list(description.waypoints.values())
     # The clearance map has no doors.
-    leaves = [thing for thing in scene.things if thing.name in scene.doors]
+    leaves = [thing for thing in description.things if thing.name in description.doors]
     for _ in range(_TRIES):
         place = floor.random_point(random, room)
         if place is None:
@@ -99,7 +111,9 @@ def _drawn(scene: Scene, text: str, random: np.random.Generator, radius: float) 
         in_door = any(leaf.distance(*place) < room for leaf in leaves)
         if not in_door and floor.connected([*points, place], room):
             return Pose2D(*place, yaw)
-    raise SimError(f"--start {text}: world '{scene.name}' has no free place with a way to all its waypoints")
+    raise SimError(
+        f"--start {text}: world '{description.name}' has no free place with a way to all its waypoints"
+    )
 
 
 def _parsed(text: str) -> Pose2D:

@@ -32,7 +32,7 @@ from btcore_robot.robot import (
 from btcore_robot.scene_messages import camera_message, laser_message, picture_message, scan_message
 from btcore_robot.schedule import SimulatedTime
 from btcore_scene import Frame, MovingScene, StaticScene
-from btcore_sim import scene_data
+from btcore_sim import scene_messages
 from btcore_sim.battery import FULL, BatteryModel
 from btcore_sim.camera import Camera, CameraSettings
 from btcore_sim.contacts import ContactCounter
@@ -48,9 +48,9 @@ from btcore_sim.laser import Laser, MovableObstacles, RayCaster
 from btcore_sim.latency import DelayedReadings
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.render_scene import RenderScene
 from btcore_sim.robot_description import RobotDescription, load_description
 from btcore_sim.sonar import Sonars
+from btcore_sim.visible_faces import VisibleFaces
 from btcore_sim.world import World
 
 _log = logging.getLogger(__name__)
@@ -92,7 +92,7 @@ class Journey:
 class SimulatedRobot(Robot):
     """A robot with a differential drive and a laser, and optionally head, torso, camera and sonars.
 
-    The scene's rule and the world's seed determine the start pose. A new robot already has a scan and
+    The rule and the seed of the world determine the start pose. A new robot already has a scan and
     odometry, both with time 0. The attributes that are not part of the Robot protocol (true pose,
     contacts, distance driven) are for the report of a run. Leaves must not use them.
 
@@ -108,7 +108,7 @@ class SimulatedRobot(Robot):
         contacts: The counter of collisions.
 
     Raises:
-        SimError: The description does not fit the URDF, the scene has no room for a start pose, the robot
+        SimError: The description does not fit the URDF, the world has no room for a start pose, the robot
             would touch an object there, or the world already has a robot.
     """
 
@@ -130,13 +130,13 @@ class SimulatedRobot(Robot):
         """The model of the battery."""
         self._empty = False
         wheels = self.description.wheels
-        start = world.scene.start(world.random("start"), self.description.base.radius)
+        start = world.description.start(world.random("start"), self.description.base.radius)
         self.model = PhysicsBody(world, self.description, start)
         touched = self.model.touched_object(world)
         if touched is not None:
             raise SimError(
-                f"world '{world.scene.name}': the robot cannot start at ({start.x:g}, {start.y:g}), because "
-                f"it would touch '{touched}' there: use another start pose, or --start random"
+                f"world '{world.description.name}': the robot cannot start at ({start.x:g}, {start.y:g}), "
+                f"because it would touch '{touched}' there: use another start pose, or --start random"
             )
         for held in self.description.held:
             self.model.hold(self.model.joint(held.joint), held.position, held.force, held.speed)
@@ -173,11 +173,11 @@ class SimulatedRobot(Robot):
         facts = self.description.laser.facts
         movable = {body: opaque[body] for body in world.movable if body in opaque}
         moved = MovableObstacles(world.client, movable)
-        still_objects = RayCaster.of(still, world.scene.walls)
+        still_objects = RayCaster.of(still, world.description.walls)
         errors = self.description.laser.errors
         self._laser = Laser(facts, still_objects, world.random("laser"), moved, errors)
         self._camera = (
-            Camera(RenderScene(world, self.model), self.description.camera, camera)
+            Camera(VisibleFaces(world, self.model), self.description.camera, camera)
             if camera and self.description.camera
             else None
         )
@@ -377,13 +377,14 @@ class SimulatedRobot(Robot):
         self._last_picture_stamp = -1  # a new viewer gets the newest picture even if it is an old picture
         lens = self.camera_info
         if lens is not None:
-            self._camera_frames = scene_data.frame_chain(lens.frame, self.frames(), self.model.links)
+            self._camera_frames = scene_messages.frame_chain(lens.frame, self.frames(), self.model.links)
         return StaticScene(
             frame="map",
-            parts=scene_data.world_parts(self.world) + scene_data.robot_parts(self.world, self.model),
-            meshes=scene_data.world_meshes(self.world) + scene_data.robot_meshes(self.world, self.model),
+            parts=scene_messages.world_parts(self.world) + scene_messages.robot_parts(self.world, self.model),
+            meshes=scene_messages.world_meshes(self.world)
+            + scene_messages.robot_meshes(self.world, self.model),
             laser=laser_message(self.laser),
-            places=scene_data.waypoint_data(self.world),
+            places=scene_messages.waypoint_data(self.world),
             footprint_radius=self.base.radius,
             battery=self.cells.level,
             cameras=() if lens is None else [camera_message(lens)],
@@ -403,7 +404,7 @@ class SimulatedRobot(Robot):
             self._last_picture_stamp = picture.stamp
         return MovingScene(
             stamp=self.world.now(),
-            frames=scene_data.frames(self.world, self.model) + self._camera_frames,
+            frames=scene_messages.frames(self.world, self.model) + self._camera_frames,
             velocity=(twist.v, twist.w),
             battery=self.cells.level,
             collisions=self.contacts.collisions,

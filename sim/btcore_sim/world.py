@@ -22,7 +22,7 @@ from btcore_robot.schedule import SimulatedTime
 from btcore_sim.doors import MovingDoors
 from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.scene import Rectangle, Scene, SceneObject
+from btcore_sim.world_description import Rectangle, WorldDescription, WorldObject
 
 __all__ = ["World"]
 
@@ -36,18 +36,18 @@ With 50 iterations the driven distance is exact to 0.2 % at 240 steps a second, 
 MOVABLE, STATIC, GROUND_LINK, FLOOR, HULL, GLASS = 1, 2, 4, 8, 16, 32
 
 OBJECTS = MOVABLE | STATIC | GLASS
-"""The collision groups of all objects of a scene."""
+"""The collision groups of all objects of a world."""
 
-_OPEN = 5.0  # m of visible floor around the start in a scene without objects
+_OPEN = 5.0  # m of visible floor around the start in a world without objects
 _OVERLAP = 0.001  # m: bodies that overlap by less are considered to touch only
 _PATIENCE = NS_PER_S // 5  # ns: a real-time run catches up after a delay of at most this duration
 
 
 class World:
-    """A scene in its own physics engine. The world is also a clock, with `now` and `wait_until`.
+    """A world in its own physics engine. It is also a clock, with `now` and `wait_until`.
 
     Args:
-        scene: The description of the world.
+        description: The description of the world.
         seed: The seed of all random generators.
         fast: False to run in real time.
         gui: Whether to open the physics engine's window.
@@ -62,10 +62,10 @@ class World:
 
     Examples:
         >>> import threading
-        >>> from btcore_sim.scene import load_scene
         >>> from btcore_sim.simulated_robot import SimulatedRobot
         >>> from btcore_sim.world import World
-        >>> world = World(load_scene("arena"))
+        >>> from btcore_sim.worlds import load_world_description
+        >>> world = World(load_world_description("arena"))
         >>> robot = SimulatedRobot(world, camera=None)
         >>> _ = world.wait_until(100_000_000, threading.Event())
         >>> world.now()
@@ -73,8 +73,10 @@ class World:
         >>> world.close()
     """
 
-    def __init__(self, scene: Scene, *, seed: int = 0, fast: bool = True, gui: bool = False) -> None:
-        self.scene = scene
+    def __init__(
+        self, description: WorldDescription, *, seed: int = 0, fast: bool = True, gui: bool = False
+    ) -> None:
+        self.description = description
         self.schedule = SimulatedTime(pace=None if fast else Pacer().wait)
         self._seed = seed
         self._before: list[Callable[[int], None]] = []
@@ -83,7 +85,7 @@ class World:
         self._disconnect = weakref.finalize(self, pybullet.disconnect, self.client)
         engine = {"physicsClientId": self.client}
         pybullet.setGravity(0.0, 0.0, -9.81, **engine)
-        self.rate = scene.physics_rate
+        self.rate = description.physics_rate
         """The number of physics steps per second."""
         pybullet.setTimeStep(1.0 / self.rate, **engine)
         # Without deterministicOverlappingPairs the order of contacts, and so the result, may differ.
@@ -91,12 +93,12 @@ class World:
             numSolverIterations=SOLVER_ITERATIONS, deterministicOverlappingPairs=1, **engine
         )
         self.floor = self._make_floor()
-        self.bodies = {self._make(thing): thing for thing in scene.things}
-        """The objects of the scene, by PyBullet's IDs of their bodies."""
+        self.bodies = {self._make(thing): thing for thing in description.things}
+        """The objects of the world, by PyBullet's IDs of their bodies."""
         self._make_walls()
         self.movable = tuple(body for body, thing in self.bodies.items() if not thing.still)
         """PyBullet's IDs of the bodies that can move: by a push, or by `move_kinematic_body`."""
-        self._doors = MovingDoors(self.client, scene.doors, self.bodies, self.rate)
+        self._doors = MovingDoors(self.client, description.doors, self.bodies, self.rate)
         self._has_robot = False
         self.schedule.every(self.rate, Phase.PHYSICS, self._step)
 
@@ -145,8 +147,8 @@ class World:
         """
         if self._has_robot:
             raise SimError(
-                f"world '{self.scene.name}' has a robot already, and robots would not notice each other: "
-                "make another World for each robot"
+                f"world '{self.description.name}' has a robot already, and robots would not notice each "
+                "other: make another World for each robot"
             )
         self._has_robot = True
 
@@ -156,11 +158,13 @@ class World:
             pybullet.stepSimulation(physicsClientId=self.client)
 
     def kinematic_bodies(self, prefix: str) -> list[int]:
-        """Return PyBullet's IDs of the kinematic objects whose names begin with *prefix*, in scene order."""
+        """Return PyBullet's IDs of the kinematic objects whose names begin with *prefix*, in their order."""
         return [
             body
             for body, thing in self.bodies.items()
-            if thing.is_kinematic and thing.name.startswith(prefix) and thing.name not in self.scene.doors
+            if thing.is_kinematic
+            and thing.name.startswith(prefix)
+            and thing.name not in self.description.doors
         ]
 
     def move_kinematic_body(
@@ -190,13 +194,13 @@ class World:
         The door waits while the robot, a person or a movable object is in its way.
 
         Args:
-            name: The name of the door, one of `Scene.doors`.
+            name: The name of the door, one of `WorldDescription.doors`.
             open: True to open the door, False to close it.
 
         Raises:
             SimError: The world has no door of this name.
         """
-        self.scene.door(name)
+        self.description.door(name)
         self._doors.set(name, open)
 
     def door_opening(self, name: str) -> float:
@@ -208,24 +212,24 @@ class World:
         Raises:
             SimError: The world has no door of this name.
         """
-        self.scene.door(name)
+        self.description.door(name)
         return self._doors.opening(name)
 
-    def door_leaves(self) -> list[SceneObject]:
+    def door_leaves(self) -> list[WorldObject]:
         """Return all leaves of doors at their present poses, and moving leaves at their next poses too."""
         return self._doors.leaves()
 
-    def door_leaves_of(self, name: str, open: bool) -> list[SceneObject]:
+    def door_leaves_of(self, name: str, open: bool) -> list[WorldObject]:
         """Return the leaf of a door at its present pose, and the poses that it would have while it moves.
 
         Args:
-            name: The name of the door, one of `Scene.doors`.
+            name: The name of the door, one of `WorldDescription.doors`.
             open: Whether the door would open.
 
         Raises:
             SimError: The world has no door of this name.
         """
-        self.scene.door(name)
+        self.description.door(name)
         return self._doors.leaves_of(name, open)
 
     def door_distance(self, x: float, y: float) -> float:
@@ -269,12 +273,12 @@ class World:
         engine = {"physicsClientId": self.client}
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, **engine)
         # A plane has no visible surface, so a flat box is added for the renderers.
-        x0, y0, x1, y1 = scene_extent(self.scene)
+        x0, y0, x1, y1 = world_extent(self.description)
         tile = pybullet.createVisualShape(
             pybullet.GEOM_BOX,
             halfExtents=[(x1 - x0) / 2, (y1 - y0) / 2, 0.005],
             visualFramePosition=[(x0 + x1) / 2, (y0 + y1) / 2, -0.005],
-            rgbaColor=[part / 255 for part in self.scene.floor],
+            rgbaColor=[part / 255 for part in self.description.floor],
             **engine,
         )
         floor: int = pybullet.createMultiBody(0.0, plane, tile, **engine)
@@ -284,7 +288,9 @@ class World:
 
     def _make_walls(self) -> None:
         engine = {"physicsClientId": self.client}
-        for vertices, indices in self.scene.walls.meshes() if self.scene.walls is not None else ():
+        for vertices, indices in (
+            self.description.walls.meshes() if self.description.walls is not None else ()
+        ):
             shape = pybullet.createCollisionShape(
                 pybullet.GEOM_MESH,
                 vertices=vertices,
@@ -295,7 +301,7 @@ class World:
             body = pybullet.createMultiBody(0.0, shape, **engine)
             pybullet.setCollisionFilterGroupMask(body, -1, STATIC, MOVABLE | HULL, **engine)
 
-    def _make(self, thing: SceneObject) -> int:
+    def _make(self, thing: WorldObject) -> int:
         engine = {"physicsClientId": self.client}
         color = [part / 255 for part in thing.color]
         hull: dict[str, Any]
@@ -377,19 +383,19 @@ def random_generator(seed: int, purpose: str) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(purpose.encode())])
 
 
-def scene_extent(scene: Scene) -> Rectangle:
-    """Return the bounding rectangle of the scene (m). An empty scene extends 5 m beyond its start area."""
-    x0, y0, x1, y1 = scene.area
-    if scene.walls is not None:
-        return scene.walls.known
-    if not scene.things:
+def world_extent(description: WorldDescription) -> Rectangle:
+    """Return the bounding rectangle of a world (m). An empty world extends 5 m beyond its start area."""
+    x0, y0, x1, y1 = description.area
+    if description.walls is not None:
+        return description.walls.known
+    if not description.things:
         return x0 - _OPEN, y0 - _OPEN, x1 + _OPEN, y1 + _OPEN
-    outlines = [thing.outline() for thing in scene.things if not thing.parked]
+    outlines = [thing.outline() for thing in description.things if not thing.parked]
     lows, highs = [(x0, y0), *(box[:2] for box in outlines)], [(x1, y1), *(box[2:] for box in outlines)]
     return *map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))
 
 
-def prism_mesh(thing: SceneObject) -> tuple[list[tuple[float, float, float]], list[int]]:
+def prism_mesh(thing: WorldObject) -> tuple[list[tuple[float, float, float]], list[int]]:
     """Return the surface of a prism around the middle of its extent.
 
     Args:

@@ -11,17 +11,19 @@ from btcore_sim.errors import SimError
 from btcore_sim.map_world import load_map_world, with_waypoints
 from btcore_sim.random_world_kinds import KINDS
 from btcore_sim.random_worlds import random_world
-from btcore_sim.scene import Scene, load_scene, scene_names
+from btcore_sim.world_description import WorldDescription, read_world_description, world_names
 
-__all__ = ["load_world"]
+__all__ = ["load_world_description"]
 
 _RANDOM = re.compile(rf"({'|'.join(KINDS)}):(\d{{1,9}})")
 _SUFFIXES = (".json", ".yaml", ".yml")
 """The suffixes of world files and of maps."""
 
 
-def load_world(name: str, *, seed: int = 0, radius: float = 0.3, waypoints: Path | None = None) -> Scene:
-    """Load a world of any kind.
+def load_world_description(
+    name: str, *, seed: int = 0, radius: float = 0.3, waypoints: Path | None = None
+) -> WorldDescription:
+    """Load the description of a world of any kind.
 
     Args:
         name: The name of a bundled world, the path of a world file (JSON) or of a map (YAML), or `office:3`
@@ -37,8 +39,8 @@ def load_world(name: str, *, seed: int = 0, radius: float = 0.3, waypoints: Path
         SimError: The world is unknown, or a file is missing or invalid.
 
     Examples:
-        >>> from btcore_sim.worlds import load_world
-        >>> "recharge" in load_world("office:3").waypoints
+        >>> from btcore_sim.worlds import load_world_description
+        >>> "recharge" in load_world_description("office:3").waypoints
         True
     """
     try:
@@ -51,10 +53,10 @@ def load_world(name: str, *, seed: int = 0, radius: float = 0.3, waypoints: Path
     if Path(name).suffix in _SUFFIXES[1:]:
         return load_map_world(Path(name), seed, radius, places)
     match = _RANDOM.fullmatch(name)
-    if match is None and not _is_path(name) and name not in scene_names():
+    if match is None and not _is_path(name) and name not in world_names():
         raise SimError(_unknown_world(name))
-    scene = random_world(match[1], int(match[2])) if match else load_scene(name)
-    return scene if places is None else with_waypoints(scene, places)
+    description = random_world(match[1], int(match[2])) if match else read_world_description(name)
+    return description if places is None else with_waypoints(description, places)
 
 
 def _is_path(name: str) -> bool:
@@ -71,8 +73,8 @@ def _unknown_world(name: str) -> str:
     """Return the message for a name that is neither a world nor a path."""
     seed = name.partition(":")[2]
     random_worlds = [f"{kind}:{seed if seed.isdecimal() else 1}" for kind in KINDS]
-    hint = did_you_mean(name, [*scene_names(), *random_worlds, *_files_beside(Path(name))])
-    known = ", ".join([*scene_names(), *(f"{kind}:N" for kind in KINDS)])
+    hint = did_you_mean(name, [*world_names(), *random_worlds, *_files_beside(Path(name))])
+    known = ", ".join([*world_names(), *(f"{kind}:N" for kind in KINDS)])
     return (
         f"there is no world '{name}': {hint}worlds are {known} (random; N is a number); "
         "or use the path of a world file (JSON) or of a map (YAML)"

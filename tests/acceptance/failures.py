@@ -181,8 +181,8 @@ def scenarios(folder: Path, seeds: Sequence[int]) -> list[Scenario]:
 
 def write_world(folder: Path, name: str) -> Path:
     """Write the house with crates that are too heavy to be pushed, and that are not on the map."""
-    scenes = files("btcore_sim") / "scenes"
-    world = json.loads((scenes / "house.json").read_text(encoding="utf-8"))
+    world_files = files("btcore_sim") / "world_files"
+    world = json.loads((world_files / "house.json").read_text(encoding="utf-8"))
     world.pop("$schema", None)
     for number, (x, y, length, width) in enumerate(CRATES[name]):
         crate = {"name": f"crate_{number}", "kind": "box", "position": [x, y], "size": [length, width, 0.9]}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from btcore_navigation.likelihood import obstacle_distances
 from btcore_robot.occupancy_map import OccupancyMap, load_map
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import load_scene
+from btcore_sim.worlds import load_world_description
 
 HOUSES = ("house", "aws_house")
 NEAR = 2
@@ -48,7 +48,7 @@ def visible_walls(map: OccupancyMap) -> NDArray[np.bool_]:
 
 def explored(house: str, file: Path) -> Case:
     """Return the case of exploring *house* and saving the map as *file*."""
-    true = rasterise(load_scene(house))
+    true = rasterise(load_world_description(house))
 
     def misses(result: Result) -> list[str]:
         robot = result["robot"]

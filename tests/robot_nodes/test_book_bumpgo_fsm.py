@@ -18,9 +18,9 @@ from btcore_robot.control.bumpgo_fsm import (
 from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.process.robot_bridge import RobotBridge
 from btcore_robot.robot import LaserScan, Twist2D
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 SECOND = 10**9
 AHEAD, BACK, LEFT, STAND = Twist2D(0.3, 0.0), Twist2D(-0.3, 0.0), Twist2D(0.0, 0.3), Twist2D(0.0, 0.0)
@@ -184,7 +184,7 @@ def test_exercise_an_obstacle_anywhere_in_the_lane_blocks_it(ahead: float, aside
 
 def turned(kind: type[BumpGo], seconds: float, seed: int = 2) -> tuple[SimulatedRobot, BumpGo, float]:
     """Run the process in the simulator; return the robot, the process, and the distance."""
-    body = SimulatedRobot(World(load_scene("arena_boxes"), seed=seed))
+    body = SimulatedRobot(World(load_world_description("arena_boxes"), seed=seed))
     context = ProcessContext(body.clock, body.schedule, lambda line: None, robot=body)
     executor = Executor(body.schedule, body.clock)
     process = kind(context, ProcessOptions(remap={"input_scan": "scan_raw", "output_vel": "nav_vel"}))

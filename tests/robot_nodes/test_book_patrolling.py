@@ -11,12 +11,12 @@ from btcore_navigation.action import ActionServer, GoalHandle
 from btcore_robot.control.head_tracker import HeadTracker
 from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D, Waypoints
-from btcore_sim.scene import load_scene
+from btcore_sim.worlds import load_world_description
 
 TREES = Path(__file__).parents[2] / "trees"
 SECOND = 10**9
 
-HOUSE = load_scene("house").waypoint_poses()
+HOUSE = load_world_description("house").waypoint_poses()
 RECHARGE, WP1, WP2, WP3 = (HOUSE.places[name] for name in ("recharge", "wp1", "wp2", "wp3"))
 
 

@@ -17,9 +17,10 @@ from btcore_robot.transforms import FrameBroadcaster, Transform, TransformTree
 from btcore_scene import MovingScene
 from btcore_sim.camera import CameraSettings
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldDescription
+from btcore_sim.worlds import load_world_description
 
 LENS = CameraInfo(160, 120, 100.0, 100.0, 79.5, 59.5, 0.1, 20.0, 10.0, "camera")
 LOOKING_AHEAD = Transform((0.0, 0.0, 1.0), (-0.5, 0.5, -0.5, 0.5))
@@ -96,7 +97,7 @@ def wait(body: SimulatedRobot, seconds: float) -> None:
 
 @pytest.fixture
 def body() -> Iterator[SimulatedRobot]:
-    world = World(load_scene("house"), seed=1)
+    world = World(load_world_description("house"), seed=1)
     yield SimulatedRobot(world, camera=CameraSettings(320, 240, 10.0))
     world.close()
 
@@ -118,7 +119,7 @@ def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(
     assert locator.activate()
     body.move_head(-1.2, -0.15)
     wait(body, 2.6)
-    pieces = extents(body.world.scene)
+    pieces = extents(body.world.description)
     found = set()
     for box in locator.boxes:
         low, high = (np.array(box.centre) + sign * np.array(box.size) / 2 for sign in (-1, 1))
@@ -160,7 +161,7 @@ def test_boxes_are_detected_only_while_the_locator_is_active(body: SimulatedRobo
 
 
 def test_with_the_navigation_boxes_are_in_the_map_frame(body: SimulatedRobot):
-    chart = rasterise(body.world.scene)
+    chart = rasterise(body.world.description)
     navigation = Navigation(body, chart, np.random.default_rng(1), folder())
     locator = ObjectLocator(body, navigation.transforms)
     locator.configure()
@@ -172,10 +173,10 @@ def test_with_the_navigation_boxes_are_in_the_map_frame(body: SimulatedRobot):
     assert counter.centre[0] - counter.size[0] / 2 == pytest.approx(2.525 - 0.65 / 2, abs=0.1)
 
 
-def extents(scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def extents(description: WorldDescription) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return the bounds (m) of each piece of furniture; a table includes its top and its legs."""
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    for thing in scene.things:
+    for thing in description.things:
         name = re.sub(r"_(top|leg_\d+|back)$", "", thing.name)
         x0, y0, x1, y1 = thing.outline()
         low, high = (

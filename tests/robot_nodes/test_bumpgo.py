@@ -11,9 +11,9 @@ import btcore
 from btcore import Registry, Status, Tree
 from btcore.engine.node import count_ticks
 from btcore_sim.faults import Fault, FaultSchedule
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 TREES = Path(__file__).parents[2] / "trees"
 TENTH = 100_000_000
@@ -28,7 +28,7 @@ def nodes() -> Registry:
 
 @pytest.fixture
 def body(request) -> Iterator[SimulatedRobot]:
-    made = SimulatedRobot(World(load_scene(request.param), seed=4))
+    made = SimulatedRobot(World(load_world_description(request.param), seed=4))
     yield made
     made.world.close()
 

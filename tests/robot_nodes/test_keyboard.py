@@ -59,7 +59,7 @@ def test_the_robot_drives_by_the_keys(drive: Run) -> None:
 def test_a_map_is_made_while_driving(drive: Run, tmp_path: Path) -> None:
     from btcore_robot.occupancy_map import load_map
     from btcore_sim.map_rasteriser import rasterise
-    from btcore_sim.scene import load_scene
+    from btcore_sim.worlds import load_world_description
 
     file = tmp_path / "arena.yaml"
     lines = [
@@ -73,7 +73,7 @@ def test_a_map_is_made_while_driving(drive: Run, tmp_path: Path) -> None:
     assert map.occupied.sum() > 400
     assert map.free.sum() * map.resolution**2 > 30.0
     # The walls are where they are in the world, although the robot started elsewhere.
-    world = rasterise(load_scene("arena"))
+    world = rasterise(load_world_description("arena"))
     indices = world.indices(map.centers(*np.nonzero(map.occupied)))
     thick_walls = cv2.dilate(world.occupied.astype(np.uint8), np.ones((5, 5)))
     assert thick_walls[indices[:, 0], indices[:, 1]].mean() > 0.95

@@ -381,17 +381,17 @@ def test_leaves_follow_their_models_in_the_simulator(explores: bool, tmp_path: A
     from btcore_sim.map_rasteriser import rasterise
     from btcore_sim.simulated_robot import SimulatedRobot
     from btcore_sim.world import World
-    from btcore_sim.worlds import load_world
+    from btcore_sim.worlds import load_world_description
 
-    scene = load_world("arena")
-    world = World(scene, seed=1)
+    description = load_world_description("arena")
+    world = World(description, seed=1)
     robot = SimulatedRobot(world)
     random_numbers = np.random.default_rng(1)
     stack: Any
     if explores:
         stack = Exploration(robot, random_numbers, folder())
     else:
-        stack = Navigation(robot, rasterise(scene), random_numbers, folder())
+        stack = Navigation(robot, rasterise(description), random_numbers, folder())
     tracker, locator = HeadTracker(robot), ObjectLocator(robot, stack.servers.transforms)
     for component in (tracker, locator):
         component.configure()

@@ -10,7 +10,7 @@ from btcore_navigation.run_extension import NavigationExtension
 from btcore_robot.occupancy_map import MapError, OccupancyMap, save_map
 from btcore_robot.robot import Pose2D, Waypoints
 from btcore_robot.waypoint_file import load_waypoints, save_waypoints, waypoints_path
-from btcore_sim.scene import load_scene
+from btcore_sim.worlds import load_world_description
 
 
 def test_saved_waypoints_are_loaded_unchanged(tmp_path: Path) -> None:
@@ -53,7 +53,7 @@ def test_map_writes_the_waypoints_of_the_world(tmp_path: Path) -> None:
     done = btcore("map", "house", "-o", str(tmp_path))
     path = waypoints_path(tmp_path / "house.yaml")
     assert f"{path}: 5 waypoints" in done.stdout
-    assert load_waypoints(path).places == load_scene("house").waypoint_poses().places
+    assert load_waypoints(path).places == load_world_description("house").waypoint_poses().places
 
 
 PATROL = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>

@@ -8,9 +8,9 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.camera import CameraSettings
 from btcore_sim.faults import Fault
 from btcore_sim.robot_description import PERFECT, TIAGO, LaserErrors, RobotDescription, load_description
-from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldDescription, WorldObject
 
 Stand = Callable[..., SimulatedRobot]
 Pass = Callable[..., None]
@@ -19,19 +19,19 @@ WHITE = (255, 255, 255, 255)
 
 
 @pytest.fixture
-def box() -> Callable[..., SceneObject]:
+def box() -> Callable[..., WorldObject]:
     def make(
         x: float, y: float, size: Sequence[float], *, yaw: float = 0.0, mass: float = 0.0, name: str = "box"
-    ) -> SceneObject:
-        return SceneObject(name, "box", (size[0], size[1], size[2]), (x, y, 0.0), yaw, mass, WHITE)
+    ) -> WorldObject:
+        return WorldObject(name, "box", (size[0], size[1], size[2]), (x, y, 0.0), yaw, mass, WHITE)
 
     return make
 
 
 @pytest.fixture
-def drum() -> Callable[..., SceneObject]:
-    def make(x: float, y: float, radius: float, *, mass: float = 0.0, name: str = "drum") -> SceneObject:
-        return SceneObject(name, "cylinder", (2 * radius, 2 * radius, 1.0), (x, y, 0.0), 0.0, mass, WHITE)
+def drum() -> Callable[..., WorldObject]:
+    def make(x: float, y: float, radius: float, *, mass: float = 0.0, name: str = "drum") -> WorldObject:
+        return WorldObject(name, "cylinder", (2 * radius, 2 * radius, 1.0), (x, y, 0.0), 0.0, mass, WHITE)
 
     return make
 
@@ -42,7 +42,7 @@ def robot_at() -> Iterator[Stand]:
     worlds: list[World] = []
 
     def make(
-        *things: SceneObject,
+        *things: WorldObject,
         pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
         seed: int = 0,
         faults: Sequence[Fault] = (),
@@ -51,10 +51,10 @@ def robot_at() -> Iterator[Stand]:
         camera: CameraSettings | None = None,
         battery: float = 100.0,
     ) -> SimulatedRobot:
-        scene = Scene(
+        world = WorldDescription(
             "test", "", things, (-5, -5, 5, 5), 0.0, Pose2D(*pose), WHITE, physics_rate=physics_rate
         )
-        worlds.append(World(scene, seed=seed))
+        worlds.append(World(world, seed=seed))
         robot = description or load_description(TIAGO)
         return SimulatedRobot(worlds[-1], robot, camera=camera, faults=faults, battery=battery)
 

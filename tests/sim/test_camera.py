@@ -10,9 +10,9 @@ import pytest
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo
 from btcore_sim.camera import CameraSettings
-from btcore_sim.render_scene import box_faces, shape_faces
 from btcore_sim.renderer import SKY, Renderer
 from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.visible_faces import box_faces, shape_faces
 
 SIZE = CameraSettings(160, 120, 10.0)
 RED = (230, 20, 20, 255)

@@ -16,18 +16,21 @@ from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.people import RADIUS, PeopleSimulation, with_people
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scenario import with_start
-from btcore_sim.scene import Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World, random_generator
+from btcore_sim.world_description import WorldDescription
+from btcore_sim.worlds import load_world_description
 
 HINGED = {"name": "office", "kind": "hinged_door", "position": [1.0, 0.0], "width": 1.0, "yaw": math.pi / 2}
 SLIDING = {**HINGED, "kind": "sliding_door"}
 
 
-def load(folder: Path, *objects: dict[str, object], start: tuple[float, float, float] = (0, 0, 0)) -> Scene:
+def load(
+    folder: Path, *objects: dict[str, object], start: tuple[float, float, float] = (0, 0, 0)
+) -> WorldDescription:
     path = folder / "mine.json"
     path.write_text(json.dumps({"start": {"pose": start}, "objects": objects}))
-    return load_scene(str(path))
+    return load_world_description(str(path))
 
 
 def run(world: World, seconds: float) -> None:
@@ -43,9 +46,9 @@ def run(world: World, seconds: float) -> None:
     ],
 )
 def test_a_door_opens_and_closes_in_a_few_seconds(tmp_path: Path, door: dict, opened: Pose2D):
-    scene = load(tmp_path, door)
-    world = World(scene)
-    assert list(scene.doors) == ["office"]
+    description = load(tmp_path, door)
+    world = World(description)
+    assert list(description.doors) == ["office"]
     (leaf,) = world.kinematic_bodies("") or world.movable
     closed = (1.0, 0.0, 1.05)
     world.set_door("office", True)
@@ -94,12 +97,12 @@ def test_a_door_closes_beside_a_robot_that_is_not_in_the_way(tmp_path: Path):
 def test_the_laser_detects_a_door_and_the_map_does_not_have_it(tmp_path: Path):
     wall = {"kind": "wall", "height": 2, "points": [[1, -3], [1, -0.5]]}
     other = {"kind": "wall", "height": 2, "points": [[1, 0.5], [1, 3]]}
-    scene = load(tmp_path, wall, other, {**HINGED, "swing": "right"})
-    map = rasterise(scene)
+    description = load(tmp_path, wall, other, {**HINGED, "swing": "right"})
+    map = rasterise(description)
     assert map.free[map.cell(1.0, 0.0)]
     assert map.occupied[map.cell(1.0, 1.0)]
-    assert scene.clearance_at(1.0, 0.0) == 0.0, "a start in the closed door is refused"
-    world = World(scene)
+    assert description.clearance_at(1.0, 0.0) == 0.0, "a start in the closed door is refused"
+    world = World(description)
     robot = SimulatedRobot(world, camera=None)
     ahead = len(robot.scan().ranges) // 2
     assert robot.scan().ranges[ahead] == pytest.approx(0.8, abs=0.15)
@@ -124,18 +127,20 @@ def test_runs_with_doors_are_identical(tmp_path: Path):
 
 
 def test_people_keep_away_from_closed_doors():
-    scene = load_scene("lobby")
+    description = load_world_description("lobby")
     for seed in range(3):
-        people = with_people(scene, 3, random_generator(seed, "people")).things[len(scene.things) :]
-        leaves = [thing for thing in scene.things if thing.name in scene.doors]
+        people = with_people(description, 3, random_generator(seed, "people")).things[
+            len(description.things) :
+        ]
+        leaves = [thing for thing in description.things if thing.name in description.doors]
         assert len(leaves) == 2
         assert all(leaf.distance(*person.position[:2]) > RADIUS for leaf in leaves for person in people)
 
 
 def test_people_do_not_walk_through_doors_and_doors_do_not_hit_people():
-    lobby = load_scene("lobby")
+    lobby = load_world_description("lobby")
     world = World(with_people(lobby, 4, random_generator(2, "people")), seed=2)
-    people = PeopleSimulation(world, ClearanceMap.of(world.scene), lambda: Pose2D(0.0, 0.0, 0.0), 0.27)
+    people = PeopleSimulation(world, ClearanceMap.of(world.description), lambda: Pose2D(0.0, 0.0, 0.0), 0.27)
     walked, nearest = 0.0, math.inf
     for second in range(60):
         if second % 5 == 0:
@@ -202,4 +207,4 @@ def test_an_unknown_door_is_reported_with_the_known_doors(tmp_path: Path):
         world.set_door("ofice", True)
     world.close()
     with pytest.raises(SimError, match="world 'arena': there is no door 'office': it has no doors"):
-        load_scene("arena").door("office")
+        load_world_description("arena").door("office")

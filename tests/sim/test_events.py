@@ -30,9 +30,9 @@ from btcore_sim.faults import parse_fault
 from btcore_sim.obstacles import FROM_WAYPOINTS
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scenario import Scenario
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 SECOND = 1_000_000_000
 
@@ -87,7 +87,7 @@ def test_an_invalid_event_raises_with_an_explanation(text: str, said: str):
 )
 def test_an_event_that_cannot_happen_in_the_run_raises(text: str, duration: float | None, said: str):
     with pytest.raises(SimError, match=said):
-        check_events([parse_event(text)], load_scene("house"), duration)
+        check_events([parse_event(text)], load_world_description("house"), duration)
 
 
 @pytest.fixture
@@ -99,7 +99,7 @@ def meet():
         name: str, *events: str, seed: int = 1, people: int = 0, spare_boxes: int = 0, faults: str = ""
     ) -> tuple[SimulatedRobot, EventRunner]:
         scenario = Scenario(people, 0, [parse_event(text) for text in events], spare_boxes)
-        worlds.append(World(scenario.scene(load_scene(name), seed, 0.27), seed=seed))
+        worlds.append(World(scenario.add_to(load_world_description(name), seed, 0.27), seed=seed))
         body = SimulatedRobot(worlds[-1], faults=[parse_fault(faults)] if faults else [])
         begun = scenario.begin(worlds[-1], body, body.base.radius)
         assert begun is not None
@@ -232,7 +232,11 @@ def test_a_box_fits_only_where_there_is_room(meet, pose: tuple[float, float, flo
 
 def test_a_box_that_fits_leaves_a_passage_and_is_far_from_waypoints(meet):
     body, events = meet("aws_house", "box:100")
-    scene, floor, random = body.world.scene, ClearanceMap.of(body.world.scene), body.world.random("test")
+    description, floor, random = (
+        body.world.description,
+        ClearanceMap.of(body.world.description),
+        body.world.random("test"),
+    )
     parked = body.world.bodies[body.world.kinematic_bodies("dropped")[0]]
     found = 0
     for _ in range(300):
@@ -242,11 +246,11 @@ def test_a_box_that_fits_leaves_a_passage_and_is_far_from_waypoints(meet):
         if events.fits(box, pose):
             found += 1
             assert box.distance(pose.x, pose.y) - 0.27 == pytest.approx(AHEAD)
-            assert all(box.distance(*point) >= FROM_WAYPOINTS for point in scene.waypoints.values())
+            assert all(box.distance(*point) >= FROM_WAYPOINTS for point in description.waypoints.values())
             after = floor.with_obstacle(box)
-            assert after.connected(list(scene.waypoints.values()), 0.32)
+            assert after.connected(list(description.waypoints.values()), 0.32)
             sides = [box_side(pose, box, side) for side in (1.0, -1.0)]
-            assert max(scene.clearance_at(*side) for side in sides) >= PASSAGE / 2
+            assert max(description.clearance_at(*side) for side in sides) >= PASSAGE / 2
     assert found >= 30
 
 
@@ -267,7 +271,7 @@ def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(meet, n
     assert (happened["event"], happened["t"]) == ("kidnap", 2.0)
     after = body.true_pose()
     assert math.dist((before.x, before.y), (after.x, after.y)) > FAR
-    assert body.world.scene.clearance_at(after.x, after.y) >= body.base.radius + CLEAR - 0.05
+    assert body.world.description.clearance_at(after.x, after.y) >= body.base.radius + CLEAR - 0.05
     assert math.dist((odometry.x, odometry.y), (body.odometry().pose.x, body.odometry().pose.y)) < 0.06
     assert body.distance - way < 0.06
     assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
@@ -299,7 +303,10 @@ def test_a_carried_robot_sees_the_way_but_its_wheels_do_not_turn(meet):
     assert len(steps) > 20
     assert max(steps) < 1.1 * CARRYING_SPEED / 10
     assert len(set(scans)) > 0.9 * len(scans)
-    assert min(body.world.scene.clearance_at(place.x, place.y) for place in places) > body.base.radius - 0.05
+    assert (
+        min(body.world.description.clearance_at(place.x, place.y) for place in places)
+        > body.base.radius - 0.05
+    )
     left = [name for name in wheels if "wheel" in name and "left" in name]
     assert [body.joint_positions()[name] for name in left] == pytest.approx(
         [wheels[name] for name in left], abs=0.05
@@ -384,7 +391,7 @@ def test_a_door_opens_and_closes_at_its_times(tmp_path: Path):
     path = tmp_path / "flat.json"
     path.write_text(json.dumps({"start": {"pose": [0, 0, 0]}, "objects": [door]}), encoding="utf-8")
     scenario = Scenario(0, 0, [parse_event(f"door:kitchen:{one}") for one in ("close@5", "open@0.5")])
-    world = World(scenario.scene(load_scene(str(path)), 1, 0.27), seed=1)
+    world = World(scenario.add_to(load_world_description(str(path)), 1, 0.27), seed=1)
     body = SimulatedRobot(world)
     events = scenario.begin(world, body, body.base.radius)
     go(body, 4.8, 0.0)

@@ -67,7 +67,7 @@ def test_a_failed_camera_keeps_its_last_picture(robot_at, steer):
     from btcore_sim.simulated_robot import SimulatedRobot
     from btcore_sim.world import World
 
-    world = World(robot_at().world.scene)
+    world = World(robot_at().world.description)
     body = SimulatedRobot(world, camera=CameraSettings(32, 24, 10.0), faults=fault_list("camera:0.5-1"))
     first = body.camera()
     steer(body, 0.7, None)

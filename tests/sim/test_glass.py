@@ -11,7 +11,7 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.camera import CameraSettings
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import Scene
+from btcore_sim.world_description import WorldDescription
 
 RED, CLEAR = (220, 30, 30, 255), (160, 208, 224, 96)
 
@@ -70,10 +70,10 @@ def test_the_map_keeps_robots_out_of_glass_but_does_not_show_it_to_the_laser(box
         box(0.0, -3.0, (6.1, 0.1, 2.0), name="south"),
     ]
     pane = replace(pane, yaw=yaw)
-    scene = Scene("room", "", (*walls, pane), (-2, 0, -2, 0), 0.0, Pose2D(-2, 0, 0), CLEAR)
-    map = rasterise(scene)
+    description = WorldDescription("room", "", (*walls, pane), (-2, 0, -2, 0), 0.0, Pose2D(-2, 0, 0), CLEAR)
+    map = rasterise(description)
     assert not map.occupied[map.cell(1.2, 0.0)]
-    floor = ClearanceMap.of(scene)
+    floor = ClearanceMap.of(description)
     along = np.linspace(-1.45, 1.45, 30)
     for x, y in ((1.2 - math.sin(yaw) * part, math.cos(yaw) * part) for part in along):
         assert floor.clearance_at(x, y) == 0.0

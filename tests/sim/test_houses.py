@@ -14,9 +14,10 @@ from btcore_sim.camera import CameraSettings
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.laser import RayCaster
 from btcore_sim.map_rasteriser import LASER_HEIGHT, rasterise
-from btcore_sim.scene import Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldDescription
+from btcore_sim.worlds import load_world_description
 
 HOUSES = ["house", "aws_house"]
 NAVIGATION_RADIUS = 0.3
@@ -79,28 +80,28 @@ DOORS = {  # from and to, in the middle of the wall (m)
 
 
 @pytest.fixture(params=HOUSES)
-def house(request: pytest.FixtureRequest) -> Scene:
-    return load_scene(request.param)
+def house(request: pytest.FixtureRequest) -> WorldDescription:
+    return load_world_description(request.param)
 
 
-def test_waypoints_have_the_specified_positions(house: Scene):
+def test_waypoints_have_the_specified_positions(house: WorldDescription):
     assert house.waypoints == {name: (x, y) for name, (x, y, _) in WAYPOINTS[house.name].items()}
 
 
-def test_the_robot_starts_at_the_books_pose(house: Scene):
+def test_the_robot_starts_at_the_books_pose(house: WorldDescription):
     for seed in range(1, 21):
         assert house.start(np.random.default_rng(seed), 0.27) == house.pose
     assert (house.pose.x, house.pose.y, house.pose.yaw) == (0.0, 0.0, 0.0)
 
 
-def test_each_waypoint_has_the_specified_clearance(house: Scene):
+def test_each_waypoint_has_the_specified_clearance(house: WorldDescription):
     for name, (x, y, clearance) in WAYPOINTS[house.name].items():
         seen = min(thing.distance(x, y) for thing in house.things if thing.meets(LASER_HEIGHT))
         assert seen == pytest.approx(clearance, abs=0.15), name
         assert house.clearance_at(x, y) >= 0.75, f"{name}, with what the laser does not see"
 
 
-def test_paths_between_waypoints_have_the_specified_lengths(house: Scene):
+def test_paths_between_waypoints_have_the_specified_lengths(house: WorldDescription):
     floor = ClearanceMap.of(house)
     costs = np.where(floor.clearances >= NAVIGATION_RADIUS, 1.0, -1.0)
     found = {}
@@ -111,28 +112,28 @@ def test_paths_between_waypoints_have_the_specified_lengths(house: Scene):
     assert found == {pair: pytest.approx(length, rel=0.1) for pair, length in WAYS[house.name].items()}
 
 
-def test_the_narrowest_place_has_the_specified_width(house: Scene):
+def test_the_narrowest_place_has_the_specified_width(house: WorldDescription):
     floor, points = ClearanceMap.of(house), list(house.waypoints.values())
     assert floor.connected(points, NAVIGATION_RADIUS)
     assert floor.connected(points, WIDEST[house.name] - 0.1)
     assert not floor.connected(points, WIDEST[house.name] + 0.2)
 
 
-def test_the_floor_and_the_house_have_the_specified_sizes(house: Scene):
+def test_the_floor_and_the_house_have_the_specified_sizes(house: WorldDescription):
     map = rasterise(house)
     area = np.count_nonzero(ClearanceMap(map).clearances >= NAVIGATION_RADIUS) * map.resolution**2
     assert area == pytest.approx(FLOOR[house.name], rel=0.03)
     assert map.bounds == pytest.approx(BOUNDS[house.name], abs=0.25)
 
 
-def test_every_door_is_open_over_its_specified_width(house: Scene):
+def test_every_door_is_open_over_its_specified_width(house: WorldDescription):
     for start, end in DOORS[house.name]:
         for part in np.linspace(0.02, 0.98, 60):
             x, y = (a + part * (b - a) for a, b in zip(start, end, strict=True))
             assert all(thing.distance(x, y) > 0.0 for thing in house.things), (start, end, part)
 
 
-def test_no_ray_leaves_the_house(house: Scene):
+def test_no_ray_leaves_the_house(house: WorldDescription):
     outlines = RayCaster.of(house.things)
     around = np.linspace(-math.pi, math.pi, 3600, endpoint=False)
     map = rasterise(house)
@@ -142,7 +143,7 @@ def test_no_ray_leaves_the_house(house: Scene):
         assert np.isfinite(outlines.distances(x, y, height, around)).all(), (x, y, height)
 
 
-def test_walls_are_straight_high_and_15_to_20_cm_thick(house: Scene):
+def test_walls_are_straight_high_and_15_to_20_cm_thick(house: WorldDescription):
     walls = [thing for thing in house.things if thing.name.startswith("wall_")]
     assert len(walls) >= 12
     for wall in walls:
@@ -150,11 +151,11 @@ def test_walls_are_straight_high_and_15_to_20_cm_thick(house: Scene):
         assert 0.15 - 1e-9 <= min(wall.size[:2]) <= 0.2 + 1e-9
 
 
-def test_a_house_is_a_few_dozen_bodies(house: Scene):
+def test_a_house_is_a_few_dozen_bodies(house: WorldDescription):
     assert 40 <= len(house.things) <= 70
 
 
-def test_the_floor_below_table_tops_is_a_keep_out_area(house: Scene):
+def test_the_floor_below_table_tops_is_a_keep_out_area(house: WorldDescription):
     map = rasterise(house)
     tops = [thing for thing in house.things if thing.name.endswith("_top")]
     assert len(tops) >= 2
@@ -165,7 +166,7 @@ def test_the_floor_below_table_tops_is_a_keep_out_area(house: Scene):
         assert map.cells[map.cell(*top.position[:2])] == 0
 
 
-def test_furniture_has_the_books_wooden_colour_and_other_colours(house: Scene):
+def test_furniture_has_the_books_wooden_colour_and_other_colours(house: WorldDescription):
     wooden = [thing for thing in house.things if is_wooden(thing.color)]
     others = [thing for thing in house.things if thing not in wooden and not thing.name.startswith("wall_")]
     assert len({thing.name.split("_")[0] for thing in wooden}) >= 4
@@ -182,21 +183,25 @@ def is_wooden(color: tuple[int, int, int, int]) -> bool:
 
 @pytest.mark.parametrize("name", HOUSES)
 def test_the_camera_sees_wood_at_every_waypoint_but_not_on_walls_and_floor(name: str):
-    scene = load_scene(name)
-    bare = replace(scene, things=tuple(thing for thing in scene.things if not is_wooden(thing.color)))
-    shares = {place: [seen_wood(scene, *place, turn) for turn in range(8)] for place in patrolled(scene)}
+    description = load_world_description(name)
+    bare = replace(
+        description, things=tuple(thing for thing in description.things if not is_wooden(thing.color))
+    )
+    shares = {
+        place: [seen_wood(description, *place, turn) for turn in range(8)] for place in patrolled(description)
+    }
     assert all(max(views) > 0.01 for views in shares.values()), shares
     assert sum(view > 0.01 for views in shares.values() for view in views) >= 8
-    assert all(seen_wood(bare, *place, turn) == 0.0 for place in patrolled(scene) for turn in range(8))
+    assert all(seen_wood(bare, *place, turn) == 0.0 for place in patrolled(description) for turn in range(8))
 
 
-def patrolled(scene: Scene) -> list[tuple[float, float]]:
-    return [scene.waypoints[name] for name in ("wp1", "wp2", "wp3")]
+def patrolled(description: WorldDescription) -> list[tuple[float, float]]:
+    return [description.waypoints[name] for name in ("wp1", "wp2", "wp3")]
 
 
-def seen_wood(scene: Scene, x: float, y: float, turn: int) -> float:
+def seen_wood(description: WorldDescription, x: float, y: float, turn: int) -> float:
     """Return the share of a picture's pixels in the book's range, *turn* eighths of a turn to the left."""
-    world = World(replace(scene, pose=Pose2D(x, y, turn * math.pi / 4)))
+    world = World(replace(description, pose=Pose2D(x, y, turn * math.pi / 4)))
     picture = SimulatedRobot(world, camera=CameraSettings(80, 60, 10.0)).camera()
     world.close()
     pixels = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2HSV)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from btcore_robot.robot import LaserInfo, Pose2D
 from btcore_sim.laser import Laser, RayCaster
 from btcore_sim.robot_description import LaserErrors
-from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldDescription, WorldObject
 
 FACTS = LaserInfo(180, -math.pi, 2 * math.pi / 180, 0.05, 25.0, 10.0, 0.06, "laser")
 HEIGHT = 0.1
@@ -25,7 +25,7 @@ yaws = st.one_of(st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi]), st.
 
 
 @st.composite
-def things(draw: st.DrawFn) -> list[SceneObject]:
+def things(draw: st.DrawFn) -> list[WorldObject]:
     found = []
     for index in range(draw(st.integers(1, 6))):
         kind = draw(st.sampled_from(["box", "cylinder"]))
@@ -34,13 +34,17 @@ def things(draw: st.DrawFn) -> list[SceneObject]:
         around = draw(st.floats(0.0, 2 * math.pi))
         away = 2.2 + draw(st.floats(0.0, 8.0))
         place = (away * math.cos(around), away * math.sin(around), 0.0)
-        found.append(SceneObject(f"thing_{index}", kind, size, place, draw(yaws), 0.0, GREY))
+        found.append(WorldObject(f"thing_{index}", kind, size, place, draw(yaws), 0.0, GREY))
     return found
 
 
 @given(things(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-3.0, 3.0))
-def test_geometry_agrees_with_the_engines_rays(scene: list[SceneObject], x: float, y: float, yaw: float):
-    world = World(Scene("test", "", tuple(scene), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), GREY))
+def test_geometry_agrees_with_the_engines_rays(
+    description: list[WorldObject], x: float, y: float, yaw: float
+):
+    world = World(
+        WorldDescription("test", "", tuple(description), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), GREY)
+    )
     try:
         angles = FACTS.angle_min + FACTS.angle_increment * np.arange(FACTS.rays) + yaw
         starts = [(x, y, HEIGHT)] * len(angles)
@@ -49,7 +53,7 @@ def test_geometry_agrees_with_the_engines_rays(scene: list[SceneObject], x: floa
         theirs = np.array([hit[2] * 20 if hit[0] >= 0 else np.inf for hit in rays])
     finally:
         world.close()
-    caster = RayCaster.of(scene)
+    caster = RayCaster.of(description)
     fan = np.array([caster.distances(x, y, HEIGHT, angles + turn) for turn in (0.0, -0.002, 0.002)])
     fan[fan > 20.0] = np.inf
     differing = ~np.isclose(fan[0], theirs, atol=5e-3)
@@ -88,7 +92,7 @@ def test_an_object_below_the_laser_is_not_seen(box):
 
 
 def test_noise_has_the_sigma_of_the_description():
-    ring = SceneObject("wall", "box", (0.1, 20.0, 1.0), (2.05, 0.0, 0.0), 0.0, 0.0, GREY)
+    ring = WorldObject("wall", "box", (0.1, 20.0, 1.0), (2.05, 0.0, 0.0), 0.0, 0.0, GREY)
     errors = []
     for seed in range(50):
         ranges = sweep(RayCaster.of([ring]), seed)

@@ -16,9 +16,9 @@ from btcore_sim.camera import CameraSettings
 from btcore_sim.latency import DelayedReadings
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.robot_description import load_description
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 TREES = Path(__file__).parents[2] / "trees"
 TIAGO = load_description()
@@ -72,9 +72,9 @@ def test_localiser_and_locator_wait_for_an_odometry_that_is_later_than_scans_and
         laser=replace(TIAGO.laser, errors=errors),
         odometry=replace(TIAGO.odometry, latency=0.1),
     )
-    world = World(load_scene("house"), seed=1)
+    world = World(load_world_description("house"), seed=1)
     body = SimulatedRobot(world, late, camera=CameraSettings(160, 120, 10.0))
-    navigation = Navigation(body, rasterise(world.scene), np.random.default_rng(1), TREES)
+    navigation = Navigation(body, rasterise(world.description), np.random.default_rng(1), TREES)
     locator = ObjectLocator(body, navigation.transforms)
     assert locator.configure()
     assert locator.activate()

@@ -7,13 +7,13 @@ import sys
 import pytest
 
 from btcore_sim.clearance_map import ClearanceMap
-from btcore_sim.scene import load_scene
+from btcore_sim.worlds import load_world_description
 
 pytest.importorskip("yaml", reason="the patrol needs the navigation")
 
 
 def test_a_robot_can_drive_to_every_waypoint():
-    lobby = load_scene("lobby")
+    lobby = load_world_description("lobby")
     floor = ClearanceMap.of(lobby)
     places = list(lobby.waypoints.values())
     assert all(lobby.clearance_at(*place) > 0.75 for place in places)

@@ -12,10 +12,10 @@ from btcore_scene import Mesh
 from btcore_sim.errors import SimError
 from btcore_sim.laser import RayCaster
 from btcore_sim.looks import LOOKS, look_parts
-from btcore_sim.scene import load_scene
-from btcore_sim.scene_data import world_meshes, world_parts
+from btcore_sim.scene_messages import world_meshes, world_parts
 from btcore_sim.shells import Section, ball, loft, rounded_box
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 GREY = (128, 128, 128, 255)
 HANDLE = 0.02  # m: handles may stand out
@@ -63,12 +63,12 @@ def test_the_parts_of_a_look_are_within_the_objects_bounds(kind: str, look: str,
 
 
 def test_looks_change_the_drawing_and_nothing_else():
-    scene = load_scene("house")
-    plain = replace(scene, things=tuple(replace(thing, look="") for thing in scene.things))
+    description = load_world_description("house")
+    plain = replace(description, things=tuple(replace(thing, look="") for thing in description.things))
     angles = np.linspace(-3.0, 3.0, 400)
-    seen = [RayCaster.of(one.things).distances(0.3, 0.2, 0.0945, angles) for one in (scene, plain)]
+    seen = [RayCaster.of(one.things).distances(0.3, 0.2, 0.0945, angles) for one in (description, plain)]
     assert (seen[0] == seen[1]).all()
-    worlds = [World(scene), World(plain)]
+    worlds = [World(description), World(plain)]
     try:
         assert len(world_parts(worlds[0])) > len(world_parts(worlds[1]))
         assert world_meshes(worlds[0])
@@ -86,7 +86,7 @@ def test_a_look_of_another_kind_of_object_is_an_error(tmp_path: Path):
         encoding="utf-8",
     )
     with pytest.raises(SimError, match=r"objects\[0\]: 'look' is 'plant'"):
-        load_scene(str(path))
+        load_world_description(str(path))
 
 
 def test_the_shells_of_tiago_are_within_its_footprint_and_height(robot_at):

@@ -13,7 +13,8 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.commands import map_command
 from btcore_sim.map_rasteriser import overhangs, rasterise
-from btcore_sim.scene import Scene, SceneObject, load_scene
+from btcore_sim.world_description import WorldDescription, WorldObject
+from btcore_sim.worlds import load_world_description
 
 GREY = (128, 128, 128, 255)
 
@@ -22,15 +23,17 @@ GREY = (128, 128, 128, 255)
 def room(box):
     """A closed room of 4 m by 4 m around the origin with walls of 0.2 m."""
 
-    def make(*things: SceneObject, **changes: object) -> Scene:
+    def make(*things: WorldObject, **changes: object) -> WorldDescription:
         walls = (
             box(2.1, 0.0, (0.2, 4.4, 2.5), name="east"),
             box(-2.1, 0.0, (0.2, 4.4, 2.5), name="west"),
             box(0.0, 2.1, (4.0, 0.2, 2.5), name="north"),
             box(0.0, -2.1, (4.0, 0.2, 2.5), name="south"),
         )
-        scene = Scene("room", "", (*walls, *things), (0, 0, 0, 0), 0.0, Pose2D(0, 0, 0), GREY)
-        return replace(scene, **changes)
+        description = WorldDescription(
+            "room", "", (*walls, *things), (0, 0, 0, 0), 0.0, Pose2D(0, 0, 0), GREY
+        )
+        return replace(description, **changes)
 
     return make
 
@@ -76,16 +79,16 @@ def test_only_fixed_objects_at_the_height_of_the_laser_are_on_the_map(room, box)
     flat = box(0.0, 1.0, (0.4, 0.4, 0.05), name="flat")
     board = replace(box(0.0, -1.0, (0.4, 0.4, 0.05), name="board"), position=(0.0, -1.0, 0.7))
     lamp = replace(box(1.0, 1.0, (0.2, 0.2, 0.3), name="lamp"), position=(1.0, 1.0, 2.0))
-    scene = room(movable, person, flat, board, lamp)
-    assert (rasterise(scene).cells == rasterise(room()).cells).all()
-    assert overhangs(scene) == ((-0.2, 0.8, 0.2, 1.2), (-0.2, -1.2, 0.2, -0.8))
-    assert ClearanceMap.of(scene).clearance_at(1.0, 0.0) == 0.0
+    description = room(movable, person, flat, board, lamp)
+    assert (rasterise(description).cells == rasterise(room()).cells).all()
+    assert overhangs(description) == ((-0.2, 0.8, 0.2, 1.2), (-0.2, -1.2, 0.2, -0.8))
+    assert ClearanceMap.of(description).clearance_at(1.0, 0.0) == 0.0
 
 
 def test_keep_out_areas_of_the_world_are_on_the_map(room):
-    scene = room(keepout=((0.5, 0.5, 1.0, 1.5),))
-    assert rasterise(scene).keepout == ((0.5, 0.5, 1.0, 1.5),)
-    floor = ClearanceMap.of(scene)
+    description = room(keepout=((0.5, 0.5, 1.0, 1.5),))
+    assert rasterise(description).keepout == ((0.5, 0.5, 1.0, 1.5),)
+    floor = ClearanceMap.of(description)
     assert floor.clearance_at(0.75, 1.0) == 0.0
     assert floor.clearance_at(0.0, 1.0) == pytest.approx(0.5, abs=0.05)
 
@@ -106,7 +109,7 @@ def test_the_command_writes_a_map_that_can_be_loaded(tmp_path: Path, name: str):
     ended = run(name, "-o", str(tmp_path / "maps"))
     assert ended.exit_code == 0, ended.output
     assert f"{name}.yaml and {name}.pgm: " in ended.output
-    read, drawn = load_map(tmp_path / "maps" / f"{name}.yaml"), rasterise(load_scene(name))
+    read, drawn = load_map(tmp_path / "maps" / f"{name}.yaml"), rasterise(load_world_description(name))
     assert (read.cells == drawn.cells).all()
     assert (read.resolution, read.origin, read.keepout) == (drawn.resolution, drawn.origin, drawn.keepout)
     assert ("keepout.yaml" in ended.output) == bool(drawn.keepout)

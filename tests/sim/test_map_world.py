@@ -22,11 +22,11 @@ from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.map_walls import WALL_HEIGHT, merge_cells
 from btcore_sim.map_world import MAX_CELLS
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.render_scene import RenderScene
-from btcore_sim.scene_data import world_parts
+from btcore_sim.scene_messages import world_parts
 from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.visible_faces import VisibleFaces
 from btcore_sim.world import World
-from btcore_sim.worlds import load_world
+from btcore_sim.worlds import load_world_description
 
 RADIUS = 0.275
 SIDE = 0.05
@@ -61,8 +61,8 @@ def test_the_pieces_of_wall_cover_exactly_the_occupied_cells():
 
 
 def test_the_navigation_uses_the_users_map(map_file: Path):
-    scene = load_world(str(map_file))
-    drawn, given = rasterise(scene), load_map(map_file)
+    description = load_world_description(str(map_file))
+    drawn, given = rasterise(description), load_map(map_file)
     assert (drawn.cells == given.cells).all()
     assert (drawn.origin, drawn.resolution) == (given.origin, given.resolution)
 
@@ -77,30 +77,30 @@ def test_walls_follow_the_rules_of_the_map_file(tmp_path: Path, mode: str, negat
     (tmp_path / "plan.yaml").write_text(
         f"image: plan.png\nresolution: {SIDE}\norigin: [0, 0, 0]\nmode: {mode}\nnegate: {int(negate)}\n"
     )
-    walls = load_world(str(tmp_path / "plan.yaml")).walls
+    walls = load_world_description(str(tmp_path / "plan.yaml")).walls
     assert walls is not None
     area = np.prod(walls.rectangles[:, 2:] - walls.rectangles[:, :2], axis=1).sum()
     assert area == pytest.approx(np.count_nonzero(rooms() == 100) * SIDE**2)
 
 
 def test_laser_physics_and_drawings_show_the_same_walls(map_file: Path):
-    scene = load_world(str(map_file))
-    caster = RayCaster.of((), scene.walls)
+    description = load_world_description(str(map_file))
+    caster = RayCaster.of((), description.walls)
     x, y = -4.0 + 20.5 * SIDE, -2.5 + 90.5 * SIDE
     found = caster.distances(x, y, 0.1, np.array([math.pi / 2, math.pi, 1.5 * math.pi]))
     assert found == pytest.approx(np.array([108 - 90.5, 20.5 - 12, 90.5 - 12]) * SIDE)
-    world = World(scene)
+    world = World(description)
     robot = SimulatedRobot(world, camera=None)
-    boxes = scene.walls.rectangles if scene.walls is not None else []
+    boxes = description.walls.rectangles if description.walls is not None else []
     assert len(world_parts(world)) == 1 + len(boxes)
-    tops = RenderScene(world, robot.model).now()[: 6 * len(boxes), :, 2]
+    tops = VisibleFaces(world, robot.model).now()[: 6 * len(boxes), :, 2]
     assert tops.max() == WALL_HEIGHT
     world.close()
 
 
 def test_driving_into_a_wall_is_a_collision(map_file: Path):
     save_waypoints(Waypoints({"start": Pose2D(2.0, 0.0, 0.0)}), waypoints_path(map_file))
-    world = World(load_world(str(map_file)))
+    world = World(load_world_description(str(map_file)))
     robot = SimulatedRobot(world, camera=None)
     for tick in range(1, 60):
         robot.drive(0.6, 0.0)
@@ -113,28 +113,30 @@ def test_driving_into_a_wall_is_a_collision(map_file: Path):
 def test_random_places_are_free_connected_and_apart(map_file: Path):
     starts = set()
     for seed in range(5):
-        scene = load_world(str(map_file), seed=seed, radius=RADIUS)
-        again = load_world(str(map_file), seed=seed, radius=RADIUS)
-        assert (scene.pose, scene.waypoints) == (again.pose, again.waypoints)
-        assert scene.pose is not None
-        starts.add((scene.pose.x, scene.pose.y))
-        places = list(scene.waypoints.values())
-        assert list(scene.waypoints) == ["start", "recharge", "wp1", "wp2", "wp3"]
+        description = load_world_description(str(map_file), seed=seed, radius=RADIUS)
+        again = load_world_description(str(map_file), seed=seed, radius=RADIUS)
+        assert (description.pose, description.waypoints) == (again.pose, again.waypoints)
+        assert description.pose is not None
+        starts.add((description.pose.x, description.pose.y))
+        places = list(description.waypoints.values())
+        assert list(description.waypoints) == ["start", "recharge", "wp1", "wp2", "wp3"]
         assert min(math.dist(a, b) for a in places for b in places if a is not b) >= 1.0
-        assert ClearanceMap.of(scene).connected(places, RADIUS + 0.05)
+        assert ClearanceMap.of(description).connected(places, RADIUS + 0.05)
     assert len(starts) == 5
 
 
 def test_waypoints_come_from_the_file_beside_the_map_or_from_the_option(map_file: Path, tmp_path: Path):
     beside = Waypoints({"start": Pose2D(0.0, 0.5, 1.0), "desk": Pose2D(1.0, 0.0, 0.5)})
     save_waypoints(beside, waypoints_path(map_file))
-    scene = load_world(str(map_file))
-    assert scene.pose == beside.places["start"]
-    assert scene.waypoint_poses().places == beside.places
+    description = load_world_description(str(map_file))
+    assert description.pose == beside.places["start"]
+    assert description.waypoint_poses().places == beside.places
     other = Waypoints({"shelf": Pose2D(-3.0, 1.0, 0.0)})
     save_waypoints(other, tmp_path / "other.yaml")
-    assert list(load_world(str(map_file), waypoints=tmp_path / "other.yaml").waypoints) == ["shelf"]
-    assert list(load_world("house", waypoints=tmp_path / "other.yaml").waypoints) == ["shelf"]
+    assert list(load_world_description(str(map_file), waypoints=tmp_path / "other.yaml").waypoints) == [
+        "shelf"
+    ]
+    assert list(load_world_description("house", waypoints=tmp_path / "other.yaml").waypoints) == ["shelf"]
 
 
 def test_the_start_is_in_the_region_of_the_waypoints(map_file: Path):
@@ -143,7 +145,7 @@ def test_the_start_is_in_the_region_of_the_waypoints(map_file: Path):
     save_map(OccupancyMap(cells, SIDE, (-4.0, -2.5)), map_file)
     save_waypoints(Waypoints({"wp1": Pose2D(3.0, 0.0, 0.0)}), waypoints_path(map_file))
     for seed in range(5):
-        start = load_world(str(map_file), seed=seed, radius=RADIUS).pose
+        start = load_world_description(str(map_file), seed=seed, radius=RADIUS).pose
         assert start is not None
         assert start.x > 0.6
 
@@ -154,11 +156,11 @@ def test_a_map_of_four_million_cells_with_noise_loads(tmp_path: Path):
     cells[50::100] = cells[:, 50::100] = 0
     cells[np.random.default_rng(3).random(cells.shape) < 0.002] = 100
     save_map(OccupancyMap(cells, SIDE, (0.0, 0.0)), tmp_path / "large.yaml")
-    scene = load_world(str(tmp_path / "large.yaml"))
-    assert scene.walls is not None
-    assert len(scene.walls.meshes()) >= 2
-    world = World(scene)
-    for x0, y0, x1, y1 in scene.walls.rectangles[:: len(scene.walls.rectangles) // 20]:
+    description = load_world_description(str(tmp_path / "large.yaml"))
+    assert description.walls is not None
+    assert len(description.walls.meshes()) >= 2
+    world = World(description)
+    for x0, y0, x1, y1 in description.walls.rectangles[:: len(description.walls.rectangles) // 20]:
         middle = (y0 + y1) / 2
         ends = [x0 - SIDE / 2, middle, 0.5], [x1, middle, 0.5]
         ray = pybullet.rayTest(*ends, physicsClientId=world.client)
@@ -178,7 +180,7 @@ def test_a_map_of_four_million_cells_with_noise_loads(tmp_path: Path):
 def test_a_map_that_is_no_world_is_an_error(tmp_path: Path, cells: NDArray[np.int8], message: str):
     save_map(OccupancyMap(cells, SIDE, (0.0, 0.0)), tmp_path / "map.yaml")
     with pytest.raises(SimError, match=message):
-        load_world(str(tmp_path / "map.yaml"), radius=RADIUS)
+        load_world_description(str(tmp_path / "map.yaml"), radius=RADIUS)
 
 
 def test_a_run_in_a_map_reports_its_waypoints_and_errors(map_file: Path, tmp_path: Path):

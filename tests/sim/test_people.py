@@ -14,8 +14,9 @@ from btcore_sim.map_rasteriser import overhangs
 from btcore_sim.people import FROM_WALLS, POLITE, RADIUS, SPEED, PeopleSimulation, with_people
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scenario import Scenario
-from btcore_sim.scene import Scene, load_scene
 from btcore_sim.world import World, random_generator
+from btcore_sim.world_description import WorldDescription
+from btcore_sim.worlds import load_world_description
 
 SECOND = 1_000_000_000
 ROBOT = 0.27
@@ -32,9 +33,9 @@ def stroll():
     def make(
         name: str, count: int, seed: int = 1, robot: Callable[[], Pose2D] = lambda: NOWHERE
     ) -> tuple[World, PeopleSimulation]:
-        scene = Scenario(people=count).scene(load_scene(name), seed, ROBOT)
-        worlds.append(World(scene, seed=seed))
-        return worlds[-1], PeopleSimulation(worlds[-1], ClearanceMap.of(scene), robot, ROBOT)
+        description = Scenario(people=count).add_to(load_world_description(name), seed, ROBOT)
+        worlds.append(World(description, seed=seed))
+        return worlds[-1], PeopleSimulation(worlds[-1], ClearanceMap.of(description), robot, ROBOT)
 
     yield make
     for world in worlds:
@@ -50,8 +51,8 @@ def tracks(world: World, people: PeopleSimulation, seconds: int) -> list[list[tu
     return seen
 
 
-def nearest(scene: Scene, x: float, y: float) -> float:
-    return min(thing.distance(x, y) for thing in scene.things if not thing.is_kinematic) - RADIUS
+def nearest(description: WorldDescription, x: float, y: float) -> float:
+    return min(thing.distance(x, y) for thing in description.things if not thing.is_kinematic) - RADIUS
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
@@ -63,8 +64,8 @@ def test_people_walk_at_their_speed_and_keep_from_walls_and_tables(stroll: Strol
         assert max(steps) <= SPEED / 10 + 1e-9
         assert sum(steps) > 0.6 * SPEED * 60
         for at in places:
-            assert nearest(world.scene, *at[one]) >= FROM_WALLS
-            for x0, y0, x1, y1 in overhangs(world.scene):
+            assert nearest(world.description, *at[one]) >= FROM_WALLS
+            for x0, y0, x1, y1 in overhangs(world.description):
                 assert not (x0 < at[one][0] < x1 and y0 < at[one][1] < y1)
 
 
@@ -119,12 +120,12 @@ def test_the_same_seed_makes_the_same_walks(stroll: Stroll):
 
 def test_no_person_starts_near_the_robot():
     for seed in range(20):
-        scene = with_people(load_scene("house"), 4, random_generator(seed, "people"))
-        people = [thing for thing in scene.things if thing.is_kinematic]
+        description = with_people(load_world_description("house"), 4, random_generator(seed, "people"))
+        people = [thing for thing in description.things if thing.is_kinematic]
         assert len(people) == 4
         assert all(person.distance(0.0, 0.0) >= 1.0 for person in people)
 
 
 def test_more_people_than_fit_are_refused():
     with pytest.raises(SimError, match=r"world 'arena': there is no room for 90 people, only for \d+"):
-        with_people(load_scene("arena"), 90, random_generator(1, "people"))
+        with_people(load_world_description("arena"), 90, random_generator(1, "people"))

@@ -7,9 +7,10 @@ import pytest
 
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
-from btcore_sim.scene import Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldDescription
+from btcore_sim.worlds import load_world_description
 
 SECOND = 1_000_000_000
 RATE = 120
@@ -17,7 +18,7 @@ RATE = 120
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
 def test_a_house_makes_120_steps_a_second(name: str):
-    world = World(load_scene(name))
+    world = World(load_world_description(name))
     steps: list[int] = []
     world.around_steps(steps.append, lambda now: None)
     world.wait_until(SECOND, threading.Event())
@@ -32,7 +33,9 @@ def test_a_house_makes_120_steps_a_second(name: str):
 )
 def test_ten_seconds_of_driving_end_where_the_commands_lead(v: float, w: float, way: float, turn: float):
     """*way* (m) and *turn* (rad) are the largest errors; 2.956 m straight, 4.941 rad on the spot."""
-    floor = Scene("floor", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255), physics_rate=RATE)
+    floor = WorldDescription(
+        "floor", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255), physics_rate=RATE
+    )
     body = SimulatedRobot(World(floor))
     x = y = yaw = 0.0
     step = 1.0 / RATE

@@ -12,8 +12,9 @@ from btcore_sim.laser import RayCaster
 from btcore_sim.map_rasteriser import overhangs, rasterise
 from btcore_sim.polygons import boundary, polygon_triangles, signed_area, wall_quads
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.scene import Scene, load_scene
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldDescription
+from btcore_sim.worlds import load_world_description
 
 L_SHAPE = [(0.0, 0.0), (2.0, 0.0), (2.0, 0.5), (0.5, 0.5), (0.5, 2.0), (0.0, 2.0)]
 COMB = [(0.0, 0.0), (5.0, 0.0), *((5 - 0.5 * k, 2.0 if k % 2 else 0.3) for k in range(11))]
@@ -24,10 +25,10 @@ STAR = [
 ON_A_LINE = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0), (0.0, 2.0)]
 
 
-def load(folder: Path, *objects: dict[str, object]) -> Scene:
+def load(folder: Path, *objects: dict[str, object]) -> WorldDescription:
     path = folder / "mine.json"
     path.write_text(json.dumps({"start": {"pose": [-1, -1, 0]}, "objects": objects}))
-    return load_scene(str(path))
+    return load_world_description(str(path))
 
 
 @pytest.mark.parametrize("outline", [L_SHAPE, COMB, STAR, ON_A_LINE])
@@ -97,7 +98,7 @@ def test_a_mistake_in_an_outline_is_reported_with_its_place(tmp_path: Path, thin
 
 
 @pytest.fixture
-def yard(tmp_path: Path) -> Scene:
+def yard(tmp_path: Path) -> WorldDescription:
     """A turned L, a comb and a bent wall."""
     return load(
         tmp_path,
@@ -107,7 +108,7 @@ def yard(tmp_path: Path) -> Scene:
     )
 
 
-def test_laser_and_engine_see_the_same_prisms(yard: Scene):
+def test_laser_and_engine_see_the_same_prisms(yard: WorldDescription):
     world = World(yard)
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
     caster = RayCaster.of(yard.things)
@@ -123,7 +124,7 @@ def test_laser_and_engine_see_the_same_prisms(yard: Scene):
     world.close()
 
 
-def test_clearance_and_map_follow_a_concave_outline(yard: Scene):
+def test_clearance_and_map_follow_a_concave_outline(yard: WorldDescription):
     outlines = [side for thing in yard.things for side in _sides(thing)]
     map = rasterise(yard)
     random = np.random.default_rng(3)
@@ -154,8 +155,8 @@ def test_the_robot_stops_at_every_side_of_a_concave_block(tmp_path: Path, robot_
 
 
 def test_a_block_below_the_laser_is_a_keep_out_area_with_its_outline(tmp_path: Path):
-    scene = load(tmp_path, {**POLYGON, "points": L_SHAPE, "height": 0.06})
-    covered = overhangs(scene)
+    description = load(tmp_path, {**POLYGON, "points": L_SHAPE, "height": 0.06})
+    covered = overhangs(description)
     area = sum((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in covered)
     assert area == pytest.approx(1.75, rel=0.15), "not the 4 m² of the bounding rectangle"
     assert not any(x0 < 1.5 < x1 and y0 < 1.5 < y1 for x0, y0, x1, y1 in covered)

@@ -19,8 +19,7 @@ from btcore_sim.laser import RayCaster
 from btcore_sim.random_world_kinds import KINDS
 from btcore_sim.random_worlds import AROUND_WAYPOINT, DOORS, WAY, random_world, random_world_json
 from btcore_sim.run_extension import parse_worlds
-from btcore_sim.scene import load_scene
-from btcore_sim.worlds import load_world
+from btcore_sim.worlds import load_world_description
 from btcore_sweep.command import sweep
 from btcore_sweep.definition import create_definition
 
@@ -31,11 +30,13 @@ GRID_ERROR = 0.05  # m: the map is exact to a cell
 @pytest.mark.parametrize("rooms", [2, 6, 9, 24])
 def test_a_robot_can_drive_to_a_waypoint_in_each_room(kind: str, rooms: int):
     for seed in range(4 if rooms < 10 else 1):
-        scene = random_world(kind, seed, rooms)
-        assert list(scene.waypoints) == ["start", "recharge", *(f"wp{n}" for n in range(1, rooms + 1))]
-        assert scene.pose is not None
-        assert (scene.pose.x, scene.pose.y) == pytest.approx(scene.waypoints["start"], abs=0.03)
-        floor, places = ClearanceMap.of(scene), list(scene.waypoints.values())
+        description = random_world(kind, seed, rooms)
+        assert list(description.waypoints) == ["start", "recharge", *(f"wp{n}" for n in range(1, rooms + 1))]
+        assert description.pose is not None
+        assert (description.pose.x, description.pose.y) == pytest.approx(
+            description.waypoints["start"], abs=0.03
+        )
+        floor, places = ClearanceMap.of(description), list(description.waypoints.values())
         assert floor.connected(places, WAY - GRID_ERROR)
         assert all(floor.clearance_at(*place) >= AROUND_WAYPOINT - GRID_ERROR for place in places)
 
@@ -44,9 +45,9 @@ def test_a_robot_can_drive_to_a_waypoint_in_each_room(kind: str, rooms: int):
 def test_no_ray_at_the_height_of_the_laser_or_the_camera_leaves_the_world(kind: str):
     around = np.linspace(-math.pi, math.pi, 1440, endpoint=False)
     for seed, height in itertools.product(range(4), (0.0945, 1.07, 2.4)):
-        scene = random_world(kind, seed)
-        walls = RayCaster.of([thing for thing in scene.things if thing.name.startswith("wall_")])
-        for place in scene.waypoints.values():
+        description = random_world(kind, seed)
+        walls = RayCaster.of([thing for thing in description.things if thing.name.startswith("wall_")])
+        for place in description.waypoints.values():
             assert np.isfinite(walls.distances(*place, height, around)).all()
 
 
@@ -89,7 +90,7 @@ def test_the_command_writes_the_world_that_the_name_means(tmp_path: Path, monkey
     result = CliRunner().invoke(world_command, ["office", "--seed", "3"])
     assert result.exit_code == 0
     assert "office_3.json: a random office of 6 rooms, seed 3" in result.stdout
-    written, named = load_scene("office_3.json"), load_world("office:3")
+    written, named = load_world_description("office_3.json"), load_world_description("office:3")
     assert written == named
     assert json.loads(Path("office_3.json").read_text())["waypoints"]["start"]
     failed = CliRunner().invoke(world_command, ["home", "-o", "missing/home.json"])
@@ -135,4 +136,4 @@ def test_similar_names_of_worlds_and_files_are_suggested(
     for file in ("flat.json", "plan.yaml"):
         Path(file).touch()
     with pytest.raises(SimError, match=re.escape(hint)):
-        load_world(name)
+        load_world_description(name)

@@ -9,7 +9,7 @@ from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
 from btcore_robot.robot import Robot
-from btcore_sim.run_extension import RobotExtension
+from btcore_sim.run_extension import SimExtension
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sweep.episode import run_episode
 
@@ -146,10 +146,10 @@ def test_a_missing_robot_file_is_a_usage_error(run: Run) -> None:
 
 def test_no_robot_is_simulated_if_a_robot_is_provided() -> None:
     settings = {"fast": True}
-    [mine, *_] = RobotExtension().provide(settings, [Robot])
+    [mine, *_] = SimExtension().provide(settings, [Robot])
     assert isinstance(mine, SimulatedRobot)
     try:
-        simulator = RobotExtension()
+        simulator = SimExtension()
         assert list(simulator.provide(settings, [Robot], [mine])) == []
         with simulator.attach(None, [mine], settings):
             pass

@@ -12,7 +12,7 @@ import click
 import pytest
 
 from btcore_robot.robot import GoalOutcome, Pose2D, Robot
-from btcore_sim.run_extension import RobotExtension
+from btcore_sim.run_extension import SimExtension
 
 SETTINGS: dict[str, Any] = {
     "world": "arena",
@@ -29,15 +29,15 @@ SETTINGS: dict[str, Any] = {
 def test_a_tree_without_robot_leaves_starts_no_simulator():
     program = """
 import sys
-from btcore_sim.run_extension import RobotExtension
-assert RobotExtension().provide({}, [int, str]) == ()
+from btcore_sim.run_extension import SimExtension
+assert SimExtension().provide({}, [int, str]) == ()
 assert "pybullet" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", program], check=True, env={"PYTHONPATH": ":".join(sys.path)})
 
 
 def test_the_options_of_the_extension():
-    assert [option.name for option in RobotExtension().options] == [
+    assert [option.name for option in SimExtension().options] == [
         "world",
         "waypoints",
         "gui",
@@ -66,7 +66,7 @@ def test_loading_the_engine_prints_nothing():
 
 
 def test_a_run_is_reported():
-    extension = RobotExtension()
+    extension = SimExtension()
     robot, *_ = extension.provide(SETTINGS, [int, Robot])
     assert isinstance(robot, Robot)
     with extension.attach(object(), [robot], SETTINGS):
@@ -90,7 +90,7 @@ class Navigator:
 
 
 def test_the_results_of_a_navigator_are_reported():
-    extension = RobotExtension()
+    extension = SimExtension()
     robot, *_ = extension.provide({**SETTINGS, "battery": 30.0}, [Robot])
     with extension.attach(object(), [robot, Navigator()], SETTINGS):
         robot.clock.wait_until(1_000_000_000, threading.Event())
@@ -101,7 +101,7 @@ def test_the_results_of_a_navigator_are_reported():
 
 
 def test_the_options_for_start_and_noise_apply_to_the_robot():
-    extension = RobotExtension()
+    extension = SimExtension()
     robot, *_ = extension.provide({**SETTINGS, "start": "0.5,-0.5,90", "noise": 0.0}, [Robot])
     with extension.attach(object(), [robot], SETTINGS):
         first = robot.scan().ranges
@@ -113,7 +113,7 @@ def test_the_options_for_start_and_noise_apply_to_the_robot():
 
 
 def test_a_run_that_fails_is_reported():
-    extension = RobotExtension()
+    extension = SimExtension()
     robot, *_ = extension.provide(SETTINGS, [Robot])
     with pytest.raises(ZeroDivisionError), extension.attach(object(), [robot], SETTINGS):
         raise ZeroDivisionError
@@ -121,7 +121,7 @@ def test_a_run_that_fails_is_reported():
 
 
 def test_without_a_robot_there_is_no_report():
-    extension = RobotExtension()
+    extension = SimExtension()
     with extension.attach(object(), [], SETTINGS):
         pass
     assert extension.report() == {}
@@ -146,13 +146,13 @@ def test_an_invalid_option_raises_a_usage_error(changes: dict[str, Any], said: s
     if settings["robot"]:
         settings["robot"] = Path(settings["robot"])
     with pytest.raises(click.UsageError, match=said) as caught:
-        RobotExtension().provide(settings, [Robot])
+        SimExtension().provide(settings, [Robot])
     assert isinstance(caught.value, click.ClickException)
     assert caught.value.exit_code == 2
 
 
 def test_four_ticks_a_second_keep_the_robot_driving():
-    robot, *_ = RobotExtension().provide({**SETTINGS, "rate": 4.0}, [Robot])
+    robot, *_ = SimExtension().provide({**SETTINGS, "rate": 4.0}, [Robot])
     for tick in range(1, 13):
         robot.drive(0.2, 0.0)
         robot.clock.wait_until(tick * 250_000_000, threading.Event())

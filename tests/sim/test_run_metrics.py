@@ -11,7 +11,7 @@ from btcore_robot.robot import GoalOutcome, NavigationReporter, Odometry, Pose2D
 from btcore_sim.faults import parse_fault
 from btcore_sim.robot_description import load_description
 from btcore_sim.run_metrics import RunMetrics, navigator_among, odometry_error
-from btcore_sim.scene import load_scene
+from btcore_sim.worlds import load_world_description
 
 
 class Navigator:
@@ -39,7 +39,9 @@ class Navigator:
 @pytest.fixture
 def body(robot_at: Any) -> Any:
     made = robot_at()
-    made.world.scene = replace(made.world.scene, waypoints={"wp1": (0.2, 0.1), "recharge": (0.1, 0.0)})
+    made.world.description = replace(
+        made.world.description, waypoints={"wp1": (0.2, 0.1), "recharge": (0.1, 0.0)}
+    )
     return made
 
 
@@ -124,7 +126,7 @@ def test_a_navigator_is_recognised_by_its_methods(body: Any):
 
 @pytest.mark.parametrize("world", ["house", "aws_house"])
 def test_the_waypoints_of_the_houses_are_recognised_by_their_places(world: str):
-    waypoints = load_scene(world).waypoint_poses()
+    waypoints = load_world_description(world).waypoint_poses()
     assert {"recharge", "wp1", "wp2", "wp3"} <= set(waypoints.places)
     for name, place in waypoints.places.items():
         assert waypoints.name_at(replace(place, yaw=math.pi)) == name

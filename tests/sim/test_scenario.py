@@ -11,11 +11,11 @@ from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Robot
 from btcore_sim.events import parse_event
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.run_extension import RobotExtension
+from btcore_sim.run_extension import SimExtension
 from btcore_sim.scenario import Scenario
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 SECOND = 1_000_000_000
 SETTINGS: dict[str, Any] = {"world": "house", "seed": 3, "fast": True, "camera": "off"}
@@ -24,7 +24,7 @@ SETTINGS: dict[str, Any] = {"world": "house", "seed": 3, "fast": True, "camera":
 def trace(seed: int, seconds: int = 12) -> str:
     """Return a digest of every scan and true pose of a run with people, obstacles and events."""
     scenario = Scenario(3, 2, [parse_event("box:2-12"), parse_event("carry:8")])
-    world = World(scenario.scene(load_scene("aws_house"), seed, 0.27), seed=seed)
+    world = World(scenario.add_to(load_world_description("aws_house"), seed, 0.27), seed=seed)
     body = SimulatedRobot(world)
     events = scenario.begin(world, body, body.base.radius)
     seen = sha256()
@@ -44,12 +44,12 @@ def test_the_same_seed_gives_the_same_bytes():
 
 
 def test_an_empty_scenario_does_not_change_the_world():
-    house = load_scene("house")
-    assert Scenario().scene(house, 1, 0.27) is house
+    house = load_world_description("house")
+    assert Scenario().add_to(house, 1, 0.27) is house
 
 
 def test_options_reach_the_world_and_events_the_report():
-    extension = RobotExtension()
+    extension = SimExtension()
     settings = {**SETTINGS, "people": 2, "obstacles": 1, "event": ("box:90-95", "kidnap:1")}
     resources = extension.provide(settings, [Robot])
     body = next(one for one in resources if isinstance(one, SimulatedRobot))
@@ -64,9 +64,9 @@ def test_options_reach_the_world_and_events_the_report():
 
 
 def test_the_map_is_provided_on_request():
-    (map,) = RobotExtension().provide(SETTINGS, [OccupancyMap])
+    (map,) = SimExtension().provide(SETTINGS, [OccupancyMap])
     assert isinstance(map, OccupancyMap)
-    drawn = rasterise(load_scene("house"))
+    drawn = rasterise(load_world_description("house"))
     assert ((map.cells == drawn.cells).all(), map.keepout) == (True, drawn.keepout)
 
 
@@ -80,4 +80,4 @@ def test_the_map_is_provided_on_request():
 )
 def test_an_impossible_scenario_is_a_usage_error(changes: dict[str, Any], said: str):
     with pytest.raises(click.UsageError, match=said):
-        RobotExtension().provide({**SETTINGS, **changes}, [Robot])
+        SimExtension().provide({**SETTINGS, **changes}, [Robot])

@@ -12,9 +12,9 @@ from btcore_robot.robot import Pose2D, Robot
 from btcore_robot.testing import check_robot
 from btcore_sim.camera import CameraSettings, parse_camera
 from btcore_sim.errors import SimError
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 SECOND = 1_000_000_000
 
@@ -22,7 +22,9 @@ SECOND = 1_000_000_000
 @pytest.mark.parametrize("camera", [None, CameraSettings(64, 48, 10.0)])
 def test_the_simulated_robot_fulfils_the_contract_of_every_robot(camera: CameraSettings | None):
     seeds = iter(range(100))
-    check_robot(lambda: SimulatedRobot(World(load_scene("arena"), seed=next(seeds)), camera=camera))
+    check_robot(
+        lambda: SimulatedRobot(World(load_world_description("arena"), seed=next(seeds)), camera=camera)
+    )
 
 
 def test_the_simulated_robot_is_a_robot(robot_at):
@@ -139,9 +141,9 @@ def test_the_camera_has_the_place_of_the_data_sheet(robot_at, steer):
 
 
 def test_the_camera_sees_an_object_ahead(box):
-    scene = load_scene("arena")
+    description = load_world_description("arena")
     red = replace(box(2.0, 0.0, (0.5, 1.5, 2.0), name="red"), color=(230, 20, 20, 255))
-    world = World(replace(scene, things=(*scene.things, red), pose=Pose2D(0.0, 0.0, 0.0)))
+    world = World(replace(description, things=(*description.things, red), pose=Pose2D(0.0, 0.0, 0.0)))
     body = SimulatedRobot(world, camera=CameraSettings(64, 48, 10.0))
     ahead = body.camera().rgb[24, 32].astype(int)
     assert ahead[0] > ahead[1] + 40
@@ -153,7 +155,7 @@ def test_the_camera_sees_an_object_ahead(box):
 
 
 def test_a_picture_is_drawn_once_for_its_period(robot_at):
-    world = World(robot_at().world.scene)
+    world = World(robot_at().world.description)
     body = SimulatedRobot(world, camera=CameraSettings(32, 24, 10.0))
     first = body.camera()
     world.wait_until(SECOND // 20, threading.Event())

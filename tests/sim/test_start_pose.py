@@ -17,30 +17,29 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.robot_description import LaserErrors, load_description
-from btcore_sim.run_extension import RobotExtension
+from btcore_sim.run_extension import SimExtension
 from btcore_sim.scenario import with_start
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World, random_generator
-from btcore_sim.worlds import load_world
+from btcore_sim.worlds import load_world_description
 
 RADIUS = 0.27
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house", "office:3", "home:3"])
 def test_random_starts_are_free_and_connected_to_all_waypoints(name: str):
-    scene = load_world(name)
-    floor = ClearanceMap.of(scene)
+    description = load_world_description(name)
+    floor = ClearanceMap.of(description)
     poses = []
     for seed in range(8):
-        pose = with_start(scene, "random", random_generator(seed, "start"), RADIUS).pose
+        pose = with_start(description, "random", random_generator(seed, "start"), RADIUS).pose
         assert pose is not None
-        assert floor.connected([*scene.waypoints.values(), (pose.x, pose.y)], RADIUS + BESIDE_HULL)
-        assert scene.clearance_at(pose.x, pose.y) >= RADIUS
+        assert floor.connected([*description.waypoints.values(), (pose.x, pose.y)], RADIUS + BESIDE_HULL)
+        assert description.clearance_at(pose.x, pose.y) >= RADIUS
         poses.append(pose)
     assert len(set(poses)) == 8
     assert max(math.dist((a.x, a.y), (b.x, b.y)) for a in poses for b in poses) > 4.0
-    again = with_start(scene, "random", random_generator(3, "start"), RADIUS).pose
+    again = with_start(description, "random", random_generator(3, "start"), RADIUS).pose
     assert again == poses[3]
 
 
@@ -55,24 +54,28 @@ def test_a_random_start_may_be_in_a_corridor_that_the_robot_can_pass(
     world = {"start": {"pose": [0, 0, 0]}, "waypoints": {"wp1": [8, 0]}, "objects": [corridor]}
     path.write_text(json.dumps(world), encoding="utf-8")
     if is_wide_enough:
-        pose = with_start(load_scene(str(path)), "random", random_generator(1, "start"), RADIUS).pose
+        pose = with_start(
+            load_world_description(str(path)), "random", random_generator(1, "start"), RADIUS
+        ).pose
         assert pose is not None
         assert abs(pose.y) + RADIUS < width / 2
     else:
         with pytest.raises(SimError, match="no free place with a way to all its waypoints"):
-            with_start(load_scene(str(path)), "random", random_generator(1, "start"), RADIUS)
+            with_start(load_world_description(str(path)), "random", random_generator(1, "start"), RADIUS)
 
 
 def test_a_world_with_random_starts_of_its_own_keeps_them():
-    arena = load_scene("arena")
+    arena = load_world_description("arena")
     assert with_start(arena, "random", random_generator(1, "start"), RADIUS) is arena
 
 
 def test_a_start_is_given_in_metres_and_degrees():
-    pose = with_start(load_scene("house"), "0.5,-0.25,90", random_generator(0, "start"), RADIUS).pose
+    pose = with_start(
+        load_world_description("house"), "0.5,-0.25,90", random_generator(0, "start"), RADIUS
+    ).pose
     assert pose is not None
     assert (pose.x, pose.y, pose.yaw) == pytest.approx((0.5, -0.25, math.pi / 2))
-    turned = with_start(load_scene("house"), "0,0,270", random_generator(0, "start"), RADIUS).pose
+    turned = with_start(load_world_description("house"), "0,0,270", random_generator(0, "start"), RADIUS).pose
     assert turned is not None
     assert turned.yaw == pytest.approx(-math.pi / 2)
 
@@ -88,7 +91,7 @@ def test_a_start_is_given_in_metres_and_degrees():
 )
 def test_an_invalid_start_raises(text: str, said: str):
     with pytest.raises(SimError, match=re.escape(said)):
-        with_start(load_scene("house"), text, random_generator(0, "start"), RADIUS)
+        with_start(load_world_description("house"), text, random_generator(0, "start"), RADIUS)
 
 
 @pytest.fixture
@@ -115,7 +118,7 @@ def yard(tmp_path: Path) -> Path:
     ],
 )
 def test_a_robot_cannot_start_where_it_touches_an_object(yard: Path, start: str, said: str | None):
-    world = World(with_start(load_scene(str(yard)), start, random_generator(0, "start"), RADIUS))
+    world = World(with_start(load_world_description(str(yard)), start, random_generator(0, "start"), RADIUS))
     if said is None:
         assert SimulatedRobot(world).contacts.events == []
     else:
@@ -126,7 +129,7 @@ def test_a_robot_cannot_start_where_it_touches_an_object(yard: Path, start: str,
 
 def navigation(yard: Path, **settings: Any) -> tuple[SimulatedRobot, Navigation]:
     chosen = {"world": str(yard), "fast": True, "rate": 10.0, "camera": "off", "seed": 1, **settings}
-    resources, _, _ = gather_resources([NavigationExtension(), RobotExtension()], chosen, [Navigation])
+    resources, _, _ = gather_resources([NavigationExtension(), SimExtension()], chosen, [Navigation])
     body = next(one for one in resources if isinstance(one, SimulatedRobot))
     return body, next(one for one in resources if isinstance(one, Navigation))
 

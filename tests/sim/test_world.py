@@ -12,12 +12,13 @@ import pytest
 
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.schedule import SimulatedTime
-from btcore_sim.scene import Scene, load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldDescription
+from btcore_sim.worlds import load_world_description
 
 SECOND = 1_000_000_000
-EMPTY = Scene("empty", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255))
+EMPTY = WorldDescription("empty", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255))
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def world():
 
 def trace(seed: int, world: str = "arena_boxes", seconds: int = 8) -> str:
     """Return a digest of every scan, odometry and true pose of a run."""
-    body = SimulatedRobot(World(load_scene(world), seed=seed))
+    body = SimulatedRobot(World(load_world_description(world), seed=seed))
     seen = sha256()
     for tick in range(1, seconds * 10 + 1):
         body.drive(0.3, 0.2 if tick % 40 < 20 else -0.3)
@@ -60,7 +61,7 @@ def test_another_seed_gives_another_run():
 
 def test_two_worlds_in_one_process_do_not_affect_each_other():
     alone = trace(3, seconds=4)
-    beside = SimulatedRobot(World(load_scene("arena"), seed=9))
+    beside = SimulatedRobot(World(load_world_description("arena"), seed=9))
     assert trace(3, seconds=4) == alone
     beside.world.wait_until(SECOND, threading.Event())
     assert beside.contacts.events == []

@@ -1,4 +1,4 @@
-"""The JSON schema of worlds: its keys, required keys and defaults are those that `load_scene` uses."""
+"""The JSON schema of worlds: its keys, required keys and defaults are those of worlds' files."""
 
 import json
 import re
@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from btcore_sim.errors import SimError
-from btcore_sim.scene import KINDS, SCENES, SCHEMA, load_scene, scene_names
+from btcore_sim.world_description import KINDS, SCHEMA, WORLD_FILES, world_names
+from btcore_sim.worlds import load_world_description
 
 WORLD: dict[str, Any] = json.loads(SCHEMA.read_text(encoding="utf-8"))
 DEFS = WORLD["$defs"]
@@ -64,7 +65,7 @@ def problems(schema: dict[str, Any], value: Any, where: str = "") -> list[str]:
 def load(folder: Path, **world: Any) -> Any:
     path = folder / "mine.json"
     path.write_text(json.dumps({"start": {"pose": [0, 0, 0]}, "objects": [], **world}))
-    return load_scene(str(path))
+    return load_world_description(str(path))
 
 
 def keys_read(folder: Path, **world: Any) -> set[str]:
@@ -74,13 +75,13 @@ def keys_read(folder: Path, **world: Any) -> set[str]:
     return set(str(caught.value).rpartition("known are ")[2].split(", "))
 
 
-@pytest.mark.parametrize("name", scene_names())
+@pytest.mark.parametrize("name", world_names())
 def test_every_world_of_the_package_fits_the_schema(name: str):
-    assert problems(WORLD, json.loads((SCENES / f"{name}.json").read_text(encoding="utf-8"))) == []
+    assert problems(WORLD, json.loads((WORLD_FILES / f"{name}.json").read_text(encoding="utf-8"))) == []
 
 
 def test_the_lobby_has_an_object_of_every_kind_and_glass():
-    objects = json.loads((SCENES / "lobby.json").read_text(encoding="utf-8"))["objects"]
+    objects = json.loads((WORLD_FILES / "lobby.json").read_text(encoding="utf-8"))["objects"]
     assert {thing["kind"] for thing in objects} == set(KINDS)
     assert "glass" in {thing.get("material") for thing in objects}
 

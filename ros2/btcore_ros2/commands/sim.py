@@ -58,11 +58,11 @@ def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> i
     from btcore_ros2.simulation.lockstep import LockstepServer
     from btcore_ros2.simulation.services import offer_services
     from btcore_ros2.simulation.topics import DRAIN_RATE, RobotTopics
-    from btcore_sim.run_extension import RobotExtension
+    from btcore_sim.run_extension import SimExtension
     from btcore_sim.simulated_robot import SimulatedRobot
 
     robot = next((robot for robot in gathered.resources if isinstance(robot, SimulatedRobot)), None)
-    extension = next(each for each in gathered.extensions if isinstance(each, RobotExtension))
+    extension = next(each for each in gathered.extensions if isinstance(each, SimExtension))
     if robot is None or extension.events is None:
         raise click.UsageError("this command simulates its own robot: leave out the options of another robot")
     topics = RobotTopics(session, robot)

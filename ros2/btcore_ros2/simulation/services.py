@@ -80,5 +80,5 @@ def offer_services(
 
     for action in (recharge, reset_contacts, drop_box, kidnap, carry, summary):
         offer(Trigger, action.__name__, action)
-    for name in robot.world.scene.doors:
+    for name in robot.world.description.doors:
         offer_door(name)

@@ -19,7 +19,7 @@ for needed in ("zmq", "cv2", "pybullet"):
     pytest.importorskip(needed)
 from btcore_monitor.run_extension import MonitorExtension  # noqa: E402
 from btcore_navigation.run_extension import NavigationExtension  # noqa: E402
-from btcore_sim.run_extension import RobotExtension  # noqa: E402
+from btcore_sim.run_extension import SimExtension  # noqa: E402
 
 Cli = Callable[..., Result]
 TreeFile = Callable[..., Path]
@@ -100,7 +100,7 @@ def test_a_type_that_is_taken_over_is_wanted_from_no_other_extension(real: bool)
 
 
 def test_extensions_of_the_project_follow_the_protocol() -> None:
-    extensions: list[RunExtension] = [MonitorExtension(), NavigationExtension(), RobotExtension()]
+    extensions: list[RunExtension] = [MonitorExtension(), NavigationExtension(), SimExtension()]
     assert [one.is_fallback for one in extensions] == [False, False, True]
 
 

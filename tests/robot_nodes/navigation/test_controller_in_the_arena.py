@@ -9,9 +9,9 @@ from btcore_navigation.action import GoalStatus
 from btcore_navigation.behaviours import BackUpGoal, SpinGoal
 from btcore_robot.robot import Pose2D
 from btcore_sim.robot_description import load_description
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 START = (-4.8, -4.8)
 
@@ -22,8 +22,8 @@ def arena(course_of):
     worlds = []
 
     def make(at=(*START, 0.0), slip=0.02, slip_sigma=0.03, seed=0):
-        scene = replace(load_scene("arena_boxes"), pose=Pose2D(*at))
-        worlds.append(World(scene, seed=seed))
+        description = replace(load_world_description("arena_boxes"), pose=Pose2D(*at))
+        worlds.append(World(description, seed=seed))
         # There is no localiser here: with the slip of Tiago's wheels, the path would drift into the boxes.
         tiago = load_description()
         milder = replace(tiago, odometry=replace(tiago.odometry, slip=slip, slip_sigma=slip_sigma))

@@ -10,9 +10,9 @@ from btcore_navigation.localiser import Localiser
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import FrameBroadcaster, TransformTree
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 STEP = 100_000_000
 
@@ -24,7 +24,7 @@ class House:
         self.body = SimulatedRobot(world)
         tree = TransformTree()
         frames = FrameBroadcaster(self.body, tree)
-        self.localiser = Localiser(self.body, rasterise(world.scene), tree, np.random.default_rng(1))
+        self.localiser = Localiser(self.body, rasterise(world.description), tree, np.random.default_rng(1))
         self.body.schedule.every(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
         self.body.schedule.every(self.body.laser.rate, Phase.LOCALISER, self.localiser.step)
 
@@ -46,7 +46,7 @@ class House:
 
 @pytest.fixture
 def house():
-    world = World(load_scene("house"), seed=3)
+    world = World(load_world_description("house"), seed=3)
     yield House(world)
     world.close()
 

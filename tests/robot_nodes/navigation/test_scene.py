@@ -13,9 +13,9 @@ from btcore_navigation.stack import Navigation
 from btcore_robot.robot import Pose2D
 from btcore_scene import MovingScene, Poses
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 TREES = Path(__file__).parents[3] / "trees"
 SECOND = 1_000_000_000
@@ -25,10 +25,10 @@ class House:
     """A robot that navigates in the house, and its messages."""
 
     def __init__(self) -> None:
-        scene = load_scene("house")
-        self.world = World(scene, seed=1)
+        house = load_world_description("house")
+        self.world = World(house, seed=1)
         self.body = SimulatedRobot(self.world)
-        self.navigation = Navigation(self.body, rasterise(scene), np.random.default_rng([1, 4]), TREES)
+        self.navigation = Navigation(self.body, rasterise(house), np.random.default_rng([1, 4]), TREES)
         self.scenes: list[MovingScene] = []
 
     def run(self, seconds: float) -> list[MovingScene]:

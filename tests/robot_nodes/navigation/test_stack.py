@@ -23,9 +23,9 @@ from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Phase, Pose2D
 from btcore_sim.faults import Fault
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldDescription, WorldObject
 
 TREES = Path(__file__).parents[3] / "trees"
 NS_PER_S = 1_000_000_000
@@ -47,9 +47,9 @@ WALLS = {
 """Least x and y, greatest x and y (m)."""
 
 
-def box(name: str, x0: float, y0: float, x1: float, y1: float) -> SceneObject:
+def box(name: str, x0: float, y0: float, x1: float, y1: float) -> WorldObject:
     size, middle = (x1 - x0, y1 - y0, 1.5), ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
-    return SceneObject(name, "box", size, middle, 0.0, 0.0, GREY)
+    return WorldObject(name, "box", size, middle, 0.0, 0.0, GREY)
 
 
 class Flat:
@@ -65,11 +65,13 @@ class Flat:
     ) -> None:
         things = tuple(box(name, *sides) for name, sides in WALLS.items())
         at = start or Pose2D(0.0, 0.0, 0.0)
-        scene = Scene("flat", "", things, (-3, -2.5, 5, 2.5), 0.0, at, GREY, physics_rate=120)
-        self.world = World(scene, seed=seed)
+        description = WorldDescription(
+            "flat", "", things, (-3, -2.5, 5, 2.5), 0.0, at, GREY, physics_rate=120
+        )
+        self.world = World(description, seed=seed)
         self.body = SimulatedRobot(self.world, faults=faults)
         random = np.random.default_rng([seed, 4])
-        known = rasterise(scene) if map is None else map
+        known = rasterise(description) if map is None else map
         self.navigation = Navigation(self.body, known, random, TREES, parameters)
         self.speeds: list[float] = []
 

@@ -14,9 +14,9 @@ from btcore_navigation.navigator import NavigateGoal
 from btcore_navigation.stack import Navigation
 from btcore_robot.robot import NS_PER_S, Pose2D, Waypoints
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import Scene, SceneObject
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldDescription, WorldObject
 
 TREES = Path(__file__).parents[3] / "trees"
 NAV2 = str(Path(__file__).parents[1] / "third_party_trees" / "navigate_of_2020.xml")
@@ -48,19 +48,21 @@ class TwoRooms:
         things = []
         for number, (x0, y0, x1, y1) in enumerate(WALLS):
             size, place = (x1 - x0, y1 - y0, 1.5), ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
-            things.append(SceneObject(f"wall_{number}", "box", size, place, 0.0, 0.0, GREY))
+            things.append(WorldObject(f"wall_{number}", "box", size, place, 0.0, 0.0, GREY))
         for number, (x, y, side) in enumerate(crates):
             size, place = (side, side, 0.8), (x, y, 0.0)
             things.append(
-                SceneObject(f"crate_{number}", "box", size, place, 0.0, 0.0, GREY, is_kinematic=True)
+                WorldObject(f"crate_{number}", "box", size, place, 0.0, 0.0, GREY, is_kinematic=True)
             )
         start = Pose2D(0.0, 0.0, 0.0)
-        scene = Scene("two_rooms", "", tuple(things), (-1, -2.5, 6, 2.5), 0.0, start, GREY, physics_rate=120)
-        self.world = World(scene, seed=1)
+        description = WorldDescription(
+            "two_rooms", "", tuple(things), (-1, -2.5, 6, 2.5), 0.0, start, GREY, physics_rate=120
+        )
+        self.world = World(description, seed=1)
         self.body = SimulatedRobot(self.world)
         self.navigation = Navigation(
             self.body,
-            rasterise(scene),
+            rasterise(description),
             np.random.default_rng([1, 4]),
             TREES,
             waypoints=Waypoints({"recharge": RECHARGE}),

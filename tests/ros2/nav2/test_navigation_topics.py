@@ -30,9 +30,9 @@ from btcore_ros2.nav2.navigation_topics import LATCHED, CostmapTopics, Navigatio
 from btcore_ros2.nav2.served_navigation import ServedNavigation
 from btcore_ros2.session import RosSession
 from btcore_ros2.simulation.topics import RobotTopics
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 from tests.ros2.action_client import LIMIT_S
 from tests.ros2.nav2.rviz_displays import DISPLAYS
 
@@ -47,7 +47,7 @@ NAV2_OCCUPANCY = {0: 0, 1: 1, 128: 50, 252: 98, 253: 99, 254: 100, 255: -1}
 def navigation() -> Iterator[Navigation]:
     cells = np.zeros((80, 80), dtype=np.int8)
     cells[:, [10, 70]] = 100
-    world = World(load_scene("arena"))
+    world = World(load_world_description("arena"))
     map = OccupancyMap(cells, 0.05, (-2.0, -2.0))
     yield Navigation(SimulatedRobot(world), map, np.random.default_rng(1), folder())
     world.close()

@@ -15,7 +15,7 @@ pytest.importorskip("pybullet")
 from btcore.cli.main import main
 from btcore_robot.occupancy_map import save_map
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import load_scene
+from btcore_sim.worlds import load_world_description
 from tests.ros2.simulation.process import LIMIT, Simulation
 
 
@@ -53,7 +53,7 @@ def test_a_patrol_drives_to_a_waypoint_beside_the_map(
 ) -> None:
     simulation = start("--world", "house", "--camera", "off", "--lockstep")
     simulation.wait_until_ready()
-    save_map(rasterise(load_scene("house")), tmp_path / "house.yaml")
+    save_map(rasterise(load_world_description("house")), tmp_path / "house.yaml")
     (tmp_path / "house.waypoints.yaml").write_text("waypoints: {wp1: [0.6, 0.5, 1.57]}")
     (tmp_path / "round.xml").write_text(ROUND)
     options = ("--ros2", "tiago", "--lockstep", "--map", str(tmp_path / "house.yaml"))

@@ -23,9 +23,9 @@ from btcore_ros2.simulation.services import offer_services
 from btcore_ros2.simulation.topics import RobotTopics
 from btcore_sim.camera import CameraSettings
 from btcore_sim.scenario import Scenario
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 from tests.ros2.simulation.process import LIMIT, Simulation
 
 SECOND = 1_000_000_000
@@ -79,7 +79,7 @@ def test_a_door_past_which_the_robot_is_carried_refuses_to_move(session: RosSess
     path = tmp_path / "door.json"
     path.write_text(json.dumps({"start": {"pose": [-1, 0, 0]}, "objects": [hatch]}), encoding="utf-8")
     scenario = Scenario(0, 0, [], spare_boxes=1)
-    world = World(scenario.scene(load_scene(str(path)), 1, 0.27))
+    world = World(scenario.add_to(load_world_description(str(path)), 1, 0.27))
     robot = SimulatedRobot(world)
     events = scenario.begin(world, robot, robot.base.radius)
     assert events is not None
@@ -95,7 +95,7 @@ def test_a_door_past_which_the_robot_is_carried_refuses_to_move(session: RosSess
 
 
 def test_no_picture_is_rendered_without_a_subscriber(session: RosSession) -> None:
-    world = World(load_scene("arena"))
+    world = World(load_world_description("arena"))
     robot = SimulatedRobot(world, camera=CameraSettings(32, 24, 10.0))
     topics = RobotTopics(session, robot)
     image = "/head_front_camera/rgb/image_raw"
@@ -114,7 +114,7 @@ def test_no_picture_is_rendered_without_a_subscriber(session: RosSession) -> Non
 
 
 def test_no_camera_topics_without_a_camera(session: RosSession) -> None:
-    world = World(load_scene("arena"))
+    world = World(load_world_description("arena"))
     topics = RobotTopics(session, SimulatedRobot(world))
     assert not [topic for topic in topics.published() if "camera" in topic]
     world.wait_until(SECOND, threading.Event())

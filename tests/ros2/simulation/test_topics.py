@@ -22,7 +22,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from btcore_sim.scene import SCENES
+from btcore_sim.world_description import WORLD_FILES
 from tests.ros2.simulation.process import Client, Simulation
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -44,7 +44,7 @@ def simulation(
     start: Callable[..., Simulation], client: Client, tmp_path_factory: pytest.TempPathFactory
 ) -> Simulation:
     """The arena with a door, in real time."""
-    arena = json.loads((SCENES / "arena.json").read_text(encoding="utf-8"))
+    arena = json.loads((WORLD_FILES / "arena.json").read_text(encoding="utf-8"))
     arena["objects"].append(
         {"name": "back-door", "kind": "sliding_door", "position": [-2, 2], "width": 0.8, "yaw": 0}
     )

@@ -13,7 +13,7 @@ from btcore_navigation.likelihood import obstacle_distances
 from btcore_navigation.mapping import map_quality
 from btcore_robot.occupancy_map import OccupancyMap, load_map
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.scene import load_scene
+from btcore_sim.worlds import load_world_description
 
 Run = Callable[..., Result]
 
@@ -43,13 +43,13 @@ def flat(tmp_path: Path) -> Path:
         {"name": name, "kind": "box", "position": at, "size": [*size, 2.0], "color": "#d9d4c7"}
         for name, (at, size) in WALLS.items()
     ]
-    scene = {
+    world = {
         "description": "two rooms",
         "start": {"pose": [0, 0, 0]},
         "objects": objects,
         "physics_rate": 120,
     }
-    (tmp_path / "flat.json").write_text(json.dumps(scene), encoding="utf-8")
+    (tmp_path / "flat.json").write_text(json.dumps(world), encoding="utf-8")
     (tmp_path / "go.xml").write_text(GO, encoding="utf-8")
     (tmp_path / "interrupted.xml").write_text(INTERRUPTED, encoding="utf-8")
     (tmp_path / "explore.xml").write_text(EXPLORE, encoding="utf-8")
@@ -97,7 +97,7 @@ def test_exploration_ends_by_itself_with_a_good_map_on_which_the_robot_can_navig
     assert quality["loops"] >= 0
     assert quality["loop_error_m"] < 0.1
 
-    made, true = load_map(flat / "made.yaml"), rasterise(load_scene(str(flat / "flat.json")))
+    made, true = load_map(flat / "made.yaml"), rasterise(load_world_description(str(flat / "flat.json")))
     assert within(made, true, 2) >= 0.97
     assert covered(made, true) > 0.95
 
@@ -119,7 +119,7 @@ def test_an_unfinished_and_poor_map_is_saved_with_a_warning(
     assert result.exit_code == 0, result.output
     share = json.loads(result.stdout.splitlines()[-1])["map"]["fit"]
     assert f"the map is poor: only {share:.1%} of the laser's rays end on its walls" in caplog.text
-    half, true = load_map(flat / "half.yaml"), rasterise(load_scene(str(flat / "flat.json")))
+    half, true = load_map(flat / "half.yaml"), rasterise(load_world_description(str(flat / "flat.json")))
     assert 0.0 < covered(half, true) < 0.9
 
 
@@ -131,7 +131,10 @@ def test_the_robot_recharges_at_its_start_and_then_completes_the_map(flat: Path)
     assert (told["status"], robot["recharges"], robot["goals_failed"]) == ("SUCCESS", 1, 0)
     assert 20.0 < robot["battery_min"] < 30.0
     assert np.hypot(robot["pose"]["x"], robot["pose"]["y"]) < 0.35
-    assert covered(load_map(flat / "recharged.yaml"), rasterise(load_scene(str(flat / "flat.json")))) > 0.95
+    assert (
+        covered(load_map(flat / "recharged.yaml"), rasterise(load_world_description(str(flat / "flat.json"))))
+        > 0.95
+    )
 
 
 def test_an_interrupted_exploration_continues_and_keeps_its_start(flat: Path) -> None:

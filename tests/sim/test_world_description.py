@@ -10,13 +10,14 @@ import pytest
 
 from btcore_robot.robot import Pose2D
 from btcore_sim.errors import SimError
-from btcore_sim.scene import Scene, SceneObject, load_scene, scene_names
+from btcore_sim.world_description import WorldDescription, WorldObject, world_names
+from btcore_sim.worlds import load_world_description
 
 RADIUS = 0.27
 WALLS = {"wall_east", "wall_north", "wall_west", "wall_south"}
 
 
-def outline(thing: SceneObject) -> np.ndarray:
+def outline(thing: WorldObject) -> np.ndarray:
     """Return the object's outline on the floor as points at most 5 mm apart, shape (n, 2)."""
     x, y = thing.size[0] / 2, thing.size[1] / 2
     if thing.kind == "cylinder":
@@ -33,51 +34,51 @@ def outline(thing: SceneObject) -> np.ndarray:
     return points @ np.array([[cos, sin], [-sin, cos]]) + np.array(thing.position[:2])
 
 
-def gap(one: SceneObject, other: SceneObject) -> float:
+def gap(one: WorldObject, other: WorldObject) -> float:
     """Return the distance (m) between two separate objects, exact to 3 mm and never too large."""
     return min(other.distance(*point) for point in outline(one)) - 0.0025
 
 
 def test_every_shipped_world_loads():
-    assert {"arena", "arena_boxes"} <= set(scene_names())
-    for name in scene_names():
-        assert load_scene(name).things
+    assert {"arena", "arena_boxes"} <= set(world_names())
+    for name in world_names():
+        assert load_world_description(name).things
 
 
 @pytest.mark.parametrize("name", ["arena", "arena_boxes"])
 def test_walls_are_higher_than_the_robots_camera(name: str):
-    walls = [thing for thing in load_scene(name).things if thing.name in WALLS]
+    walls = [thing for thing in load_world_description(name).things if thing.name in WALLS]
     assert len(walls) == 4
     assert all(wall.size[2] >= 2.2 and wall.position[2] == 0.0 for wall in walls)
 
 
 @pytest.mark.parametrize(("name", "inside"), [("arena", 3.0), ("arena_boxes", 6.0)])
 def test_the_walls_close_a_square(name: str, inside: float):
-    scene = load_scene(name)
+    description = load_world_description(name)
     rim = np.linspace(-inside, inside, 200)
-    walls = [thing for thing in scene.things if thing.name in WALLS]
+    walls = [thing for thing in description.things if thing.name in WALLS]
     for at in rim:
         for point in ((at, inside), (at, -inside), (inside, at), (-inside, at)):
             assert min(wall.distance(*point) for wall in walls) < 1e-9
-    assert scene.clearance_at(0.9 * inside, 0.9 * inside) == pytest.approx(0.1 * inside, abs=0.01)
+    assert description.clearance_at(0.9 * inside, 0.9 * inside) == pytest.approx(0.1 * inside, abs=0.01)
 
 
 def test_every_gap_of_arena_boxes_is_wide_enough_to_back_up_blindly():
     """Laser range 1.0 + its offset 0.2 + hull 0.27 + 0.6 of backing + margin."""
-    scene = load_scene("arena_boxes")
-    obstacles = [thing for thing in scene.things if thing.name not in WALLS]
+    description = load_world_description("arena_boxes")
+    obstacles = [thing for thing in description.things if thing.name not in WALLS]
     assert len(obstacles) >= 5
     gaps = {
         (one.name, other.name): gap(one, other)
         for one in obstacles
-        for other in scene.things
+        for other in description.things
         if one is not other
     }
     assert {pair: width for pair, width in gaps.items() if width < 2.3} == {}
 
 
 def test_obstacles_of_arena_boxes_reach_the_floor_and_are_wide_enough_to_see():
-    for thing in load_scene("arena_boxes").things:
+    for thing in load_world_description("arena_boxes").things:
         if thing.name not in WALLS:
             assert min(thing.size[:2]) >= 0.3
             assert thing.position[2] == 0.0
@@ -86,9 +87,9 @@ def test_obstacles_of_arena_boxes_reach_the_floor_and_are_wide_enough_to_see():
 
 @pytest.mark.parametrize("name", ["arena", "arena_boxes"])
 def test_start_poses_are_clear_and_spread_over_the_world(name: str):
-    scene = load_scene(name)
-    poses = [scene.start(np.random.default_rng(seed), RADIUS) for seed in range(300)]
-    assert all(scene.clearance_at(pose.x, pose.y) >= 1.0 + RADIUS for pose in poses)
+    description = load_world_description(name)
+    poses = [description.start(np.random.default_rng(seed), RADIUS) for seed in range(300)]
+    assert all(description.clearance_at(pose.x, pose.y) >= 1.0 + RADIUS for pose in poses)
     quadrants = {(pose.x > 0, pose.y > 0, pose.yaw > 0) for pose in poses}
     assert len(quadrants) == 8
     assert len({pose.x for pose in poses}) == len(poses)
@@ -102,13 +103,13 @@ def test_distance_to_a_turned_box(box):
 
 
 def test_the_file_of_a_world_can_set_the_start_pose(tmp_path: Path):
-    scene = load_scene(write(tmp_path, start={"pose": [1, 2, 0.5]}))
-    assert scene.name == "mine"
-    assert scene.start(np.random.default_rng(0), RADIUS) == Pose2D(1.0, 2.0, 0.5)
+    description = load_world_description(write(tmp_path, start={"pose": [1, 2, 0.5]}))
+    assert description.name == "mine"
+    assert description.start(np.random.default_rng(0), RADIUS) == Pose2D(1.0, 2.0, 0.5)
 
 
 def test_a_world_without_room_for_the_start_raises(tmp_path: Path):
-    full: Scene = load_scene(
+    full: WorldDescription = load_world_description(
         write(tmp_path, objects=[{"kind": "box", "size": [4, 4, 1], "position": [0, 0]}])
     )
     with pytest.raises(SimError, match=r"world 'mine': no start pose with 1 m of room .* 'clearance'"):
@@ -117,12 +118,12 @@ def test_a_world_without_room_for_the_start_raises(tmp_path: Path):
 
 def test_an_unknown_world_raises_with_a_suggestion_and_the_list():
     with pytest.raises(SimError, match=r"no world 'arena_bokses': did you mean 'arena_boxes'\? .*arena, "):
-        load_scene("arena_bokses")
+        load_world_description("arena_bokses")
 
 
 def test_a_table_is_a_top_on_four_legs(tmp_path: Path):
     table = {"name": "desk", "kind": "table", "size": [1.2, 0.6, 0.7], "position": [1, 2], "yaw": math.pi / 2}
-    top, *legs = load_scene(write(tmp_path, objects=[{**table, "top": 0.05, "leg": 0.1}])).things
+    top, *legs = load_world_description(write(tmp_path, objects=[{**table, "top": 0.05, "leg": 0.1}])).things
     assert (top.name, top.kind, top.size) == ("desk_top", "box", (1.2, 0.6, 0.05))
     assert top.position == pytest.approx((1.0, 2.0, 0.65))
     assert [leg.name for leg in legs] == [f"desk_leg_{number}" for number in (1, 2, 3, 4)]
@@ -136,10 +137,12 @@ def test_a_table_is_a_top_on_four_legs(tmp_path: Path):
 
 
 def test_a_world_can_set_waypoints_keep_outs_and_its_physics_rate(tmp_path: Path):
-    scene = load_scene(write(tmp_path, waypoints={"wp1": [1, 2]}, keepout=[[0, 0, 1, 2]], physics_rate=120))
-    assert (scene.waypoints, scene.keepout) == ({"wp1": (1.0, 2.0)}, ((0.0, 0.0, 1.0, 2.0),))
-    assert scene.physics_rate == 120
-    bare = load_scene(write(tmp_path))
+    description = load_world_description(
+        write(tmp_path, waypoints={"wp1": [1, 2]}, keepout=[[0, 0, 1, 2]], physics_rate=120)
+    )
+    assert (description.waypoints, description.keepout) == ({"wp1": (1.0, 2.0)}, ((0.0, 0.0, 1.0, 2.0),))
+    assert description.physics_rate == 120
+    bare = load_world_description(write(tmp_path))
     assert (bare.waypoints, bare.keepout, bare.physics_rate) == ({}, (), 240)
 
 
@@ -187,7 +190,7 @@ def test_an_error_in_a_world_is_reported_with_its_place(
     tmp_path: Path, changes: dict[str, object], said: str
 ):
     with pytest.raises(SimError, match=said) as caught:
-        load_scene(write(tmp_path, **changes))
+        load_world_description(write(tmp_path, **changes))
     assert "mine.json: " in str(caught.value)
 
 
@@ -195,26 +198,26 @@ def test_a_file_that_is_not_json_is_reported_with_line_and_column(tmp_path: Path
     path = tmp_path / "mine.json"
     path.write_text('{"objects": [,]}')
     with pytest.raises(SimError, match=r"mine.json:1:14: not valid JSON"):
-        load_scene(str(path))
+        load_world_description(str(path))
 
 
 def test_a_list_is_not_a_world(tmp_path: Path):
     path = tmp_path / "mine.json"
     path.write_text("[]")
     with pytest.raises(SimError, match="a world is a JSON object"):
-        load_scene(str(path))
+        load_world_description(str(path))
 
 
 def test_a_deeply_nested_file_is_refused(tmp_path: Path):
     path = tmp_path / "mine.json"
     path.write_text("[" * 100_000 + "]" * 100_000)
     with pytest.raises(SimError, match="nested more than 100 levels deep"):
-        load_scene(str(path))
+        load_world_description(str(path))
 
 
 def test_a_missing_file_raises():
     with pytest.raises(SimError, match=r"nowhere/mine\.json: no such file"):
-        load_scene("nowhere/mine.json")
+        load_world_description("nowhere/mine.json")
 
 
 def write(folder: Path, **changes: object) -> str:

@@ -51,9 +51,10 @@ from btcore_sim.polygons import (
     wall_quads,
 )
 
-__all__ = ["Door", "Scene", "SceneObject", "load_scene", "scene_names"]
+__all__ = ["Door", "WorldDescription", "WorldObject", "world_names"]
 
-SCENES = Path(__file__).parent / "scenes"
+WORLD_FILES = Path(__file__).parent / "world_files"
+"""The folder with the files of the worlds that are part of the package."""
 
 SCHEMA = Path(__file__).with_name("world.schema.json")
 """The JSON schema of a world's file."""
@@ -81,7 +82,7 @@ _ORDER = "x and y from, then x and y to, and 'to' has to be greater"
 
 
 @dataclass(frozen=True, slots=True)
-class SceneObject:
+class WorldObject:
     """An upright box, cylinder or prism.
 
     Attributes:
@@ -170,7 +171,7 @@ class SceneObject:
         along, across = np.abs(along) - self.size[0] / 2, np.abs(across) - self.size[1] / 2
         return np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
 
-    def pieces(self) -> list["SceneObject"]:
+    def pieces(self) -> list["WorldObject"]:
         """Return the convex pieces of a prism, each as an object, or the object itself if it is no prism."""
         return (
             [_centred(replace(self, parts=(part,))) for part in self.parts]
@@ -188,7 +189,7 @@ class SceneObject:
 
 @dataclass(frozen=True, slots=True)
 class Door:
-    """A door in an opening. Its leaf is an object of the scene with the same name.
+    """A door in an opening. Its leaf is an object of the world with the same name.
 
     A hinged door has its hinge at the end of the opening from which the *yaw* points to the other end. A
     sliding door moves in the direction of its *yaw*.
@@ -230,7 +231,7 @@ class Door:
             yaw, away = self.yaw, opening * self.width
         return Pose2D(x + away * math.cos(yaw), y + away * math.sin(yaw), yaw)
 
-    def placed(self, leaf: SceneObject, opening: float) -> SceneObject:
+    def placed(self, leaf: WorldObject, opening: float) -> WorldObject:
         """Return the leaf of the door at the pose for an opening.
 
         Args:
@@ -242,7 +243,7 @@ class Door:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class WorldDescription:
     """The description of a world: its objects, and the rule for the start pose.
 
     Attributes:
@@ -263,7 +264,7 @@ class Scene:
 
     name: str
     description: str
-    things: tuple[SceneObject, ...]
+    things: tuple[WorldObject, ...]
     area: Rectangle
     clearance: float
     pose: Pose2D | None
@@ -325,54 +326,39 @@ class Scene:
             x: The x coordinate of the point in the world frame (m).
             y: The y coordinate of the point in the world frame (m).
         """
-        walls = math.inf if self.walls is None else self.walls.distance(x, y)
         away = (thing.distance(x, y) for thing in self.things if not thing.parked)
         walls = math.inf if self.walls is None else self.walls.distance(x, y)
         return min((walls, *away))
 
 
-def scene_names() -> list[str]:
+def world_names() -> list[str]:
     """Return the names of the worlds that are part of the package, sorted.
 
     Examples:
-        >>> from btcore_sim.scene import scene_names
-        >>> "house" in scene_names()
+        >>> from btcore_sim.world_description import world_names
+        >>> "house" in world_names()
         True
     """
-    return sorted(path.stem for path in SCENES.glob("*.json"))
+    return sorted(path.stem for path in WORLD_FILES.glob("*.json"))
 
 
-def load_scene(name: str) -> Scene:
-    """Load a world.
+def read_world_description(name: str) -> WorldDescription:
+    """Read the file of a world.
 
     Args:
-        name: The name of a world in the package, or the path of a JSON file.
+        name: One of `world_names()`, or the path of a JSON file.
 
     Returns:
         The world's description.
 
     Raises:
-        SimError: The world is unknown, or the file is missing or invalid.
-
-    Examples:
-        >>> from btcore_sim.scene import load_scene
-        >>> sorted(load_scene("house").waypoints)
-        ['recharge', 'start', 'wp1', 'wp2', 'wp3']
+        SimError: The file is missing or invalid.
     """
-    if name.endswith(".json") or Path(name).name != name:
-        path = Path(name)
-    elif name in scene_names():
-        path = SCENES / f"{name}.json"
-    else:
-        known = scene_names()
-        raise SimError(
-            f"there is no world '{name}': {did_you_mean(name, known)}worlds are {', '.join(known)}; "
-            "or use the path of a JSON file"
-        )
-    return read_record(path, "a world").read_whole(lambda record: _scene(record, path.stem))
+    path = WORLD_FILES / f"{name}.json" if name in world_names() else Path(name)
+    return read_record(path, "a world").read_whole(lambda record: _world_description(record, path.stem))
 
 
-def scene_from_json(data: dict[str, Any], name: str) -> Scene:
+def parse_world_description(data: dict[str, Any], name: str) -> WorldDescription:
     """Return the world that a JSON object describes.
 
     Args:
@@ -382,10 +368,10 @@ def scene_from_json(data: dict[str, Any], name: str) -> Scene:
     Raises:
         SimError: The object is invalid.
     """
-    return JsonRecord(data, name).read_whole(lambda record: _scene(record, name))
+    return JsonRecord(data, name).read_whole(lambda record: _world_description(record, name))
 
 
-def _scene(record: JsonRecord, name: str) -> Scene:
+def _world_description(record: JsonRecord, name: str) -> WorldDescription:
     numbers = itertools.count()
     doors: dict[str, Door] = {}
     objects = record.nested_list("objects", lambda item: _things(item, next(numbers), doors))
@@ -397,7 +383,7 @@ def _scene(record: JsonRecord, name: str) -> Scene:
             raise record.error(f"two objects are named '{thing.name}', but names have to be unique")
         seen.add(thing.name)
     area, clearance, pose = record.nested("start", _start)
-    scene = Scene(
+    description = WorldDescription(
         name=name,
         description=record.text("description", ""),
         things=things,
@@ -410,10 +396,10 @@ def _scene(record: JsonRecord, name: str) -> Scene:
         physics_rate=record.whole("physics_rate", PHYSICS_RATE),
         doors=doors,
     )
-    for x0, y0, x1, y1 in scene.keepout:
+    for x0, y0, x1, y1 in description.keepout:
         if not (x0 < x1 and y0 < y1):
             raise record.error(f"'keepout' has [{x0:g}, {y0:g}, {x1:g}, {y1:g}], but the form is {_ORDER}")
-    return scene
+    return description
 
 
 def _rectangle(row: list[float]) -> Rectangle:
@@ -430,7 +416,7 @@ def _start(record: JsonRecord) -> tuple[tuple[float, float, float, float], float
     return (x0, y0, x1, y1), record.number("clearance", 1.0), None
 
 
-def _things(record: JsonRecord, index: int, doors: dict[str, Door]) -> list[SceneObject]:
+def _things(record: JsonRecord, index: int, doors: dict[str, Door]) -> list[WorldObject]:
     """Return the objects of an entry of `objects`, and add the door of the entry, if any, to *doors*."""
     kind = record.text("kind", among=KINDS)
     is_door = kind in ("hinged_door", "sliding_door")
@@ -455,11 +441,11 @@ def _things(record: JsonRecord, index: int, doors: dict[str, Door]) -> list[Scen
         raise record.error(f"'mass' is {mass:g}, but it has to be at least 0")
     position = (place[0], place[1], place[2] if len(place) == 3 else 0.0)
     look = record.text("look", among=LOOKS[kind]) if kind != "table" and record.has("look") else ""
-    thing = SceneObject(name, kind, (x, y, z), position, yaw, mass, color, is_glass=is_glass, look=look)
+    thing = WorldObject(name, kind, (x, y, z), position, yaw, mass, color, is_glass=is_glass, look=look)
     return [thing] if kind != "table" else _table(record, thing)
 
 
-def _prism(record: JsonRecord, kind: str, name: str, yaw: float, color: Color, is_glass: bool) -> SceneObject:
+def _prism(record: JsonRecord, kind: str, name: str, yaw: float, color: Color, is_glass: bool) -> WorldObject:
     points = [(x, y) for x, y in record.rows("points", 2)]
     height = record.number("height", over=0.0)
     place = record.numbers("position", [2, 3], [0.0, 0.0])
@@ -474,11 +460,11 @@ def _prism(record: JsonRecord, kind: str, name: str, yaw: float, color: Color, i
     position = (place[0], place[1], place[2] if len(place) == 3 else 0.0)
     size = (0.0, 0.0, height)
     return _centred(
-        SceneObject(name, "prism", size, position, yaw, 0.0, color, is_glass=is_glass, parts=tuple(parts))
+        WorldObject(name, "prism", size, position, yaw, 0.0, color, is_glass=is_glass, parts=tuple(parts))
     )
 
 
-def _centred(prism: SceneObject) -> SceneObject:
+def _centred(prism: WorldObject) -> WorldObject:
     """Return *prism* with its extent as *size*, and with the middle of its extent as *position*."""
     xs, ys = zip(*itertools.chain.from_iterable(prism.parts), strict=True)
     x, y = (min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2
@@ -494,7 +480,7 @@ def _centred(prism: SceneObject) -> SceneObject:
 
 def _door(
     record: JsonRecord, kind: str, name: str, yaw: float, color: Color, is_glass: bool, doors: dict[str, Door]
-) -> SceneObject:
+) -> WorldObject:
     if not _DOOR_NAME.fullmatch(name):
         raise record.error(
             f"a door is named '{name}', but names of doors consist of letters, digits, '_' and '-'"
@@ -508,11 +494,11 @@ def _door(
     width = record.number("width", 0.9, over=0.0)
     size = (width, record.number("thickness", 0.04, over=0.0), record.number("height", 2.1, over=0.0))
     door = doors[name] = Door(name, (x, y), width, yaw, swing, record.truth("open", False))
-    leaf = SceneObject(name, "box", size, (x, y, 0.0), yaw, 0.0, color, is_kinematic=True, is_glass=is_glass)
+    leaf = WorldObject(name, "box", size, (x, y, 0.0), yaw, 0.0, color, is_kinematic=True, is_glass=is_glass)
     return door.placed(leaf, float(door.open))
 
 
-def _table(record: JsonRecord, whole: SceneObject) -> list[SceneObject]:
+def _table(record: JsonRecord, whole: WorldObject) -> list[WorldObject]:
     """Return the parts of a table with the bounds of *whole*: its top, and legs flush with the corners."""
     thick, wide = record.number("top", 0.04, over=0.0), record.number("leg", 0.06, over=0.0)
     length, width, height = whole.size

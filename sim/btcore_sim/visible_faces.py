@@ -15,8 +15,8 @@ from btcore_robot.rigid_transform import Transform
 from btcore_sim.map_walls import WALL_COLOR, MapWalls
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.scene import SceneObject
-from btcore_sim.world import World, scene_extent
+from btcore_sim.world import World, world_extent
+from btcore_sim.world_description import WorldObject
 
 Floats = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def shape_faces(kind: str, size: Sequence[float]) -> Floats:
     return sphere_faces(size[0])
 
 
-def prism_faces(thing: SceneObject) -> Floats:
+def prism_faces(thing: WorldObject) -> Floats:
     """Return the faces of a prism around the middle of its extent, shape `(n, 4, 3)`."""
     half = thing.size[2] / 2
     faces = [[(*a, -half), (*b, -half), (*b, half), (*a, half)] for a, b in thing.sides()]
@@ -108,15 +108,15 @@ def prism_faces(thing: SceneObject) -> Floats:
     return np.array(faces, dtype=np.float64)
 
 
-class RenderScene:
+class VisibleFaces:
     """The faces of the floor, of all objects and of the robot. The meshes of its URDF are left out."""
 
     def __init__(self, world: World, model: PhysicsBody) -> None:
         self._world = world
         self._model = model
         still = [_standing(thing) for body, thing in world.bodies.items() if body not in world.movable]
-        if world.scene.walls is not None:
-            still += _walls(world.scene.walls)
+        if world.description.walls is not None:
+            still += _walls(world.description.walls)
         still.append(_floor(world))
         self._still = np.concatenate([faces for faces, _ in still])
         self._moved = [(body, *_shaped(world.bodies[body])) for body in world.movable]
@@ -140,14 +140,14 @@ class RenderScene:
         return np.concatenate(faces)
 
 
-def _shaped(thing: SceneObject) -> tuple[Floats, Floats]:
+def _shaped(thing: WorldObject) -> tuple[Floats, Floats]:
     faces = prism_faces(thing) if thing.kind == "prism" else shape_faces(thing.kind, thing.size)
     # Only glass is transparent: alpha of other objects is for the monitor alone.
     color = thing.color if thing.is_glass else (*thing.color[:3], 255)
     return faces, np.array(color, dtype=np.float64)
 
 
-def _standing(thing: SceneObject) -> tuple[Floats, Floats]:
+def _standing(thing: WorldObject) -> tuple[Floats, Floats]:
     shape, color = _shaped(thing)
     x, y, z = thing.position
     turned = (0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2))
@@ -160,10 +160,10 @@ def _walls(walls: MapWalls) -> list[tuple[Floats, Floats]]:
 
 
 def _floor(world: World) -> tuple[Floats, Floats]:
-    x0, y0, x1, y1 = scene_extent(world.scene)
+    x0, y0, x1, y1 = world_extent(world.description)
     shape = box_faces((x1 - x0, y1 - y0, _THICK))
     middle = ((x0 + x1) / 2, (y0 + y1) / 2, -_THICK / 2)
-    return Transform(middle).apply(shape), np.array((*world.scene.floor[:3], 255), dtype=np.float64)
+    return Transform(middle).apply(shape), np.array((*world.description.floor[:3], 255), dtype=np.float64)
 
 
 def _robot(world: World, model: PhysicsBody) -> list[tuple[int, Floats, Floats]]:

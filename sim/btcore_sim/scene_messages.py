@@ -20,9 +20,9 @@ from btcore_sim.map_walls import WALL_COLOR
 from btcore_sim.mesh_files import read_triangles
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.scene import SceneObject
 from btcore_sim.shells import CORNERS, Section, ball, loft, rounded_box
-from btcore_sim.world import World, prism_mesh, scene_extent
+from btcore_sim.world import World, prism_mesh, world_extent
+from btcore_sim.world_description import WorldObject
 
 _log = logging.getLogger(__name__)
 
@@ -32,28 +32,30 @@ _COARSE = 16
 
 def world_parts(world: World) -> list[Part]:
     """Return the floor and all objects except prisms. A movable object has a frame of its own."""
-    x0, y0, x1, y1 = scene_extent(world.scene)
+    x0, y0, x1, y1 = world_extent(world.description)
     floor = Box(
-        name=f"{world.scene.name}/floor",
+        name=f"{world.description.name}/floor",
         frame="map",
         size=(x1 - x0, y1 - y0, 0.01),
         position=((x0 + x1) / 2, (y0 + y1) / 2, -0.005),
         quaternion=UPRIGHT,
-        color=world.scene.floor,
+        color=world.description.floor,
     )
-    plain = [thing for thing in world.scene.things if thing.kind != "prism" and not thing.look]
-    parts = [floor, *_wall_parts(world), *(_object_part(world.scene.name, thing) for thing in plain)]
-    for thing in world.scene.things:
+    plain = [thing for thing in world.description.things if thing.kind != "prism" and not thing.look]
+    parts = [floor, *_wall_parts(world), *(_object_part(world.description.name, thing) for thing in plain)]
+    for thing in world.description.things:
         parts += [_look_part(thing, part) for part in _looks(thing) if part.kind in ("box", "cylinder")]
     return parts
 
 
 def world_meshes(world: World) -> list[Mesh]:
     """Return the prisms among the objects, and the rounded parts of the objects' looks."""
-    prisms = [_prism(world.scene.name, thing) for thing in world.scene.things if thing.kind == "prism"]
+    prisms = [
+        _prism(world.description.name, thing) for thing in world.description.things if thing.kind == "prism"
+    ]
     rounded = [
         _look_mesh(thing, part)
-        for thing in world.scene.things
+        for thing in world.description.things
         for part in _looks(thing)
         if part.kind in ("cushion", "ball")
     ]
@@ -150,7 +152,7 @@ def frames(world: World, model: PhysicsBody) -> list[Frame]:
 
 def waypoint_data(world: World) -> list[Place]:
     """Return the world's waypoints, except `start`, because the robot is displayed there."""
-    named = world.scene.waypoints.items()
+    named = world.description.waypoints.items()
     return [Place(name=name, position=(x, y, 0.0)) for name, (x, y) in named if name != "start"]
 
 
@@ -171,12 +173,12 @@ def frame_chain(name: str, known: Iterable[TransformStamped], placed: Collection
     return chain
 
 
-def _prism(scene: str, thing: SceneObject) -> Mesh:
+def _prism(description: str, thing: WorldObject) -> Mesh:
     corners, indices = prism_mesh(thing)
     x, y, z = thing.position
     turned = (0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2))
     placed = Transform((x, y, z + thing.size[2] / 2), turned).apply(np.array(corners))
-    return _flat_mesh(f"{scene}/{thing.name}", "map", thing.color, placed[indices].reshape(-1, 3, 3))
+    return _flat_mesh(f"{description}/{thing.name}", "map", thing.color, placed[indices].reshape(-1, 3, 3))
 
 
 def _flat_mesh(name: str, frame: str, color: Color, triangles: NDArray[np.float64]) -> Mesh:
@@ -207,18 +209,18 @@ def _mesh(
     )
 
 
-def _looks(thing: SceneObject) -> list[LookPart]:
+def _looks(thing: WorldObject) -> list[LookPart]:
     return look_parts(thing.look, thing.size, thing.color) if thing.look else []
 
 
-def _look_place(thing: SceneObject) -> tuple[str, Transform]:
+def _look_place(thing: WorldObject) -> tuple[str, Transform]:
     """Return the frame of an object's look, and the pose of the middle of the object's underside in it."""
     if thing.still:
         return "map", Transform(thing.position, from_rpy((0.0, 0.0, thing.yaw)))
     return thing.name, Transform((0.0, 0.0, -thing.size[2] / 2))
 
 
-def _look_part(thing: SceneObject, part: LookPart) -> Part:
+def _look_part(thing: WorldObject, part: LookPart) -> Part:
     frame, place = _look_place(thing)
     x, y, z = part.position
     middle = place * Transform((x, y, z + part.size[2] / 2))
@@ -234,7 +236,7 @@ def _look_part(thing: SceneObject, part: LookPart) -> Part:
     return Cylinder(**where, radius=part.size[0] / 2, length=part.size[2])
 
 
-def _look_mesh(thing: SceneObject, part: LookPart) -> Mesh:
+def _look_mesh(thing: WorldObject, part: LookPart) -> Mesh:
     frame, place = _look_place(thing)
     sections = ball(part.size) if part.kind == "ball" else rounded_box(part.size)
     return _mesh(thing.name, frame, part.color, place * Transform(part.position), sections, _COARSE)
@@ -242,21 +244,21 @@ def _look_mesh(thing: SceneObject, part: LookPart) -> Mesh:
 
 def _wall_parts(world: World) -> list[Part]:
     """Return the walls of a world that was made from a map."""
-    if world.scene.walls is None:
+    if world.description.walls is None:
         return []
-    where: dict[str, Any] = {"name": f"{world.scene.name}/wall", "frame": "map", "quaternion": UPRIGHT}
+    where: dict[str, Any] = {"name": f"{world.description.name}/wall", "frame": "map", "quaternion": UPRIGHT}
     return [
         Box(**where, size=size, position=middle, color=WALL_COLOR)
-        for size, middle in world.scene.walls.boxes()
+        for size, middle in world.description.walls.boxes()
     ]
 
 
-def _object_part(scene: str, thing: SceneObject) -> Part:
+def _object_part(description: str, thing: WorldObject) -> Part:
     x, y, z = thing.position
     width, _, height = thing.size
     still = thing.still
     where: dict[str, Any] = {
-        "name": f"{scene}/{thing.name}",
+        "name": f"{description}/{thing.name}",
         "frame": "map" if still else thing.name,
         "position": (x, y, z + height / 2) if still else (0.0, 0.0, 0.0),
         "quaternion": (0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2)) if still else UPRIGHT,

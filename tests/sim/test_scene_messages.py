@@ -1,12 +1,12 @@
-"""Scene messages other than shapes and poses: camera, battery and named places."""
+"""WorldDescription messages other than shapes and poses: camera, battery and named places."""
 
 import numpy as np
 import pytest
 
 from btcore_sim.camera import CameraSettings
-from btcore_sim.scene import load_scene
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.worlds import load_world_description
 
 CAMERA = CameraSettings(64, 48, 10.0)
 
@@ -54,7 +54,7 @@ def test_the_scene_has_the_battery_level_while_it_drains(robot_at, steer):
 
 
 def test_the_scene_has_the_named_places_of_the_world():
-    world = World(load_scene("house"), seed=1)
+    world = World(load_world_description("house"), seed=1)
     places = {one.name: one.position for one in SimulatedRobot(world).scene_static().places}
     world.close()
     assert sorted(places) == ["recharge", "wp1", "wp2", "wp3"]
@@ -62,7 +62,7 @@ def test_the_scene_has_the_named_places_of_the_world():
 
 
 def test_walls_and_polygons_are_meshes_and_doors_have_frames_of_their_own():
-    world = World(load_scene("lobby"), seed=1)
+    world = World(load_world_description("lobby"), seed=1)
     body = SimulatedRobot(world, camera=None)
     static = body.scene_static()
     meshes = {mesh.name: mesh for mesh in static.meshes if mesh.frame == "map"}
