@@ -115,7 +115,7 @@ def require_resources(
         ExtensionError: An installed extension cannot be used.
     """
     gathered = provide_resources(ctx, settings, (*wanted, *optional))
-    warn_unused_options(ctx, gathered.idle, "this command", used)
+    warn_unused_options(ctx, gathered.without_resources, "this command", used)
     missing = load_extensions(ctx).missing
     for kind in wanted:
         if not any(isinstance(resource, kind) for resource in gathered.resources):

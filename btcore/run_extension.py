@@ -1,8 +1,8 @@
 """The protocol of an extension of `btcore run`, by which another package provides resources for leaves.
 
-A package offers its extension under the entry point group `btcore.resources`:
+A package offers its extension under the entry point group `btcore.run_extensions`:
 
-    [project.entry-points."btcore.resources"]
+    [project.entry-points."btcore.run_extensions"]
     rover = "rover_driver.run_extension:RoverExtension"
 
 The entry point names a class. `btcore run`, `btcore sweep` and the commands that run a program in a
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class ExtensionError(BtcoreError):
-    """Raised when an installed extension has a hook that is missing, misspelled or of the wrong type."""
+    """Raised when an installed extension has a member that is missing, misspelled or of the wrong type."""
 
 
 class OutputError(BtcoreError):
@@ -32,14 +32,14 @@ class OutputError(BtcoreError):
 class RunExtension(Protocol):
     """An extension of `btcore run`: its options, the resources that it provides, and its part in a run.
 
-    The hooks of a run are called in the order in which they are listed here. *settings* are the options of
-    the command by their click names, including those of all extensions. A hook may raise `click.UsageError`
+    The methods are called in the order in which they are listed here. *settings* are the options of
+    the command by their click names, including those of all extensions. A method may raise `click.UsageError`
     for an error in the options: the message is printed and the exit code is 2. Any other exception counts
     as an internal error.
 
     This is a Protocol instead of an abstract base class so that a package can implement an extension without
-    importing btcore; it must then define every hook. A class that inherits from `RunExtension` overrides only
-    the hooks that it needs; the others keep the defaults below.
+    importing btcore; it must then define every member. A class that inherits from `RunExtension` overrides
+    only the members that it needs; the others keep the defaults below.
 
     Examples:
         >>> import click

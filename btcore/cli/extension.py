@@ -11,9 +11,9 @@ from btcore.extras import describe_missing
 from btcore.run_extension import ExtensionError, RunExtension
 from btcore.suggestions import nearest_name
 
-GROUP: Final = "btcore.resources"
+GROUP: Final = "btcore.run_extensions"
 _META: Final = "btcore.cli.extension.loaded"
-# The hooks and their parameters are read from the protocol itself, so that the check cannot become outdated.
+# The methods and their parameters are read from the protocol itself, so that the check cannot become outdated.
 _ATTRIBUTES: Final = tuple(RunExtension.__annotations__)
 _METHODS: Final = {
     name: tuple(inspect.signature(member).parameters)[1:]
@@ -43,7 +43,7 @@ def load_extensions(ctx: click.Context) -> LoadedExtensions:
 
 
 def _create(loaded: entry_points.Loaded) -> RunExtension:
-    """Create an extension from its loaded entry point, and check its hooks."""
+    """Create an extension from its loaded entry point, and check its members."""
     try:
         extension: RunExtension = loaded.value()
     except Exception as error:
@@ -59,20 +59,20 @@ def _create(loaded: entry_points.Loaded) -> RunExtension:
 
 
 def _find_problems(extension: RunExtension) -> list[str]:
-    """Return a message for each hook of *extension* that is missing, misspelled or has the wrong type."""
+    """Return a message for each member of *extension* that is missing, misspelled or has the wrong type."""
     problems = []
     unset = {name for name in (*_ATTRIBUTES, *_METHODS) if _is_unset(extension, name)}
     for name in dir(extension):
         known = name in _ATTRIBUTES or name in _METHODS
-        # A public attribute that resembles a hook without a value is probably that hook, misspelled.
+        # A public attribute that resembles a member without a value is probably that member, misspelled.
         nearest = None if known or name.startswith("_") else nearest_name(name, sorted(unset))
         if nearest is not None:
             problems.append(f"unknown hook '{name}' (did you mean '{nearest}'?)")
             unset.discard(nearest)
     problems += [f"missing hook '{name}'" for name in sorted(unset) if not hasattr(extension, name)]
     for name, parameters in _METHODS.items():
-        hook = getattr(extension, name, None)
-        if hook is not None and not _accepts(hook, parameters):
+        method = getattr(extension, name, None)
+        if method is not None and not _accepts(method, parameters):
             problems.append(f"hook '{name}' must be a method that takes ({', '.join(parameters)})")
     options = getattr(extension, "options", ())
     if not isinstance(options, Sequence) or not all(isinstance(option, click.Option) for option in options):
@@ -81,17 +81,17 @@ def _find_problems(extension: RunExtension) -> list[str]:
 
 
 def _is_unset(extension: RunExtension, name: str) -> bool:
-    """Return whether *extension* lacks the hook *name*, or inherits its default from `RunExtension`."""
-    hook = getattr(extension, name, None)
+    """Return whether *extension* lacks the member *name*, or inherits its default from `RunExtension`."""
+    member = getattr(extension, name, None)
     # Bound methods of an instance are compared by the function of their class.
-    return getattr(hook, "__func__", hook) in (None, getattr(RunExtension, name))
+    return getattr(member, "__func__", member) in (None, getattr(RunExtension, name))
 
 
-def _accepts(hook: object, parameters: Sequence[str]) -> bool:
-    if not callable(hook):
+def _accepts(method: object, parameters: Sequence[str]) -> bool:
+    if not callable(method):
         return False
     try:
-        inspect.signature(hook).bind(*parameters)
+        inspect.signature(method).bind(*parameters)
     except TypeError:
         return False
     return True
@@ -100,12 +100,12 @@ def _accepts(hook: object, parameters: Sequence[str]) -> bool:
 class GatheredResources(NamedTuple):
     """The *resources* for leaves, and the *extensions* in the order in which they must be attached.
 
-    *idle* holds the extensions that provided no resource.
+    *without_resources* holds the extensions that provided no resource.
     """
 
     resources: list[object]
     extensions: list[RunExtension]
-    idle: list[RunExtension]
+    without_resources: list[RunExtension]
 
 
 def gather_resources(
@@ -139,16 +139,16 @@ def gather_resources(
     ranked.sort(key=lambda entry: (entry[0], entry[1].is_fallback))
     resources: list[object] = []
     providers: list[RunExtension] = []
-    idle: list[RunExtension] = []
+    without_resources: list[RunExtension] = []
     for _, extension in ranked:
         try:
             provided = extension.provide(settings, (*own[id(extension)], *all_wanted), tuple(resources))
         except ModuleNotFoundError as error:
             missing = describe_missing(error.name)
             raise click.UsageError(f"the resources of the run cannot be provided: {missing}") from error
-        (providers if provided else idle).append(extension)
+        (providers if provided else without_resources).append(extension)
         resources += provided
-    return GatheredResources(resources, [*providers, *idle], idle)
+    return GatheredResources(resources, [*providers, *without_resources], without_resources)
 
 
 def merge_reports(extensions: Sequence[RunExtension]) -> dict[str, object]:

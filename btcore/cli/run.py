@@ -257,7 +257,7 @@ def create_session(
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
     wanted = plans.required_resources()
     (installed_extensions, missing), settings = _needed_extensions(ctx, settings, wanted)
-    resources, extensions, idle = gather_resources(installed_extensions, settings, wanted)
+    resources, extensions, without_resources = gather_resources(installed_extensions, settings, wanted)
     clock = clock_of(resources, settings["fast"])
     resources += [random.Random(settings["seed"]), StubPlans(settings["plans"])]
     try:
@@ -278,7 +278,7 @@ def create_session(
     initial_blackboard.write(tree, settings["entries"], plans)
     terminal.print_diagnostics(plans.diagnostics.warnings)
     substitute.warn_unused_rules(tree)
-    warn_unused_options(ctx, idle)
+    warn_unused_options(ctx, without_resources)
     return RunSession(tree, source, settings, [*extensions, *joining], resources, saves)
 
 
@@ -316,18 +316,18 @@ def read_tree_source(
 
 def warn_unused_options(
     ctx: click.Context,
-    idle: Sequence[RunExtension],
+    without_resources: Sequence[RunExtension],
     subject: str = "the tree",
     used: Sequence[str] = (),
 ) -> None:
     """Print a warning for options on the command line that no leaf of the tree uses.
 
     Args:
-        idle: The extensions that provided no resource.
+        without_resources: The extensions that provided no resource.
         subject: The subject of the sentence: what has no such leaf.
         used: Options that the command itself uses.
     """
-    for extension in idle:
+    for extension in without_resources:
         given = [
             option.opts[0]
             for option in extension.options

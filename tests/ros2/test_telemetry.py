@@ -210,12 +210,12 @@ def test_unknown_topic_is_an_error() -> None:
 def only_telemetry(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the telemetry the only extension of `btcore run`, whatever is installed."""
     point = metadata.EntryPoint(
-        "ros2_telemetry", "btcore_ros2.telemetry_extension:TelemetryExtension", "btcore.resources"
+        "ros2_telemetry", "btcore_ros2.telemetry_extension:TelemetryExtension", "btcore.run_extensions"
     )
     installed = metadata.entry_points
 
     def entry_points(**query: str) -> Any:
-        return [point] if query.get("group") == "btcore.resources" else installed(**query)
+        return [point] if query.get("group") == "btcore.run_extensions" else installed(**query)
 
     monkeypatch.setattr(metadata, "entry_points", entry_points)
 

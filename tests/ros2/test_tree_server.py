@@ -474,7 +474,7 @@ class CountingServer(TreeServer):
 
 
 def test_python_server(session: RosSession, folder: Path) -> None:
-    """The hooks of a subclass; the server runs on the thread of its caller."""
+    """The methods of a subclass; the server runs on the thread of its caller."""
     nodes = btcore.Registry.standard()
     nodes.add_plugin(folder / "plugin.py")
     file = folder / "counting.xml"

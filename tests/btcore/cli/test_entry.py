@@ -227,7 +227,7 @@ def test_extension_of_another_distribution_takes_part_in_each_run(tmp_path: Path
     information = tmp_path / "rover-1.0.dist-info"
     information.mkdir()
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: rover\nVersion: 1.0\n")
-    (information / "entry_points.txt").write_text("[btcore.resources]\nrover = rover:Extension\n")
+    (information / "entry_points.txt").write_text("[btcore.run_extensions]\nrover = rover:Extension\n")
     Path("rover.py").write_text(
         "from btcore.run_extension import RunExtension\n\n"
         "class Extension(RunExtension):\n    def report(self):\n        return {'rover': {'battery': 0.5}}\n"

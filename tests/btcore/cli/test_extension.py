@@ -1,4 +1,4 @@
-"""The extensions of `btcore run`: required hooks, and the order in which they provide resources."""
+"""The extensions of `btcore run`: required members, and the order in which they provide resources."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
@@ -56,7 +56,7 @@ def test_fallback_extensions_provide_after_the_others() -> None:
     found = gather_resources([simulated, real], {}, [Body])
     assert [one.maker for one in found.resources if isinstance(one, Body)] == ["zebra"]
     assert found.extensions == [real, simulated]
-    assert found.idle == [simulated]
+    assert found.without_resources == [simulated]
 
 
 def test_dependent_extensions_provide_last() -> None:
@@ -116,14 +116,14 @@ def offer(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
         monkeypatch.setattr(
             metadata,
             "entry_points",
-            lambda group: [rover] if group == "btcore.resources" else installed(group=group),
+            lambda group: [rover] if group == "btcore.run_extensions" else installed(group=group),
         )
 
     return install
 
 
 class WithoutAttach:
-    """An extension that imports nothing from btcore and lacks the hook `attach`."""
+    """An extension that imports nothing from btcore and lacks the method `attach`."""
 
     options: Sequence[click.Option] = ()
     single_run_options = ()
