@@ -1,7 +1,9 @@
 """Models of leaves for proofs: what a leaf may return, write and use.
 
 A model comes from the leaf's class, its metadata, and a declaration beside the tree, each more specific than
-the one before.
+the one before. A class declares in its `spec` what only btcore reads, such as `may_return` and `uses`, and in
+`metadata()` the other values of its model, such as `hands_over`, as texts that are also written to the
+TreeNodesModel, so that Groot and C++ see them.
 """
 
 from collections.abc import Mapping, Sequence
