@@ -13,7 +13,7 @@ from btcore.suggestions import nearest_name
 
 GROUP: Final = "btcore.run_extensions"
 _META: Final = "btcore.cli.extension.loaded"
-# The methods and their parameters are read from the protocol itself, so that the check cannot become outdated.
+# The methods and their parameters are read from the protocol itself, so that the check stays up to date.
 _ATTRIBUTES: Final = tuple(RunExtension.__annotations__)
 _METHODS: Final = {
     name: tuple(inspect.signature(member).parameters)[1:]
