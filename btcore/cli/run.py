@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from btcore import entry_points
-from btcore.cli import initial_blackboard, node_libraries, stub_plans, substitute, terminal
+from btcore.cli import initial_blackboard, node_libraries, stub_results, substitute, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.extension import GROUP, LoadedExtensions, gather_resources, load_extensions
 from btcore.cli.run_logs import log_option
@@ -30,7 +30,7 @@ from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.run_extension import RunExtension
 from btcore.suggestions import join_names
-from btcore.xml.models.stand_ins import StubPlans
+from btcore.xml.models.stand_ins import StubResults
 from btcore.xml.plan.plan import Plans
 
 _WITHOUT: Final = "btcore.cli.run.without_extensions"
@@ -123,7 +123,7 @@ def _needed_extensions(
     There are no extensions if none of their options is given and no leaf needs a resource of an extension.
     """
     if ctx.meta.get(_WITHOUT) and all(
-        kind in (random.Random, StubPlans) or (isinstance(kind, type) and issubclass(kind, TreeState))
+        kind in (random.Random, StubResults) or (isinstance(kind, type) and issubclass(kind, TreeState))
         for kind in wanted
     ):
         return LoadedExtensions([], []), settings
@@ -154,7 +154,7 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
 @click.command(cls=TreeRunCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @tree_options
-@stub_plans.plan_option
+@stub_results.plan_option
 @substitute.substitute_option
 @initial_blackboard.set_option
 @click.option(
@@ -259,7 +259,7 @@ def create_session(
     (installed_extensions, missing), settings = _needed_extensions(ctx, settings, wanted)
     resources, extensions, without_resources = gather_resources(installed_extensions, settings, wanted)
     clock = clock_of(resources, settings["fast"])
-    resources += [random.Random(settings["seed"]), StubPlans(settings["plans"])]
+    resources += [random.Random(settings["seed"]), StubResults(settings["stub_letters"])]
     try:
         tree = instantiate(plans, resources, clock=clock, tick_limit=settings["tick_limit"])
     except TreeError as error:
@@ -310,7 +310,7 @@ def read_tree_source(
     source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)
     substitute.add_rules(libraries.nodes, settings["substitutes"])
     plans = source.read()
-    stub_plans.check(settings["plans"], plans)
+    stub_results.check(settings["stub_letters"], plans)
     return source, plans
 
 

@@ -18,7 +18,7 @@ from btcore.status import NodeType
 from btcore.testing import Harness
 from btcore.testing.trace import TraceStep
 from btcore.xml.convert.convert import convert
-from btcore.xml.models.stand_ins import StubAction, StubCondition, StubPlans
+from btcore.xml.models.stand_ins import StubAction, StubCondition, StubResults
 from btcore.xml.plan.plan import define_and_plan
 from btcore.xml.read.read import parse_text, read
 from btcore.xml.render.svg import diagram_to_svg
@@ -102,7 +102,7 @@ class NodeExample:
     def harness(self, **plans: str) -> Harness:
         """Return a harness for the tree; *plans* replaces the results of leaves."""
         letters = {**self.fields.get("actions", {}), **self.fields.get("conditions", {}), **plans}
-        resources = [StubPlans(letters), Answers(self.fields.get("answers", []))]
+        resources = [StubResults(letters), Answers(self.fields.get("answers", []))]
         return Harness.loads(self.xml, nodes=self.nodes, resources=resources)
 
     def tick(self, harness: Harness, times: int) -> None:

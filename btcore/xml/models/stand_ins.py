@@ -15,24 +15,24 @@ from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
 _LETTERS: Final = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
 
 
-class StubPlans:
-    """The planned results of stand-ins: *letters* maps the name or the ID of a node to its plan.
+class StubResults:
+    """The results of stand-ins: *letters* maps the name or the ID of a node to the letters of its results.
 
-    The letters of a plan are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED). The plan of an action,
-    such as `RRS|F`, has a segment for each start. Each tick uses the next letter of the segment; the last
-    letter repeats. A condition uses one letter per tick. After the end of its plan, a node begins the plan
-    again. A node without a plan returns SUCCESS.
+    The letters are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED). Those of an action, such as
+    `RRS|F`, have a segment for each start. Each tick uses the next letter of the segment; the last letter
+    repeats. A condition uses one letter per tick. After its last letter or segment, a node begins again with
+    the first. A node without letters returns SUCCESS.
     """
 
     def __init__(self, letters: Mapping[str, str] | None = None) -> None:
         self.letters = dict(letters or {})
 
-    def plan_for(self, node: TreeNode) -> str:
-        """Return the plan for the name of *node*, else for its ID, else `S`."""
+    def letters_for(self, node: TreeNode) -> str:
+        """Return the letters for the name of *node*, else for its ID, else `S`."""
         return self.letters.get(node.name) or self.letters.get(node.config.id) or "S"
 
 
-def _status(node: TreeNode, letter: str) -> Status:
+def _read_letter(node: TreeNode, letter: str) -> Status:
     status = _LETTERS.get(letter)
     if status is None:
         raise NodeError(f"invalid letter {letter!r} in the plan of '{node.name}': use R, S, F and K")
@@ -44,8 +44,8 @@ class StubAction(StatefulAction):
 
     spec = NodeSpec(state_fields=("_segment", "_starts", "_calls"), uses=frozenset())
 
-    def __init__(self, plans: StubPlans = StubPlans()) -> None:  # noqa: B008 - never changed
-        self._segments = plans.plan_for(self).split("|")
+    def __init__(self, results: StubResults = StubResults()) -> None:  # noqa: B008 - never changed
+        self._segments = results.letters_for(self).split("|")
         self._starts = 0
         self._calls = 0
         self._segment = ""
@@ -61,7 +61,7 @@ class StubAction(StatefulAction):
         """Return the status of the next letter."""
         letter = self._segment[min(self._calls, len(self._segment) - 1)] if self._segment else ""
         self._calls += 1
-        return _status(self, letter)
+        return _read_letter(self, letter)
 
 
 class StubCondition(Condition):
@@ -69,15 +69,15 @@ class StubCondition(Condition):
 
     spec = NodeSpec(state_fields=("_ticks",))
 
-    def __init__(self, plans: StubPlans = StubPlans()) -> None:  # noqa: B008 - never changed
-        self._plan = plans.plan_for(self)
+    def __init__(self, results: StubResults = StubResults()) -> None:  # noqa: B008 - never changed
+        self._letters = results.letters_for(self)
         self._ticks = 0
 
     def tick(self) -> Status:
         """Return the status of the next letter."""
-        letter = self._plan[self._ticks % len(self._plan)]
+        letter = self._letters[self._ticks % len(self._letters)]
         self._ticks += 1
-        return _status(self, letter)
+        return _read_letter(self, letter)
 
 
 class StubControl(SequenceNode):

@@ -21,7 +21,7 @@ from btcore.program_runner import (
 )
 from btcore.run_extension import RunExtension
 from btcore.suggestions import did_you_mean
-from btcore.xml.models.stand_ins import StubPlans
+from btcore.xml.models.stand_ins import StubResults
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
 from btcore_ros2.parameters import declare_parameter
@@ -77,7 +77,7 @@ def serve(ctx: click.Context, /, trees: tuple[Path, ...], **settings: Any) -> in
             settings = {**settings, "ros_session": session, "fast": False}
             _publish_by_default(session, settings)
             gathered = provide_resources(ctx, settings, [RosSession, *wanted])
-            resources = [*gathered.resources, random.Random(settings["seed"]), StubPlans({})]
+            resources = [*gathered.resources, random.Random(settings["seed"]), StubResults({})]
             clock: Any = session.clock
             robot = next((resource for resource in resources if isinstance(resource, Robot)), None)
             if robot is not None and robot.clock is not session.clock:

@@ -10,7 +10,7 @@ from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
 from btcore.errors import RegistrationError
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
-from btcore.xml.models.stand_ins import StubPlans
+from btcore.xml.models.stand_ins import StubResults
 from btcore.xml.models.tree_nodes_model import write_models
 from btcore.xml.read.read import parse_file, parse_text
 
@@ -138,15 +138,15 @@ def test_stub_succeeds_immediately_or_follows_its_plan(models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
     assert btcore.loads(TREE, nodes=nodes).tick_exactly_once() is Status.SUCCESS
-    plans = StubPlans({"Move": "RS|F", "door": "F"})
-    tree = btcore.loads(TREE, nodes=nodes, resources=[plans], clock=SimClock())
+    results = StubResults({"Move": "RS|F", "door": "F"})
+    tree = btcore.loads(TREE, nodes=nodes, resources=[results], clock=SimClock())
     assert [tree.tick_exactly_once().name for _ in range(4)] == ["RUNNING", "FAILURE", "FAILURE", "RUNNING"]
 
 
 def test_invalid_letter_of_a_plan_raises_when_it_is_reached(models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
-    tree = btcore.loads(TREE, nodes=nodes, resources=[StubPlans({"Move": "RX"})])
+    tree = btcore.loads(TREE, nodes=nodes, resources=[StubResults({"Move": "RX"})])
     tree.tick_exactly_once()
     with pytest.raises(btcore.NodeExecutionError, match=r"invalid letter 'X' in the plan of 'Move'"):
         tree.tick_exactly_once()

@@ -14,8 +14,8 @@ from btcore.xml.plan.plan import Plans
 _LETTERS: Final = re.compile(r"[RSFK]+(\|[RSFK]+)*")
 
 
-def _parsed(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]) -> dict[str, str]:
-    plans: dict[str, str] = {}
+def _parse_letters(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]) -> dict[str, str]:
+    letters_of: dict[str, str] = {}
     for text in texts:
         name, _, letters = text.rpartition("=")
         if not name or not _LETTERS.fullmatch(letters):
@@ -23,17 +23,17 @@ def _parsed(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]
                 f"--plan '{text}' is invalid: write NAME=LETTERS, for example Move=RRS|F; the letters are "
                 "R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); | separates the starts of the leaf."
             )
-        if name in plans:
+        if name in letters_of:
             raise click.UsageError(f"--plan: '{name}' has more than one plan.")
-        plans[name] = letters
-    return plans
+        letters_of[name] = letters
+    return letters_of
 
 
 plan_option = click.option(
     "--plan",
-    "plans",
+    "stub_letters",
     multiple=True,
-    callback=_parsed,
+    callback=_parse_letters,
     metavar="NAME=LETTERS",
     help="Results of a leaf from --model, given by its name or ID: one letter for each tick, R (RUNNING), "
     "S (SUCCESS), F (FAILURE) or K (SKIPPED), and | between two starts, for example Move=RRS|F. Leaves "
@@ -41,17 +41,18 @@ plan_option = click.option(
 )
 
 
-def check(plans: Mapping[str, str], examined: Plans) -> None:
-    """Check that each plan applies to a leaf of the tree that has no code.
+def check(stub_letters: Mapping[str, str], plans: Plans) -> None:
+    """Check that each `--plan` applies to a leaf of the tree that has no code.
 
     Args:
-        plans: The letters of each plan, by the name or ID of its leaf.
+        stub_letters: The letters of the results, by the name or ID of the leaf.
+        plans: The plans of the tree.
 
     Raises:
-        click.UsageError: There is no such leaf, or the plan of a condition contains `|`.
+        click.UsageError: There is no such leaf, or the letters of a condition contain `|`.
     """
-    kinds = _leaves(examined) if plans else {}
-    for name, letters in plans.items():
+    kinds = _find_stub_leaves(plans) if stub_letters else {}
+    for name, letters in stub_letters.items():
         if name not in kinds:
             nearest = nearest_name(name, kinds)
             hint = f"Leaves from a --model: {join_names(kinds) or 'none'}."
@@ -65,11 +66,11 @@ def check(plans: Mapping[str, str], examined: Plans) -> None:
             )
 
 
-def _leaves(examined: Plans) -> dict[str, NodeType]:
+def _find_stub_leaves(plans: Plans) -> dict[str, NodeType]:
     """Return the types of the leaves that have no code, by name and by ID."""
     leaves: dict[str, NodeType] = {}
-    assert examined.main is not None
-    for tree in examined.reachable(examined.main):
+    assert plans.main is not None
+    for tree in plans.reachable(plans.main):
         for node in tree.nodes():
             manifest = node.manifest
             if manifest is not None and issubclass(manifest.cls, (StubAction, StubCondition)):
