@@ -253,7 +253,7 @@ def create_session(
         if file == STDIN:
             raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
         saves = SaveWatcher(file, settings["confined"])
-    source, plans = read_tree_source(settings, installed)
+    source, plans = read_source_and_plans(settings, installed)
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
     wanted = plans.required_resources()
     (installed_extensions, missing), settings = _needed_extensions(ctx, settings, wanted)
@@ -282,7 +282,7 @@ def create_session(
     return RunSession(tree, source, settings, [*extensions, *joining], resources, saves)
 
 
-def read_tree_source(
+def read_source_and_plans(
     settings: Mapping[str, Any], installed: node_libraries.NodeLibraries | None = None
 ) -> tuple[TreeSource, Plans]:
     """Read and check the document of a run's tree, before extensions create resources such as a simulator.
@@ -309,7 +309,7 @@ def read_tree_source(
     libraries.add_models(settings["models"], confined)
     source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)
     substitute.add_rules(libraries.nodes, settings["substitutes"])
-    plans = source.read()
+    plans = source.plan()
     stub_results.check(settings["stub_letters"], plans)
     return source, plans
 

@@ -113,7 +113,7 @@ def find_tree(name: str) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class TreeSource:
-    """The file of a tree, and how to read it.
+    """The file of a tree, and how to make its plans.
 
     Attributes:
         path: The XML file, or `STDIN`.
@@ -134,8 +134,8 @@ class TreeSource:
         """The name of the file without its suffix."""
         return "stdin" if self.path == STDIN else self.path.stem
 
-    def read(self, substitute: Callable[[Registry], Registry] | None = None) -> Plans:
-        """Read and check the file.
+    def plan(self, substitute: Callable[[Registry], Registry] | None = None) -> Plans:
+        """Read and check the file, and return the plans of its tree.
 
         Args:
             substitute: Returns the nodes to use instead of the available nodes; None = use these.

@@ -12,7 +12,7 @@ import click
 
 import btcore
 from btcore.cli import terminal
-from btcore.cli.run import read_tree_source, run
+from btcore.cli.run import read_source_and_plans, run
 from btcore.cli.tree_source import find_tree
 from btcore.input_files import read_file
 from btcore.suggestions import join_names
@@ -186,7 +186,7 @@ def _check(sweep: SweepDefinition) -> None:
         try:
             with run.make_context("run", words) as context:
                 if values is first:
-                    _, plans = read_tree_source(context.params)
+                    _, plans = read_source_and_plans(context.params)
                     terminal.print_diagnostics(plans.diagnostics.warnings)
         except click.ClickException as error:
             if not values:
