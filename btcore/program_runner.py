@@ -19,7 +19,7 @@ from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import GatheredResources, gather_resources, load_extensions, merge_reports
 from btcore.cli.node_libraries import load_libraries
 from btcore.cli.run import FiniteRange, RunCommand, clock_of, warn_unused_options
-from btcore.cli.run_report import END_REASON_TEXT, print_figures
+from btcore.cli.run_report import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.cli.tick_loop import EndReason, TickLoop, ending_signals, signal_handlers
 from btcore.clock import NS_PER_S, Clock
@@ -239,14 +239,14 @@ def run_server(
     return code_of_signal(received[0]) if received else ExitCode.SUCCESS
 
 
-def print_result(name: str, result: ProgramResult, figures: Mapping[str, object]) -> None:
+def print_result(name: str, result: ProgramResult, own_report: Mapping[str, object]) -> None:
     """Print the summary of a program on stderr.
 
     Args:
         name: The name of the program.
         result: The result of `run_program`, with the reports of the extensions.
-        figures: The program's own report.
+        own_report: The program's own report.
     """
     took = f"{result.seconds:.1f} s{END_REASON_TEXT[result.ending]}"
     terminal.stderr_console().print(Text.assemble(("■ ", "dim"), (name, "bold"), "  ", took), soft_wrap=True)
-    print_figures({**({name: figures} if figures else {}), **result.report})
+    print_reports({**({name: own_report} if own_report else {}), **result.report})

@@ -12,7 +12,7 @@ import btcore
 from btcore.builds import env_flag
 from btcore.cli import terminal
 from btcore.cli.tick_loop import EndReason
-from btcore.engine.node import count_ticks
+from btcore.engine.node import tick_counts_of
 from btcore.errors import NodeExecutionError, excerpt
 from btcore.status import Status
 from btcore.tree.drawing import node_depths
@@ -60,11 +60,11 @@ class RunReport:
         """The speed of the run as a multiple of real time."""
         return self.elapsed / self.wall if self.wall > 0 else 0.0
 
-    def print_summary(self, tree: Tree, ending: EndReason, figures: Mapping[str, object]) -> None:
+    def print_summary(self, tree: Tree, ending: EndReason, extension_reports: Mapping[str, object]) -> None:
         """Print the summary on stderr.
 
         Args:
-            figures: The reports of the extensions, such as a simulated robot's.
+            extension_reports: The reports of the extensions, such as a simulated robot's.
         """
         console = terminal.stderr_console()
         table = terminal.new_table()
@@ -72,28 +72,28 @@ class RunReport:
         for title, style in _COUNTS.items():
             table.add_column(title, justify="right", style=style, no_wrap=True)
         depths = node_depths(tree)
-        # `results` lists the nodes in the order of the tree.
-        rows = list(zip(tree.nodes, self.results(tree).values(), strict=True))[:_MAX_NODES]
+        # `tick_counts` lists the nodes in the order of the tree.
+        rows = list(zip(tree.nodes, self.tick_counts(tree).values(), strict=True))[:_MAX_NODES]
         widths = [max(len(title), *(len(str(row[title])) for _, row in rows)) for title in _COUNTS]
         room = max(console.width - sum(widths) - _GAP * len(widths) - _MARGINS, _MIN_NAME)
-        for node, result in rows:
-            never_ticked = not result["ticks"]
+        for node, counts in rows:
+            never_ticked = not counts["ticks"]
             symbol = terminal.node_symbol(node.spec.symbol, node.spec.node_type)
             name = Text.assemble("  " * depths[node.config.uid], symbol)
             name.append(node.name, style="dim" if never_ticked else "")
             if node.name != node.config.id:
                 name.append(f" {node.config.id}", style="dim")
             name.truncate(room, overflow="ellipsis")
-            columns = [str(result[key] or "·") for key in _COUNTS]
+            columns = [str(counts[key] or "·") for key in _COUNTS]
             table.add_row(name, *columns, style="dim" if never_ticked else "")
-        console.print(self._heading(tree, ending), soft_wrap=True)
+        console.print(self._format_heading(tree, ending), soft_wrap=True)
         console.print()
         console.print(table)
         if len(tree.nodes) > _MAX_NODES:
             console.print(f"  … and {len(tree.nodes) - _MAX_NODES} more nodes; --json lists all", style="dim")
-        print_figures(figures)
+        print_reports(extension_reports)
 
-    def _heading(self, tree: Tree, ending: EndReason) -> Text:
+    def _format_heading(self, tree: Tree, ending: EndReason) -> Text:
         """Return a line with the result, the time, the number of ticks, and the reason why the run ended."""
         raised = Text("✘ RAISED", style="bold red")
         result = terminal.format_status(self.status) if self.error is None else raised
@@ -101,31 +101,35 @@ class RunReport:
         took = f"{self.elapsed:.1f} s, {ticks}, ×{self.factor:.1f} real time{END_REASON_TEXT[ending]}"
         return Text.assemble(result, "  ", (self.name, "bold"), "  ", took)
 
-    def results(self, tree: Tree) -> dict[str, dict[str, object]]:
-        """Return the tick counts of each node by full path; equal paths are distinguished by `#<uid>`."""
-        return {
-            key: {"id": node.config.id, **{name: getattr(tally, name) for name in _COUNTS}}
-            for key, node in tree.nodes_by_path().items()
-            for tally in (count_ticks(node),)
-        }
+    def tick_counts(self, tree: Tree) -> dict[str, dict[str, object]]:
+        """Return the ID and the tick counts of each node, by full path.
 
-    def report(self, tree: Tree, figures: Mapping[str, object]) -> dict[str, object]:
+        Equal paths are distinguished by `#<uid>`.
+        """
+        rows: dict[str, dict[str, object]] = {}
+        for key, node in tree.nodes_by_path().items():
+            counts = tick_counts_of(node)
+            assert counts is not None, "RunSession counts the ticks of each of its trees"
+            rows[key] = {"id": node.config.id, **{name: getattr(counts, name) for name in _COUNTS}}
+        return rows
+
+    def as_data(self, tree: Tree, extension_reports: Mapping[str, object]) -> dict[str, object]:
         """Return the object of `--json`.
 
         Args:
-            figures: The reports of the extensions, which are added to the object.
+            extension_reports: The reports of the extensions, which are added to the object.
         """
-        report: dict[str, object] = {
+        data: dict[str, object] = {
             "status": self.status.name,
             "ticks": tree.ticks,
             "time_s": self.elapsed,
             "real_time_factor": round(self.factor, 3),
-            "nodes": self.results(tree),
-            **figures,
+            "nodes": self.tick_counts(tree),
+            **extension_reports,
         }
         if self.error is not None:
-            frame = _leaf_frame(self.error.cause)
-            report["error"] = {
+            frame = _find_leaf_frame(self.error.cause)
+            data["error"] = {
                 "node": self.error.path,
                 "id": self.error.node_id,
                 "while": self.error.doing,
@@ -133,10 +137,10 @@ class RunReport:
                 "message": str(self.error.cause),
                 "at": f"{frame.filename}:{frame.lineno}" if frame is not None else None,
             }
-        return report
+        return data
 
 
-def _leaf_frame(error: BaseException) -> traceback.FrameSummary | None:
+def _find_leaf_frame(error: BaseException) -> traceback.FrameSummary | None:
     """Return the frame of the leaf's code that raised *error*, or None if btcore itself raised it."""
     package = str(Path(btcore.__file__).parent)
     for frame in traceback.extract_tb(error.__traceback__):
@@ -152,7 +156,7 @@ def print_leaf_error(error: NodeExecutionError) -> None:
     if is_debugged:
         terminal.stderr_console().print(Text("".join(traceback.format_exception(error))), soft_wrap=True)
     terminal.print_error(str(error))
-    frame = _leaf_frame(error.cause)
+    frame = _find_leaf_frame(error.cause)
     if frame is None:
         return
     console = terminal.stderr_console()
@@ -163,34 +167,34 @@ def print_leaf_error(error: NodeExecutionError) -> None:
         console.print("Set BTCORE_DEBUG=1 to print the traceback.", style="dim", highlight=False)
 
 
-def print_figures(figures: Mapping[str, object]) -> None:
-    """Print *figures*, the reports of extensions, on stderr: a line for each heading."""
-    for heading, figure in figures.items():
-        line = Text.assemble("\n ", (f"{heading}  ", "bold"), *_figures(figure))
+def print_reports(reports: Mapping[str, object]) -> None:
+    """Print the reports of extensions on stderr: a line for each heading."""
+    for heading, report in reports.items():
+        line = Text.assemble("\n ", (f"{heading}  ", "bold"), *_format_report(report))
         line.rstrip()
         terminal.stderr_console().print(line, soft_wrap=True)
 
 
-def _figures(figure: object) -> list[tuple[str, str]]:
+def _format_report(report: object) -> list[tuple[str, str]]:
     """Return the names and values of a report as (text, style), without values that are None."""
-    if isinstance(figure, Mapping):
-        known = {key: value for key, value in figure.items() if value is not None}
-        if figure and not known:
+    if isinstance(report, Mapping):
+        known = {key: value for key, value in report.items() if value is not None}
+        if report and not known:
             return [("not measured  ", "dim")]
-        return [part for key, value in known.items() for part in ((f"{key} ", "dim"), *_figures(value))]
-    return [(f"{_format_figure(figure)}  ", "")]
+        return [part for key, value in known.items() for part in ((f"{key} ", "dim"), *_format_report(value))]
+    return [(f"{_format_value(report)}  ", "")]
 
 
-def _format_figure(figure: object) -> str:
+def _format_value(value: object) -> str:
     """Return the text of a value, of a list of values, or of an object in a list."""
-    if isinstance(figure, Mapping):
-        known = ((key, value) for key, value in figure.items() if value is not None)
-        return " ".join(f"{key} {_format_figure(value)}" for key, value in known)
-    if isinstance(figure, (list, tuple)):
-        if any(isinstance(item, Mapping) for item in figure):
-            return "; ".join(map(_format_figure, figure))
-        shown = ", ".join(map(_format_figure, figure[:_MAX_ITEMS]))
-        return f"{shown}, … ({len(figure)} in all)" if len(figure) > _MAX_ITEMS else shown or "none"
-    if figure is None:
+    if isinstance(value, Mapping):
+        known = ((key, item) for key, item in value.items() if item is not None)
+        return " ".join(f"{key} {_format_value(item)}" for key, item in known)
+    if isinstance(value, (list, tuple)):
+        if any(isinstance(item, Mapping) for item in value):
+            return "; ".join(map(_format_value, value))
+        shown = ", ".join(map(_format_value, value[:_MAX_ITEMS]))
+        return f"{shown}, … ({len(value)} in all)" if len(value) > _MAX_ITEMS else shown or "none"
+    if value is None:
         return "not measured"
-    return f"{figure:g}" if isinstance(figure, float) else str(figure)
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -29,6 +29,10 @@ class RunSession:
         source: The file of the tree, from which the tree is reloaded.
         extensions: The extensions in the order in which they are attached.
         saves: Detects that the tree's file was saved; None without `--watch`.
+
+    Attributes:
+        report: The result of the run, for the summary and `--json`.
+        reloads: The number of trees that have replaced the first tree.
     """
 
     def __init__(
@@ -48,7 +52,7 @@ class RunSession:
         self.saves = saves
         self.logs = Logs(settings["logs"])
         tree_id = settings["tree"]
-        self.outcome = RunReport(source.name if tree_id is None else f"{source.name}:{tree_id}")
+        self.report = RunReport(source.name if tree_id is None else f"{source.name}:{tree_id}")
         self.reloads = 0
         self._signal = 0
         self._is_output_incomplete = False
@@ -61,13 +65,13 @@ class RunSession:
             LogError: A log cannot be written.
             click.UsageError: An extension rejects the options of the run.
         """
-        ending, code, figures = self.execute()
-        outcome = self.outcome
-        outcome.print_summary(self.tree, ending, figures)
-        if outcome.error is not None and outcome.error is not self._printed_error:
-            self._print_execution_error(outcome.error)
+        ending, code, extension_reports = self.execute()
+        report = self.report
+        report.print_summary(self.tree, ending, extension_reports)
+        if report.error is not None and report.error is not self._printed_error:
+            self._print_execution_error(report.error)
         if self.settings["as_json"]:
-            terminal.print_json(outcome.report(self.tree, figures))
+            terminal.print_json(report.as_data(self.tree, extension_reports))
         return code
 
     def execute(self) -> tuple[EndReason, ExitCode, dict[str, object]]:
@@ -90,33 +94,33 @@ class RunSession:
                 # An ExitStack unwinds in reverse order: the logs are closed before extensions are detached.
                 attached.callback(self.logs.close)
                 self.logs.open(self.tree)
-                ending = self._loop()
+                ending = self._run_loop()
                 if ending == "interrupted":
                     for extension in self.extensions:
                         extension.on_interrupt()
         except OutputError as error:
             self._is_output_incomplete = True
             terminal.print_error(str(error))
-        figures = merge_reports(self.extensions)
+        extension_reports = merge_reports(self.extensions)
         if self.saves is not None:
-            figures = {"reloads": self.reloads, **figures}
-        return ending, self._code(ending), figures
+            extension_reports = {"reloads": self.reloads, **extension_reports}
+        return ending, self._choose_exit_code(ending), extension_reports
 
-    def _code(self, ending: EndReason) -> ExitCode:
-        if self.outcome.error is not None:
+    def _choose_exit_code(self, ending: EndReason) -> ExitCode:
+        if self.report.error is not None:
             return ExitCode.LEAF_ERROR
         if self._is_output_incomplete or self.logs.are_incomplete:
             return ExitCode.INCOMPLETE_OUTPUT
         if ending == "interrupted":
             return code_of_signal(self._signal)
-        failed = ending == "done" and self.outcome.status is Status.FAILURE
+        failed = ending == "done" and self.report.status is Status.FAILURE
         return ExitCode.FAILURE if failed else ExitCode.SUCCESS
 
-    def _loop(self) -> EndReason:
+    def _run_loop(self) -> EndReason:
         """Tick until the end of the run, and halt the tree, also after an exception."""
         settings = self.settings
         duration = settings["duration"]
-        progress = Progress(self.tree, self.outcome.name, duration)
+        progress = Progress(self.tree, self.report.name, duration)
         until = cast(Until, settings["until"])
         loop = TickLoop(
             self.tree, settings["rate"], duration, until, progress.ticked, self.saves, settings["fast"]
@@ -128,15 +132,15 @@ class RunSession:
                 ending = loop.run() if self.saves is None else self._run_and_reload(loop, progress)
             self.tree.halt()
         except NodeExecutionError as error:
-            self.outcome.error = error
+            self.report.error = error
         except BaseException:
             self.tree.halt()
             raise
         finally:
-            self.outcome.status = loop.status if self.outcome.error is None else Status.IDLE
-            self.outcome.elapsed = loop.elapsed / NS_PER_S
+            self.report.status = loop.status if self.report.error is None else Status.IDLE
+            self.report.elapsed = loop.elapsed / NS_PER_S
             self._signal = loop.signal
-            self.outcome.wall = time.perf_counter() - began
+            self.report.wall = time.perf_counter() - began
             progress.close()
         if loop.late:
             skipped = f"{terminal.counted(loop.late, 'tick')} {'was' if loop.late == 1 else 'were'} skipped"
@@ -153,13 +157,13 @@ class RunSession:
             try:
                 ending = loop.wait_for_save() if waiting else loop.run()
             except NodeExecutionError as error:
-                self.outcome.error = self._printed_error = error
+                self.report.error = self._printed_error = error
                 with progress.suspend():
                     self._print_execution_error(error)
                 ending = "done"
             if ending == "done":
                 waiting = True
-                raised = self.outcome.error is not None
+                raised = self.report.error is not None
                 progress.show_waiting(None if raised else loop.status, self.source.path.name)
             elif ending == "saved":
                 with progress.suspend():
@@ -211,7 +215,7 @@ class RunSession:
             print_leaf_error(error)
         tree.count_ticks()
         self.tree = tree
-        self.outcome.error = None
+        self.report.error = None
         self.reloads += 1
         self.logs.open_next(tree)
         for extension in self.extensions:

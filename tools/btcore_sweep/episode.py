@@ -78,14 +78,14 @@ def _run(command: Sequence[str]) -> Result:
         cause = FailureCause()
         session = create_session(context, context.params, [cause], _installed())
         try:
-            _, code, figures = session.execute()
+            _, code, extension_reports = session.execute()
         except click.UsageError:
             raise
         except click.ClickException as reason:
             return {**_not_started(ExitCode.USER_ERROR, reason.format_message()), "began": True}
         # Convert to JSON and back, as for --json: a report that is not JSON data raises here, in the worker.
-        report = json.loads(json.dumps(session.outcome.report(session.tree, figures)))
-        error = session.outcome.error
+        report = json.loads(json.dumps(session.report.as_data(session.tree, extension_reports)))
+        error = session.report.error
         failed_at = error.path if error is not None else cause.node_path
         return {"code": code, "report": report, "failed_at": failed_at, "fault": None}
 

@@ -12,7 +12,7 @@ import pytest
 from click.testing import Result
 
 from btcore.cli.extension import gather_resources
-from btcore.cli.run_report import print_figures
+from btcore.cli.run_report import print_reports
 from btcore.run_extension import RunExtension
 
 for needed in ("zmq", "cv2", "pybullet"):
@@ -213,6 +213,6 @@ def test_an_extension_that_breaks_the_protocol_is_named(
 
 
 def test_the_summary_shortens_long_lists(capsys: pytest.CaptureFixture[str]) -> None:
-    print_figures({"robot": {"places": ["a"] * 8, "visited": ["start"] * 30, "none": ()}})
+    print_reports({"robot": {"places": ["a"] * 8, "visited": ["start"] * 30, "none": ()}})
     visited = f"visited {'start, ' * 8}… (30 in all)"
     assert capsys.readouterr().err.split("  ")[1:] == [f"places {'a, ' * 7}a", visited, "none none\n"]
