@@ -33,7 +33,8 @@ from btcore.suggestions import join_names
 from btcore.xml.models.stand_ins import StubResults
 from btcore.xml.plan.plan import Plans
 
-_WITHOUT: Final = "btcore.cli.run.without_extensions"
+_EXTENSIONS_DEFERRED: Final = "btcore.cli.run.extensions_deferred"
+"""The key in the context's `meta`: whether the command line is parsed without the extensions so far."""
 
 
 class FiniteRange(click.FloatRange):
@@ -81,22 +82,31 @@ class RunCommand(click.Command):
 
 
 class TreeRunCommand(RunCommand):
-    """`btcore run`, which loads extensions only if a leaf needs a resource, or one of their options is given.
+    """`btcore run`, which loads extensions only when they are needed, because importing them takes time.
 
-    Extensions of other distributions are always loaded: they may take part in each run.
+    1. `parse_args` parses the command line without the options of extensions.
+    2. If an option is unknown, `parse_args` loads the extensions, and parses the command line again with
+       their options.
+    3. Otherwise `create_session` loads the extensions if a leaf of the tree needs a resource of an extension.
+       Their options then have their defaults, since none was given.
+
+    The first step is left out if extensions of other distributions are installed: they may take part in each
+    run. `--help` and shell completion also need the options of all extensions.
     """
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the command's options, those of the extensions if they are loaded, and `--help`."""
-        return click.Command.get_params(self, ctx) if ctx.meta.get(_WITHOUT) else super().get_params(ctx)
+        if ctx.meta.get(_EXTENSIONS_DEFERRED):
+            return click.Command.get_params(self, ctx)
+        return super().get_params(ctx)
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the help with the options of all extensions."""
-        ctx.meta[_WITHOUT] = False
+        ctx.meta[_EXTENSIONS_DEFERRED] = False
         super().format_help(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse *args* without the options of extensions, or with them if an option is unknown otherwise.
+        """Parse *args*, first without the options of extensions if possible: see the class.
 
         Args:
             ctx: The context of the command.
@@ -106,33 +116,35 @@ class TreeRunCommand(RunCommand):
             The arguments that remain.
         """
         words = list(args)  # click's parser removes the arguments from its list
-        ctx.meta[_WITHOUT] = not ctx.resilient_parsing and not entry_points.installed(GROUP, own=False)
-        if ctx.meta[_WITHOUT]:
+        may_defer = not ctx.resilient_parsing and not entry_points.installed(GROUP, own=False)
+        ctx.meta[_EXTENSIONS_DEFERRED] = may_defer
+        if may_defer:
             try:
                 return click.Command.parse_args(self, ctx, args)
             except click.NoSuchOption:
-                ctx.meta[_WITHOUT] = False
+                ctx.meta[_EXTENSIONS_DEFERRED] = False
         return super().parse_args(ctx, words)
 
 
-def _needed_extensions(
+def _load_needed_extensions(
     ctx: click.Context, settings: Mapping[str, Any], wanted: Sequence[type]
 ) -> tuple[LoadedExtensions, Mapping[str, Any]]:
     """Return the extensions of a run, and *settings* with the values of their options.
 
-    There are no extensions if none of their options is given and no leaf needs a resource of an extension.
+    There are no extensions if they are deferred and no leaf needs a resource of an extension.
     """
-    if ctx.meta.get(_WITHOUT) and all(
+    if not ctx.meta.get(_EXTENSIONS_DEFERRED):
+        return load_extensions(ctx), settings
+    if all(
         kind in (random.Random, StubResults) or (isinstance(kind, type) and issubclass(kind, TreeState))
         for kind in wanted
     ):
         return LoadedExtensions([], []), settings
     loaded = load_extensions(ctx)
-    if ctx.meta.get(_WITHOUT):
-        added: list[click.Parameter] = [option for item in loaded.extensions for option in item.options]
-        defaults = click.Command("run", params=added).make_context("run", [], parent=ctx).params
-        settings = {**defaults, **settings}
-    return loaded, settings
+    added: list[click.Parameter] = [option for item in loaded.extensions for option in item.options]
+    # No option of an extension was given: the options have the values of an empty command line.
+    defaults = click.Command("run", params=added).make_context("run", [], parent=ctx).params
+    return loaded, {**defaults, **settings}
 
 
 @contextmanager
@@ -256,7 +268,7 @@ def create_session(
     source, plans = read_source_and_plans(settings, installed)
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
     wanted = plans.required_resources()
-    (installed_extensions, missing), settings = _needed_extensions(ctx, settings, wanted)
+    (installed_extensions, missing), settings = _load_needed_extensions(ctx, settings, wanted)
     resources, extensions, without_resources = gather_resources(installed_extensions, settings, wanted)
     clock = clock_of(resources, settings["fast"])
     resources += [random.Random(settings["seed"]), StubResults(settings["stub_letters"])]
