@@ -18,7 +18,7 @@ from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import GatheredResources, gather_resources, load_extensions, merge_reports
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.run import FiniteRange, RunCommand, clock_of, warn_unused_options
+from btcore.cli.run import FiniteRange, RunCommand, choose_clock, warn_unused_options
 from btcore.cli.run_report import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.cli.tick_loop import EndReason, TickLoop, ending_signals, signal_handlers
@@ -162,7 +162,7 @@ def run_program(
     nodes.add(Work, ID=name)
     text = f'<root BTCPP_format="4"><BehaviorTree ID="{name}Alone"><{name}/></BehaviorTree></root>'
     resources = [*gathered.resources, *shown]
-    clock = clock if clock is not None else clock_of(resources, settings["fast"])
+    clock = clock if clock is not None else choose_clock(resources, settings["fast"])
     tree = loads(text, nodes=nodes, resources=resources, clock=clock)
     loop = TickLoop(tree, RATE, settings["duration"], "done", lambda status: None, fast=settings["fast"])
     ending: EndReason = "done"

@@ -270,7 +270,7 @@ def create_session(
     wanted = plans.required_resources()
     (installed_extensions, missing), settings = _load_needed_extensions(ctx, settings, wanted)
     resources, extensions, without_resources = gather_resources(installed_extensions, settings, wanted)
-    clock = clock_of(resources, settings["fast"])
+    clock = choose_clock(resources, settings["fast"])
     resources += [random.Random(settings["seed"]), StubResults(settings["stub_letters"])]
     try:
         tree = instantiate(plans, resources, clock=clock, tick_limit=settings["tick_limit"])
@@ -353,11 +353,15 @@ def warn_unused_options(
             )
 
 
-def clock_of(resources: Sequence[object], fast: bool) -> Clock:
-    """Return the clock for a run: the first clock among *resources*, or a new clock.
+def choose_clock(resources: Sequence[object], fast: bool) -> Clock:
+    """Return the clock for a run: the attribute `clock` of the first resource that has it, or a new clock.
+
+    The extensions of a run agree on this attribute, see `RunExtension.provide`: the robot of a simulated
+    world has the clock of the world. `btcore.load` receives arbitrary objects, whose attribute `clock` may
+    be anything. It therefore uses only a resource that is a clock itself.
 
     Args:
-        resources: The resources of the run. A simulated world has an attribute `clock`.
+        resources: The resources of the run.
         fast: Whether a new clock is simulated instead of real.
     """
     for resource in resources:

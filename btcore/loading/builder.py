@@ -159,7 +159,7 @@ class Builder:
             id: ID of the main tree.
             resources: Objects that leaves require, selected by their types.
             blackboard: The blackboard of the main tree; by default a new blackboard.
-            clock: The clock; by default the first clock in *resources*, or else the system clock.
+            clock: The clock; by default the first of *resources* that is a clock, else the system clock.
             **subtrees: The roots of the subtrees, by their IDs.
 
         Returns:

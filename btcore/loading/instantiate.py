@@ -32,7 +32,7 @@ def instantiate(
     plans.diagnostics.raise_errors()
     main = plans.main
     assert main is not None, "a missing main tree is an error"
-    creator = NodeCreator(plans, resources, clock or _clock_among(resources), blackboard)
+    creator = NodeCreator(plans, resources, clock or _find_clock(resources), blackboard)
     creator.create_tree(main)
     creator.found.collected().raise_errors()
     return Tree(
@@ -46,8 +46,12 @@ def instantiate(
     )
 
 
-def _clock_among(resources: Sequence[object]) -> Clock:
-    """Return the first clock in *resources*, or else the system clock."""
+def _find_clock(resources: Sequence[object]) -> Clock:
+    """Return the first of *resources* that is a clock, or else the system clock.
+
+    An attribute `clock` of a resource is not used: in an arbitrary object it may be anything. `btcore run`
+    does use it, since all its resources are made by extensions; see `btcore.cli.run.choose_clock`.
+    """
     for resource in resources:
         if hasattr(resource, "now") and hasattr(resource, "wait_until"):
             return cast(Clock, resource)

@@ -61,7 +61,9 @@ class LoadOptions(TypedDict, total=False):
             from strangers. The folder of a text is the working directory.
         resources: Objects that leaves get by the types of their parameters, for example a robot.
         blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
-        clock: The clock; default the first clock among *resources*, else the system's clock.
+        clock: The clock; default the first of *resources* that is a clock, else the system's clock. The
+            clock of a robot is not found by default: pass `clock=robot.clock`. Only `btcore run` uses the
+            attribute `clock` of its resources, which extensions make for this purpose.
         tick_limit: The longest time (s, real time) for which a tick may repeat nodes; default no limit. See
             `Tree`.
 
